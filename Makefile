@@ -1,0 +1,98 @@
+# kilnflight: `make` runs every notebook and renders it; `make help` lists the rest.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.SUFFIXES:
+.DEFAULT_GOAL := all
+MAKEFLAGS += --no-print-directory
+
+# What a user may set: make SCALE=quick PARAMETERS="seed=3 40.draws=20"
+SCALE ?= standard
+PARAMETERS ?=
+PYTHON ?= python3
+VENV ?= .venv
+export KILNFLIGHT_EXTERNAL
+
+RUN := $(VENV)/bin/python
+STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
+FIRST := 00_claims
+EXECUTED := $(STEMS:%=build/%.ipynb)
+NUMBERS := $(foreach stem,$(STEMS),$(firstword $(subst _, ,$(stem))))
+LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -name '*.py' | sort))
+FACTS := $(shell find data/reference -name '*.csv' | sort)
+
+# Settings are kept in files that change only when the setting does, so that make knows
+# what to run again: one for each notebook's parameters, one for the authors' data.
+settings = SCALE=$(SCALE) $(foreach item,$(PARAMETERS),$(if $(filter $(NUMBERS:%=%.\%),$(item)),$(filter $(firstword $(subst _, ,$(1))).%,$(item)),$(item)))
+keep = $(shell mkdir -p build; printf '%s\n' '$(subst ','\'',$(strip $(2)))' | cmp -s - $(1) || printf '%s\n' '$(subst ','\'',$(strip $(2)))' > $(1))
+ifeq ($(filter help clean,$(MAKECMDGOALS)),)
+$(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(call settings,$(stem))))
+$(call keep,build/external.settings,$(KILNFLIGHT_EXTERNAL))
+endif
+
+.PHONY: all quick full setup data test check bench clean help readme
+
+all: site/index.html ## run every notebook at standard scale and render the site (the default)
+	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html, cite from figures/"
+
+quick: ## the same at smoke scale: every notebook, little input
+	@$(MAKE) SCALE=quick all
+
+full: ## the same at the scale of the publications; what figures/ and the README hold
+	@$(MAKE) SCALE=full all
+	@$(RUN) -m kilnflight.pages --readme
+
+setup: $(VENV)/installed ## create .venv and install the locked packages
+
+data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
+	@$(RUN) -m kilnflight.external
+	@touch build/external.settings
+
+test: $(VENV)/installed ## run the tests
+	@$(RUN) -m pytest
+
+check: $(VENV)/installed ## lint, format, types, architecture, and whether figures/ and README are current
+	@$(RUN) -m ruff check .
+	@$(RUN) -m ruff format --check .
+	@$(RUN) -m mypy
+	@$(VENV)/bin/lint-imports
+	@$(RUN) -m pytest -q -m published
+
+bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
+	@for script in benchmarks/bench_*.py; do $(RUN) "$$script"; done
+
+clean: ## remove what make has made, but neither figures/ nor the fetched data
+	rm -rf build site data/derived $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find analysis tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf analysis/*.egg-info
+
+help: ## list the targets
+	@echo "targets:"
+	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
+	@echo "settings: SCALE=quick|standard|full, PARAMETERS=\"name=value NN.name=value\","
+	@echo "          KILNFLIGHT_EXTERNAL=folder with the authors' data, PYTHON=python3.11"
+
+$(VENV)/installed: requirements.lock pyproject.toml
+	@echo "setup: creating $(VENV) with $(PYTHON)"
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "setup: $(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.11" >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "setup: $(PYTHON) has no venv; on Debian: apt-get install python3-venv" >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV)
+	@echo "setup: installing the locked packages (a minute or two)"
+	@mkdir -p build
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock > build/pip.log 2>&1 || { echo "setup: pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log)" >&2; exit 1; }
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . >> build/pip.log 2>&1 || { echo "setup: pip failed on kilnflight itself; see build/pip.log" >&2; exit 1; }
+	@touch $@
+
+# The authors' data if there is a network; a second make does not ask again (make data does).
+build/external.txt: build/external.settings analysis/kilnflight/external.py | $(VENV)/installed
+	@$(RUN) -m kilnflight.external --optional
+	@touch $@
+
+$(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(LIBRARY) $(FACTS) build/external.txt | $(VENV)/installed
+	@$(RUN) -m kilnflight.chain $< $(addprefix -p ,scale=$(SCALE) $(wordlist 2,999,$(call settings,$*)))
+
+# The first notebook collects what the others conclude.
+build/$(FIRST).ipynb: $(filter-out build/$(FIRST).ipynb,$(EXECUTED))
+
+site/index.html: $(EXECUTED) analysis/kilnflight/pages.py
+	@$(RUN) -m kilnflight.pages $(EXECUTED)

@@ -1,0 +1,31 @@
+"""kilnflight: how to see particles fly, as a package that can be checked.
+
+One particle enters as light on a sensor and leaves as a number in a report::
+
+    kiln:  recording -> background -> detection -> combination -> tracking
+               -> tracklets -> regression -> flight --+
+                                                      |
+    belt:  tracks -> prediction phase                 +-> notebook -> figure -> site
+               -> arrival and lateral models ---------+
+
+What stands today (the other rooms follow the plan in CHANGELOG.md):
+
+===========  ==================================================================
+module       step
+===========  ==================================================================
+camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
+belt         the sorter of the 2020 paper: tracks, motion models, deviations
+scores       precision, recall and F1 from counts
+reference    published values and claims: load, compare, verdict
+errata       the published tables recomputed
+figures      style, and the one way to save a figure or table
+chain        a notebook's text -> an executed notebook
+pages        executed notebooks -> a site that needs no network
+external     the authors' public data: fetch, check, find
+tables       columns, units and checks of every table that is handed on
+checks       the one place that words an error about input
+places       where the project's folders are
+===========  ==================================================================
+"""
+
+__version__ = "0.1.0"

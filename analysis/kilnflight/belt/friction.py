@@ -1,0 +1,185 @@
+"""A small friction simulation of the belt: the stand-in for the authors' DEM tracks.
+
+Particles leave a slide slower than the belt and are dragged along by Coulomb friction at
+their point of contact; collisions are random kicks. What distinguishes the materials is
+how a particle can roll: a sphere in any direction, a cylinder only across its axis, a
+cuboid not at all. It is no discrete-element simulation: particles do not meet.
+
+For a unit mass the friction is ``-mu g s/|s|`` with the slip ``s = v + w - v_belt``, where
+``w`` is the velocity of the contact point due to rolling. The same force changes ``w`` by
+``1/kappa`` times as much as ``v`` (kappa: moment of inertia over m r^2), so slip ends at
+rolling (or standing) on the belt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.belt.arrival import BELT_VELOCITY_MM_S
+from kilnflight.checks import check_positive
+from kilnflight.tables import BELT_TRACKS
+
+Array = npt.NDArray[np.float64]
+
+GRAVITY_MM_S2 = 9810.0
+
+
+@dataclass(frozen=True)
+class FrictionBelt:
+    """One bulk material on the belt.
+
+    The paper publishes neither friction coefficients nor feed velocities. Values marked
+    "read off" were taken once from the authors' tracks upstream of the prediction phase:
+    mean and standard deviation of the first velocity of each particle, and the median
+    acceleration of the cuboids. Nothing was adjusted to the deviations that the models
+    are compared by.
+    """
+
+    particles: int = 4000  # about 4000 per material (sec. 4, "Scenarios")
+    inertia: float = np.inf  # moment of inertia / (m r^2); inf: does not roll
+    rolls_across_axis_only: bool = False  # a cylinder lying on the belt
+    rolling_start: bool = False  # rolls down the slide without slip
+    friction: float = 0.16  # read off: 1.57 m/s^2 = 0.16 g
+    rolling_friction: float = 0.005  # assumption: wood on a belt
+    velocity_mm_s: float = 923.0  # at the start of the belt, read off (cuboids)
+    velocity_spread_mm_s: float = 58.0  # read off (cuboids)
+    lateral_spread_mm_s: float = 49.0  # read off (cuboids)
+    kicks_per_s: float = 2.0  # collisions; assumption
+    kick_mm_s: float = 30.0  # standard deviation per axis; assumption
+    belt_mm_s: float = BELT_VELOCITY_MM_S  # sec. 4
+    start_mm: float = 390.0  # the authors' files: the belt runs from 388 to 788 mm
+    end_mm: float = 820.0  # somewhat beyond the edge, so that an observation follows it
+    width_mm: float = 180.0  # sec. 3
+    feed_s: float = 15.0  # over which the particles are fed; the authors' files: 15 s
+    sampling_hz: float = 100.0  # as the authors' public files
+    steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        for name in ("particles", "inertia", "belt_mm_s", "sampling_hz", "steps_per_sample"):
+            check_positive(min(float(getattr(self, name)), 1e300), f"FrictionBelt: {name}")
+
+    def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
+        """Simulate and return `kilnflight.tables.BELT_TRACKS`.
+
+        The same generator state gives the same tracks.
+        """
+        state = self._feed(generator)
+        entry = np.sort(generator.uniform(0.0, self.feed_s, self.particles))
+        frame = np.ceil(entry * self.sampling_hz).astype(np.int64)
+        samples, rows = [], 0
+        while state.position[:, 0].min() < self.end_mm and rows < 20 * self.sampling_hz:
+            samples.append(state.position.copy())
+            for _ in range(self.steps_per_sample):
+                self._step(state, generator)
+            rows += 1
+        x, y = np.moveaxis(np.stack(samples), -1, 0)
+        on_belt = x < self.end_mm
+        particle, row = np.nonzero(on_belt.T)
+        frames = frame[particle] + row
+        return pd.DataFrame(
+            {
+                "frame": frames,
+                "particle": particle,
+                "time_s": frames / self.sampling_hz,
+                "x": x[row, particle],
+                "y": y[row, particle],
+            }
+        )[BELT_TRACKS.names]
+
+    def _feed(self, generator: np.random.Generator) -> _State:
+        n = self.particles
+        first = self.velocity_mm_s / self.sampling_hz  # first seen within one frame's way
+        position = np.column_stack(
+            [
+                self.start_mm + generator.uniform(0.0, first, n),
+                generator.uniform(0.05, 0.95, n) * self.width_mm,
+            ]
+        )
+        velocity = np.column_stack(
+            [
+                generator.normal(self.velocity_mm_s, self.velocity_spread_mm_s, n),
+                generator.normal(0.0, self.lateral_spread_mm_s, n),
+            ]
+        )
+        angle = generator.uniform(0.0, np.pi, n)
+        across_axis = np.column_stack([np.cos(angle), np.sin(angle)])
+        rolling = -velocity if self.rolling_start else np.zeros_like(velocity)
+        if self.rolls_across_axis_only:
+            rolling = across_axis * (rolling * across_axis).sum(axis=1, keepdims=True)
+        return _State(position, velocity, rolling, across_axis)
+
+    def _step(self, state: _State, generator: np.random.Generator) -> None:
+        """Advance by one integration step, in place."""
+        step = 1.0 / (self.sampling_hz * self.steps_per_sample)
+        belt = np.array([self.belt_mm_s, 0.0])
+        slip = state.velocity + state.rolling - belt
+        speed = np.linalg.norm(slip, axis=1, keepdims=True)
+        # The force that would end the slip in this step, if it is below the Coulomb limit;
+        # along a cylinder's axis, where nothing rolls, it takes a few steps instead.
+        gain = 1.0 + (0.0 if np.isinf(self.inertia) else 1.0 / self.inertia)
+        wanted = speed / (gain * step)
+        push = np.minimum(self.friction * GRAVITY_MM_S2, wanted)
+        direction = np.divide(slip, speed, out=np.zeros_like(slip), where=speed > 0)
+        change = -push * step * direction
+        state.velocity += change
+        if not np.isinf(self.inertia):
+            turn = change / self.inertia
+            if self.rolls_across_axis_only:
+                along = (turn * state.across_axis).sum(axis=1, keepdims=True)
+                turn = state.across_axis * along
+            state.rolling += turn
+            self._rolling_resistance(state, step, belt)
+        kicked = generator.random(self.particles) < self.kicks_per_s * step
+        state.velocity[kicked] += generator.normal(0.0, self.kick_mm_s, (int(kicked.sum()), 2))
+        state.position += state.velocity * step
+
+    def _rolling_resistance(self, state: _State, step: float, belt: Array) -> None:
+        """Slow the rolling down; friction at the contact then takes the particle along."""
+        speed = np.linalg.norm(state.rolling, axis=1, keepdims=True)
+        loss = self.rolling_friction * GRAVITY_MM_S2 * step * (1.0 + 1.0 / self.inertia)
+        keep = np.divide(speed - loss, speed, out=np.zeros_like(speed), where=speed > loss)
+        state.rolling *= keep
+
+
+@dataclass
+class _State:
+    """Positions and velocities during a simulation, (n, 2) each, changed in place."""
+
+    position: Array  # mm
+    velocity: Array  # mm/s
+    rolling: Array  # velocity of the contact point relative to the centre, mm/s
+    across_axis: Array  # unit vectors: the direction in which a cylinder rolls
+
+
+# Moments of inertia over m r^2: solid sphere 2/5, solid cylinder about its axis 1/2. The
+# numbers of particles are the paper's; feed velocities and their spread are read off.
+MATERIALS: dict[str, FrictionBelt] = {
+    "spheres": FrictionBelt(
+        particles=3713,
+        inertia=0.4,
+        rolling_start=True,
+        velocity_mm_s=1045.0,
+        velocity_spread_mm_s=39.0,
+        lateral_spread_mm_s=27.0,
+    ),
+    "cuboids": FrictionBelt(
+        particles=4357,
+        velocity_mm_s=923.0,
+        velocity_spread_mm_s=58.0,
+        lateral_spread_mm_s=49.0,
+    ),
+    "cylinders": FrictionBelt(
+        particles=4427,
+        inertia=0.5,
+        rolls_across_axis_only=True,
+        rolling_start=True,
+        velocity_mm_s=929.0,
+        velocity_spread_mm_s=42.0,
+        lateral_spread_mm_s=47.0,
+    ),
+}

@@ -1,0 +1,138 @@
+"""The prediction phase: what a model may know of a track, and what happened then.
+
+2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins; from
+there on only the crossing of the target is used, as the reference value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.checks import InputError
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
+
+Array = npt.NDArray[np.float64]
+
+
+class Observed(NamedTuple):
+    """The same particles in the same order in both tables; the others are counted."""
+
+    last: pd.DataFrame  # kilnflight.tables.BELT_LAST
+    arrival: pd.DataFrame  # kilnflight.tables.BELT_ARRIVAL
+    left_out: dict[str, int]  # reason -> number of particles
+
+
+@dataclass(frozen=True)
+class PredictionPhase:
+    """Where observation ends and where a particle is predicted to.
+
+    The paper predicts to the edge of the belt (788 mm in the authors' files) from 150 mm
+    before it. The public tracks end at that edge, so no observation lies beyond it: every
+    particle's last position is between 773 and 788 mm. Therefore target and start are
+    moved upstream by 15 mm, which keeps the length of the phase.
+    """
+
+    start_mm: float = 623.0  # 150 mm before the target (sec. 5)
+    target_mm: float = 773.0  # the largest whole mm that has an observation after it
+
+    def __post_init__(self) -> None:
+        """Refuse a phase that does not lead downstream."""
+        if not self.start_mm < self.target_mm:
+            raise InputError(
+                f"prediction phase from {self.start_mm} to {self.target_mm} mm: the target "
+                "must lie downstream of the start."
+            )
+
+    def observe(self, tracks: pd.DataFrame) -> Observed:
+        """Split tracks into last observations and what happened at the target.
+
+        Velocity and acceleration come from the last three positions, by the parabola
+        through them: with noise-free positions "only the last few observations are
+        required" (sec. 5.1), and for a constant acceleration the result is exact.
+
+        Parameters
+        ----------
+        tracks
+            `kilnflight.tables.BELT_TRACKS`, sampled evenly in time.
+
+        Returns
+        -------
+        Observed
+            Left out, and counted by the first reason that applies: a gap in the track;
+            fewer than three observations before the phase; the target never reached.
+
+        Raises
+        ------
+        InputError
+            If a particle has two rows in one frame.
+        """
+        table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
+        columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
+        starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
+        ends = np.append(starts[1:], len(table))
+        _check_frames(columns, starts)
+        gap = columns["frame"][ends - 1] - columns["frame"][starts] + 1 != ends - starts
+        before = _first(columns["x"] >= self.start_mm, starts, ends) - 1
+        after = _first(columns["x"] >= self.target_mm, starts, ends)
+        short = before - starts < 2
+        missed = after == ends
+        keep = ~(gap | short | missed)
+        left_out = {
+            "gap in the track": int(gap.sum()),
+            "fewer than three observations before the phase": int((short & ~gap).sum()),
+            "target never reached": int((missed & ~short & ~gap).sum()),
+        }
+        before, after = before[keep], after[keep]
+        return Observed(_last(columns, before), self._arrival(columns, after), left_out)
+
+    def _arrival(self, columns: dict[str, Array], after: npt.NDArray[np.intp]) -> pd.DataFrame:
+        """Interpolate linearly between the observations around the target (Fig. 5)."""
+        previous = after - 1
+        step = {
+            name: columns[name][after] - columns[name][previous] for name in ("x", "y", "time_s")
+        }
+        share = (self.target_mm - columns["x"][previous]) / step["x"]
+        return pd.DataFrame(
+            {
+                "particle": columns["particle"][after],
+                "time_s": columns["time_s"][previous] + share * step["time_s"],
+                "y": columns["y"][previous] + share * step["y"],
+                "velocity_y_mm_s": step["y"] / step["time_s"],
+            }
+        )[BELT_ARRIVAL.names]
+
+
+def _check_frames(columns: dict[str, Array], starts: npt.NDArray[np.intp]) -> None:
+    repeated = np.diff(columns["frame"], prepend=-1) <= 0
+    repeated[starts] = False
+    if repeated.any():
+        row = int(np.argmax(repeated))
+        raise InputError(
+            f"particle {columns['particle'][row]} has two rows in frame "
+            f"{columns['frame'][row]}; keep one."
+        )
+
+
+def _first(
+    flags: npt.NDArray[np.bool_], starts: npt.NDArray[np.intp], ends: npt.NDArray[np.intp]
+) -> npt.NDArray[np.intp]:
+    """Return the first flagged row of each particle, or its end."""
+    rows = np.append(np.flatnonzero(flags), len(flags))
+    return np.minimum(rows[np.searchsorted(rows, starts)], ends)
+
+
+def _last(columns: dict[str, Array], row: npt.NDArray[np.intp]) -> pd.DataFrame:
+    """Return the state at ``row`` from the parabola through it and the two rows before."""
+    step = columns["time_s"][row] - columns["time_s"][row - 1]
+    state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}
+    for axis in ("x", "y"):
+        newest, middle, oldest = (columns[axis][row - back] for back in range(3))
+        state[axis] = newest
+        state[f"velocity_{axis}_mm_s"] = (3 * newest - 4 * middle + oldest) / (2 * step)
+        state[f"acceleration_{axis}_mm_s2"] = (newest - 2 * middle + oldest) / step**2
+    return pd.DataFrame(state)[BELT_LAST.names]

@@ -1,0 +1,202 @@
+"""A notebook's text (jupytext percent) becomes an executed notebook, or says why not.
+
+    notebooks/NN_name.py -> build/NN_name.ipynb
+
+The executed notebook appears under its name only when every cell has run. When one
+fails, what was executed until then stays as ``build/NN_name.failed.ipynb``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import os
+import sys
+import time
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jupytext
+import nbformat
+import papermill
+from papermill.exceptions import PapermillExecutionError
+
+from kilnflight.checks import InputError
+
+SCALES = ("quick", "standard", "full")
+
+
+def read_source(path: Path) -> nbformat.NotebookNode:
+    """Return a notebook from its text, with cell ids that depend on the text alone.
+
+    Raises
+    ------
+    InputError
+        If there is no such file or it has no cell tagged ``parameters``.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such notebook; see notebooks/.")
+    notebook = jupytext.read(path)
+    for position, cell in enumerate(notebook.cells):
+        text = f"{position} {cell.cell_type} {cell.source}"
+        cell["id"] = hashlib.sha256(text.encode()).hexdigest()[:8]
+    if not any("parameters" in cell.metadata.get("tags", []) for cell in notebook.cells):
+        raise InputError(
+            f'{path}: no cell is tagged parameters; start it with # %% tags=["parameters"].'
+        )
+    notebook.metadata["kernelspec"] = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
+    return notebook
+
+
+def known_parameters(notebook: nbformat.NotebookNode) -> dict[str, object]:
+    """Return the names and default values of the notebook's parameters cell."""
+    values: dict[str, object] = {}
+    for cell in notebook.cells:
+        if "parameters" in cell.metadata.get("tags", []):
+            for statement in ast.parse(cell.source).body:
+                if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+                    values[statement.targets[0].id] = ast.literal_eval(statement.value)
+    return values
+
+
+def parse_parameters(items: Iterable[str], stem: str) -> dict[str, object]:
+    """Return the parameters that are meant for one notebook.
+
+    Parameters
+    ----------
+    items
+        ``name=value`` for every notebook, ``NN.name=value`` for notebook NN only; a
+        value is a Python literal or else a string.
+    stem
+        The notebook, for example ``"02_depth_calibration"``.
+
+    Examples
+    --------
+    >>> parse_parameters(["seed=3", "02.points=50", "40.draws=9"], "02_depth_calibration")
+    {'seed': 3, 'points': 50}
+    """
+    values: dict[str, object] = {}
+    for item in items:
+        name, equals, text = item.partition("=")
+        number, dot, rest = name.partition(".")
+        if not equals or not (rest if dot else name).isidentifier():
+            raise InputError(
+                f"parameter {item!r}: write name=value, or NN.name=value for one notebook."
+            )
+        if dot and not number.isdigit():
+            raise InputError(f"parameter {item!r}: {number!r} is no notebook number.")
+        if dot and number != stem.split("_")[0]:
+            continue
+        try:
+            values[rest if dot else name] = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            values[rest if dot else name] = text
+    return values
+
+
+def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str, object]) -> None:
+    """Raise an `InputError` for a parameter that the notebook does not know or cannot take."""
+    for name, value in given.items():
+        if name not in known:
+            raise InputError(
+                f"{stem}: unknown parameter {name!r}; it knows {', '.join(known) or 'none'}. For one "
+                f"notebook only, write {stem.split('_')[0]}.name=value."
+            )
+        default = known[name]
+        same = isinstance(value, type(default)) or (
+            isinstance(default, float) and isinstance(value, int)
+        )
+        if not same or isinstance(value, bool) != isinstance(default, bool):
+            raise InputError(
+                f"{stem}: parameter {name} is {value!r}, expected {type(default).__name__} "
+                f"(the default is {default!r})."
+            )
+    if given.get("scale", SCALES[0]) not in SCALES:
+        raise InputError(f"{stem}: scale {given['scale']!r} is none of {', '.join(SCALES)}.")
+
+
+def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
+    """Execute a notebook with papermill and return the executed one.
+
+    The cells run in the project's folder (the current directory).
+
+    Raises
+    ------
+    InputError
+        If the source or a parameter is wrong; nothing is executed then.
+    papermill.exceptions.PapermillExecutionError
+        If a cell fails; what ran is kept as ``<stem>.failed.ipynb``.
+    """
+    stem = source.stem
+    notebook = read_source(source)
+    check_parameters(stem, known_parameters(notebook), given)
+    build.mkdir(parents=True, exist_ok=True)
+    whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"
+    plain = build / f".{stem}.{os.getpid()}.source.ipynb"
+    partial = build / f".{stem}.{os.getpid()}.partial.ipynb"
+    try:
+        nbformat.write(notebook, plain)
+        papermill.execute_notebook(
+            str(plain),
+            str(partial),
+            parameters=dict(given),
+            kernel_name="python3",
+            cwd=str(Path.cwd()),
+            progress_bar={"desc": stem, "unit": "cell"} if sys.stderr.isatty() else False,
+        )
+        failed.unlink(missing_ok=True)
+        partial.replace(whole)
+        return whole
+    except PapermillExecutionError:
+        partial.replace(failed)
+        raise
+    finally:
+        plain.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
+
+
+def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
+    """Return one clear line about a failed cell: notebook, cell, error, where to look."""
+    return (
+        f"{stem}: cell {error.cell_index + 1} failed: {error.ename}: {error.evalue} "
+        f"(executed so far: {kept})"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Execute one notebook (called by make)."""
+    parser = argparse.ArgumentParser(prog="python -m kilnflight.chain", description=main.__doc__)
+    parser.add_argument("source", type=Path)
+    parser.add_argument("--build", type=Path, default=Path("build"))
+    parser.add_argument("-p", "--parameter", action="append", default=[], metavar="name=value")
+    options = parser.parse_args(arguments)
+    stem = options.source.stem
+    started = time.monotonic()
+    try:
+        given: dict[str, Any] = parse_parameters(options.parameter, stem)
+        shown = ", ".join(f"{name} = {value}" for name, value in given.items())
+        print(f"{stem}: running ({shown})", flush=True)
+        with warnings.catch_warnings():
+            # papermill's own use of a deprecated call; nothing a reader could act on
+            warnings.simplefilter("ignore", DeprecationWarning)
+            run(options.source, options.build, given)
+    except InputError as error:
+        print(f"{stem}: {error}" if stem not in str(error) else str(error), file=sys.stderr)
+        return 1
+    except PapermillExecutionError as error:
+        kept = options.build / f"{stem}.failed.ipynb"
+        print(explain(stem, error, kept), file=sys.stderr)
+        return 1
+    print(f"{stem}: done in {time.monotonic() - started:.0f} s", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

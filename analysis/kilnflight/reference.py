@@ -1,0 +1,159 @@
+"""Published values and claims: load them, compare, give a verdict.
+
+The tables are kept as printed, misprints included (`kilnflight.errata` lists those).
+A claim is a sentence of one of the three works turned into something that can fail:
+either a number with bounds (columns ``low`` and ``high`` of claims.csv, both
+included, an empty one is open) or a set of named conditions that must all hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import places
+from kilnflight.checks import InputError
+
+REPRODUCED = "reproduced"
+NOT_REPRODUCED = "not reproduced"
+NOT_DECIDABLE = "not decidable"
+VERDICTS = (REPRODUCED, NOT_REPRODUCED, NOT_DECIDABLE)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one claim; one row of figures/claims.csv."""
+
+    id: str
+    verdict: str
+    measured: str
+    published: str
+    reason: str = ""
+
+
+def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
+    """Load a published table, for example ``published("table_5.5")``.
+
+    Parameters
+    ----------
+    name
+        Stem of a file in data/reference/published.
+    as_printed
+        Keep every cell as the string that was printed (its digits matter).
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+    """
+    folder = places.reference() / "published"
+    path = folder / f"{name}.csv"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
+        raise InputError(f"no published table {name!r}; there are {known}.")
+    return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
+
+
+def claims() -> pd.DataFrame:
+    """Load the claims, indexed by id."""
+    return pd.read_csv(places.reference() / "claims.csv", index_col="id")
+
+
+def _claim(claim_id: str) -> pd.Series:
+    known = claims()
+    if claim_id not in known.index:
+        raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
+    return known.loc[claim_id]
+
+
+def judge(
+    claim_id: str, measured: npt.ArrayLike | Mapping[str, bool], *, note: str = ""
+) -> Verdict:
+    """Turn a measured value and a claim into a verdict.
+
+    Parameters
+    ----------
+    claim_id
+        Id in data/reference/claims.csv.
+    measured
+        For a claim with bounds: a number, or an array of which every value must lie
+        within them, in the unit of the claim. For any other claim: named conditions,
+        for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must hold.
+    note
+        What a reader must know beside the verdict (which source, which reading).
+
+    Raises
+    ------
+    InputError
+        If the claim does not exist, the kind of measurement does not fit it, or a
+        number is not finite.
+    """
+    claim = _claim(claim_id)
+    bounded = not (np.isnan(claim["low"]) and np.isnan(claim["high"]))
+    if isinstance(measured, Mapping):
+        if bounded or not measured:
+            raise InputError(f"claim {claim_id} asks for {claim['expect']!r}: pass the number.")
+        holds = all(measured.values())
+        text = "; ".join(f"{name}: {'yes' if ok else 'NO'}" for name, ok in measured.items())
+    else:
+        values = np.atleast_1d(np.asarray(measured, dtype=np.float64))
+        if not bounded or not len(values) or not np.isfinite(values).all():
+            raise InputError(
+                f"claim {claim_id} got {measured!r}; pass "
+                + ("finite numbers." if bounded else "named conditions (it has no bounds).")
+            )
+        low = -np.inf if np.isnan(claim["low"]) else claim["low"]
+        high = np.inf if np.isnan(claim["high"]) else claim["high"]
+        holds = bool(((values >= low) & (values <= high)).all())
+        text = ", ".join(f"{value:.4g}" for value in values)
+    verdict = REPRODUCED if holds else NOT_REPRODUCED
+    return Verdict(claim_id, verdict, text, claim["claim"], note)
+
+
+def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
+    """Return the verdict "not decidable" for a claim, with the reason (required)."""
+    if not reason.strip():
+        raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
+    return Verdict(claim_id, NOT_DECIDABLE, measured, _claim(claim_id)["claim"], reason)
+
+
+def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:
+    """Return verdicts as the rows of figures/claims.csv, one per claim, ids unique."""
+    names = [field.name for field in fields(Verdict)]
+    table = pd.DataFrame([astuple(verdict) for verdict in verdicts], columns=names)
+    if table["id"].duplicated().any():
+        twice = table.loc[table["id"].duplicated(), "id"].iloc[0]
+        raise InputError(f"{notebook}: claim {twice} is judged twice; judge it once.")
+    table.insert(4, "notebook", notebook)
+    return table
+
+
+def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return one row for every claim, in the order of claims.csv.
+
+    A claim that no notebook has judged is "not decidable", and says what it waits for.
+    """
+    everything = claims()
+    judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
+    if judged["id"].duplicated().any():
+        twice = judged.loc[judged["id"].duplicated(keep=False)]
+        raise InputError(
+            f"claim {twice['id'].iloc[0]} is judged by {' and '.join(twice['notebook'])}; "
+            "leave it to one notebook."
+        )
+    waiting = [
+        undecidable(claim_id, f"no notebook tests it yet; testable with: {claim['testable_with']}")
+        for claim_id, claim in everything.iterrows()
+        if claim_id not in set(judged["id"])
+    ]
+    table = pd.concat([judged, verdict_table(waiting, "")], ignore_index=True)
+    return table.set_index("id").loc[everything.index].reset_index().fillna("")
+
+
+def count(table: pd.DataFrame) -> dict[str, int]:
+    """Return how often each verdict occurs, in the order of `VERDICTS`."""
+    return {verdict: int((table["verdict"] == verdict).sum()) for verdict in VERDICTS}

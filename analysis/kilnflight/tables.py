@@ -1,0 +1,104 @@
+"""The columns, units and checks of every table that is handed on.
+
+Conventions: one row is one particle in one frame; millimetres are ``x``, ``y``,
+``z``; pixels are ``row``, ``col``; a track is ``particle``; other columns carry
+their unit in the name. On the belt ``x`` points along the transport direction and
+``y`` across it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.checks import InputError, check_columns
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: its name, kind (``int`` or ``float``), unit and meaning."""
+
+    name: str
+    kind: type
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that one step hands to the next."""
+
+    name: str
+    columns: tuple[Column, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """The column names, in order."""
+        return [column.name for column in self.columns]
+
+    def empty(self) -> pd.DataFrame:
+        """Return the table without rows, with the right columns and types."""
+        return pd.DataFrame({column.name: pd.Series(dtype=column.kind) for column in self.columns})
+
+    def check(self, table: pd.DataFrame, where: str = "") -> pd.DataFrame:
+        """Return the table's own columns, or raise an `InputError`.
+
+        Raises
+        ------
+        InputError
+            If a column is missing, not a number, or holds a value that is not finite.
+        """
+        where = where or self.name
+        check_columns(table, self.names, where)
+        for column in self.columns:
+            if not np.issubdtype(table[column.name].dtype, np.number):
+                raise InputError(
+                    f"{where}: column {column.name} holds {table[column.name].dtype}, expected "
+                    f"{column.kind.__name__} ({column.unit}). Convert it first."
+                )
+            values = table[column.name].to_numpy(dtype=np.float64)
+            if not np.isfinite(values).all():
+                row = table.index[int(np.argmin(np.isfinite(values)))]
+                raise InputError(
+                    f"{where}: column {column.name} is not finite in row {row}. Leave rows "
+                    "without a measurement out; this table has no place-holders."
+                )
+        return table[self.names]
+
+
+BELT_TRACKS = Table(
+    "belt tracks",
+    (
+        Column("frame", int, "1", "time step, counted from 0"),
+        Column("particle", int, "1", "identity of the particle"),
+        Column("time_s", float, "s", "time of the frame"),
+        Column("x", float, "mm", "along the belt"),
+        Column("y", float, "mm", "across the belt"),
+    ),
+)
+
+BELT_LAST = Table(
+    "last observation before the prediction phase",
+    (
+        Column("particle", int, "1", "identity of the particle"),
+        Column("time_s", float, "s", "t_Last"),
+        Column("x", float, "mm", "x_Last"),
+        Column("y", float, "mm", "y_Last"),
+        Column("velocity_x_mm_s", float, "mm/s", "first derivative of x at t_Last"),
+        Column("velocity_y_mm_s", float, "mm/s", "first derivative of y at t_Last"),
+        Column("acceleration_x_mm_s2", float, "mm/s^2", "second derivative of x at t_Last"),
+        Column("acceleration_y_mm_s2", float, "mm/s^2", "second derivative of y at t_Last"),
+    ),
+)
+
+BELT_ARRIVAL = Table(
+    "what happened at the prediction target",
+    (
+        Column("particle", int, "1", "identity of the particle"),
+        Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
+        Column("y", float, "mm", "lateral position at t_Ref"),
+        Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
+    ),
+)
