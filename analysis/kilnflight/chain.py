@@ -106,8 +106,8 @@ def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str,
     for name, value in given.items():
         if name not in known:
             raise InputError(
-                f"{stem}: unknown parameter {name!r}; it knows {', '.join(known) or 'none'}. For one "
-                f"notebook only, write {stem.split('_')[0]}.name=value."
+                f"{stem}: unknown parameter {name!r}; it knows {', '.join(known) or 'none'}. "
+                f"For one notebook only, write {stem.split('_')[0]}.name=value."
             )
         default = known[name]
         same = isinstance(value, type(default)) or (

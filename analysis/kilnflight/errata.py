@@ -129,7 +129,7 @@ def check_sums() -> Iterator[Check]:
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     counts = table[[*SUBSETS, "amount"]].astype(float)
-    burning, unlit, wall, air, total = (counts.iloc[i] for i in range(5))
+    burning, unlit, wall, air = (counts.iloc[i] for i in range(4))
     for column in counts.columns:
         yield _check(
             f"{where}, {air.name}", column, table[column].iloc[3], (burning + unlit)[column]
@@ -137,8 +137,9 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
         yield _check(
             f"{where}, Total", column, table[column].iloc[4], (burning + unlit + wall)[column]
         )
-    for name, row in counts.iterrows():
-        yield _check(f"{where}, {name}", "amount", table.loc[name, "amount"], row[SUBSETS].sum())
+    sums = counts[SUBSETS].sum(axis=1)
+    for name, printed, value in zip(table.index, table["amount"], sums, strict=True):
+        yield _check(f"{where}, {name}", "amount", printed, value)
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
@@ -165,13 +166,14 @@ def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Ch
 
 def check_totals() -> Iterator[Check]:
     """Check that every detector is counted against the particles of Table 5.3."""
-    inside = reference.published("table_5.3").set_index("class").loc["Total"]
+    total = reference.published("table_5.3").set_index("class").T["Total"]
+    inside = {name: float(total[name]) for name in (*SUBSETS, "amount")}
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
         for _, row in printed_rates(table).iterrows():
             name = _row_name(row)
-            wanted = inside[name] if name in SUBSETS else inside["amount"]
+            wanted = inside.get(name, inside["amount"])
             found = str(int(row["TP"]) + int(row["FN"]))
-            yield _check(f"Table {table}, {name}", "TP + FN", found, float(wanted))
+            yield _check(f"Table {table}, {name}", "TP + FN", found, wanted)
     truth, detected = printed_rates("5.13"), printed_rates("5.14")
     for (_, row), (_, other) in zip(truth.iterrows(), detected.iterrows(), strict=True):
         found = str(int(other["TP"]) + int(other["FN"]))
@@ -233,16 +235,19 @@ def _detection_statements() -> dict[str, float]:
 
 
 def _other_statements() -> dict[str, float]:
-    truth, detected = (printed_rates(t).set_index("subset").loc["Total"] for t in ("5.13", "5.14"))
+    truth, detected = (
+        printed_rates(table).set_index("subset")[COUNTS].astype(float).T["Total"]
+        for table in ("5.13", "5.14")
+    )
     bore = {
         bar: 2000 * np.sqrt(flow / 3600 / speed / np.pi)  # mm, from m3/h and m/s
         for bar, flow, speed in ((0.5, 70.5, 4.0), (5.0, 76.6, 16.0))
     }
     falling = EQUATION_2_4.falling(1300.0, 11000.0)
     return {
-        "false-positives-wall": float(detected["FP"]) - float(truth["FP"]),
-        "air-misclassified": 100 * float(truth["FN"]) / (float(truth["TP"]) + float(truth["FN"])),
-        "wood-5-bar": 100.0 - 6.0,
+        "false-positives-wall": detected["FP"] - truth["FP"],
+        "air-misclassified": 100 * truth["FN"] / (truth["TP"] + truth["FN"]),
+        "wood-5-bar": 100.0 - 6.0,  # the 6 % that sec. 5.3.1 itself reports as landed
         "lance-bore": bore[0.5] - bore[5.0],
         "depth-jump-3000": float(EQUATION_2_4.jumps()[0]),
         "depth-jump-5000": float(EQUATION_2_4.jumps()[1]),

@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -45,7 +46,7 @@ LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
-STYLE: dict[str, object] = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
     "axes.titlesize": 8,
@@ -145,7 +146,7 @@ def canvas(
     *,
     width_mm: float = COLUMN_MM,
     height_mm: float = 60.0,
-    **arguments: object,
+    **arguments: Any,
 ) -> tuple[Figure, np.ndarray]:
     """Return a figure and its axes as a 2D array, in print size.
 
@@ -160,7 +161,7 @@ def canvas(
     """
     with style():
         size = (width_mm / 25.4, height_mm / 25.4)
-        return plt.subplots(rows, columns, figsize=size, squeeze=False, **arguments)  # type: ignore[call-overload, no-any-return]
+        return plt.subplots(rows, columns, figsize=size, squeeze=False, **arguments)
 
 
 def table_picture(table: pd.DataFrame) -> Figure:
@@ -375,6 +376,7 @@ def gallery(folder: Path) -> str:
 def _gallery_entry(entry: Entry) -> str:
     made = entry.provenance
     commit = str(made["commit"])
+    commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
     parameters = made["parameters"]
     assert isinstance(parameters, dict)
     values = ", ".join(f"{name} = {value}" for name, value in parameters.items())
@@ -385,7 +387,7 @@ def _gallery_entry(entry: Entry) -> str:
 {entry.caption}
 
 Data: [{entry.identifier}.csv]({entry.identifier}.csv). Made by notebooks/{made["notebook"]}.py,
-kilnflight {made["version"]}{f", commit {commit[:12]}{commit[40:]}" if commit else ""} ({values}).
+kilnflight {made["version"]}{commit} ({values}).
 
 <details><summary>Cite</summary>
 
@@ -393,7 +395,7 @@ kilnflight {made["version"]}{f", commit {commit[:12]}{commit[40:]}" if commit el
 @misc{{kilnflight-{entry.identifier},
   author = {{{{The kilnflight founders}}}},
   title  = {{{_latex(_title(entry.caption))}}},
-  note   = {{kilnflight {made["version"]}, figure {entry.identifier}{f", commit {commit[:12]}" if commit else ""}}},
+  note   = {{kilnflight {made["version"]}, figure {entry.identifier}{commit}}},
   year   = {{2026}}
 }}
 ```

@@ -67,7 +67,7 @@ def _claim(claim_id: str) -> pd.Series:
     known = claims()
     if claim_id not in known.index:
         raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
-    return known.loc[claim_id]
+    return pd.Series(known.loc[claim_id])
 
 
 def judge(
@@ -146,8 +146,8 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
             "leave it to one notebook."
         )
     waiting = [
-        undecidable(claim_id, f"no notebook tests it yet; testable with: {claim['testable_with']}")
-        for claim_id, claim in everything.iterrows()
+        undecidable(claim_id, f"no notebook tests it yet; testable with: {source}")
+        for claim_id, source in zip(everything.index, everything["testable_with"], strict=True)
         if claim_id not in set(judged["id"])
     ]
     table = pd.concat([judged, verdict_table(waiting, "")], ignore_index=True)

@@ -53,7 +53,7 @@ class Table:
         where = where or self.name
         check_columns(table, self.names, where)
         for column in self.columns:
-            if not np.issubdtype(table[column.name].dtype, np.number):
+            if not pd.api.types.is_numeric_dtype(table[column.name]):
                 raise InputError(
                     f"{where}: column {column.name} holds {table[column.name].dtype}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."

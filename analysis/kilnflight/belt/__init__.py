@@ -1,7 +1,7 @@
-"""The belt sorter: when and where a particle leaves the belt (2020 paper).
+r"""The belt sorter: when and where a particle leaves the belt (2020 paper).
 
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
-                              \\-> what happened --------------------> deviation
+                              \-> what happened --------------------> deviation
 
 ==========  ==========  ==========================================  ================
 arrival     equation    parameter from calibration                  reference
