@@ -18,7 +18,10 @@ belt         the sorter of the 2020 paper: tracks, motion models, deviations
 scores       precision, recall and F1 from counts
 reference    published values and claims: load, compare, verdict
 errata       the published tables recomputed
-figures      style, and the one way to save a figure or table
+figures      the one way to save a figure or table
+drawing      how a figure looks
+provenance   where a figure comes from
+gallery      the page of figures/, with captions and citations
 chain        a notebook's text -> an executed notebook
 pages        executed notebooks -> a site that needs no network
 external     the authors' public data: fetch, check, find

@@ -1,4 +1,4 @@
-"""Style, and the one way to save a figure or table: picture, data, caption, provenance.
+"""The one way to save a figure or table: picture, data, caption, provenance.
 
 `save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and keeps ``README.md``, the
 gallery with captions and citations. Caption and provenance live inside the PNG (and
@@ -8,204 +8,53 @@ gallery is made from the PNGs alone. The same input gives the same bytes.
 
 from __future__ import annotations
 
+import base64
 import fcntl
-import hashlib
+import html
 import io
 import json
 import os
 import re
-import subprocess
-import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from cycler import cycler
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from kilnflight import __version__, places, reference
+from kilnflight import places, reference
 from kilnflight.checks import InputError
+from kilnflight.drawing import style, table_picture
+from kilnflight.gallery import gallery
+from kilnflight.provenance import Provenance
 
-COLUMN_MM = 88.0  # one text column of a two-column journal
-PAGE_MM = 180.0  # both columns
 PNG_DPI = 300
-LONGEST_PICTURE = 40  # rows of a table that are drawn; the CSV has all
-
-# Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
-# lightness; with line style and marker they stay apart in grey.
-COLOURS = ("#000000", "#D55E00", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
-
-STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 7.5,
-    "axes.titlesize": 8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.6,
-    "axes.prop_cycle": cycler(color=COLOURS, linestyle=LINES),
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "legend.frameon": False,
-    "legend.fontsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 150,
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "kilnflight",
-    "text.usetex": False,
-    "text.parse_math": False,
-}
-
-# What a result depends on: the commit that last touched any of these made the figure.
-SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
+SCREEN_PX_PER_PNG_PX = 0.6  # a column of 88 mm becomes 624 px wide on a page
 
 
 @dataclass(frozen=True)
-class Provenance:
-    """Where a figure comes from."""
+class Saved:
+    """A saved figure or table; the last value of a cell shows it with its caption."""
 
-    notebook: str
-    parameters: Mapping[str, object] = field(default_factory=dict)
-    seed: int | None = None
-    inputs: Mapping[str, str] = field(default_factory=dict)  # name -> SHA-256
-    version: str = __version__
-    commit: str = ""
+    identifier: str
+    caption: str
+    picture: bytes  # the PNG
+    path: Path
 
-
-def provenance(
-    notebook: str,
-    parameters: Mapping[str, object],
-    *,
-    seed: int | None = None,
-    inputs: Iterable[Path] = (),
-) -> Provenance:
-    """Return the provenance of what a notebook makes.
-
-    Parameters
-    ----------
-    notebook
-        Stem of the notebook, for example ``"02_depth_calibration"``.
-    parameters
-        The values of its parameters cell.
-    seed
-        Seed of every random draw, if there is any.
-    inputs
-        Files that were read; their SHA-256 is kept.
-    """
-    checksums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs}
-    return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit())
-
-
-def _commit() -> str:
-    """Return the commit that last touched `SOURCES`, "+changes" if they differ from it."""
-
-    def git(*arguments: str) -> str:
-        answer = subprocess.run(
-            ["git", *arguments, "--", *SOURCES],
-            cwd=places.root(),
-            capture_output=True,
-            text=True,
-            check=False,
+    def _repr_html_(self) -> str:
+        """Return the picture with its caption, self-contained."""
+        with Image.open(io.BytesIO(self.picture)) as image:
+            width = round(image.width * SCREEN_PX_PER_PNG_PX)
+        data = base64.b64encode(self.picture).decode()
+        caption = html.escape(self.caption)
+        return (
+            f'<figure><img alt="{caption}" width="{width}" src="data:image/png;base64,{data}"/>'
+            f"<figcaption><code>{self.identifier}</code> {caption}</figcaption></figure>"
         )
-        return answer.stdout.strip() if answer.returncode == 0 else ""
-
-    try:
-        commit = git("log", "-1", "--format=%H")
-        return commit + ("+changes" if commit and git("status", "--porcelain") else "")
-    except FileNotFoundError:  # no git on this machine: the version must do
-        return ""
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the project's style inside a ``with`` block."""
-    with matplotlib.rc_context(STYLE):
-        yield
-
-
-def use_style() -> None:
-    """Draw in the project's style from here on (first cell of a notebook)."""
-    matplotlib.rcParams.update(STYLE)
-
-
-def canvas(
-    rows: int = 1,
-    columns: int = 1,
-    *,
-    width_mm: float = COLUMN_MM,
-    height_mm: float = 60.0,
-    **arguments: Any,
-) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes as a 2D array, in print size.
-
-    Parameters
-    ----------
-    rows, columns
-        Grid of axes.
-    width_mm, height_mm
-        Size on paper; `COLUMN_MM` and `PAGE_MM` are the usual widths.
-    **arguments
-        Handed to `matplotlib.pyplot.subplots` (``sharex``, ``sharey`` ...).
-    """
-    with style():
-        size = (width_mm / 25.4, height_mm / 25.4)
-        return plt.subplots(rows, columns, figsize=size, squeeze=False, **arguments)
-
-
-def table_picture(table: pd.DataFrame) -> Figure:
-    """Return a table as a figure: a rule above and below the heading, text wrapped."""
-    shown = table.head(LONGEST_PICTURE)
-    cells = [list(map(str, table.columns))]
-    cells += [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
-    if len(table) > len(shown):
-        note = f"... {len(table) - len(shown)} more rows in the CSV"
-        cells.append([note if i == 0 else "" for i in range(table.shape[1])])
-    cells = [[textwrap.fill(text, 34) for text in row] for row in cells]
-    widths = [max(_width(row[i]) for row in cells) + 2 for i in range(table.shape[1])]
-    heights = [max(text.count("\n") + 1 for text in row) + 0.35 for row in cells]
-    with style():
-        figure = plt.figure(
-            figsize=(sum(widths) * 0.062 + 0.2, sum(heights) * 0.125 + 0.2), layout="none"
-        )
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _write_cells(axes, cells, widths, heights)
-    return figure
-
-
-def _write_cells(
-    axes: Axes, cells: list[list[str]], widths: list[int], heights: list[float]
-) -> None:
-    lefts = np.concatenate([[0], np.cumsum(widths)])
-    tops = np.concatenate([[0], np.cumsum(heights)])
-    for row, top in zip(cells, tops, strict=False):
-        for text, left in zip(row, lefts, strict=False):
-            axes.text(left + 0.5, top + 0.2, text, va="top", ha="left", fontsize=7)
-    for y in (0, tops[1], tops[-1]):
-        axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
-    axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
-    axes.axis("off")
-
-
-def _width(text: str) -> int:
-    return max(map(len, text.split("\n")))
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.5g}"
-    return str(value)
 
 
 def save(
@@ -216,7 +65,7 @@ def save(
     provenance: Provenance,
     picture: Figure | None = None,
     folder: Path | None = None,
-) -> Path:
+) -> Saved:
     """Save a figure or table under its fixed id; the only way out of a notebook.
 
     Parameters
@@ -229,7 +78,7 @@ def save(
     caption
         What is seen, in whole sentences; the first one is the title.
     provenance
-        From `provenance`.
+        From `kilnflight.provenance.trace`.
     picture
         The figure; without it the table itself is drawn.
     folder
@@ -237,8 +86,8 @@ def save(
 
     Returns
     -------
-    Path
-        The PNG.
+    Saved
+        Shows itself in a notebook.
 
     Raises
     ------
@@ -265,7 +114,7 @@ def save(
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
-    return folder / f"{identifier}.png"
+    return Saved(identifier, caption, contents[f"{identifier}.png"], folder / f"{identifier}.png")
 
 
 def conclude(
@@ -338,84 +187,3 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A saved figure, as its PNG tells it."""
-
-    identifier: str
-    caption: str
-    provenance: dict[str, object]
-
-
-def entries(folder: Path | None = None) -> list[Entry]:
-    """Return the saved figures of a folder, by id."""
-    found = []
-    for path in sorted((folder or places.figures()).glob("*.png")):
-        with Image.open(path) as image:
-            text = image.text  # type: ignore[attr-defined]
-        if "Provenance" in text:
-            record = json.loads(text["Provenance"])
-            found.append(Entry(path.stem, text["Description"], record))
-    return found
-
-
-def gallery(folder: Path) -> str:
-    """Return the text of figures/README.md: every figure with caption and citation."""
-    parts = [
-        "# Figures and tables\n",
-        "Made by `make full`; do not edit, and do not edit this page. Each figure has a PNG and "
-        "a CSV here (the PDF is made by `make`, not tracked). Caption and provenance are also "
-        "inside the PNG and the PDF.\n",
-    ]
-    parts += [_gallery_entry(entry) for entry in entries(folder)]
-    return "\n".join(parts)
-
-
-def _gallery_entry(entry: Entry) -> str:
-    made = entry.provenance
-    commit = str(made["commit"])
-    commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
-    parameters = made["parameters"]
-    assert isinstance(parameters, dict)
-    values = ", ".join(f"{name} = {value}" for name, value in parameters.items())
-    return f"""## {entry.identifier}
-
-![{entry.identifier}]({entry.identifier}.png)
-
-{entry.caption}
-
-Data: [{entry.identifier}.csv]({entry.identifier}.csv). Made by notebooks/{made["notebook"]}.py,
-kilnflight {made["version"]}{commit} ({values}).
-
-<details><summary>Cite</summary>
-
-```bibtex
-@misc{{kilnflight-{entry.identifier},
-  author = {{{{The kilnflight founders}}}},
-  title  = {{{_latex(_title(entry.caption))}}},
-  note   = {{kilnflight {made["version"]}, figure {entry.identifier}{commit}}},
-  year   = {{2026}}
-}}
-```
-
-```latex
-\\begin{{figure}}
-  \\centering
-  \\includegraphics[width=\\columnwidth]{{{entry.identifier}.pdf}}
-  \\caption{{{_latex(entry.caption)}~\\cite{{kilnflight-{entry.identifier}}}}}
-  \\label{{fig:{entry.identifier}}}
-\\end{{figure}}
-```
-
-</details>
-"""
-
-
-def _title(caption: str) -> str:
-    return re.split(r"(?<=[a-z)])[.:;] ", caption, maxsplit=1)[0].rstrip(".")
-
-
-def _latex(text: str) -> str:
-    return re.sub(r"([%&_#${}])", r"\\\1", text.replace("\\", r"\textbackslash "))

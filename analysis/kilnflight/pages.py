@@ -20,7 +20,7 @@ import pandas as pd
 from sphinx.application import Sphinx
 from sphinx.errors import SphinxError
 
-from kilnflight import __version__, figures, places, reference
+from kilnflight import __version__, figures, gallery, places, reference
 from kilnflight.checks import InputError
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
@@ -79,7 +79,7 @@ def overview(titles: dict[str, str], folder: Path | None = None) -> pd.DataFrame
         Where the figures are.
     """
     folder = folder or places.figures()
-    saved = {entry.identifier: entry for entry in figures.entries(folder)}
+    saved = {entry.identifier: entry for entry in gallery.entries(folder)}
     rows = []
     for stem, heading in titles.items():
         identifier = "claims-" + stem.replace("_", "-")

@@ -1,0 +1,170 @@
+"""How a figure looks: one style, print size, readable in grey and by the colour-blind."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+COLUMN_MM = 88.0  # one text column of a two-column journal
+PAGE_MM = 180.0  # both columns
+LONGEST_PICTURE = 45  # rows of a table that are drawn; the CSV has all
+
+# Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
+# lightness; with line style and marker they stay apart in grey.
+COLOURS = ("#000000", "#D55E00", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9")
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
+
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7.5,
+    "axes.titlesize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.prop_cycle": cycler(color=COLOURS, linestyle=LINES),
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "legend.frameon": False,
+    "legend.fontsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 150,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "kilnflight",
+    "text.usetex": False,
+    "text.parse_math": False,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the project's style inside a ``with`` block."""
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def use_style() -> None:
+    """Draw in the project's style from here on (first cell of a notebook)."""
+    matplotlib.rcParams.update(STYLE)
+
+
+def canvas(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width_mm: float = COLUMN_MM,
+    height_mm: float = 60.0,
+    **arguments: Any,
+) -> tuple[Figure, np.ndarray]:
+    """Return a figure and its axes as a 2D array, in print size.
+
+    Parameters
+    ----------
+    rows, columns
+        Grid of axes.
+    width_mm, height_mm
+        Size on paper; `COLUMN_MM` and `PAGE_MM` are the usual widths.
+    **arguments
+        Handed to `matplotlib.pyplot.subplots` (``sharex``, ``sharey`` ...).
+    """
+    with style():
+        size = (width_mm / 25.4, height_mm / 25.4)
+        return plt.subplots(rows, columns, figsize=size, squeeze=False, **arguments)
+
+
+def boxes(
+    axes: Axes,
+    summary: pd.DataFrame,
+    *,
+    shift: float = 0.0,
+    width: float = 0.6,
+    fill: str = "white",
+) -> None:
+    """Draw box plots from summaries instead of from data.
+
+    Parameters
+    ----------
+    axes
+        Where to; box i is drawn at ``i + shift``.
+    summary
+        One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
+        ``whisker_high``.
+    shift, width, fill
+        Place beside i, width, and colour of the box.
+    """
+    parts = {"whislo": "whisker_low", "q1": "q25", "med": "median", "q3": "q75"}
+    parts["whishi"] = "whisker_high"
+    rows: list[dict[str, Any]] = [
+        {part: float(summary[name].iloc[i]) for part, name in parts.items()}
+        for i in range(len(summary))
+    ]
+    thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
+    axes.bxp(
+        rows,
+        positions=np.arange(len(rows)) + shift,
+        widths=width,
+        showfliers=False,
+        manage_ticks=False,
+        patch_artist=True,
+        boxprops={"facecolor": fill, "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"},
+        medianprops={"color": "#D55E00", "linewidth": 1.4, "linestyle": "-"},
+        whiskerprops=thin,
+        capprops=thin,
+    )
+
+
+def table_picture(table: pd.DataFrame) -> Figure:
+    """Return a table as a figure: a rule above and below the heading, text wrapped."""
+    shown = table.head(LONGEST_PICTURE)
+    cells = [list(map(str, table.columns))]
+    cells += [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
+    if len(table) > len(shown):
+        note = f"... {len(table) - len(shown)} more rows in the CSV"
+        cells.append([note if i == 0 else "" for i in range(table.shape[1])])
+    cells = [[textwrap.fill(text, 34) for text in row] for row in cells]
+    widths = [max(_width(row[i]) for row in cells) + 2 for i in range(table.shape[1])]
+    heights = [max(text.count("\n") + 1 for text in row) + 0.35 for row in cells]
+    with style():
+        figure = plt.figure(
+            figsize=(sum(widths) * 0.062 + 0.2, sum(heights) * 0.125 + 0.2), layout="none"
+        )
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        _write_cells(axes, cells, widths, heights)
+    return figure
+
+
+def _write_cells(
+    axes: Axes, cells: list[list[str]], widths: list[int], heights: list[float]
+) -> None:
+    lefts = np.concatenate([[0], np.cumsum(widths)])
+    tops = np.concatenate([[0], np.cumsum(heights)])
+    for row, top in zip(cells, tops, strict=False):
+        for text, left in zip(row, lefts, strict=False):
+            axes.text(left + 0.5, top + 0.2, text, va="top", ha="left", fontsize=7)
+    for y in (0, tops[1], tops[-1]):
+        axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
+    axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
+    axes.axis("off")
+
+
+def _width(text: str) -> int:
+    return max(map(len, text.split("\n")))
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.5g}"
+    return str(value)
