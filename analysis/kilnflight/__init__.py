@@ -15,6 +15,7 @@ module       step
 ===========  ==================================================================
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
+sorter       the belt experiment, from tracks to deviations
 scores       precision, recall and F1 from counts
 reference    published values and claims: load, compare, verdict
 errata       the published tables recomputed

@@ -92,6 +92,7 @@ def boxes(
     shift: float = 0.0,
     width: float = 0.6,
     fill: str = "white",
+    label: str = "",
 ) -> None:
     """Draw box plots from summaries instead of from data.
 
@@ -102,8 +103,8 @@ def boxes(
     summary
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
-    shift, width, fill
-        Place beside i, width, and colour of the box.
+    shift, width, fill, label
+        Place beside i, width and colour of the box, and its entry in the legend.
     """
     parts = {"whislo": "whisker_low", "q1": "q25", "med": "median", "q3": "q75"}
     parts["whishi"] = "whisker_high"
@@ -112,7 +113,7 @@ def boxes(
         for i in range(len(summary))
     ]
     thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
-    axes.bxp(
+    drawn = axes.bxp(
         rows,
         positions=np.arange(len(rows)) + shift,
         widths=width,
@@ -124,6 +125,8 @@ def boxes(
         whiskerprops=thin,
         capprops=thin,
     )
+    if label:
+        drawn["boxes"][0].set_label(label)
 
 
 def table_picture(table: pd.DataFrame) -> Figure:

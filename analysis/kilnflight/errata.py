@@ -197,6 +197,30 @@ def recomputed_statements() -> dict[str, float]:
     return {**_detection_statements(), **_other_statements()}
 
 
+def best_f1_of_3d_methods() -> pd.DataFrame:
+    """Return the settings with the best F1 of DBSCAN, MO and QCC, as printed and recomputed.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``method``, ``setting``, ``printed_f1``, ``recomputed_f1``; two rows for a method
+        whose best setting changes.
+    """
+    rows = []
+    for method, table, names in (
+        ("DBSCAN", "5.8", ("minPts", "epsilon_mm")),
+        ("MO", "5.9", ("R",)),
+        ("QCC", "5.10", ("K", "alpha")),
+    ):
+        exact = _exact(table, *names)["f1"]
+        printed = printed_rates(table)["f1"].astype(float)
+        for best in dict.fromkeys([int(printed.argmax()), int(exact.argmax())]):
+            values = np.atleast_1d(exact.index[best])
+            settings = ", ".join(f"{n} {v}" for n, v in zip(names, values, strict=True))
+            rows.append((method, settings.replace("_mm", ""), printed.iloc[best], exact.iloc[best]))
+    return pd.DataFrame(rows, columns=["method", "setting", "printed_f1", "recomputed_f1"])
+
+
 def _exact(table: str, *by: str) -> pd.DataFrame:
     printed = printed_rates(table)
     counts = printed[COUNTS].astype(float)

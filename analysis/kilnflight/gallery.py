@@ -37,6 +37,17 @@ def entries(folder: Path | None = None) -> list[Entry]:
     return found
 
 
+def concluded(folder: Path | None = None) -> dict[str, Path]:
+    """Return where each notebook's verdicts are, by its stem (`kilnflight.figures.conclude`).
+
+    What a notebook left that is no longer there does not count.
+    """
+    folder = folder or places.figures()
+    stems = sorted(path.stem for path in (places.root() / "notebooks").glob("*.py"))
+    paths = {stem: folder / f"claims-{stem.replace('_', '-')}.csv" for stem in stems}
+    return {stem: path for stem, path in paths.items() if path.is_file()}
+
+
 def gallery(folder: Path) -> str:
     """Return the text of figures/README.md: every figure with caption and citation."""
     parts = [

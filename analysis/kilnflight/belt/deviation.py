@@ -6,14 +6,12 @@ earlier than predicted (caption of Fig. 9; section 5.1 words it the other way ro
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from tqdm.auto import tqdm
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
 from kilnflight.belt.arrival import IV, ArrivalModel
@@ -25,11 +23,9 @@ Array = npt.NDArray[np.float64]
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "mae", "unpredicted"]
 
 
-class Draws(NamedTuple):
-    """One row per draw of calibration particles and model; columns as in `SUMMARY`."""
-
-    arrival: pd.DataFrame  # ms
-    lateral: pd.DataFrame  # mm
+Deviations = Callable[
+    [Observed, PredictionPhase, npt.NDArray[np.bool_]], Iterator[tuple[str, Array]]
+]
 
 
 def summarise(deviation: Array) -> dict[str, float]:
@@ -77,10 +73,26 @@ class Evaluation:
                 "must be at least 1."
             )
 
-    def __call__(self, observed: Observed, phase: PredictionPhase, seed: int) -> Draws:
-        """Return the deviations of every model, one row per draw.
+    def __call__(
+        self, observed: Observed, phase: PredictionPhase, deviations: Deviations, seed: int
+    ) -> pd.DataFrame:
+        """Return how far each model is off, one row per draw and model.
 
         Draw k depends on the seed and k alone, so that more draws keep the first ones.
+
+        Parameters
+        ----------
+        observed, phase
+            From `PredictionPhase.observe`, and the phase itself.
+        deviations
+            `arrival_deviations` (ms) or `lateral_deviations` (mm).
+        seed
+            Of the draws.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``draw``, ``model`` and those of `SUMMARY`.
 
         Raises
         ------
@@ -94,17 +106,14 @@ class Evaluation:
                 f"{self.share:.2%} of {particles} particles is less than one; use more particles "
                 "or a larger share."
             )
-        arrival, lateral = [], []
-        children = np.random.SeedSequence(seed).spawn(self.draws)
-        for draw, child in enumerate(tqdm(children, desc="draws", disable=None, leave=False)):
+        rows = []
+        for draw, child in enumerate(np.random.SeedSequence(seed).spawn(self.draws)):
             chosen = np.random.default_rng(child).choice(particles, size, replace=False)
             calibration = np.zeros(particles, dtype=bool)
             calibration[chosen] = True
-            for name, deviation in arrival_deviations(observed, phase, calibration):
-                arrival.append({"draw": draw, "model": name, **summarise(deviation)})
-            for name, deviation in lateral_deviations(observed, phase, calibration):
-                lateral.append({"draw": draw, "model": name, **summarise(deviation)})
-        return Draws(pd.DataFrame(arrival), pd.DataFrame(lateral))
+            for name, deviation in deviations(observed, phase, calibration):
+                rows.append({"draw": draw, "model": name, **summarise(deviation)})
+        return pd.DataFrame(rows)
 
 
 def _calibrated(
@@ -147,17 +156,24 @@ def lateral_deviations(
 
 
 def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per model: the median over the draws of every summary."""
-    return draws.groupby("model", sort=False)[SUMMARY].median().reset_index()
+    """Return the median over the draws of every summary, one row per model.
+
+    Columns other than ``draw`` and `SUMMARY` (model, data set, source) identify a row.
+    """
+    table = draws.groupby(_identity(draws), sort=False)[SUMMARY].median().reset_index()
+    return table.astype({"n": int, "unpredicted": int})
 
 
 def interval(draws: pd.DataFrame, quantity: str = "mae") -> pd.DataFrame:
-    """Return what 95 % of the draws give: columns model, low, median, high."""
-    grouped = draws.groupby("model", sort=False)[quantity]
-    return pd.DataFrame(
-        {
-            "low": grouped.quantile(0.025),
-            "median": grouped.median(),
-            "high": grouped.quantile(0.975),
-        }
-    ).reset_index()
+    """Return what 95 % of the draws give: the identity and ``low``, ``median``, ``high``."""
+    grouped = draws.groupby(_identity(draws), sort=False)[quantity]
+    return (
+        grouped.quantile(np.array([0.025, 0.5, 0.975]))
+        .unstack()
+        .set_axis(["low", "median", "high"], axis=1)
+        .reset_index()
+    )
+
+
+def _identity(draws: pd.DataFrame) -> list[str]:
+    return [name for name in draws.columns if name != "draw" and name not in SUMMARY]
