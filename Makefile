@@ -11,7 +11,7 @@ SCALE ?= standard
 PARAMETERS ?=
 PYTHON ?= python3
 VENV ?= .venv
-export KILNFLIGHT_EXTERNAL
+export KILNFLIGHT_EXTERNAL KILNFLIGHT_FIGURES
 
 RUN := $(VENV)/bin/python
 STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
@@ -22,15 +22,17 @@ LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -
 FACTS := $(shell find data/reference -name '*.csv' | sort)
 
 # Settings are kept in files that change only when the setting does, so that make knows
-# what to run again: one for each notebook's parameters, one for the authors' data.
+# what to run again: one for each notebook's parameters, one for the folders that the
+# environment names. Targets that run no notebook leave them alone.
 settings = SCALE=$(SCALE) $(foreach item,$(PARAMETERS),$(if $(filter $(NUMBERS:%=%.\%),$(item)),$(filter $(firstword $(subst _, ,$(1))).%,$(item)),$(item)))
 keep = $(shell mkdir -p build; printf '%s\n' '$(subst ','\'',$(strip $(2)))' | cmp -s - $(1) || printf '%s\n' '$(subst ','\'',$(strip $(2)))' > $(1))
-ifeq ($(filter help clean,$(MAKECMDGOALS)),)
+OTHER := quick full setup data test check bench clean help
+ifneq ($(filter-out $(OTHER),$(or $(MAKECMDGOALS),all)),)
 $(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(call settings,$(stem))))
-$(call keep,build/external.settings,$(KILNFLIGHT_EXTERNAL))
+$(call keep,build/folders.settings,$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_FIGURES))
 endif
 
-.PHONY: all quick full setup data test check bench clean help readme
+.PHONY: all $(OTHER)
 
 all: site/index.html ## run every notebook at standard scale and render the site (the default)
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html, cite from figures/"
@@ -46,10 +48,10 @@ setup: $(VENV)/installed ## create .venv and install the locked packages
 
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.external
-	@touch build/external.settings
+	@touch build/folders.settings
 
 test: $(VENV)/installed ## run the tests
-	@$(RUN) -m pytest
+	@$(RUN) -m pytest -m "not published"
 
 check: $(VENV)/installed ## lint, format, types, architecture, and whether figures/ and README are current
 	@$(RUN) -m ruff check .
@@ -70,7 +72,8 @@ help: ## list the targets
 	@echo "targets:"
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
 	@echo "settings: SCALE=quick|standard|full, PARAMETERS=\"name=value NN.name=value\","
-	@echo "          KILNFLIGHT_EXTERNAL=folder with the authors' data, PYTHON=python3.11"
+	@echo "          KILNFLIGHT_EXTERNAL=folder with the authors' data, PYTHON=python3.11,"
+	@echo "          KILNFLIGHT_FIGURES=folder to write figures to instead of figures/"
 
 $(VENV)/installed: requirements.lock pyproject.toml
 	@echo "setup: creating $(VENV) with $(PYTHON)"
@@ -84,7 +87,7 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@touch $@
 
 # The authors' data if there is a network; a second make does not ask again (make data does).
-build/external.txt: build/external.settings analysis/kilnflight/external.py | $(VENV)/installed
+build/external.txt: build/folders.settings analysis/kilnflight/external.py | $(VENV)/installed
 	@$(RUN) -m kilnflight.external --optional
 	@touch $@
 

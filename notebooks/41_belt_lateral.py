@@ -52,7 +52,7 @@ for data_set in sorter.DATA_SETS:
     few.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=50, sharey=True)
+picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=50)
 for axes, steps in zip(panels, few, strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, one in steps.groupby("particle"):
@@ -74,7 +74,7 @@ figures.save(
 # %%
 evaluation = deviation.Evaluation(draws=draws)
 every = sorter.compare(observed, phase, evaluation, deviation.lateral_deviations, seed)
-lateral = deviation.over_draws(every)
+lateral = deviation.over_draws(every).round(6)
 names = {name: f"{name}_mm" for name in ("median", "q25", "q75", "mae")}
 columns = ["source", "data_set", "model", "n", *names.values()]
 caption = (
@@ -88,18 +88,17 @@ figures.save("belt-lateral", table, caption=caption, provenance=made)
 models = [name for name, _, _ in belt.COMBINATIONS]
 some = lateral.set_index(["data_set", "source"])
 shown = list(dict.fromkeys(lateral["source"]))
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62)
-for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
-    axes.axhline(0, color="0.6", lw=0.6, ls="-")
-    for number, (name, fill) in enumerate(zip(shown, ("white", "0.7"), strict=False)):
-        place = {"shift": 0.38 * number - 0.19 * (len(shown) - 1), "width": 0.34}
-        drawing.boxes(axes, some.loc[data_set].loc[name], fill=fill, label=name, **place)
-    axes.set(title=data_set, xlabel="combination")
-    axes.set_xticks(range(len(models)), models, rotation=60)
-panels[0].set_ylabel("predicted minus true position (mm)")
+size = {"width_mm": drawing.PAGE_MM, "height_mm": 58 * len(shown)}
+picture, grid = drawing.canvas(len(shown), 3, **size)
+for panels, name in zip(grid, shown, strict=True):
+    panels[0].set_ylabel(f"{name}\npredicted minus true position (mm)")
+    for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+        axes.axhline(0, color="0.6", lw=0.6, ls="-")
+        drawing.boxes(axes, some.loc[data_set].loc[name])
+        axes.set_title(data_set)
+        axes.set_xticks(range(len(models)), models, rotation=60)
 
 # %%
-panels[0].legend(loc="upper right")
 caption = (
     "Deviation of the lateral position, after Fig. 10 of the 2020 paper: box plots without "
     "outliers. Each combination names its arrival model, then its lateral model."

@@ -66,7 +66,9 @@ def known_parameters(notebook: nbformat.NotebookNode) -> dict[str, object]:
     return values
 
 
-def parse_parameters(items: Iterable[str], stem: str) -> dict[str, object]:
+def parse_parameters(
+    items: Iterable[str], stem: str, notebooks: Iterable[str] = ()
+) -> dict[str, object]:
     """Return the parameters that are meant for one notebook.
 
     Parameters
@@ -76,6 +78,8 @@ def parse_parameters(items: Iterable[str], stem: str) -> dict[str, object]:
         value is a Python literal or else a string.
     stem
         The notebook, for example ``"02_depth_calibration"``.
+    notebooks
+        Stems of all notebooks; a number that none of them has is an error then.
 
     Examples
     --------
@@ -83,6 +87,7 @@ def parse_parameters(items: Iterable[str], stem: str) -> dict[str, object]:
     {'seed': 3, 'points': 50}
     """
     values: dict[str, object] = {}
+    numbers = {name.split("_")[0] for name in notebooks}
     for item in items:
         name, equals, text = item.partition("=")
         number, dot, rest = name.partition(".")
@@ -90,8 +95,9 @@ def parse_parameters(items: Iterable[str], stem: str) -> dict[str, object]:
             raise InputError(
                 f"parameter {item!r}: write name=value, or NN.name=value for one notebook."
             )
-        if dot and not number.isdigit():
-            raise InputError(f"parameter {item!r}: {number!r} is no notebook number.")
+        if dot and (not number.isdigit() or (numbers and number not in numbers)):
+            known = f" ({', '.join(sorted(numbers))})" if numbers else ""
+            raise InputError(f"parameter {item!r}: {number!r} is no notebook's number{known}.")
         if dot and number != stem.split("_")[0]:
             continue
         try:
@@ -182,7 +188,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     stem = options.source.stem
     started = time.monotonic()
     try:
-        given: dict[str, Any] = parse_parameters(options.parameter, stem)
+        notebooks = [path.stem for path in options.source.parent.glob("[0-9][0-9]_*.py")]
+        given: dict[str, Any] = parse_parameters(options.parameter, stem, notebooks)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
         print(f"{stem}: running ({shown})", flush=True)
         with warnings.catch_warnings():

@@ -88,23 +88,16 @@ def canvas(
 def boxes(
     axes: Axes,
     summary: pd.DataFrame,
-    *,
-    shift: float = 0.0,
-    width: float = 0.6,
-    fill: str = "white",
-    label: str = "",
 ) -> None:
     """Draw box plots from summaries instead of from data.
 
     Parameters
     ----------
     axes
-        Where to; box i is drawn at ``i + shift``.
+        Where to; box i is drawn at i.
     summary
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
-    shift, width, fill, label
-        Place beside i, width and colour of the box, and its entry in the legend.
     """
     parts = {"whislo": "whisker_low", "q1": "q25", "med": "median", "q3": "q75"}
     parts["whishi"] = "whisker_high"
@@ -113,20 +106,18 @@ def boxes(
         for i in range(len(summary))
     ]
     thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
-    drawn = axes.bxp(
+    axes.bxp(
         rows,
-        positions=np.arange(len(rows)) + shift,
-        widths=width,
+        positions=np.arange(len(rows)),
+        widths=0.55,
         showfliers=False,
         manage_ticks=False,
         patch_artist=True,
-        boxprops={"facecolor": fill, "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"},
+        boxprops={"facecolor": "0.9", "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"},
         medianprops={"color": "#D55E00", "linewidth": 1.4, "linestyle": "-"},
         whiskerprops=thin,
         capprops=thin,
     )
-    if label:
-        drawn["boxes"][0].set_label(label)
 
 
 def table_picture(table: pd.DataFrame) -> Figure:

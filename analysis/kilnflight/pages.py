@@ -11,14 +11,13 @@ import argparse
 import importlib.util
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import nbformat
 import pandas as pd
-from sphinx.application import Sphinx
-from sphinx.errors import SphinxError
 
 from kilnflight import __version__, figures, gallery, places, reference
 from kilnflight.checks import InputError
@@ -35,19 +34,18 @@ CONFIGURATION: dict[str, object] = {
     "copyright": "The kilnflight founders",
     "release": __version__,
     "html_title": f"kilnflight {__version__}",
-    "extensions": "myst_nb,sphinx.ext.mathjax",
+    "extensions": ["myst_nb", "sphinx.ext.mathjax"],
     "html_theme": "furo",
     "nb_execution_mode": "off",
-    "nb_merge_streams": "1",
-    "myst_enable_extensions": "dollarmath,amsmath",
-    "myst_dmath_double_inline": "1",
+    "nb_merge_streams": True,
+    "myst_enable_extensions": ["dollarmath", "amsmath"],
+    "myst_dmath_double_inline": True,
     "mathjax_path": MATHJAX,
-    "exclude_patterns": "jupyter_execute",
-    "html_static_path": "_static",
-    "html_copy_source": "0",
-    "html_show_sourcelink": "0",
-    "html_show_sphinx": "0",
-    "html_last_updated_fmt": "",
+    "exclude_patterns": ["jupyter_execute"],
+    "html_static_path": ["_static"],
+    "html_copy_source": False,
+    "html_show_sourcelink": False,
+    "html_show_sphinx": False,
 }
 
 
@@ -149,29 +147,19 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
 
 
 def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
+    """Run Sphinx; any warning is an error."""
+    settings = "".join(f"{name} = {value!r}\n" for name, value in CONFIGURATION.items())
+    (sources / "conf.py").write_text(settings)
     shutil.rmtree(doctrees, ignore_errors=True)
-    log = (target.parent / "site.log").open("w")
-    with log:
-        try:
-            application = Sphinx(
-                srcdir=sources,
-                confdir=None,
-                outdir=target,
-                doctreedir=doctrees,
-                buildername="html",
-                confoverrides=CONFIGURATION,
-                status=log,
-                warning=log,
-            )
-            application.build()
-        except SphinxError as error:
-            raise InputError(f"the site cannot be built: {error} (see {log.name})") from error
-    if application.statuscode or application._warncount:
-        lines = Path(log.name).read_text().splitlines()
-        first = next(
-            (line for line in lines if "WARNING" in line or "ERROR" in line), "see the log"
-        )
-        raise InputError(f"the site has a problem: {first} (all of them: {log.name})")
+    options = ["-b", "html", "-q", "--no-color", "-W", "--keep-going", "-d", str(doctrees)]
+    command = [sys.executable, "-m", "sphinx", *options, str(sources), str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        log = sources.parent / "site.log"
+        log.write_text(done.stdout + done.stderr)
+        lines = [line for line in done.stderr.splitlines() if "WARNING" in line or "rror" in line]
+        first = lines[0] if lines else "see the log"
+        raise InputError(f"the site has a problem: {first} (all of them: {log})")
 
 
 def results_block() -> str:
