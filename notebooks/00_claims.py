@@ -31,7 +31,7 @@ pd.set_option("display.max_rows", None)
 
 # %%
 tested = claims[claims["notebook"] != ""]
-tested.drop(columns="notebook").set_index("id")
+tested.set_index("id")
 
 # %% [markdown]
 # ## Waiting for their input

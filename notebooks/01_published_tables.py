@@ -15,8 +15,6 @@ scale = "standard"  # quick, standard or full; the tables are short, all scales 
 seed = 0  # nothing random happens here
 
 # %%
-import pandas as pd
-
 from kilnflight import drawing, errata, figures, places, provenance, reference
 
 drawing.use_style()
@@ -48,14 +46,13 @@ caption = (
     "Published values that disagree with what other published values determine. "
     "The last column says whether a conclusion of the publication depends on it."
 )
-figures.save("errata", wrong, caption=caption, provenance=made)
+shown = figures.save("errata", wrong, caption=caption, provenance=made)
 caption = (
     "Every published number that others determine, beside its recomputed value. "
     "A value agrees when it is off by no more than half a unit of its last printed digit."
 )
 figures.save("table-published-recomputed", checks, caption=caption, provenance=made)
-pd.set_option("display.max_colwidth", None)
-wrong
+shown
 
 # %% [markdown]
 # ## The best 3D method

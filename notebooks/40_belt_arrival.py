@@ -64,9 +64,9 @@ for axes, name in zip(panels, shown, strict=True):
         axes.plot(one["mean_m_s"], color=colour, marker=mark, ls="-", label=data_set)
         spread = pd.concat([one["mean_m_s"] - one["std_m_s"], one["mean_m_s"] + one["std_m_s"]])
         axes.plot(spread.index, spread, ".", color=colour, ms=1.5)
-panels[0].legend(loc="lower right", ncols=2)
 
 # %%
+panels[0].legend(loc="lower right", ncols=2)
 caption = (
     "Mean velocity along the belt, after Fig. 7 of the 2020 paper. Dots: one standard deviation "
     "above and below. Particles are slower than the belt and still accelerate at its end."

@@ -156,7 +156,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
             kernel_name="python3",
             cwd=str(Path.cwd()),
             # the kernel talks on this machine only; its advice about encryption is noise here
-            extra_arguments=["--IPKernelApp.log_level=ERROR"],
+            extra_arguments=["--IPKernelApp.log_level=CRITICAL"],
             progress_bar={"desc": stem, "unit": "cell"} if sys.stderr.isatty() else False,
         )
         failed.unlink(missing_ok=True)

@@ -40,7 +40,6 @@ STYLE: Any = {
     "legend.fontsize": 7,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
-    "figure.constrained_layout.use": True,
     "figure.dpi": 150,
     "pdf.fonttype": 42,
     "svg.hashsalt": "kilnflight",
@@ -82,7 +81,9 @@ def canvas(
     """
     with style():
         size = (width_mm / 25.4, height_mm / 25.4)
-        return plt.subplots(rows, columns, figsize=size, squeeze=False, **arguments)
+        return plt.subplots(
+            rows, columns, figsize=size, squeeze=False, layout="constrained", **arguments
+        )
 
 
 def boxes(

@@ -16,9 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import pooch
-import requests
-
 from kilnflight import places
 from kilnflight.checks import InputError
 
@@ -98,6 +95,10 @@ def fetch(file: ExternalFile, urls: Sequence[str] | None = None) -> Path:
     here = find(file)
     if here:
         return here
+    import pooch  # here: whoever only reads the data needs no downloader
+    import requests
+
+    pooch.get_logger().setLevel("WARNING")  # its progress lines repeat ours
     folder = places.external()
     folder.mkdir(parents=True, exist_ok=True)
     for url in urls or [f"{REPOSITORY}/{commit}/data/{file.name}" for commit in COMMITS]:

@@ -42,19 +42,20 @@ class Saved:
 
     identifier: str
     caption: str
-    picture: bytes  # the PNG
-    path: Path
+    body: str  # HTML
+    path: Path  # the PNG
 
     def _repr_html_(self) -> str:
-        """Return the picture with its caption, self-contained."""
-        with Image.open(io.BytesIO(self.picture)) as image:
-            width = round(image.width * SCREEN_PX_PER_PNG_PX)
-        data = base64.b64encode(self.picture).decode()
-        caption = html.escape(self.caption)
-        return (
-            f'<figure><img alt="{caption}" width="{width}" src="data:image/png;base64,{data}"/>'
-            f"<figcaption><code>{self.identifier}</code> {caption}</figcaption></figure>"
-        )
+        """Return the figure with its caption, self-contained."""
+        caption = f"<code>{self.identifier}</code> {html.escape(self.caption)}"
+        return f"<figure>{self.body}<figcaption>{caption}</figcaption></figure>"
+
+
+def _image(png: bytes, caption: str) -> str:
+    with Image.open(io.BytesIO(png)) as image:
+        width = round(image.width * SCREEN_PX_PER_PNG_PX)
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(caption)}" width="{width}" src="data:image/png;base64,{data}"/>'
 
 
 def save(
@@ -103,18 +104,22 @@ def save(
         raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
     folder = folder or places.figures()
     folder.mkdir(parents=True, exist_ok=True)
-    picture = picture if picture is not None else table_picture(table)
+    drawn = picture if picture is not None else table_picture(table)
     contents = {
         f"{identifier}.csv": _csv(table),
-        f"{identifier}.pdf": _pdf(picture, identifier, caption, provenance),
-        f"{identifier}.png": _png(picture, identifier, caption, provenance),
+        f"{identifier}.pdf": _pdf(drawn, identifier, caption, provenance),
+        f"{identifier}.png": _png(drawn, identifier, caption, provenance),
     }
-    plt.close(picture)
+    plt.close(drawn)
     with _locked(folder):
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
-    return Saved(identifier, caption, contents[f"{identifier}.png"], folder / f"{identifier}.png")
+    if picture is None:
+        body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
+    else:
+        body = _image(contents[f"{identifier}.png"], caption)
+    return Saved(identifier, caption, body, folder / f"{identifier}.png")
 
 
 def conclude(
@@ -122,15 +127,14 @@ def conclude(
     verdicts: Iterable[reference.Verdict],
     provenance: Provenance,
     folder: Path | None = None,
-) -> pd.DataFrame:
+) -> Saved:
     """Save a notebook's verdicts under ``claims-<notebook>``; every notebook's last call.
 
     ``result`` is the one line that the index of the site shows for the notebook.
     """
     table = reference.verdict_table(verdicts, provenance.notebook)
     identifier = "claims-" + provenance.notebook.replace("_", "-")
-    save(identifier, table, caption=result, provenance=provenance, folder=folder)
-    return table
+    return save(identifier, table, caption=result, provenance=provenance, folder=folder)
 
 
 def _csv(table: pd.DataFrame) -> bytes:

@@ -25,6 +25,17 @@ from kilnflight.checks import InputError
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
 # would refuse to load from a page opened as a file.
 MATHJAX = "tex-svg-full.js"
+# pandas tables come without any style of their own
+TABLES_CSS = """
+.cell_output table.dataframe { border-collapse: collapse; font-size: 0.8em; }
+.cell_output table.dataframe th, .cell_output table.dataframe td {
+  border: none; border-bottom: 1px solid var(--color-background-border);
+  padding: 0.2em 0.6em; text-align: left; vertical-align: top;
+}
+.cell_output { overflow-x: auto; }
+.cell_output figure { margin: 0.5em 0; }
+figcaption { font-size: 0.9em; margin-top: 0.3em; }
+"""
 MARK = "<!-- results: made by `make full`, do not edit -->"
 END_MARK = "<!-- end of results -->"
 
@@ -43,6 +54,7 @@ CONFIGURATION: dict[str, object] = {
     "mathjax_path": MATHJAX,
     "exclude_patterns": ["jupyter_execute"],
     "html_static_path": ["_static"],
+    "html_css_files": ["tables.css"],
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_show_sphinx": False,
@@ -132,6 +144,7 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
     (sources / "_static").mkdir(parents=True)
     shutil.copyfile(mathjax(), sources / "_static" / MATHJAX)
+    (sources / "_static" / "tables.css").write_text(TABLES_CSS)
     titles = {}
     for path in sorted(notebooks):
         notebook = nbformat.read(path, as_version=4)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from kilnflight.belt.dem import read_dem
 from kilnflight.belt.deviation import Deviations, Evaluation
