@@ -183,9 +183,11 @@ class CALV:
         time, distance, velocity, acceleration = _remaining(last, target_mm)
         limit = np.maximum(self.limit_mm_s, velocity)
         gains = acceleration > 0
-        until = np.divide(limit - velocity, acceleration, out=np.zeros_like(time), where=gains)
-        covered = velocity * until + acceleration * until**2 / 2
-        limited = until + (distance - covered) / limit
+        # An acceleration next to nothing takes for ever: infinite, and so never limited.
+        with np.errstate(over="ignore", invalid="ignore"):
+            until = np.divide(limit - velocity, acceleration, out=np.zeros_like(time), where=gains)
+            covered = until * (limit + velocity) / 2
+            limited = until + (distance - covered) / limit
         free = time_to_cover(distance, velocity, acceleration)
         return time + np.where(gains & (covered < distance), limited, free)
 

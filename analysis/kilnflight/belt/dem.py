@@ -6,7 +6,9 @@ alternate x and y of one particle in metres, ``nan`` while it is not on the belt
 
 from __future__ import annotations
 
+import warnings
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,17 @@ def read_dem(path: Path) -> pd.DataFrame:
         If the file is no zip with one CSV, its rows differ in length, a cell is no
         number, the number of columns is odd, or only one of x and y is given.
     """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; make data fetches the authors' files.")
     cells = _cells(path)
+    if not cells.size:
+        raise InputError(f"{path.name}: no row in it; fetch the file again.")
+    if np.isinf(cells).any():
+        row, column = np.argwhere(np.isinf(cells))[0]
+        raise InputError(
+            f"{path.name}: row {row + 1}, column {column + 1} is infinite. A particle that is not "
+            "on the belt is nan."
+        )
     if cells.shape[1] % 2:
         raise InputError(
             f"{path.name}: {cells.shape[1]} columns, but x and y of each particle make an even "
@@ -66,20 +78,26 @@ def read_dem(path: Path) -> pd.DataFrame:
 
 def _cells(path: Path) -> npt.NDArray[np.float64]:
     try:
-        if path.suffix != ".zip":
-            return np.loadtxt(path, delimiter=",", ndmin=2)
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            if len(names) != 1:
-                raise InputError(f"{path.name}: holds {len(names)} files, expected one CSV.")
-            with archive.open(names[0]) as text:
-                return np.loadtxt(text, delimiter=",", ndmin=2)
-    except (zipfile.BadZipFile, EOFError) as error:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # told by us
+            return _load(path)
+    except (zipfile.BadZipFile, EOFError, zlib.error) as error:
         raise InputError(f"{path.name}: no whole zip file ({error}); fetch it again.") from error
+    except InputError:
+        raise
     except ValueError as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{path.name}: not a table of numbers: {error}.") from error
+
+
+def _load(path: Path) -> npt.NDArray[np.float64]:
+    if path.suffix != ".zip":
+        return np.loadtxt(path, delimiter=",", ndmin=2)
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        if len(names) != 1:
+            raise InputError(f"{path.name}: holds {len(names)} files, expected one CSV.")
+        with archive.open(names[0]) as text:
+            return np.loadtxt(text, delimiter=",", ndmin=2)
 
 
 def find_dem() -> dict[str, Path]:

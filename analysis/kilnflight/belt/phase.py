@@ -74,7 +74,7 @@ class PredictionPhase:
         table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
         columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
         starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
-        ends = np.append(starts[1:], len(table))
+        ends = np.append(starts, len(table))[1:]
         _check_frames(columns, starts)
         gap = columns["frame"][ends - 1] - columns["frame"][starts] + 1 != ends - starts
         before = _first(columns["x"] >= self.start_mm, starts, ends) - 1

@@ -1,0 +1,165 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kilnflight import reference
+from kilnflight.camera import (
+    EQUATION_2_4,
+    PLATE_DISTANCES_MM,
+    DepthCalibration,
+    PlateScatter,
+    calibrate_depth,
+    captured_depths,
+    fit_depth_segments,
+    invert_depth,
+    measure_plate,
+)
+from kilnflight.checks import InputError
+
+
+def equation_in_plain_code(z):
+    """Eq. 2.4, copied a second time from the page, one depth at a time."""
+    if z < 3000:
+        return -0.002055 * z * z + 10.65 * z - 10230
+    if z <= 5000:
+        return -0.00004158 * z * z + 1.367 * z - 857.5
+    return 0.00004504 * z * z + 0.3219 * z + 2189
+
+
+@given(st.lists(st.floats(0, 15_000), max_size=30))
+def test_calibration_is_the_equation(depths):
+    expected = [equation_in_plain_code(z) for z in depths]
+    np.testing.assert_allclose(calibrate_depth(depths), expected, atol=1e-6)
+
+
+def test_the_breakpoints_belong_to_the_middle_segment():
+    np.testing.assert_allclose(calibrate_depth([3000.0, 5000.0]), [2869.28, 4938.0])
+
+
+def test_any_shape_comes_back_and_nothing_gives_nothing():
+    assert calibrate_depth(np.full((2, 3), 4000.0)).shape == (2, 3)
+    assert calibrate_depth(4000.0).shape == ()
+    assert calibrate_depth([]).shape == (0,)
+
+
+def test_a_depth_that_is_not_finite_is_refused():
+    with pytest.raises(InputError, match="captured depth"):
+        calibrate_depth([1000.0, np.nan])
+
+
+def test_published_facts_about_the_equation():
+    facts = reference.published("depth_calibration").set_index("where")["value"]
+    jumps = [float(facts["jump at 3000 mm"]), float(facts["jump at 5000 mm"])]
+    np.testing.assert_allclose(EQUATION_2_4.jumps(), jumps, atol=0.005)
+    falling = EQUATION_2_4.falling(1300.0, 11000.0)
+    assert falling.min() == pytest.approx(2591.2, abs=0.2)
+    assert falling.max() == pytest.approx(3000.0, abs=0.2)
+    for metre in range(1, 12):
+        printed = facts[f"captured depth for true {1000 * metre} mm"]
+        solutions = captured_depths(1000.0 * metre)
+        assert [round(z, 1) for z in solutions] == [float(z) for z in printed.split("/")]
+
+
+@given(st.floats(3000.0, 11_000.0))
+def test_every_inverse_leads_back(true):
+    for captured in captured_depths(true):
+        assert calibrate_depth(captured) == pytest.approx(true, abs=1e-6)
+
+
+def test_the_nearer_inverse_is_taken():
+    assert invert_depth(3000.0) == pytest.approx(3117.5, abs=0.05)
+
+
+def test_a_depth_without_inverse_is_told():
+    gap = DepthCalibration((1000.0,), ((1.0, 0.0), (1.0, 500.0)))
+    assert captured_depths(1200.0, gap) == []
+    with pytest.raises(InputError, match="no captured depth gives 1200"):
+        invert_depth(1200.0, gap)
+
+
+coefficients = st.tuples(st.floats(-0.001, 0.001), st.floats(0.2, 5.0), st.floats(-5000.0, 5000.0))
+
+
+@given(st.tuples(coefficients, coefficients, coefficients))
+def test_a_fit_without_scatter_finds_the_coefficients(three):
+    truth = DepthCalibration((3000.0, 5000.0), three)
+    captured = np.linspace(500.0, 11_000.0, 200)
+    fitted = fit_depth_segments(captured, truth(captured))
+    np.testing.assert_allclose(fitted(captured), truth(captured), atol=1e-5)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3))
+def test_a_continuous_fit_does_not_jump_and_costs_little(seed, degree):
+    captured, true = measure_plate(20, np.random.default_rng(seed))
+    fitted = fit_depth_segments(captured, true, degree=degree, continuous=True)
+    np.testing.assert_allclose(fitted.jumps(), 0.0, atol=1e-6)
+    free = fit_depth_segments(captured, true, degree=degree)
+    cost = [np.sum((one(captured) - true) ** 2) for one in (free, fitted)]
+    assert cost[0] <= cost[1] * (1 + 1e-9)
+
+
+def test_without_breakpoints_it_is_one_polynomial():
+    captured = np.linspace(1000.0, 5000.0, 50)
+    true = captured + np.sin(captured)
+    for continuous in (False, True):
+        fitted = fit_depth_segments(captured, true, (), continuous=continuous)
+        expected = np.polyval(np.polyfit(captured, true, 2), captured)
+        np.testing.assert_allclose(fitted(captured), expected, atol=1e-6)
+
+
+def test_a_continuous_fit_is_the_best_of_all_continuous_ones():
+    """Against scipy's constrained minimiser, as a peer."""
+    from scipy.optimize import minimize
+
+    captured, true = measure_plate(5, np.random.default_rng(1))
+    captured, true = captured.ravel() / 1000, true.ravel() / 1000
+
+    def curve(c, z):
+        return np.select(
+            [z < 3, z < 5],
+            [np.polyval(c[:2], z), np.polyval(c[2:4], z)],
+            np.polyval(c[4:], z),
+        )
+
+    def gap(c):
+        return [
+            np.polyval(c[:2], 3) - np.polyval(c[2:4], 3),
+            np.polyval(c[2:4], 5) - np.polyval(c[4:], 5),
+        ]
+
+    best = minimize(
+        lambda c: np.sum((curve(c, captured) - true) ** 2),
+        np.tile([1.0, 0.0], 3),
+        constraints={"type": "eq", "fun": gap},
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    fitted = fit_depth_segments(captured, true, (3.0, 5.0), degree=1, continuous=True)
+    assert np.sum((fitted(captured) - true) ** 2) == pytest.approx(best.fun, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("captured", "true", "more", "message"),
+    [
+        ([1.0, 2.0], [1.0], {}, "2 captured depths, but 1 true"),
+        ([1.0], [1.0], {"breakpoints_mm": (5.0, 3.0)}, "do not ascend"),
+        ([4000.0] * 9, [4000.0] * 9, {}, r"the segments hold \[0, 1, 0\]"),
+        ([np.inf], [1.0], {}, "captured depth"),
+    ],
+)
+def test_what_cannot_be_fitted_is_told(captured, true, more, message):
+    with pytest.raises(InputError, match=message):
+        fit_depth_segments(captured, true, **more)
+
+
+def test_the_simulated_plate_has_the_scatter_it_is_given():
+    scatter = PlateScatter()
+    deviation = scatter(200_000, np.random.default_rng(3))
+    q25, q75 = np.quantile(deviation, [0.25, 0.75], axis=1)
+    np.testing.assert_allclose(4 * (q75 - q25), scatter.range_mm, rtol=0.02)
+
+
+def test_the_plate_is_the_same_for_the_same_seed():
+    one, two = (measure_plate(7, np.random.default_rng(5))[0] for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+    assert one.shape == (len(PLATE_DISTANCES_MM), 7)

@@ -1,0 +1,39 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError, check_columns, check_finite, check_positive, check_shape
+
+
+def test_missing_columns_are_named_with_the_place():
+    with pytest.raises(InputError, match=r"tracks\.csv: column\(s\) y missing; it has x"):
+        check_columns(pd.DataFrame({"x": [1.0]}), ["x", "y"], "tracks.csv")
+
+
+def test_columns_that_are_there_pass_in_any_order():
+    check_columns(pd.DataFrame({"b": [1], "a": [2]}), ["a", "b"], "here")
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 2), (2, 3, 1)])
+def test_a_wrong_shape_is_told(shape):
+    with pytest.raises(InputError, match=r"points: shape .*expected \(n, 3\)"):
+        check_shape(np.zeros(shape), (None, 3), "points")
+
+
+def test_an_empty_array_of_the_right_shape_passes():
+    check_shape(np.zeros((0, 3)), (None, 3), "points")
+
+
+def test_the_first_bad_value_is_told_with_its_index():
+    with pytest.raises(InputError, match=r"depth: 2 value\(s\).*\(nan\) at index \(1,\)"):
+        check_finite([1.0, np.nan, np.inf], "depth")
+
+
+def test_finite_values_come_back_as_floats():
+    assert check_finite([1, 2], "depth").dtype == np.float64
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_what_must_be_positive_is(value):
+    with pytest.raises(InputError, match="limit: must be above 0"):
+        check_positive(value, "limit")
