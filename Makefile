@@ -24,7 +24,7 @@ FACTS := $(shell find data/reference -name '*.csv' | sort)
 # Settings are kept in files that change only when the setting does, so that make knows
 # what to run again: one for each notebook's parameters, one for the folders that the
 # environment names. Targets that run no notebook leave them alone.
-settings = SCALE=$(SCALE) $(foreach item,$(PARAMETERS),$(if $(filter $(NUMBERS:%=%.\%),$(item)),$(filter $(firstword $(subst _, ,$(1))).%,$(item)),$(item)))
+settings = SCALE=$(SCALE) $(foreach item,$(PARAMETERS),$(if $(filter $(addsuffix .%,$(NUMBERS)),$(item)),$(filter $(firstword $(subst _, ,$(1))).%,$(item)),$(item)))
 keep = $(shell mkdir -p build; printf '%s\n' '$(subst ','\'',$(strip $(2)))' | cmp -s - $(1) || printf '%s\n' '$(subst ','\'',$(strip $(2)))' > $(1))
 OTHER := quick full setup data test check bench clean help
 ifneq ($(filter-out $(OTHER),$(or $(MAKECMDGOALS),all)),)
@@ -65,7 +65,7 @@ bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks
 
 clean: ## remove what make has made, but neither figures/ nor the fetched data
 	rm -rf build site data/derived $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	find analysis tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+	find . -name __pycache__ -prune -exec rm -rf {} +
 	rm -rf analysis/*.egg-info
 
 help: ## list the targets

@@ -172,8 +172,9 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
 
 def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
     """Return one clear line about a failed cell: notebook, cell, error, where to look."""
+    first = next((line for line in error.source.splitlines() if line.strip()), "")
     return (
-        f"{stem}: cell {error.cell_index + 1} failed: {error.ename}: {error.evalue} "
+        f"{stem}: cell {error.cell_index + 1} ({first}) failed: {error.ename}: {error.evalue} "
         f"(executed so far: {kept})"
     )
 

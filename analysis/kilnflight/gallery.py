@@ -99,7 +99,8 @@ kilnflight {made["version"]}{commit} ({values}).
 
 
 def _title(caption: str) -> str:
-    return re.split(r"(?<=[a-z)])[.:;] ", caption, maxsplit=1)[0].rstrip(".")
+    abbreviations = "(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<![Ss]ec)"
+    return re.split(rf"{abbreviations}[.:;] ", caption, maxsplit=1)[0].rstrip(".")
 
 
 def _latex(text: str) -> str:

@@ -1,0 +1,56 @@
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import rcParams
+from matplotlib.colors import to_rgb
+
+from kilnflight import drawing
+
+
+def lightness(colour):
+    return float(np.dot(to_rgb(colour), [0.2126, 0.7152, 0.0722]))
+
+
+def test_a_canvas_has_print_size_and_axes_in_rows_and_columns():
+    figure, axes = drawing.canvas(2, 3, width_mm=180, height_mm=90)
+    np.testing.assert_allclose(figure.get_size_inches(), [180 / 25.4, 90 / 25.4])
+    assert axes.shape == (2, 3)
+
+
+def test_the_style_stays_inside_its_block():
+    before = rcParams["font.size"]
+    with drawing.style():
+        assert rcParams["font.size"] == drawing.STYLE["font.size"]
+    assert rcParams["font.size"] == before
+
+
+def test_lines_differ_in_grey_or_in_dashes():
+    """Neighbours in the cycle stay apart without colour: by lightness or by line style."""
+    for one, two in zip(drawing.COLOURS, drawing.COLOURS[1:], strict=False):
+        assert one != two
+        assert abs(lightness(one) - lightness(two)) > 0.05
+    assert len(set(map(str, drawing.LINES))) == len(drawing.LINES) == len(drawing.COLOURS)
+
+
+def test_boxes_are_drawn_where_the_summary_says():
+    _, ((axes,),) = drawing.canvas()
+    row = {"whisker_low": -3.0, "q25": -1.0, "median": 0.5, "q75": 1.0, "whisker_high": 4.0}
+    drawing.boxes(axes, pd.DataFrame([row, row]))
+    heights = {tuple(line.get_ydata()) for line in axes.lines}
+    assert {(-1.0, -3.0), (1.0, 4.0), (0.5, 0.5)} <= heights
+    assert len(axes.patches) == 2
+
+
+@pytest.mark.parametrize("rows", [0, 3, 200])
+def test_a_table_is_drawn_with_every_shown_cell(rows):
+    table = pd.DataFrame({"name": ["a_b"] * rows, "value": np.linspace(0, 1, rows)})
+    texts = [text.get_text() for text in drawing.table_picture(table).axes[0].texts]
+    shown = min(rows, drawing.LONGEST_PICTURE)
+    assert texts.count("a_b") == shown
+    assert ("... 155 more rows in the CSV" in texts) is (rows == 200)
+
+
+def test_a_dollar_sign_is_a_dollar_sign():
+    figure = drawing.table_picture(pd.DataFrame({"price": ["$3$"]}))
+    figure.canvas.draw()
+    assert "$3$" in [text.get_text() for text in figure.axes[0].texts]

@@ -1,0 +1,170 @@
+"""make itself, on a copy of the project with one small notebook and this environment."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[1]
+NOTEBOOK = """# %% [markdown]
+# # {title}
+
+# %% tags=["parameters"]
+scale = "standard"
+seed = 1
+
+# %%
+from kilnflight import figures, provenance
+
+print("seed", seed)
+LAST
+figures.conclude("Seed " + str(seed), [], provenance.trace("{stem}", {{"scale": scale}}))
+"""
+CLAIMS = """# %% [markdown]
+# # Claims
+
+# %% tags=["parameters"]
+scale = "standard"
+seed = 1
+
+# %%
+import pandas as pd
+from kilnflight import figures, gallery, provenance, reference
+
+made = provenance.trace("00_claims", {"scale": scale})
+table = reference.collect(pd.read_csv(p) for p in gallery.concluded().values())
+figures.save("claims", table, caption="All.", provenance=made)
+figures.conclude("Collected.", [], made)
+"""
+
+pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+
+
+@pytest.fixture
+def project(tmp_path):
+    folder = tmp_path / "project"
+    for part in ("analysis", "data/reference"):
+        ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        shutil.copytree(PROJECT / part, folder / part, ignore=ignored)
+    for name in ("Makefile", "pyproject.toml", "requirements.lock"):
+        shutil.copy(PROJECT / name, folder / name)
+    (folder / "notebooks").mkdir()
+    (folder / "notebooks" / "00_claims.py").write_text(CLAIMS)
+    for stem in ("01_one", "02_two"):
+        write(folder, stem)
+    # the environment of this test run instead of a new one
+    (folder / ".venv" / "bin").mkdir(parents=True)
+    python = folder / ".venv" / "bin" / "python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    time.sleep(0.01)
+    (folder / ".venv" / "installed").touch()
+    return folder
+
+
+def write(folder, stem, last="pass"):
+    text = NOTEBOOK.format(title=f"Notebook {stem}", stem=stem).replace("LAST", last)
+    (folder / "notebooks" / f"{stem}.py").write_text(text)
+
+
+def make(folder, *arguments, external=""):
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("KILNFLIGHT", "MAKE"))}
+    environment["PYTHONPATH"] = str(folder / "analysis")
+    if external:
+        environment["KILNFLIGHT_EXTERNAL"] = str(external)
+    # no address outside this machine: the optional data cannot be fetched
+    environment |= {"https_proxy": "http://127.0.0.1:9", "HTTPS_PROXY": "http://127.0.0.1:9"}
+    return subprocess.run(
+        ["make", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def ran(done):
+    return [line.split(":")[0] for line in done.stdout.splitlines() if ": running" in line]
+
+
+def test_make_is_incremental(project):
+    first = make(project, "-j2")
+    assert first.returncode == 0, first.stderr
+    assert ran(first)[-1] == "00_claims"
+    assert sorted(ran(first)) == ["00_claims", "01_one", "02_two"]
+    assert "own simulation" in first.stdout
+
+    second = make(project)
+    assert ran(second) == []
+    assert "up to date" in second.stdout
+
+    (project / "notebooks" / "02_two.py").touch()
+    assert ran(make(project)) == ["02_two", "00_claims"]
+
+    changed = make(project, "PARAMETERS=01.seed=5")
+    assert ran(changed) == ["01_one", "00_claims"]
+    assert "Seed 5" in (project / "site" / "index.html").read_text()
+
+    # targets that run no notebook leave the settings alone
+    assert make(project, "help").returncode == 0
+    assert ran(make(project, "PARAMETERS=01.seed=5")) == []
+
+
+def test_a_failing_cell_stops_make_and_is_not_taken_as_done(project):
+    write(project, "02_two", 'raise ValueError("no such particle")')
+    for _ in range(2):
+        done = make(project)
+        assert done.returncode != 0
+        assert "02_two: cell 4 (from kilnflight" in done.stderr
+        assert "failed: ValueError: no such particle" in done.stderr
+        assert "Traceback" not in done.stderr
+    assert (project / "build" / "02_two.failed.ipynb").is_file()
+    assert not (project / "build" / "02_two.ipynb").exists()
+    assert not (project / "site").exists()
+    write(project, "02_two")
+    assert make(project).returncode == 0
+    assert not (project / "build" / "02_two.failed.ipynb").exists()
+
+
+def test_an_unknown_parameter_stops_make(project):
+    done = make(project, "PARAMETERS=nothing=3")
+    assert done.returncode != 0
+    assert "unknown parameter 'nothing'" in done.stderr
+
+
+def test_a_named_folder_without_the_data_stops_make(project, tmp_path):
+    done = make(project, external=tmp_path / "empty")
+    assert done.returncode != 0
+    assert "which has no DEM_spheres_115.zip" in done.stderr
+    assert not list((project / "build").glob("*.ipynb"))
+
+
+def test_help_lists_every_target_with_its_comment(project):
+    text = make(project, "help").stdout
+    for target in (
+        "all",
+        "quick",
+        "full",
+        "setup",
+        "data",
+        "test",
+        "check",
+        "bench",
+        "clean",
+        "help",
+    ):
+        assert f"make {target} " in text
+
+
+def test_clean_keeps_figures(project):
+    (project / "figures").mkdir()
+    (project / "figures" / "a.png").touch()
+    (project / "build").mkdir()
+    assert make(project, "clean").returncode == 0
+    assert not (project / "build").exists()
+    assert (project / "figures" / "a.png").exists()

@@ -1,0 +1,177 @@
+"""The notebooks: rules of the house, and a smoke run of the whole chain up to the pages."""
+
+import ast
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import jupytext
+import pandas as pd
+import pytest
+
+from kilnflight import chain, pages, reference
+
+PROJECT = Path(__file__).resolve().parents[1]
+
+SOURCES = sorted((PROJECT / "notebooks").glob("*.py"))
+TABLES = {
+    "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",
+    "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
+    "belt-particles": "source data_set particles evaluated",
+    "errata": "where printed recomputed consequence",
+    "claims": "id verdict measured published notebook reason",
+}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
+def test_a_notebook_keeps_the_rules(path):
+    notebook = jupytext.read(path)
+    assert pages.title(notebook)
+    assert {"scale", "seed"} <= set(chain.known_parameters(chain.read_source(path)))
+    code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
+    assert max(len(cell.splitlines()) for cell in code) <= 20
+    for cell in code:
+        for node in ast.walk(ast.parse(cell)):
+            if isinstance(node, ast.FunctionDef):
+                assert node.end_lineno - node.lineno < 5
+    assert "figures.conclude(" in code[-1]
+    assert not any(cell.get("outputs") for cell in notebook.cells)
+    text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    assert "**Published" in text
+
+
+def test_nothing_executed_is_tracked():
+    listed = subprocess.run(
+        ["git", "ls-files", "*.ipynb"], cwd=PROJECT, capture_output=True, text=True, check=False
+    )
+    assert listed.stdout == ""
+
+
+@pytest.fixture(scope="module")
+def smoke(tmp_path_factory):
+    """Every notebook at quick scale, without the authors' data, and its pages."""
+    folder = tmp_path_factory.mktemp("smoke")
+    (folder / "external").mkdir()
+    project = folder / "project"
+    for part in ("notebooks", "data/reference"):
+        shutil.copytree(PROJECT / part, project / part)
+    environment = {
+        **os.environ,
+        "KILNFLIGHT_ROOT": str(project),
+        "KILNFLIGHT_FIGURES": str(folder / "figures"),
+    }
+    environment.pop("KILNFLIGHT_EXTERNAL", None)
+    build = ["--build", str(folder / "build")]
+    order = [*SOURCES[1:], SOURCES[0]]
+    commands = [["chain", str(path), *build, "-p", "scale=quick"] for path in order]
+    made = [str(folder / "build" / f"{path.stem}.ipynb") for path in SOURCES]
+    commands.append(["pages", *made, *build, "--site", str(folder / "site")])
+    for module, *arguments in commands:
+        done = subprocess.run(
+            [sys.executable, "-m", f"kilnflight.{module}", *arguments],
+            env=environment,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_tables_have_the_agreed_columns(smoke):
+    for name, columns in TABLES.items():
+        table = pd.read_csv(smoke / "figures" / f"{name}.csv")
+        wanted = columns.split()
+        assert list(table.columns)[: len(wanted)] == wanted, name
+        assert len(table), name
+
+
+def test_every_model_has_a_row_for_every_data_set(smoke):
+    for name, models in (("arrival", 6), ("lateral", 7)):
+        table = pd.read_csv(smoke / "figures" / f"belt-{name}.csv")
+        assert set(table["source"]) == {"own-simulation"}
+        assert (table.groupby("data_set")["model"].nunique() == models).all()
+        assert table.notna().all(axis=None)
+        unit = {"arrival": "ms", "lateral": "mm"}[name]
+        assert (table[f"q25_{unit}"] <= table[f"median_{unit}"]).all()
+        assert (table[f"median_{unit}"] <= table[f"q75_{unit}"]).all()
+
+
+def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
+    table = pd.read_csv(smoke / "figures" / "claims.csv", index_col="id", keep_default_na=False)
+    assert table.index.tolist() == reference.claims().index.tolist()
+    assert set(table["verdict"]) <= set(reference.VERDICTS)
+    assert (table.loc[table["verdict"] == reference.NOT_DECIDABLE, "reason"] != "").all()
+    assert table.loc["belt20-3", "verdict"] == reference.NOT_DECIDABLE
+    assert "own-simulation" in table.loc["belt20-5", "reason"]
+    assert table.loc["cluster-10", "verdict"] == reference.NOT_REPRODUCED
+
+
+def test_the_first_line_says_that_it_is_our_simulation(smoke):
+    for stem in ("40_belt_arrival", "41_belt_lateral"):
+        cells = json.loads((smoke / "build" / f"{stem}.ipynb").read_text())["cells"]
+        text = "".join(cells[1]["outputs"][0]["data"]["text/markdown"])
+        assert text.startswith("**Own simulation**")
+
+
+def test_no_cell_printed_a_warning(smoke):
+    for path in sorted((smoke / "build").glob("[0-9]*.ipynb")):
+        for cell in json.loads(path.read_text())["cells"]:
+            for output in cell.get("outputs", []):
+                assert output.get("name") != "stderr", (path.stem, output["text"])
+
+
+def test_the_index_lists_every_notebook_with_its_result(smoke):
+    page = (smoke / "site" / "index.html").read_text()
+    for path in SOURCES:
+        assert f'href="{path.stem}.html"' in page
+    assert "341 printed values recomputed" in page
+    assert re.search(r"Of \d+ published claims", page)
+
+
+def chromium() -> str:
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        pytest.skip("no Chromium on this machine; on Debian: apt-get install chromium")
+    return found
+
+
+def test_the_pages_read_without_a_network(smoke):
+    """In headless Chromium: nothing leaves the disk, nothing fails, mathematics is set."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as run:
+        browser = run.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        context = browser.new_context(offline=True)
+        for path in sorted((smoke / "site").glob("*.html")):
+            page = context.new_page()
+            requests, problems = [], []
+            page.on("request", lambda request, seen=requests: seen.append(request.url))
+            page.on("requestfailed", lambda request, bad=problems: bad.append(request.url))
+            page.on("pageerror", lambda error, bad=problems: bad.append(str(error)))
+            page.goto(path.as_uri(), wait_until="networkidle")
+            assert not problems, path.name
+            assert all(url.startswith(("file:", "data:")) for url in requests), path.name
+            text = page.inner_text("body")
+            assert "$" not in text, path.name
+            formulas = page.locator(".math").count()
+            if formulas:
+                page.wait_for_function("document.querySelectorAll('mjx-container').length > 0")
+                assert page.locator("mjx-container").count() == formulas, path.name
+            broken = page.evaluate("[...document.images].filter(i => !i.naturalWidth).length")
+            assert not broken, path.name
+            page.close()
+        assert formulas_somewhere(context, smoke)
+        browser.close()
+
+
+def formulas_somewhere(context, folder: Path) -> int:
+    """The check above must have had mathematics to look at."""
+    page = context.new_page()
+    page.goto((folder / "site" / "02_depth_calibration.html").as_uri())
+    return page.locator(".math").count()

@@ -1,0 +1,45 @@
+"""What stands in figures/ and README.md is of one cast (make check; not part of make test)."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from kilnflight import gallery, pages, reference
+
+PROJECT = Path(__file__).resolve().parents[1]
+
+pytestmark = pytest.mark.published
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """The tracked figures."""
+    monkeypatch.setenv("KILNFLIGHT_FIGURES", str(PROJECT / "figures"))
+    return PROJECT / "figures"
+
+
+def test_every_figure_comes_from_make_full_and_a_clean_tree(published):
+    found = gallery.entries(published)
+    assert found, "figures/ is empty; run make full"
+    for entry in found:
+        hint = f"{entry.identifier}: run make full (or git checkout figures README.md)"
+        assert entry.provenance["parameters"]["scale"] == "full", hint
+        assert "+changes" not in entry.provenance["commit"], hint
+
+
+def test_every_picture_has_its_table_and_the_gallery_shows_it(published):
+    for path in published.glob("*.png"):
+        assert path.with_suffix(".csv").is_file(), path.name
+    assert (published / "README.md").read_text() == gallery.gallery(published)
+
+
+def test_the_claims_are_those_of_the_notebooks(published):
+    tables = [pd.read_csv(path) for path in gallery.concluded(published).values()]
+    collected = reference.collect(tables)
+    shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
+    pd.testing.assert_frame_equal(shown, collected, check_dtype=False)
+
+
+def test_the_readme_shows_the_results(published):
+    assert pages.results_block() in (PROJECT / "README.md").read_text()
