@@ -61,7 +61,7 @@ check: $(VENV)/installed ## lint, format, types, architecture, and whether figur
 	@$(RUN) -m pytest -q -m published
 
 bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
-	@for script in benchmarks/bench_*.py; do $(RUN) "$$script"; done
+	@$(RUN) benchmarks/run.py
 
 clean: ## remove what make has made, but neither figures/ nor the fetched data
 	rm -rf build site data/derived $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

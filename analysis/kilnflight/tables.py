@@ -51,21 +51,24 @@ class Table:
             If a column is missing, not a number, or holds a value that is not finite.
         """
         where = where or self.name
-        check_columns(table, self.names, where)
-        for column in self.columns:
-            if not pd.api.types.is_numeric_dtype(table[column.name]):
+        if list(table.columns) != self.names:
+            check_columns(table, self.names, where)
+            table = table[self.names]
+        for column, kind in zip(self.columns, table.dtypes, strict=True):
+            if not pd.api.types.is_numeric_dtype(kind):
                 raise InputError(
-                    f"{where}: column {column.name} holds {table[column.name].dtype}, expected "
+                    f"{where}: column {column.name} holds {kind}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."
                 )
-            values = table[column.name].to_numpy(dtype=np.float64)
-            if not np.isfinite(values).all():
-                row = table.index[int(np.argmin(np.isfinite(values)))]
-                raise InputError(
-                    f"{where}: column {column.name} is not finite in row {row}. Leave rows "
-                    "without a measurement out; this table has no place-holders."
-                )
-        return table[self.names]
+        finite = np.isfinite(table.to_numpy(dtype=np.float64))
+        if not finite.all():
+            row, column_number = np.argwhere(~finite)[0]
+            raise InputError(
+                f"{where}: column {self.names[column_number]} is not finite in row "
+                f"{table.index[row]}. Leave rows without a measurement out; this table has no "
+                "place-holders."
+            )
+        return table
 
 
 BELT_TRACKS = Table(
