@@ -71,12 +71,14 @@ for shift, column, mark in ((-0.12, "printed_f1", "s"), (0.12, "recomputed_f1", 
     axes.plot(
         ranks.index + shift, ranks[column], mark, color="black", mfc=filled, label=column[:-3]
     )
-axes.set_xticks(range(len(ranks)), ranks["method"] + "\n" + ranks["setting"])
+axes.set_xticks(
+    range(len(ranks)), ranks["method"] + "\n" + ranks["setting"].str.replace(", ", "\n")
+)
 axes.set(
     ylabel="F1",
     ylim=(0.56, 0.64),
     xlim=(-0.5, len(ranks) - 0.5),
-    xlabel="method and its best setting",
+    xlabel="method and its best setting (epsilon and R in mm)",
 )
 axes.legend(loc="upper left", ncols=2)
 caption = (

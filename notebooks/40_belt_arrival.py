@@ -129,7 +129,10 @@ figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=
 
 # %%
 mine = arrival[arrival["source"] == source].assign(iqr=lambda one: one["q75"] - one["q25"])
-mae, iqr = (mine.pivot(index="data_set", columns="model", values=name) for name in ("mae", "iqr"))
+mae, iqr = (
+    mine.pivot(index="data_set", columns="model", values=name).loc[list(sorter.DATA_SETS)]
+    for name in ("mae", "iqr")
+)
 mean = profiles.loc[source].pivot_table("mean_m_s", "x_mm", "data_set")
 highest, worst, best, order, rising = {}, {}, {}, {}, {}
 for name in sorter.DATA_SETS:

@@ -142,13 +142,17 @@ two = {
 
 # %%
 note = f"decided by {source} at 100 Hz; interquartile range"
+ranks = mine.pivot(index="data_set", columns="model", values="mae").rank(axis=1)["IA-Ratio"]
+by_mae = "rank of IA-Ratio by mean absolute error: " + ", ".join(
+    f"{n} {ranks[n]:.0f}" for n in sorter.DATA_SETS
+)
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
 unclear = {one: reference.undecidable(one, shapes) for one in ("belt20-8", "belt20-10")}
 verdicts = [
     reference.judge("belt20-7", straight, note=note),
     reference.judge("belt20-8", two, note=note) if files else unclear["belt20-8"],
     reference.judge("belt20-9", change, note=f"{note} of LV-DSC over that of CA-CA, minus 1"),
-    reference.judge("belt20-10", best, note=note) if files else unclear["belt20-10"],
+    reference.judge("belt20-10", best, note=f"{note}; {by_mae}") if files else unclear["belt20-10"],
 ]
 reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]

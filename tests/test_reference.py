@@ -38,6 +38,11 @@ def test_bounds_are_included_and_every_value_counts(value, verdict):
     assert reference.judge("depth-3", value).verdict == verdict
 
 
+def test_labels_of_a_series_are_told():
+    measured = pd.Series([294.81, 362.0], index=["6 m", "7 m"])
+    assert reference.judge("depth-3", measured).measured == "6 m 294.8, 7 m 362"
+
+
 def test_conditions_must_all_hold_and_are_written_out():
     verdict = reference.judge("depth-4", {"9 m": True, "10 m": False}, note="why")
     assert verdict.verdict == "not reproduced"

@@ -71,7 +71,10 @@ def _claim(claim_id: str) -> pd.Series:
 
 
 def judge(
-    claim_id: str, measured: npt.ArrayLike | Mapping[str, bool], *, note: str = ""
+    claim_id: str,
+    measured: npt.ArrayLike | pd.Series | Mapping[str, bool],
+    *,
+    note: str = "",
 ) -> Verdict:
     """Turn a measured value and a claim into a verdict.
 
@@ -80,9 +83,10 @@ def judge(
     claim_id
         Id in data/reference/claims.csv.
     measured
-        For a claim with bounds: a number, or an array of which every value must lie
-        within them, in the unit of the claim. For any other claim: named conditions,
-        for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must hold.
+        For a claim with bounds: a number, or an array or Series (its labels are told) of
+        which every value must lie within them, in the unit of the claim. For any other
+        claim: named conditions, for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must
+        hold.
     note
         What a reader must know beside the verdict (which source, which reading).
 
@@ -109,7 +113,8 @@ def judge(
         low = -np.inf if np.isnan(claim["low"]) else claim["low"]
         high = np.inf if np.isnan(claim["high"]) else claim["high"]
         holds = bool(((values >= low) & (values <= high)).all())
-        text = ", ".join(f"{value:.4g}" for value in values)
+        names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
+        text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
     verdict = REPRODUCED if holds else NOT_REPRODUCED
     return Verdict(claim_id, verdict, text, claim["claim"], note)
 
