@@ -43,3 +43,9 @@ def test_the_claims_are_those_of_the_notebooks(published):
 
 def test_the_readme_shows_the_results(published):
     assert pages.results_block() in (PROJECT / "README.md").read_text()
+
+
+def test_the_belt_results_are_those_on_the_authors_data(published):
+    table = pd.read_csv(published / "belt-arrival.csv")
+    hint = "run make full where the authors' data are (make data, or KILNFLIGHT_EXTERNAL)"
+    assert "authors-dem" in set(table["source"]), hint
