@@ -66,20 +66,15 @@ ranks
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(height_mm=50)
-for shift, column, mark in ((-0.12, "printed_f1", "s"), (0.12, "recomputed_f1", "o")):
-    filled = "white" if column == "printed_f1" else "black"
-    axes.plot(
-        ranks.index + shift, ranks[column], mark, color="black", mfc=filled, label=column[:-3]
-    )
-axes.set_xticks(
-    range(len(ranks)), ranks["method"] + "\n" + ranks["setting"].str.replace(", ", "\n")
-)
-axes.set(
-    ylabel="F1",
-    ylim=(0.56, 0.64),
-    xlim=(-0.5, len(ranks) - 0.5),
-    xlabel="method and its best setting (epsilon and R in mm)",
-)
+for shift, column, mark, fill in ((-0.12, "printed", "s", "white"), (0.12, "recomputed", "o", "k")):
+    style = {"color": "black", "mfc": fill, "label": column}
+    axes.plot(ranks.index + shift, ranks[f"{column}_f1"], mark, **style)
+settings = ranks["method"] + "\n" + ranks["setting"].str.replace(", ", "\n")
+
+# %% tags=["hide-input"]
+axes.set_xticks(range(len(ranks)), settings)
+axes.set(ylabel="F1", ylim=(0.56, 0.64), xlim=(-0.5, len(ranks) - 0.5))
+axes.set_xlabel("method and its best setting (epsilon and R in mm)")
 axes.legend(loc="upper left", ncols=2)
 caption = (
     "Best F1 of the three 3D detectors as printed and recomputed from TP, FP and FN. Printed, "

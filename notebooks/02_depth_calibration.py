@@ -77,12 +77,15 @@ plates.round(1)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(height_mm=62)
-axes.plot([0.5, 11.5], [0, 0], "-", color="0.6", label="true depth")
+axes.axhline(0, color="0.6", ls="-", label="true depth")
 thin = {"marker": "+", "markersize": 2, "markeredgewidth": 0.4, "markeredgecolor": "0.5"}
 some = (captured - true)[:, :2000].T / 1000  # more outliers would only blacken the picture
 axes.boxplot(some, positions=metres, widths=0.5, flierprops=thin)
 deviation = plates["published_mm"] / 1000 - metres
-axes.plot(metres, deviation, "D", color="#D55E00", mfc="white", ms=4, label="published (Eq. 2.4)")
+style = {"color": "#D55E00", "mfc": "white", "ms": 4, "label": "published (Eq. 2.4)"}
+
+# %% tags=["hide-input"]
+axes.plot(metres, deviation, "D", **style)
 axes.set(xlabel="distance of the plate (m)", ylabel="captured minus true depth (m)")
 axes.set(ylim=(-3, 3), xlim=(0.3, 11.7), xticks=metres, xticklabels=range(1, 12))
 axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

@@ -154,6 +154,8 @@ verdicts = [
     reference.judge("belt20-9", change, note=f"{note} of LV-DSC over that of CA-CA, minus 1"),
     reference.judge("belt20-10", best, note=f"{note}; {by_mae}") if files else unclear["belt20-10"],
 ]
+
+# %%
 reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (

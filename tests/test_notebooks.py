@@ -33,7 +33,7 @@ def test_a_notebook_keeps_the_rules(path):
     assert pages.title(notebook)
     assert {"scale", "seed"} <= set(chain.known_parameters(chain.read_source(path)))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
-    assert max(len(cell.splitlines()) for cell in code) <= 20
+    assert max(len(cell.splitlines()) for cell in code) <= 15
     for cell in code:
         for node in ast.walk(ast.parse(cell)):
             if isinstance(node, ast.FunctionDef):
@@ -124,6 +124,15 @@ def test_no_cell_printed_a_warning(smoke):
         for cell in json.loads(path.read_text())["cells"]:
             for output in cell.get("outputs", []):
                 assert output.get("name") != "stderr", (path.stem, output["text"])
+
+
+def test_no_cell_shows_the_inside_of_matplotlib(smoke):
+    for path in sorted((smoke / "build").glob("[0-9]*.ipynb")):
+        for cell in json.loads(path.read_text())["cells"]:
+            for output in cell.get("outputs", []):
+                text = "".join(output.get("data", {}).get("text/plain", ""))
+                assert "matplotlib" not in text, path.stem
+                assert not text.startswith(("[", "(", "Text(")), (path.stem, text)
 
 
 def test_the_index_lists_every_notebook_with_its_result(smoke):
