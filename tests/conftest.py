@@ -1,6 +1,7 @@
 """Shared ground of the tests: no display, own folders, and the authors' data where it is."""
 
 import os
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import matplotlib as mpl
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 from kilnflight import external
+from kilnflight.frames import Attributes, Frame
 from kilnflight.tables import BELT_TRACKS
 
 mpl.use("Agg")
@@ -79,3 +81,62 @@ def constant_acceleration() -> pd.DataFrame:
         ],
         ignore_index=True,
     )
+
+
+@dataclass
+class SmallRecording:
+    """A recording of 24 x 32 pixels in memory; ``asked`` lists the frames that were rendered."""
+
+    length: int = 5
+    attributes: Attributes = field(default_factory=lambda: SMALL)
+    stops_at: int | None = None
+    asked: list[int] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return self.length
+
+    def frame(self, t: int) -> Frame:
+        if t == self.stops_at:
+            raise KeyboardInterrupt
+        self.asked.append(t)
+        rng = np.random.default_rng(t)
+        gray = rng.integers(0, 4096, (24, 32), dtype=np.uint16)
+        flat = rng.choice(24 * 32, 10 * t, replace=False)  # frame 0 has no points
+        pixels = np.column_stack(np.divmod(flat, 32)).astype(np.int32)
+        xyz = rng.normal(5000, 1000, (len(flat), 3)).astype(np.float32)
+        labels = rng.integers(0, 5, (24, 32), dtype=np.uint8) if t % 2 else None
+        return Frame(t, t / 330.0, gray, pixels, xyz, labels)
+
+
+SMALL = Attributes(
+    "small",
+    330.0,
+    24,
+    32,
+    fraction="confetti",
+    pressure_bar=4.5,
+    lance_mm=(10.0, -20.0, 9000.0),
+    roi=((0, 0), (24, 0), (24, 32)),
+    flame_roi=(2, 8, 3, 9),
+)
+
+
+@pytest.fixture
+def small() -> SmallRecording:
+    return SmallRecording()
+
+
+def _same_frame(one: Frame, other: Frame) -> None:
+    assert (one.index, one.time_s) == (other.index, other.time_s)
+    for name in ("gray", "pixels", "xyz", "labels"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None) == (b is None)
+        if a is not None:
+            assert a.dtype == b.dtype
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.fixture(scope="session")
+def same_frame():
+    """Raise unless two frames hold the same values of the same types."""
+    return _same_frame
