@@ -1,0 +1,142 @@
+"""How particles look: tumbling ellipsoids, unlit in the wall's light or with a flame.
+
+All particles of a frame are drawn together: the pixels of every particle's box stand in
+one long array, so that nothing loops over particles or pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.life import Moment
+from kilnflight.twin.optics import Optics
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tumbling:
+    """How particles turn; constant axis and rate per particle."""
+
+    sheet_hz: float = 12.0  # terminal velocity over a few widths; assumption
+    body_hz: float = 20.0  # of chips and granules in the jet; assumption
+
+
+class Bodies(NamedTuple):
+    """What does not change about each particle of a scene; arrays (n, ...)."""
+
+    half_mm: Array  # (n, 3) half axes
+    axis: Array  # (n, 3) unit vector that the particle turns about (its first axis)
+    across: Array  # (n, 3) unit vector across it
+    turns_hz: Array
+    phase: Array
+    reflectivity: Array
+    emissivity: Array
+    sheet: npt.NDArray[np.bool_]
+
+
+def bodies(table: pd.DataFrame, tumbling: Tumbling, seed: int) -> Bodies:
+    """Return the bodies of the particles of a scene (columns as in `life.live`)."""
+    n = len(table)
+    generator = np.random.default_rng([seed, 201])
+    axis = _unit(generator.normal(size=(n, 3)))
+    across = _unit(np.cross(axis, generator.normal(size=(n, 3))))
+    kinds = [FRACTIONS[name] for name in table["fraction"]]
+    sheet = np.array([kind.sheet for kind in kinds], dtype=bool)
+    sizes = table[["length_mm", "width_mm", "thickness_mm"]].to_numpy()
+    hertz = np.where(sheet, tumbling.sheet_hz, tumbling.body_hz)
+    return Bodies(
+        half_mm=sizes / 2,
+        axis=axis,
+        across=across,
+        turns_hz=hertz * generator.lognormal(0.0, 0.4, n),
+        phase=generator.uniform(0.0, 2 * np.pi, n),
+        reflectivity=np.array([kind.reflectivity for kind in kinds]),
+        emissivity=np.array([kind.emissivity for kind in kinds]),
+        sheet=sheet,
+    )
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+class Blobs(NamedTuple):
+    """Particles as they lie in the picture; arrays (m, ...)."""
+
+    particle: npt.NDArray[np.intp]
+    row: Array
+    column: Array
+    spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
+    brightness: Array  # grey value of the covered pixels before motion blur
+    adds: npt.NDArray[np.bool_]  # a flame adds light, a body covers what is behind
+    softness: Array  # width of the edge in units of the radius
+    dilution: Array  # share of the light in the sharp ellipse after motion blur
+    depth_mm: Array
+
+
+def project(
+    moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, wall_level: float
+) -> Blobs:
+    """Return what every particle of a moment looks like, far ones first."""
+    rows = moment.particle
+    place = geometry.to_camera(moment.position_m)
+    scale = geometry.focal_length_px / place[:, 2]
+    flame = moment.burning
+    curled = np.where(flame & body.sheet[rows], optics.curl**2, 1.0)[:, None, None]
+    halo = np.where(flame, optics.flame_mm**2, 0.0)[:, None, None] * np.eye(2)
+    shape = (curled * _ellipses(moment, body, geometry) + halo) * (scale**2)[:, None, None]
+    sharp = np.sqrt(np.maximum(np.linalg.det(shape), 1e-12))
+    shape = shape + np.eye(2) * optics.edge_softness_px**2
+    speed = geometry.axes.T @ moment.velocity_m_s[..., None] * 1000.0
+    x, y, z = (speed[:, k, 0] for k in range(3))
+    travel = np.stack([-(y - z * place[:, 1] / place[:, 2]), x - z * place[:, 0] / place[:, 2]], 1)
+    travel = travel * (scale * optics.exposure_s)[:, None]
+    shape = shape + travel[:, :, None] * travel[:, None, :] / 4.0
+    row, column = geometry.project(place)
+    blobs = Blobs(
+        particle=rows,
+        row=row,
+        column=column,
+        spread_px2=shape,
+        brightness=_brightness(moment, body, optics, wall_level),
+        adds=flame,
+        softness=np.where(flame, optics.flame_softness, 0.15),
+        dilution=np.minimum(sharp / np.sqrt(np.linalg.det(shape)), 1.0),
+        depth_mm=place[:, 2],
+    )
+    order = np.argsort(-blobs.depth_mm, kind="stable")
+    return Blobs(*(part[order] for part in blobs))
+
+
+def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:
+    """Return the projected ellipses in mm^2, (m, 2, 2), of row and column."""
+    rows = moment.particle
+    angle = 2 * np.pi * body.turns_hz[rows] * moment.age_s + body.phase[rows]
+    angle = np.where(moment.landed, 0.0, angle)
+    axis, across = body.axis[rows], body.across[rows]
+    third = np.cross(axis, across)
+    turned = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * third
+    normal = np.cross(axis, turned)
+    half = body.half_mm[rows] * np.sqrt(moment.area)[:, None]
+    total = np.zeros((len(rows), 2, 2))
+    for k, direction in enumerate((axis, turned, normal)):
+        seen = direction @ geometry.axes  # camera coordinates
+        flat = np.stack([-seen[:, 1], seen[:, 0]], axis=1) * half[:, k : k + 1]
+        total += flat[:, :, None] * flat[:, None, :]
+    return total
+
+
+def _brightness(moment: Moment, body: Bodies, optics: Optics, wall_level: float) -> Array:
+    """Return grey values: flame, glowing char, or reflected wall light and own glow."""
+    rows = moment.particle
+    reflected = body.reflectivity[rows] * wall_level
+    unlit = reflected + body.emissivity[rows] * optics.glow(moment.surface_k)
+    return np.where(moment.burning, optics.flame_level, unlit)

@@ -1,0 +1,166 @@
+"""What the camera sees without particles: wall, inlet plate, burner flame, flicker, edges.
+
+The static part is made once per scene. The changing part is a function of time alone
+(sums of sinusoids with seeded phases), so that any frame can be rendered by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.optics import Optics
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Appearance of the kiln without particles; all assumptions but the temperatures."""
+
+    texture_k: float = 25.0  # standard deviation of the wall's temperature (slag, bricks)
+    plate_k: float = 1340.0  # the inlet plate is cooler than the wall
+    flicker: float = 0.012  # relative, local, of hot gas
+    flicker_time_s: float = 0.15
+    flicker_cells: tuple[int, int] = (25, 33)
+    common_flicker: float = 0.015  # relative, of the whole picture (burner)
+    common_time_s: float = 0.03
+    # Rectangle of the burner's flame: first row, last row, first column, last column.
+    flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
+    flame_level: float = 60_000.0  # "very bright" (sec. 3.1): most of it saturates
+    edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
+    edge_strength: float = 0.10  # relative
+    # Polygon of the region of interest, as share of rows and columns. Keeps nine tenths of
+    # the particles in air, half of those on the wall (Table 5.3).
+    roi: tuple[tuple[float, float], ...] = (
+        (0.07, 0.10),
+        (0.07, 0.90),
+        (0.50, 0.95),
+        (0.87, 0.80),
+        (0.87, 0.20),
+        (0.50, 0.05),
+    )
+
+
+@dataclass(frozen=True)
+class Background:
+    """The picture without particles at any time."""
+
+    geometry: Geometry
+    optics: Optics
+    surroundings: Surroundings
+    seed: int
+
+    @cached_property
+    def level(self) -> Picture:
+        """Grey values of wall and plate, (rows, columns), without flicker and noise."""
+        depth = self.depth_mm
+        row, column = np.indices(depth.shape, dtype=np.float64)
+        point = self.geometry.to_kiln(self.geometry.unproject(row, column, depth))
+        plate = point[..., 0] <= self.geometry.inlet_m + 0.01
+        angle = np.arctan2(point[..., 2], point[..., 1])
+        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
+        texture = np.where(plate, self._texture(point[..., 1], point[..., 2]), wall)
+        kelvin = np.where(plate, self.surroundings.plate_k, self.optics.wall_k)
+        level = self.optics.glow(kelvin + self.surroundings.texture_k * texture)
+        return (level * self._vignetting()).astype(np.float32)
+
+    @cached_property
+    def depth_mm(self) -> Array:
+        """True depth of wall and plate, (rows, columns)."""
+        row, column = np.indices((self.geometry.rows, self.geometry.columns), dtype=np.float64)
+        return self.geometry.wall_depth(row, column)
+
+    def _texture(self, around: Array, along: Array) -> Array:
+        """Return smooth noise of unit variance over angle and length, at four scales."""
+        generator = np.random.default_rng([self.seed, 101])
+        total, power = np.zeros(around.shape), 0.0
+        for cells, weight in ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35)):
+            field = generator.normal(size=(cells, cells)).astype(np.float32)
+            field = np.pad(field, 2, mode="wrap")
+            x = ((around % 1.0) * cells + 1.5).astype(np.float32)
+            y = ((along % 1.0) * cells + 1.5).astype(np.float32)
+            total += weight * cv2.remap(field, x, y, cv2.INTER_CUBIC)
+            power += weight**2
+        return total / np.sqrt(power)
+
+    def _vignetting(self) -> Array:
+        rows, columns = self.geometry.rows, self.geometry.columns
+        row = np.linspace(-1, 1, rows)[:, None]
+        column = np.linspace(-1, 1, columns)[None, :] * columns / rows
+        return 1.0 - 0.12 * (row**2 + column**2) / 2.78
+
+    @cached_property
+    def _edges(self) -> Picture:
+        """Relative strength of the micro-lens artefacts: a hexagonal pattern at the border."""
+        rows, columns, width = self.geometry.rows, self.geometry.columns, self.surroundings.edge_px
+        row = np.arange(rows, dtype=np.float32)[:, None]
+        column = np.arange(columns, dtype=np.float32)[None, :]
+        near = np.minimum(row, rows - 1 - row)
+        inside = np.minimum(near, np.minimum(column, columns - 1 - column))
+        k = 2 * np.pi / 23.0  # px between micro-lens images
+        pattern = np.cos(k * column) + np.cos(k * (0.5 * column + 0.866 * row))
+        pattern = pattern + np.cos(k * (0.5 * column - 0.866 * row))
+        return (np.clip(1 - inside / width, 0, 1) * pattern / 3).astype(np.float32)
+
+    @cached_property
+    def _waves(self) -> tuple[Array, Array]:
+        """Frequencies (waves,) in Hz and phases (cells, waves) of the local flicker."""
+        generator = np.random.default_rng([self.seed, 102])
+        corner = 1 / (2 * np.pi * self.surroundings.flicker_time_s)
+        # as many waves below the corner frequency as above: the spectrum of a relaxation
+        hertz = corner * np.tan(np.pi / 2 * (np.arange(12) + generator.uniform(0, 1, 12)) / 13)
+        cells = self.surroundings.flicker_cells
+        return hertz, generator.uniform(0, 2 * np.pi, (*cells, 12))
+
+    def _local(self, time_s: float) -> Picture:
+        hertz, phase = self._waves
+        waves = np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=-1)
+        field = self.surroundings.flicker * waves * np.sqrt(2 / len(hertz))
+        size = (self.geometry.columns, self.geometry.rows)
+        return cv2.resize(field.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+
+    def common(self, time_s: float) -> float:
+        """Return the relative brightness of the whole picture, about 1."""
+        generator = np.random.default_rng([self.seed, 103])
+        corner = 1 / (2 * np.pi * self.surroundings.common_time_s)
+        hertz = corner * np.tan(np.pi / 2 * (np.arange(9) + generator.uniform(0, 1, 9)) / 10)
+        phase = generator.uniform(0, 2 * np.pi, 9)
+        waves = np.cos(2 * np.pi * hertz * time_s + phase).sum() * np.sqrt(2 / 9)
+        return float(1 + self.surroundings.common_flicker * waves)
+
+    @cached_property
+    def _flame_shape(self) -> Picture:
+        first, last, left, right = self.surroundings.flame_roi
+        row = np.linspace(-1, 1, last - first)[:, None]
+        column = np.linspace(-1, 1, right - left)[None, :]
+        return np.clip(1.3 - 1.6 * np.hypot(row, column), 0, None).astype(np.float32)
+
+    def _flame(self, time_s: float) -> Picture:
+        """Return what the burner's flame adds inside its rectangle: eddies that drift."""
+        generator = np.random.default_rng([self.seed, 104])
+        eddies = generator.normal(1.0, 0.35, (16, 64)).astype(np.float32)
+        height, width = self._flame_shape.shape
+        columns = (np.arange(16) + 25.0 * time_s) % 64
+        low = columns.astype(int)
+        share = (columns - low).astype(np.float32)
+        window = eddies[:, low] * (1 - share) + eddies[:, (low + 1) % 64] * share
+        pattern = cv2.resize(window, (width, height), interpolation=cv2.INTER_CUBIC)
+        return self.surroundings.flame_level * self._flame_shape * np.maximum(pattern, 0)
+
+    def at(self, time_s: float) -> Picture:
+        """Return the picture (rows, columns) at a time, without particles and noise."""
+        picture = self._local(time_s)
+        artefacts = self.surroundings.edge_strength * self.common(2 * time_s)
+        picture += self._edges * np.float32(artefacts)
+        picture += np.float32(self.common(time_s))
+        picture *= self.level
+        first, last, left, right = self.surroundings.flame_roi
+        picture[first:last, left:right] += self._flame(time_s)
+        return picture

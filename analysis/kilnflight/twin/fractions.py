@@ -1,0 +1,212 @@
+"""The four fractions: what is fed, and how single particles differ.
+
+The thesis shows the fractions on a photograph with a scale (Fig. 2.7) but prints neither
+sizes nor masses; every range here is therefore a value of handbooks or of the product, as
+its comment says, and is drawn uniformly. Lengths in metres, SI units throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.checks import InputError
+
+Array = npt.NDArray[np.float64]
+Range = tuple[float, float]
+
+SLAB, SPHERE = 0, 2  # geometry exponent of one-dimensional heat conduction
+
+
+@dataclass(frozen=True)
+class Fraction:
+    """What particles of one kind have in common, and between which limits they vary."""
+
+    name: str
+    length_m: Range
+    width_m: Range
+    thickness_m: Range
+    density_kg_m3: Range
+    round: bool = False  # as wide as long (discs and granules)
+    sheet: bool = False  # tumbles; thin enough to have one temperature
+    body: int = SLAB
+    moisture: float = 0.06  # share of the dry mass
+    heat_capacity_j_kg_k: float = 1400.0
+    conductivity_w_m_k: float = 0.15
+    emissivity: float = 0.9
+    reflectivity: float = 0.5  # of the wall's light, for the camera
+    ignition_k: float = 640.0  # surface temperature of piloted ignition
+    ignition_spread_k: float = 30.0  # standard deviation between particles
+    volatile_share: float = 0.8  # of the dry mass
+    devolatilisation_j_kg: float = 1.2e6  # heat to release a kg of volatiles
+    char_time_s: float = 0.35  # time constant of char burn-out
+    orientation: Range = (0.5, 1.0)  # mean projected over broadside area while tumbling
+    lift_coefficient: float = 0.3
+    launch_spread_deg: float = 3.0  # standard deviation about the lance's direction
+
+    def draw(self, count: int, generator: np.random.Generator) -> Particles:
+        """Return ``count`` particles; the same generator state gives the same ones."""
+        if count < 0:
+            raise InputError(f"{self.name}: {count} particles; a count is not below 0.")
+
+        def uniform(limits: Range) -> Array:
+            return generator.uniform(*limits, count)
+
+        length, width, thickness = (
+            uniform(getattr(self, name)) for name in ("length_m", "width_m", "thickness_m")
+        )
+        if self.round:
+            width = length.copy()
+        if self.body == SPHERE:
+            thickness = length.copy()
+        filled = np.pi / 6 if self.body == SPHERE else np.pi / 4 if self.round else 1.0
+        volume = filled * length * width * thickness
+        return Particles(
+            fraction=self,
+            length_m=length,
+            width_m=width,
+            thickness_m=thickness,
+            dry_mass_kg=volume * uniform(self.density_kg_m3),
+            ignition_k=generator.normal(self.ignition_k, self.ignition_spread_k, count),
+            orientation=uniform(self.orientation),
+        )
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Particles of one fraction; arrays are (n,)."""
+
+    fraction: Fraction
+    length_m: Array
+    width_m: Array
+    thickness_m: Array
+    dry_mass_kg: Array
+    ignition_k: Array
+    orientation: Array
+
+    def __post_init__(self) -> None:
+        """Refuse arrays of different lengths."""
+        lengths = {f.name: len(getattr(self, f.name)) for f in fields(self) if f.name != "fraction"}
+        if len(set(lengths.values())) > 1:
+            raise InputError(f"Particles: arrays differ in length: {lengths}.")
+
+    def __len__(self) -> int:
+        """Return the number of particles."""
+        return len(self.length_m)
+
+    def joined(self, others: Sequence[Particles]) -> Particles:
+        """Return these particles followed by others of the same fraction."""
+        everyone = [self, *others]
+        arrays = {
+            f.name: np.concatenate([getattr(one, f.name) for one in everyone])
+            for f in fields(self)
+            if f.name != "fraction"
+        }
+        return Particles(self.fraction, **arrays)
+
+    def table(self) -> pd.DataFrame:
+        """Return fraction and size, one row per particle."""
+        sizes = ("length", "width", "thickness")
+        return pd.DataFrame(
+            {"fraction": self.fraction.name}
+            | {f"{size}_mm": 1000.0 * getattr(self, f"{size}_m") for size in sizes},
+            index=range(len(self)),
+        )
+
+    @property
+    def broadside_m2(self) -> Array:
+        """Largest projected area, (n,)."""
+        shape = np.pi / 4 if self.fraction.round else 1.0
+        return shape * self.length_m * self.width_m
+
+    @property
+    def surface_m2(self) -> Array:
+        """Area that takes up heat, (n,): both faces of a sheet or chip, all of a sphere."""
+        if self.fraction.body == SPHERE:
+            return np.pi * self.length_m**2
+        edge = 2 * (self.length_m + self.width_m) * self.thickness_m
+        return 2 * self.broadside_m2 + (0.0 if self.fraction.sheet else edge)
+
+    @property
+    def diameter_m(self) -> Array:
+        """Diameter of the disc of the same broadside area, (n,)."""
+        return np.sqrt(4 * self.broadside_m2 / np.pi)
+
+
+# Spruce and pine, 420 to 600 kg/m3 and 8 % moisture (wood handbooks); sizes by Fig. 2.7.
+WOOD_CHIPS = Fraction(
+    name="wood chip",
+    length_m=(8e-3, 18e-3),
+    width_m=(4e-3, 10e-3),
+    thickness_m=(1.2e-3, 3.0e-3),
+    density_kg_m3=(420.0, 600.0),
+    moisture=0.08,
+    heat_capacity_j_kg_k=1700.0,
+    conductivity_w_m_k=0.15,
+    reflectivity=0.45,
+    ignition_k=823.0,  # thick wood under convection, above piloted 570 to 640 K (Babrauskas 2001)
+    lift_coefficient=0.15,
+    launch_spread_deg=3.0,
+)
+# Discs of a hole punch out of office paper of 75 to 90 g/m2 at 0.1 mm.
+CONFETTI = Fraction(
+    name="confetti",
+    length_m=(5e-3, 6e-3),
+    width_m=(5e-3, 6e-3),
+    thickness_m=(0.095e-3, 0.105e-3),
+    density_kg_m3=(780.0, 860.0),
+    round=True,
+    sheet=True,
+    reflectivity=0.70,
+    lift_coefficient=0.30,
+    launch_spread_deg=6.0,
+)
+# Cross-cut shredder, 20 to 45 mm by 4 to 8 mm, 70 to 90 g/m2 at 0.1 mm.
+PAPER_SHREDS = Fraction(
+    name="paper shred",
+    length_m=(20e-3, 45e-3),
+    width_m=(4e-3, 8e-3),
+    thickness_m=(0.095e-3, 0.105e-3),
+    density_kg_m3=(740.0, 860.0),
+    sheet=True,
+    reflectivity=0.70,
+    lift_coefficient=0.45,
+    launch_spread_deg=8.0,
+)
+# LDPE and HDPE granules of 3 to 4.8 mm, 915 to 950 kg/m3 (data sheets); transparent.
+PE_GRANULES = Fraction(
+    name="PE granule",
+    length_m=(3.0e-3, 4.8e-3),
+    width_m=(3.0e-3, 4.8e-3),
+    thickness_m=(3.0e-3, 4.8e-3),
+    density_kg_m3=(915.0, 950.0),
+    round=True,
+    body=SPHERE,
+    moisture=0.0,
+    heat_capacity_j_kg_k=2400.0,
+    conductivity_w_m_k=0.35,
+    emissivity=0.85,
+    reflectivity=0.30,
+    ignition_k=683.0,
+    volatile_share=1.0,
+    orientation=(0.95, 1.0),
+    lift_coefficient=0.0,
+    launch_spread_deg=3.0,
+)
+FRACTIONS: dict[str, Fraction] = {
+    one.name: one for one in (WOOD_CHIPS, CONFETTI, PAPER_SHREDS, PE_GRANULES)
+}
+
+
+def fraction(name: str) -> Fraction:
+    """Return a fraction by its name in the thesis."""
+    if name not in FRACTIONS:
+        raise InputError(f"unknown fraction {name!r}; there are {', '.join(FRACTIONS)}.")
+    return FRACTIONS[name]
+
+
+__all__ = ["FRACTIONS", "Fraction", "Particles", "fraction"]

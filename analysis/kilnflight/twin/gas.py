@@ -1,0 +1,117 @@
+"""The gas in the kiln: a slow hot stream, and the cold jet of the lance that dies in it.
+
+Kiln coordinates in metres, see `kilnflight.twin.geometry`. The jet is a round turbulent
+jet of variable density: the law of constant density holds with the equivalent diameter
+``d sqrt(rho_jet / rho_gas)`` (Thring and Newby 1953; decay and spreading after Pope,
+Turbulent Flows, 2000). Being heavier than the hot gas, it sinks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.checks import InputError, check_positive
+
+Array = npt.NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.81
+GAS_CONSTANT_J_KG_K = 287.0  # of air; flue gas differs by a few per cent
+PRESSURE_PA = 101_325.0
+PRANDTL = 0.7  # of air and flue gas
+HEAT_CAPACITY_J_KG_K = 1150.0  # of air at about 1000 K
+
+
+def density(temperature_k: npt.ArrayLike) -> Array:
+    """Return the density of the gas in kg/m3 (ideal gas at ambient pressure)."""
+    return PRESSURE_PA / (GAS_CONSTANT_J_KG_K * np.asarray(temperature_k, dtype=np.float64))
+
+
+def viscosity(temperature_k: npt.ArrayLike) -> Array:
+    """Return the dynamic viscosity of air in Pa s (Sutherland's law)."""
+    temperature = np.asarray(temperature_k, dtype=np.float64)
+    return 1.716e-5 * (temperature / 273.15) ** 1.5 * (273.15 + 110.4) / (temperature + 110.4)
+
+
+@dataclass(frozen=True)
+class Gas:
+    """Stream and jet."""
+
+    pressure_bar: float = 4.5  # of the lance's air; runs at 4.5 and 5 bar (sec. 5.2.1)
+    velocity_at_5_bar_m_s: float = 16.0  # at the lance's outlet (sec. 2.1.1)
+    lance_diameter_m: float = 0.040  # sec. 2.1.1, for the lance of the combustion chamber
+    lance_temperature_k: float = 330.0  # assumption: air warmed in the lance
+    temperature_k: float = 1373.0  # flue gas, 1000 to 1200 degC (sec. 2.1.1)
+    wall_temperature_k: float = 1423.0  # wall about 1200 degC (sec. 5.1.1)
+    stream_m_s: float = 1.5  # balance of 1.5 MW oil burner over 1.54 m2 (sec. 2.1.1): 1.5 to 2.5
+    turbulence_m_s: float = 0.35  # assumption: about 20 % of stream and entrainment
+    turbulence_in_jet: float = 0.20  # u'/U of a round jet, 0.2 to 0.25 (Pope 2000)
+    turbulence_time_s: float = 0.1  # assumption: jet width over velocity
+    decay: float = 6.3  # U_c / U_0 = 6.3 d_eff / x (Pope 2000)
+    spreading: float = 0.107  # 1/e width of the velocity over x (Pope 2000)
+    scalar_decay: float = 5.0  # of the cold air's share over d_eff / x (Pope 2000)
+    scalar_spreading: float = 0.127  # 1/e width of the cold air's share over x (Pope 2000)
+    jet_persistence: float = 1.0  # factor on the jet's excess velocity; 0: no jet
+
+    def __post_init__(self) -> None:
+        """Refuse a lance that blocks: below 4 bar the particles stick (sec. 2.1.1)."""
+        if not 4.0 <= self.pressure_bar <= 6.0:
+            raise InputError(
+                f"Gas: pressure_bar {self.pressure_bar}: below 4 bar particles stick in the lance "
+                "(sec. 2.1.1), above 6 bar nothing is known; the runs used 4.5 and 5."
+            )
+        check_positive(self.temperature_k, "Gas: temperature_k")
+
+    @property
+    def jet_velocity_m_s(self) -> float:
+        """Velocity of the air at the lance's outlet, scaled from 5 bar by the square root."""
+        return float(self.velocity_at_5_bar_m_s * np.sqrt(self.pressure_bar / 5.0))
+
+    @property
+    def effective_diameter_m(self) -> float:
+        """Diameter of the jet of hot gas that carries the same momentum."""
+        ratio = density(self.lance_temperature_k) / density(self.temperature_k)
+        return float(self.lance_diameter_m * np.sqrt(ratio))
+
+    def jet_drop(self, distance_m: Array) -> Array:
+        """Return how far the jet has sunk, in m, at distances (n,) from the lance.
+
+        The drop grows with the third power while momentum dominates: buoyancy flux B,
+        momentum flux M, entrainment 0.08 (Pope 2000; drop = 0.08 sqrt(pi) B s^3 / 3 M^1.5).
+        """
+        area = np.pi * self.lance_diameter_m**2 / 4
+        ratio = float(density(self.lance_temperature_k) / density(self.temperature_k))
+        buoyancy = GRAVITY_M_S2 * (ratio - 1) * self.jet_velocity_m_s * area
+        momentum = ratio * self.jet_velocity_m_s**2 * area
+        return 0.08 * np.sqrt(np.pi) * buoyancy * distance_m**3 / (3 * momentum**1.5)
+
+    def _jet(self, from_lance_m: Array) -> tuple[Array, Array, Array]:
+        """Return distance along the jet, squared distance from its axis, and whether inside."""
+        distance = from_lance_m[:, 0]
+        ahead = distance > 0
+        along = np.maximum(distance, 1e-6)
+        height = from_lance_m[:, 2] + self.jet_drop(along)
+        return along, from_lance_m[:, 1] ** 2 + height**2, ahead
+
+    def excess_velocity(self, from_lance_m: Array) -> Array:
+        """Return the jet's velocity over the stream's in m/s, along s, at (n, 3) positions."""
+        along, square, ahead = self._jet(from_lance_m)
+        core = np.minimum(1.0, self.decay * self.effective_diameter_m / along)
+        width = np.maximum(self.spreading * along, self.lance_diameter_m / 2)
+        profile = core * np.exp(-square / width**2)
+        excess = self.jet_velocity_m_s - self.stream_m_s
+        return np.where(ahead, self.jet_persistence * excess * profile, 0.0)
+
+    def cold_share(self, from_lance_m: Array) -> Array:
+        """Return the mass share of the lance's air, 0 to 1, at (n, 3) positions."""
+        along, square, ahead = self._jet(from_lance_m)
+        core = np.minimum(1.0, self.scalar_decay * self.effective_diameter_m / along)
+        width = np.maximum(self.scalar_spreading * along, self.lance_diameter_m / 2)
+        return np.where(ahead, core * np.exp(-square / width**2), 0.0)
+
+    def temperature(self, from_lance_m: Array) -> Array:
+        """Return the temperature in K of the mixture at (n, 3) positions from the lance."""
+        cold = self.cold_share(from_lance_m)
+        return self.temperature_k + cold * (self.lance_temperature_k - self.temperature_k)

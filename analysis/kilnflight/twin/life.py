@@ -1,0 +1,192 @@
+"""The life of every particle of a scene, and what it is at a given moment.
+
+Flights are computed once per scene (a few milliseconds per particle) and looked up by
+time; the state between two samples is interpolated. On the wall (about 1200 degC) every
+particle ignites (section 5.1.1), burns with a flame that flickers, and fades.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.twin.burning import CAUSES
+from kilnflight.twin.feed import Burst
+from kilnflight.twin.flight import ENDS, Flight, Flights, fly
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.state import BURNING
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OnTheWall:
+    """What happens to a particle after it has landed; all assumptions.
+
+    Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
+    over 150 frames would absorb them otherwise, yet they are found (Table 5.5).
+    """
+
+    delay_s: float = 0.03  # until the flame is there
+    sheet_s: float = 0.15  # mean burning time of sheets (exponential)
+    body_s: float = 0.6  # mean burning time of chips and granules (exponential)
+    flicker_hz: float = 8.0  # of the flame, on and off
+    share_on: float = 0.5  # of the time
+
+
+class Moment(NamedTuple):
+    """The particles that can be seen at one moment; arrays (m, ...)."""
+
+    particle: npt.NDArray[np.intp]
+    position_m: Array  # (m, 3)
+    velocity_m_s: Array  # (m, 3)
+    surface_k: Array
+    area: Array
+    burning: npt.NDArray[np.bool_]  # flame or glowing char
+    landed: npt.NDArray[np.bool_]
+    age_s: Array
+
+
+@dataclass(frozen=True)
+class Life:
+    """All particles of a scene."""
+
+    table: pd.DataFrame  # one row per particle, see `live`
+    flights: Flights
+    release_s: Array
+    over_s: Array  # when nothing is left to see
+
+    def at(self, time_s: float) -> Moment:
+        """Return what there is at a time, in s from the first frame."""
+        rows = np.flatnonzero((self.release_s <= time_s) & (self.over_s > time_s))
+        age = time_s - self.release_s[rows]
+        end = self.flights.end_s[rows]
+        landed = age >= end
+        age_flying = np.minimum(age, end)
+        low, share = self._between(rows, age_flying)
+        position = self._mixed(self.flights.position_m, rows, low, share)
+        position[landed] = self.flights.end_position_m[rows[landed]]
+        state = self.flights.state[rows, low]
+        on_wall = self._flame_on(rows, age - end) & landed
+        return Moment(
+            particle=rows,
+            position_m=position,
+            velocity_m_s=self._mixed(self.flights.velocity_m_s, rows, low, share)
+            * ~landed[:, None],
+            surface_k=self._mixed(self.flights.surface_k, rows, low, share),
+            area=self._mixed(self.flights.area, rows, low, share),
+            burning=np.where(landed, on_wall, state >= BURNING),
+            landed=landed,
+            age_s=age,
+        )
+
+    def _between(
+        self, rows: npt.NDArray[np.intp], age_s: Array
+    ) -> tuple[npt.NDArray[np.intp], Array]:
+        """Return the sample before each age and how far the age is beyond it, 0 to 1."""
+        step = self.flights.age_s[1] if len(self.flights.age_s) > 1 else 1.0
+        last = np.maximum((self.flights.state[rows] >= 0).sum(axis=1) - 1, 0)
+        low = np.minimum((age_s / step).astype(np.intp), last)
+        return low, np.where(low < last, age_s / step - low, 0.0)
+
+    @staticmethod
+    def _mixed(
+        samples: npt.NDArray[np.float32],
+        rows: npt.NDArray[np.intp],
+        low: npt.NDArray[np.intp],
+        share: Array,
+    ) -> Array:
+        one = samples[rows, low].astype(np.float64)
+        two = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
+        weight = share.reshape((-1,) + (1,) * (one.ndim - 1))
+        return np.where(weight > 0, one + weight * (two - one), one)
+
+    def _flame_on(self, rows: npt.NDArray[np.intp], on_wall_s: Array) -> npt.NDArray[np.bool_]:
+        delay, rate, phase, share = (
+            self.table[name].to_numpy()[rows]
+            for name in ("flame_delay_s", "flicker_hz", "flicker_phase", "flicker_share")
+        )
+        return (on_wall_s >= delay) & (((on_wall_s - delay) * rate + phase) % 1.0 < share)
+
+
+def live(
+    feed: Sequence[Burst],
+    gas: Gas,
+    geometry: Geometry,
+    flight: Flight,
+    on_the_wall: OnTheWall,
+    seed: int,
+) -> Life:
+    """Compute the life of everything that is fed.
+
+    Particles of one fraction fly together; each fraction has random numbers of its own, so
+    that feeding more of one does not change another.
+
+    Returns
+    -------
+    Life
+        Its table has the columns ``particle``, ``fraction``, ``length_mm``, ``width_mm``,
+        ``thickness_mm``, ``release_s``, ``ignition_s`` (from the release; NaN if never),
+        ``ignition_cause``, ``end_s`` (from the release), ``end``, ``end_x_mm``,
+        ``end_y_mm``, ``end_z_mm`` (camera coordinates).
+    """
+    if not feed:  # an empty kiln is a kiln
+        feed = [Burst(next(iter(FRACTIONS)), 0, 0.0)]
+    tables, parts, releases = [], [], []
+    for number, name in enumerate(FRACTIONS):
+        bursts = [burst for burst in feed if burst.fraction == name]
+        if not bursts:
+            continue
+        generator = np.random.default_rng([seed, number])
+        drawn = [burst.release(generator) for burst in bursts]
+        particles = drawn[0][0].joined([one for one, _ in drawn[1:]])
+        times = np.concatenate([time for _, time in drawn])
+        flights = fly(particles, gas, geometry, generator, flight)
+        parts.append(flights)
+        releases.append(times)
+        table = particles.table().assign(release_s=times)
+        tables.append(_wall_fire(table, particles.fraction.sheet, on_the_wall, generator))
+    flights = Flights.joined(parts, flight)
+    table = pd.concat(tables, ignore_index=True)
+    return _together(table, flights, np.concatenate(releases), geometry)
+
+
+def _wall_fire(
+    table: pd.DataFrame, sheet: bool, wall: OnTheWall, generator: np.random.Generator
+) -> pd.DataFrame:
+    n = len(table)
+    mean = wall.sheet_s if sheet else wall.body_s
+    return table.assign(
+        flame_delay_s=wall.delay_s * generator.uniform(0.3, 1.7, n),
+        flame_s=generator.exponential(mean, n),
+        flicker_hz=wall.flicker_hz * generator.uniform(0.7, 1.3, n),
+        flicker_phase=generator.uniform(0.0, 1.0, n),
+        flicker_share=wall.share_on,
+    )
+
+
+def _together(table: pd.DataFrame, flights: Flights, release: Array, geometry: Geometry) -> Life:
+    landed = flights.end == ENDS.index("landed")
+    afterwards = (table["flame_delay_s"] + table["flame_s"]).to_numpy() * landed
+    place = geometry.to_camera(flights.end_position_m)
+    table = table.assign(
+        particle=np.arange(len(table)),
+        ignition_s=flights.ignition_s,
+        ignition_cause=[CAUSES[k] for k in flights.cause],
+        end_s=flights.end_s,
+        end=[ENDS[k] for k in flights.end],
+        end_x_mm=place[:, 0],
+        end_y_mm=place[:, 1],
+        end_z_mm=place[:, 2],
+    )
+    return Life(table, flights, release, release + flights.end_s + afterwards)
+
+
+__all__ = ["Life", "Moment", "OnTheWall", "live"]

@@ -1,0 +1,110 @@
+"""How much to feed so that ten frames show what Table 5.2 counts.
+
+Run as ``python -m kilnflight.twin.mixture``.
+
+The five ground-truth subsets differ in how many particles burn in the air, do not burn yet,
+and burn on the wall. All fractions are fed together; what differs is when the last handfuls
+were thrown in. Three handfuls per subset are enough: sheets that have had time to ignite,
+chips and granules that are still on their way, and a mixture that has landed. Their sizes
+are found from what a large handful of each shows, and written into `kilnflight.twin.scenes`.
+Only the feed is found here; no label is ever placed by hand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from kilnflight import reference
+from kilnflight.twin import truth
+from kilnflight.twin.feed import Burst
+from kilnflight.twin.scene import Scene, Twin
+
+LABELLED = range(75, 85)  # ten frames, with 75 before and after for the backgrounds
+FRAMES = 160
+SUBSETS = ("V1", "V2", "V3", "V4", "V5")
+FLYING, UNLIT, LANDED = "flying", "unlit", "landed"
+# Fractions of each handful and their shares; start relative to the labelled frames, duration.
+HANDFULS: dict[str, tuple[dict[str, float], float, float]] = {
+    FLYING: ({"confetti": 0.6, "paper shred": 0.4}, -0.45, 0.35),
+    UNLIT: (
+        {"wood chip": 0.45, "PE granule": 0.45, "confetti": 0.06, "paper shred": 0.04},
+        -0.25,
+        0.25,
+    ),
+    LANDED: (
+        {"wood chip": 0.45, "PE granule": 0.45, "confetti": 0.06, "paper shred": 0.04},
+        -0.85,
+        0.4,
+    ),
+}
+
+
+def handful(kind: str, count: int, rate_hz: float = 330.0) -> tuple[Burst, ...]:
+    """Return the bursts of one handful of ``count`` particles."""
+    shares, start, duration = HANDFULS[kind]
+    moment = LABELLED.start / rate_hz
+    sizes = np.round(np.cumsum([0.0, *shares.values()]) * count).astype(int)
+    return tuple(
+        Burst(name, int(size), moment + start, duration)
+        for name, size in zip(shares, np.diff(sizes), strict=True)
+    )
+
+
+def published_counts(subset: str) -> npt.NDArray[np.float64]:
+    """Return burning in air, non-burning in air, burning on the wall of Table 5.2."""
+    return reference.published("table_5.2")[subset].to_numpy(dtype=np.float64)[:3]
+
+
+def counted(scene: Scene) -> npt.NDArray[np.float64]:
+    """Return the visible particles of the labelled frames by class, summed, (3,)."""
+    twin, total = Twin(scene), np.zeros(3)
+    for t in LABELLED:
+        seen = truth.sightings(twin, t)
+        total += np.bincount(seen["label"][seen["visible"]], minlength=5)[2:5]
+    return total
+
+
+def subset(name: str, sizes: dict[str, int], seed: int) -> Scene:
+    """Return the scene of a subset with the given handfuls."""
+    feed = sum((handful(kind, size) for kind, size in sizes.items()), ())
+    return Scene(name, feed, FRAMES, seed)
+
+
+def solve(name: str, seed: int, rounds: int = 6) -> dict[str, int]:
+    """Return the handfuls whose labelled frames count as Table 5.2 does.
+
+    A large handful of each kind shows how many sightings a particle yields; least squares
+    without negative sizes gives the sizes; a few rounds correct for what chance made of them.
+    """
+    wanted = published_counts(name)
+    large = 300
+    yields = np.stack(
+        [counted(subset(name, {kind: large}, seed)) / large for kind in HANDFULS], axis=1
+    )
+    sizes, _ = nnls(yields, wanted)
+    best, closest = sizes, np.inf
+    for _ in range(rounds):
+        whole = dict(zip(HANDFULS, map(int, np.round(sizes)), strict=True))
+        found = counted(subset(name, whole, seed))
+        off = float(np.max(np.abs(found / wanted - 1)))
+        if off < closest:
+            best, closest = np.round(sizes), off
+        step, *_ = np.linalg.lstsq(yields, wanted - found, rcond=None)
+        sizes = np.maximum(sizes + 0.7 * step, 0.0)
+    return dict(zip(HANDFULS, map(int, best), strict=True))
+
+
+def main() -> int:
+    """Print the handfuls of every subset, and what they show beside Table 5.2."""
+    for number, name in enumerate(SUBSETS, start=1):
+        sizes = solve(name, number)
+        found = counted(subset(name, sizes, number))
+        published = published_counts(name).astype(int)
+        print(f"{name}: {sizes} shows {found.astype(int)}, published {published}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

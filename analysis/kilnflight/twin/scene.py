@@ -1,0 +1,294 @@
+"""A scene: what is fed into which kiln, seen by which camera, and its recording.
+
+A `Scene` is a few parameters and a seed. `Twin` is its recording: frames are rendered on
+demand, each from the seed and its number alone, so that any frame can be had in any order,
+by any process, and nothing grows with the length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.frames import Attributes, Frame, check_position
+from kilnflight.twin import appearance, drawing
+from kilnflight.twin.appearance import Blobs, Bodies, Tumbling
+from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.depth import DepthCamera
+from kilnflight.twin.feed import Burst
+from kilnflight.twin.flight import Flight
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.life import Life, Moment, OnTheWall, live
+from kilnflight.twin.optics import FULL_SCALE, Optics
+
+Array = npt.NDArray[np.float64]
+NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that determines a recording of the twin."""
+
+    name: str
+    feed: tuple[Burst, ...]
+    frames: int
+    seed: int
+    frame_rate_hz: float = 330.0  # 153.85 for PE granules (sec. 5.2.3)
+    fraction: str = "mixed"
+    gas: Gas = field(default_factory=Gas)
+    geometry: Geometry = field(default_factory=Geometry)
+    flight: Flight = field(default_factory=Flight)
+    on_the_wall: OnTheWall = field(default_factory=OnTheWall)
+    tumbling: Tumbling = field(default_factory=Tumbling)
+    optics: Optics = field(default_factory=Optics)
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    depth: DepthCamera = field(default_factory=DepthCamera)
+
+
+@dataclass(frozen=True)
+class Twin:
+    """The recording of a scene, rendered on demand, with its truth."""
+
+    scene: Scene
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.scene.frames
+
+    @cached_property
+    def attributes(self) -> Attributes:
+        """What is known of the whole recording."""
+        scene, place = self.scene, self.scene.geometry
+        roi = tuple((r * place.rows, c * place.columns) for r, c in scene.surroundings.roi)
+        return Attributes(
+            name=scene.name,
+            frame_rate_hz=scene.frame_rate_hz,
+            rows=place.rows,
+            columns=place.columns,
+            fraction=scene.fraction,
+            pressure_bar=scene.gas.pressure_bar,
+            lance_mm=tuple(map(float, self._as_captured(place.lance_mm))),  # type: ignore[arg-type]
+            roi=roi,
+            flame_roi=scene.surroundings.flame_roi,
+        )
+
+    @cached_property
+    def life(self) -> Life:
+        """All particles, computed once."""
+        scene = self.scene
+        kiln = (scene.gas, scene.geometry, scene.flight, scene.on_the_wall)
+        return live(scene.feed, *kiln, scene.seed)
+
+    @cached_property
+    def _bodies(self) -> Bodies:
+        return appearance.bodies(self.life.table, self.scene.tumbling, self.scene.seed)
+
+    @cached_property
+    def _background(self) -> Background:
+        scene = self.scene
+        return Background(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+
+    @cached_property
+    def _noise(self) -> npt.NDArray[np.float32]:
+        size = self.scene.geometry.rows * self.scene.geometry.columns + NOISE_SPARE
+        generator = np.random.default_rng([self.scene.seed, 301])
+        return generator.standard_normal(size, dtype=np.float32)
+
+    @cached_property
+    def _sigma(self) -> npt.NDArray[np.float32]:
+        """Noise of the picture without particles; flames change it where they saturate."""
+        return self.scene.optics.noise(self._background.level).astype(np.float32)
+
+    def time_s(self, t: int) -> float:
+        """Return the time of frame ``t``; the first one is at 0."""
+        return t / self.scene.frame_rate_hz
+
+    def frame(self, t: int) -> Frame:
+        """Return frame ``t``, counted from 0.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame.
+        """
+        check_position(t, len(self), self.scene.name)
+        seen = self.see(t)
+        gray = self._exposed(t, seen.picture)
+        pixels, xyz = self._cloud(t, seen)
+        return Frame(t, self.time_s(t), gray, pixels, xyz, seen.labels)
+
+    def see(self, t: int) -> Seen:
+        """Return the picture before noise and what in it is which particle."""
+        place, time = self.scene.geometry, self.time_s(t)
+        moment = self._in_front(self.life.at(time))
+        picture = self._background.at(time)
+        wall = self.scene.optics.wall_level
+        blobs = appearance.project(moment, self._bodies, place, self.scene.optics, wall)
+        pixels = drawing.cover(blobs, place.rows, place.columns)
+        marked, visible = drawing.paint(picture, blobs, pixels, self.scene.optics)
+        order = np.argsort(moment.particle)
+        of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
+        moment = Moment(*(part[of_blob] for part in moment))
+        labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
+        first, last, left, right = self.scene.surroundings.flame_roi
+        bright = picture[first:last, left:right] > 2.5 * wall
+        labels[first:last, left:right][bright] = 1
+        show = marked.astype(bool) & visible[pixels.blob]
+        kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
+        labels.reshape(-1)[pixels.index[show]] = kinds[pixels.blob[show]]
+        return Seen(picture, moment, blobs, pixels, show, visible, kinds, labels)
+
+    def _in_front(self, moment: Moment) -> Moment:
+        """Leave out what is behind the camera or not burning on the wall."""
+        depth = self.scene.geometry.to_camera(moment.position_m)[:, 2]
+        shown = (depth > 300.0) & (~moment.landed | moment.burning)
+        return Moment(*(part[shown] for part in moment))
+
+    def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+        """Return the picture with noise as grey values."""
+        generator = self._random(t, 0)
+        offset = int(generator.integers(NOISE_SPARE))
+        noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
+        noisy = cv2.add(picture, cv2.multiply(noise, self._sigma))
+        np.clip(noisy, 0.0, FULL_SCALE, out=noisy)
+        return noisy.astype(np.uint16)
+
+    def _random(self, t: int, stream: int) -> np.random.Generator:
+        """Return random numbers that depend on seed, frame and stream only."""
+        key = np.array([self.scene.seed, (t << 8) + stream], dtype=np.uint64)
+        return np.random.Generator(np.random.Philox(key=key))
+
+    @cached_property
+    def _wall(self) -> _Wall:
+        return _wall_points(self.scene, self._background)
+
+    def _as_captured(self, position_mm: Array) -> Array:
+        """Return where the camera sees a true position: the same pixel at captured depth."""
+        depth = self.scene.depth.captured(position_mm[..., 2])
+        return position_mm * (depth / position_mm[..., 2])[..., None]
+
+    def _cloud(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+        """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
+        generator = self._random(t, 1)
+        index, depth = self._wall_depth(generator, seen.labels)
+        of_particles, particle_depth = self._particle_depth(t, seen)
+        index = np.concatenate([index, of_particles])
+        captured = self.scene.depth.captured(np.concatenate([depth, particle_depth]))
+        row, column = np.divmod(index, self.scene.geometry.columns)
+        xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
+        return np.stack([row, column], axis=1).astype(np.int32), xyz
+
+    def _wall_depth(
+        self, generator: np.random.Generator, labels: npt.NDArray[np.uint8]
+    ) -> tuple[npt.NDArray[np.intp], Array]:
+        wall, depth = self._wall, self.scene.depth
+        kept = generator.random(len(wall.index), dtype=np.float32) < depth.kept_per_frame
+        kept &= labels.reshape(-1)[wall.index] == 0
+        patches = generator.standard_normal(wall.patches)
+        white = generator.standard_normal(int(kept.sum()), dtype=np.float32)
+        error = wall.scale[kept] * patches[wall.patch[kept]] + depth.white_mm * white
+        return wall.index[kept], wall.depth_mm[kept] + error
+
+    def _particle_depth(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Array]:
+        """Return pixels and true depth with error of the points on particles."""
+        depth, blobs = self.scene.depth, seen.blobs
+        _, common = self.particle_errors(t)
+        chosen = self._chosen_points(t, seen)
+        index, first = np.unique(seen.pixels.index[chosen], return_index=True)
+        blob = seen.pixels.blob[chosen[first]]
+        row = index // self.scene.geometry.columns
+        tilt = depth.tilt_mm_px * (row - blobs.row[blob])
+        white = depth.white_mm * self._random(t, 4).standard_normal(len(index))
+        return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
+
+    def points_of(self, t: int) -> npt.NDArray[np.intp]:
+        """Return the particles that have at least one valid point in frame ``t``."""
+        seen = self.see(t)
+        chosen = self._chosen_points(t, seen)
+        return np.unique(seen.blobs.particle[seen.pixels.blob[chosen]])
+
+    def _chosen_points(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
+        """Return which entries of the frame's particle pixels are valid points."""
+        has, _ = self.particle_errors(t)
+        flat = seen.picture.reshape(-1)[seen.pixels.index]
+        on = seen.show & has[seen.blobs.particle][seen.pixels.blob] & (seen.pixels.radius <= 1.0)
+        on &= flat < FULL_SCALE  # a saturated core has no texture, and so no depth
+        chosen = np.flatnonzero(on)
+        luck = self._random(t, 2).random(len(chosen))
+        return chosen[luck < self.scene.depth.points_per_pixel]
+
+    def particle_errors(self, t: int) -> tuple[npt.NDArray[np.bool_], Array]:
+        """Return for every particle whether it has depth and its common error in mm."""
+        depth, table = self.scene.depth, self.life.table
+        n = len(table)
+        generator = self._random(t, 3)
+        size = table["fraction"].map(depth.error_of).to_numpy(dtype=np.float64)
+        outlier = generator.random(n) < depth.outlier_share
+        size = depth.scale * size * np.where(outlier, depth.outlier_factor, 1.0)
+        moment = self.life.at(self.time_s(t))
+        share = np.zeros(n)
+        in_air = np.where(moment.burning, depth.available[0], depth.available[1])
+        share[moment.particle] = np.where(moment.landed, depth.available[2], in_air)
+        # whether a particle has depth persists over a few frames: its own slow wave decides
+        luck = np.random.default_rng([self.scene.seed, 302]).uniform(0, 1, (2, n))
+        wave = (luck[0] + (0.5 + luck[1]) * self.time_s(t) / 0.1) % 1.0
+        return wave < share, size * generator.standard_normal(n)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One frame before noise; internal."""
+
+    picture: npt.NDArray[np.float32]
+    moment: Moment
+    blobs: Blobs
+    pixels: drawing.Pixels
+    show: npt.NDArray[np.bool_]
+    visible: npt.NDArray[np.bool_]
+    kinds: npt.NDArray[np.uint8]
+    labels: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class _Wall:
+    """The wall's pixels that can have depth; internal."""
+
+    index: npt.NDArray[np.intp]
+    depth_mm: Array
+    scale: Array
+    patch: npt.NDArray[np.intp]
+    patches: int
+
+
+def _wall_points(scene: Scene, background: Background) -> _Wall:
+    """Choose the wall pixels with most texture over noise, away from the borders."""
+    place, depth = scene.geometry, scene.depth
+    level = background.level
+    texture = np.abs(level - cv2.GaussianBlur(level, (0, 0), 4.0))
+    generator = np.random.default_rng([scene.seed, 303])
+    # Depth comes in patches where there is structure, not in lonely pixels (Fig. 5.7).
+    # The structure that counts is relative to its surroundings, so patches lie everywhere.
+    score = cv2.GaussianBlur(texture, (0, 0), depth.patch_px / 8)
+    score /= cv2.GaussianBlur(texture, (0, 0), 4.0 * depth.patch_px) + 1.0
+    score *= 0.9 + 0.1 * generator.random(level.shape, dtype=np.float32)
+    edge = scene.surroundings.edge_px
+    score[:edge], score[-edge:], score[:, :edge], score[:, -edge:] = 0, 0, 0, 0
+    wanted = min(int(depth.wall_points / depth.kept_per_frame), score.size // 2)
+    index = np.sort(np.argpartition(score.reshape(-1), -wanted)[-wanted:])
+    row, column = np.divmod(index, place.columns)
+    across = -(-place.columns // depth.patch_px)
+    patch = (row // depth.patch_px) * across + column // depth.patch_px
+    true = background.depth_mm.reshape(-1)[index]
+    slow = cv2.resize(
+        generator.standard_normal((6, 8)).astype(np.float32), (place.columns, place.rows)
+    )
+    biased = true * (1 + depth.static_bias * slow.reshape(-1)[index])
+    return _Wall(index, biased, depth.wall_scale(true), patch, int(patch.max()) + 1)
+
+
+__all__ = ["Scene", "Twin"]

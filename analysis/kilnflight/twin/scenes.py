@@ -1,0 +1,139 @@
+"""The scenes of the thesis: five ground-truth subsets and eight campaigns, and variations.
+
+``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections
+5.1.1, 5.2.3, appendix A.1). How many particles were fed is not; the rates follow from the
+trajectories in the windows of Table 5.15 (`RATES_HZ`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kilnflight.checks import InputError
+from kilnflight.twin.feed import by_hand
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.mixture import SUBSETS, subset
+from kilnflight.twin.optics import Optics
+from kilnflight.twin.scene import Scene, Twin
+
+# Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
+SIZES: dict[str, dict[str, int]] = {
+    "V1": {"flying": 57, "unlit": 41, "landed": 124},
+}
+
+# Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to
+# 0.5 s, section 5.3.1; 0.4 s taken). A trajectory counts when any part lies in the window.
+WINDOWS: dict[str, tuple[int, int]] = {  # trajectories, frames
+    "wood chip": (7, 300),
+    "confetti": (37, 300),
+    "paper shred": (32, 100),
+    "PE granule": (25, 300),
+}
+DWELL_S = 0.4
+# Frames at 4.5 and 5 bar (appendix A.1).
+LENGTHS: dict[str, tuple[int, int]] = {
+    "wood chip": (3102, 3234),
+    "confetti": (3126, 3286),
+    "paper shred": (3000, 3002),
+    "PE granule": (3029, 3113),
+}
+PRESSURES_BAR = (4.5, 5.0)
+PE_RATE_HZ = 153.85  # longer exposure for small transparent granules (sec. 5.2.3)
+RATE_HZ = 330.0  # sec. 2.1.4
+
+
+def frame_rate(fraction: str) -> float:
+    """Return the frame rate in Hz at which a fraction was recorded."""
+    return PE_RATE_HZ if fraction == "PE granule" else RATE_HZ
+
+
+def feed_rate(fraction: str) -> float:
+    """Return how many particles per second are fed."""
+    trajectories, frames = WINDOWS[fraction]
+    return trajectories / (frames / frame_rate(fraction) + DWELL_S)
+
+
+def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
+    """Return the recording of one fraction at one pressure, as long as the thesis's."""
+    if fraction not in FRACTIONS or pressure_bar not in PRESSURES_BAR:
+        raise InputError(
+            f"no campaign with {fraction!r} at {pressure_bar} bar; there are "
+            f"{', '.join(FRACTIONS)} at {' and '.join(map(str, PRESSURES_BAR))} bar."
+        )
+    place = (list(FRACTIONS).index(fraction), PRESSURES_BAR.index(pressure_bar))
+    frames, rate = LENGTHS[fraction][place[1]], frame_rate(fraction)
+    generator = np.random.default_rng([seed, 401, *place])
+    duration = frames / rate
+    count = round(feed_rate(fraction) * (duration + 1.0))
+    optics = Optics() if rate == RATE_HZ else Optics(exposure_s=6.0e-3)
+    return Scene(
+        name=f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar",
+        feed=by_hand(FRACTIONS[fraction], count, duration, generator),
+        frames=frames,
+        seed=1000 * seed + 10 * place[0] + place[1] + 100,
+        frame_rate_hz=rate,
+        fraction=fraction,
+        gas=Gas(pressure_bar=pressure_bar),
+        optics=optics,
+    )
+
+
+def ground_truth(name: str, seed: int = 0) -> Scene:
+    """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
+    number = SUBSETS.index(name) + 1
+    return subset(name, SIZES[name], 1000 * seed + number)
+
+
+# One line each: what is only bounded by what was published, at other values.
+SCENARIOS = {
+    "base": lambda scene: scene,
+    "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
+    "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
+    "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),
+    "lance-7500": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=7500.0)),
+    "depth-error-half": lambda s: replace(s, depth=replace(s.depth, scale=0.5)),
+    "depth-error-double": lambda s: replace(s, depth=replace(s.depth, scale=2.0)),
+    "depth-bias": lambda s: replace(s, depth=replace(s.depth, static_bias=0.03)),
+    "no-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=0.0)),
+    "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
+    "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=250.0)),
+}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all scenes."""
+    runs = [campaign(one, bar).name for one in FRACTIONS for bar in PRESSURES_BAR]
+    return (*SUBSETS, *runs)
+
+
+def open_scene(name: str, seed: int | None = None) -> Twin:
+    """Return the recording of a scene; ``name@scenario`` varies it.
+
+    Raises
+    ------
+    InputError
+        If there is no such scene or scenario.
+
+    Examples
+    --------
+    >>> len(open_scene("V1@no-jet"))
+    160
+    """
+    plain, _, scenario = name.partition("@")
+    scenario = scenario or "base"
+    if plain not in names() or scenario not in SCENARIOS:
+        raise InputError(
+            f"no scene {name!r}; there are {', '.join(names())}, each with @ and one of "
+            f"{', '.join(SCENARIOS)}."
+        )
+    number = seed or 0
+    if plain in SUBSETS:
+        scene = ground_truth(plain, number)
+    else:
+        runs = {campaign(one, bar).name: (one, bar) for one in FRACTIONS for bar in PRESSURES_BAR}
+        scene = campaign(*runs[plain], number)
+    varied = SCENARIOS[scenario](scene)
+    return Twin(varied if scenario == "base" else replace(varied, name=name))

@@ -1,0 +1,88 @@
+"""What is true about a recording of the twin: per particle, and per particle and frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.path import Path as Polygon
+
+from kilnflight.twin.life import Life
+from kilnflight.twin.scene import Twin
+
+CROSSINGS_M = (1.0, 2.0, 3.0, 4.0, 5.0)  # distances from the lance (sec. 5.3.1)
+CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
+
+
+def particles(twin: Twin) -> pd.DataFrame:
+    """Return the truth about every particle of a scene, one row each.
+
+    Returns
+    -------
+    DataFrame
+        The columns of `kilnflight.twin.life.live`, and ``crossing_1m_s`` ... ``crossing_5m_s``:
+        when the particle first was that far from the lance along the kiln, in s from its
+        release; NaN if never.
+    """
+    table = twin.life.table.copy()
+    for distance in CROSSINGS_M:
+        table[f"crossing_{distance:.0f}m_s"] = _crossing(twin, distance)
+    return table
+
+
+def _crossing(twin: Twin, distance_m: float) -> npt.NDArray[np.float64]:
+    life: Life = twin.life
+    way = life.flights.position_m[:, :, 0] - twin.scene.geometry.lance_m[0]
+    beyond = way >= distance_m
+    ever = beyond.any(axis=1)
+    after = np.argmax(beyond, axis=1) if way.shape[1] else np.zeros(len(way), dtype=int)
+    rows = np.flatnonzero(ever & (after > 0))
+    high, low = way[rows, after[rows]], way[rows, after[rows] - 1]
+    share = (distance_m - low) / (high - low)
+    age = life.flights.age_s
+    found = np.full(len(way), np.nan)
+    found[rows] = age[after[rows] - 1] + share * (age[after[rows]] - age[after[rows] - 1])
+    return found
+
+
+def sightings(twin: Twin, t: int) -> pd.DataFrame:
+    """Return every particle that frame ``t`` could show, one row each.
+
+    Returns
+    -------
+    DataFrame
+        ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a
+        person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
+        `kilnflight.twin.drawing`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
+        ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available");
+        true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ... in camera coordinates.
+    """
+    seen = twin.see(t)
+    moment, geometry = seen.moment, twin.scene.geometry
+    count = np.bincount(seen.pixels.blob[seen.show], minlength=len(moment.particle))
+    place = geometry.to_camera(moment.position_m)
+    velocity = moment.velocity_m_s @ geometry.axes
+    inside = (seen.blobs.row >= -0.5) & (seen.blobs.row <= geometry.rows - 0.5)
+    inside &= (seen.blobs.column >= -0.5) & (seen.blobs.column <= geometry.columns - 0.5)
+    roi = Polygon(np.array(twin.attributes.roi))
+    return pd.DataFrame(
+        {
+            "frame": t,
+            "time_s": twin.time_s(t),
+            "particle": moment.particle,
+            "row": seen.blobs.row,
+            "col": seen.blobs.column,
+            "pixels": count,
+            "radius_px": np.sqrt(count / np.pi),
+            "visible": seen.visible & inside,
+            "label": seen.kinds,
+            "in_roi": roi.contains_points(np.stack([seen.blobs.row, seen.blobs.column], axis=1)),
+            "has_depth": _with_points(twin, t, seen.blobs.particle),
+            **{axis: place[:, k] for k, axis in enumerate("xyz")},
+            **{f"velocity_{axis}_m_s": velocity[:, k] for k, axis in enumerate("xyz")},
+        }
+    )
+
+
+def _with_points(twin: Twin, t: int, particle: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    return np.isin(particle, twin.points_of(t))

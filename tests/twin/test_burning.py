@@ -1,0 +1,102 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from kilnflight.twin import burning, forces
+from kilnflight.twin.fractions import CONFETTI, PE_GRANULES
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.state import BURNING, CHAR, State
+
+GAS, STEP = Gas(), 0.5e-3
+
+
+def at_rest(kind, n=1):
+    return State.at_rest(kind.draw(n, np.random.default_rng(1)), 12, 330.0)
+
+
+def heat(state, seconds, slip=2.0):
+    n = len(state.index)
+    for _ in range(round(seconds / STEP)):
+        burning.heat_and_burn(state, GAS, np.full(n, 1373.0), np.full(n, slip), STEP)
+
+
+def test_a_sheet_heats_like_a_lumped_body():
+    """Against scipy's integrator, without moisture."""
+    state = at_rest(replace(CONFETTI, moisture=0.0))
+    area, mass, size = state.surface_m2[0], state.dry_kg[0], state.diameter_m
+
+    def rate(_, kelvin):
+        h = forces.heat_transfer(np.array([2.0]), size, np.array([1373.0]))
+        flux = forces.heat_flux(kelvin, np.array([1373.0]), GAS.wall_temperature_k, h, 0.9)
+        return flux * area / (mass * 1400.0)
+
+    expected = solve_ivp(rate, (0, 0.05), [330.0], rtol=1e-8).y[0, -1]
+    heat(state, 0.05)
+    assert state.nodes_k[0, -1] == pytest.approx(expected, rel=5e-3)
+
+
+def test_water_delays():
+    dry, wet = at_rest(replace(CONFETTI, moisture=0.0)), at_rest(replace(CONFETTI, moisture=0.15))
+    heat(dry, 0.03)
+    heat(wet, 0.03)
+    assert wet.nodes_k[0, 0] < dry.nodes_k[0, 0] - 50
+
+
+def test_a_granule_is_hot_outside_first():
+    state = at_rest(PE_GRANULES)
+    heat(state, 0.3)
+    assert (np.diff(state.nodes_k[0]) > 0).all()
+    assert (
+        state.nodes_k[0, -1] < state.surface_k[0] < PE_GRANULES.ignition_k
+    )  # as the thesis: none ignites in flight
+
+
+@pytest.mark.parametrize("missing", [None, 0, 1, 2])
+def test_ignition_needs_all_three_and_names_the_last(missing):
+    state = at_rest(CONFETTI)
+    state.ignition_k[:] = 640.0
+    good = {"surface": 700.0, "gas": 1200.0, "slip": 1.0}
+    bad = {"surface": 500.0, "gas": 800.0, "slip": 50.0}
+    names = list(good)
+    first = {**good, **({names[missing]: bad[names[missing]]} if missing is not None else {})}
+    for step, values in enumerate((first, good)):
+        state.surface_k[:] = values["surface"]
+        lit, cause = burning.ignite(
+            state, np.array([values["gas"]]), np.array([values["slip"]]), 950.0, 800.0
+        )
+        expected = (step == 0) if missing is None else (step == 1)
+        assert lit[0] == expected
+        if lit[0]:
+            assert burning.CAUSES[cause[0]] == burning.CAUSES[1 + (missing or 0)]
+    assert state.burning[0] == BURNING
+
+
+def test_volatiles_go_first_then_char_and_mass_only_falls():
+    state = at_rest(CONFETTI)
+    state.surface_k[:] = 700.0
+    state.burning[:] = BURNING
+    masses, states = [], []
+    for _ in range(2000):
+        heat(state, STEP)
+        masses.append(state.mass_kg[0])
+        states.append(state.burning[0])
+    assert (np.diff(masses) <= 1e-18).all()
+    assert states[0] == BURNING
+    assert states[-1] == CHAR
+    assert (np.diff(np.array(states, dtype=int)) >= 0).all()
+    assert state.area_share[0] < 0.5
+
+
+def test_the_energy_to_burn_off_the_volatiles_is_the_stated_one():
+    state = at_rest(CONFETTI)
+    state.surface_k[:] = 700.0
+    state.burning[:] = BURNING
+    before = state.volatiles_kg[0]
+    h = forces.heat_transfer(np.array([2.0]), state.diameter_m, np.array([1373.0]))
+    flux = forces.heat_flux(np.array([700.0]), np.array([1373.0]), GAS.wall_temperature_k, h, 0.9)
+    heat(state, 10 * STEP)
+    lost = before - state.volatiles_kg[0]
+    assert lost == pytest.approx(float(flux[0] * state.surface_m2[0] * 10 * STEP / 1.2e6), rel=1e-9)
+    assert state.burning[0] == BURNING

@@ -1,0 +1,117 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.twin import forces
+from kilnflight.twin.flight import ENDS, Flight, drag_rate, exit_velocity, fly, launch
+from kilnflight.twin.fractions import CONFETTI, FRACTIONS, PAPER_SHREDS, PE_GRANULES
+from kilnflight.twin.gas import GRAVITY_M_S2, Gas
+from kilnflight.twin.geometry import Geometry
+
+PLACE = Geometry()
+STILL = Gas(stream_m_s=0.0, turbulence_m_s=0.0, turbulence_in_jet=0.0, jet_persistence=0.0)
+
+
+def flown(kind, gas=STILL, settings=None, n=50, seed=1):
+    generator = np.random.default_rng(seed)
+    return fly(kind.draw(n, generator), gas, PLACE, generator, settings or Flight())
+
+
+def test_without_drag_it_is_a_parabola():
+    heavy = replace(PE_GRANULES, density_kg_m3=(1e9, 1e9 + 1), launch_spread_deg=0.0)
+    wide = replace(PLACE, kiln_radius_mm=1e6)
+    generator = np.random.default_rng(1)
+    particles = heavy.draw(5, generator)
+    flights = fly(particles, STILL, wide, generator, Flight(longest_s=0.5))
+    start, speed = flights.position_m[:, 0], flights.velocity_m_s[:, 0]
+    age = flights.age_s[None, :, None]
+    down = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    expected = start[:, None] + speed[:, None] * age + down * age**2 / 2
+    np.testing.assert_allclose(flights.position_m, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("kind", [CONFETTI, PE_GRANULES], ids=lambda kind: kind.name)
+def test_what_falls_long_enough_reaches_its_terminal_velocity(kind):
+    """Weight equals drag, found by a fixed point that knows nothing of the integrator."""
+    deep = replace(PLACE, kiln_radius_mm=1e6, kiln_length_mm=1e7)
+    kind = replace(kind, lift_coefficient=0.0, ignition_k=9999.0, moisture=0.0)
+    generator = np.random.default_rng(2)
+    particles = kind.draw(20, generator)
+    hot = replace(STILL, lance_temperature_k=1373.0)
+    flights = fly(particles, hot, deep, generator, Flight(longest_s=12.0))
+    speed = np.full(20, 1.0)
+    law = forces.disc_drag if kind.sheet else forces.sphere_drag
+    for _ in range(500):
+        number = forces.reynolds(speed, particles.diameter_m, np.full(20, 1373.0))
+        area = particles.orientation * particles.broadside_m2
+        drag = 0.2571 * law(number) * area / 2
+        speed = np.sqrt(speed * np.sqrt(particles.dry_mass_kg * GRAVITY_M_S2 / drag))
+    np.testing.assert_allclose(-flights.velocity_m_s[:, -1, 2], speed, rtol=5e-3)
+
+
+@pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
+def test_no_particle_is_lost_and_each_has_one_end(kind):
+    flights = flown(kind, Gas(), n=80)
+    assert (flights.end >= 0).all()
+    assert np.isfinite(flights.end_s).all()
+    radius = np.hypot(flights.end_position_m[:, 1], flights.end_position_m[:, 2])
+    landed = flights.end == ENDS.index("landed")
+    assert (radius[landed] >= 0.7).all()
+    assert (radius[landed] < 0.72).all()
+    assert (radius[~landed] < 0.7).all()
+    known = np.isfinite(flights.position_m[:, :, 0])
+    np.testing.assert_array_equal(known, flights.state >= 0)
+    samples = known.sum(axis=1)
+    expected = np.ceil(flights.end_s / 2e-3 - 1e-9)
+    np.testing.assert_array_equal(samples, np.maximum(expected, 0))
+
+
+@pytest.mark.parametrize("name", ["wood chip", "paper shred"])
+def test_a_finer_step_changes_medians_little(name):
+    results = []
+    for step in (0.5e-3, 0.125e-3):
+        flights = flown(FRACTIONS[name], Gas(), Flight(step_s=step), n=400, seed=3)
+        speed = np.nanmedian(flights.velocity_m_s[:, 25, 0])
+        results.append([np.median(flights.end_s), speed])
+    np.testing.assert_allclose(results[0], results[1], rtol=0.05)
+
+
+def test_the_same_seed_gives_the_same_flights():
+    one, two = (flown(PAPER_SHREDS, Gas(), seed=5) for _ in range(2))
+    np.testing.assert_array_equal(one.position_m, two.position_m)
+    np.testing.assert_array_equal(one.end_s, two.end_s)
+
+
+def test_a_longer_lance_gives_more_speed_and_never_more_than_the_air():
+    generator = np.random.default_rng(1)
+    gas = Gas()
+    for kind in FRACTIONS.values():
+        particles = kind.draw(30, generator)
+        speeds = []
+        for length in (1.0, 2.5, 6.0):
+            settings = Flight(lance_length_m=length)
+            state = launch(particles, gas, PLACE, generator, settings)
+            speeds.append(exit_velocity(state, gas, settings))
+        assert (np.diff(speeds, axis=0) > -1e-9).all()
+        assert (np.array(speeds) < gas.jet_velocity_m_s).all()
+
+
+def test_drag_brakes_what_is_faster_and_takes_along_what_is_slower():
+    generator = np.random.default_rng(1)
+    state = launch(CONFETTI.draw(5, generator), STILL, PLACE, generator, Flight())
+    rate = drag_rate(state, np.full(5, 3.0), np.full(5, 1373.0))
+    assert (rate > 0).all()
+    assert (drag_rate(state, np.full(5, 6.0), np.full(5, 1373.0)) > rate).all()
+
+
+def test_no_particles_fly_nowhere():
+    flights = flown(CONFETTI, n=0)
+    assert flights.position_m.shape == (0, 0, 3)
+
+
+def test_settings_that_make_no_sense_are_told():
+    for wrong in ({"step_s": 0.0}, {"sample_s": -1.0}, {"sample_s": 1e-4}):
+        with pytest.raises(InputError, match="Flight"):
+            Flight(**wrong)

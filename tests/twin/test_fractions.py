@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.twin.fractions import FRACTIONS, PE_GRANULES, fraction
+
+
+@pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
+def test_particles_keep_the_limits_and_are_reproducible(kind):
+    one, two = (kind.draw(200, np.random.default_rng(4)) for _ in range(2))
+    np.testing.assert_array_equal(one.dry_mass_kg, two.dry_mass_kg)
+    for name in ("length_m", "thickness_m"):
+        low, high = getattr(kind, name)
+        assert ((getattr(one, name) >= low) & (getattr(one, name) <= high)).all()
+    assert (one.surface_m2 >= 2 * one.broadside_m2 * 0.99).all()
+    assert len(kind.draw(0, np.random.default_rng(1))) == 0
+
+
+def test_areal_density_of_paper_is_paper():
+    for name in ("confetti", "paper shred"):
+        particles = fraction(name).draw(500, np.random.default_rng(1))
+        grams = 1000 * particles.dry_mass_kg / particles.broadside_m2
+        assert 68 < grams.min() < grams.max() < 92
+
+
+def test_granules_are_spheres():
+    particles = PE_GRANULES.draw(10, np.random.default_rng(1))
+    volume = np.pi / 6 * particles.length_m**3
+    ratio = particles.dry_mass_kg / volume
+    assert ((ratio > 914) & (ratio < 951)).all()
+    np.testing.assert_allclose(particles.surface_m2, np.pi * particles.length_m**2)
+
+
+def test_unknown_fractions_and_negative_counts_are_told():
+    with pytest.raises(InputError, match="unknown fraction 'coal'; there are wood chip"):
+        fraction("coal")
+    with pytest.raises(InputError, match="-1 particles"):
+        fraction("confetti").draw(-1, np.random.default_rng(1))
+
+
+def test_joining_keeps_everyone():
+    kind = fraction("wood chip")
+    parts = [kind.draw(n, np.random.default_rng(n)) for n in (3, 0, 2)]
+    whole = parts[0].joined(parts[1:])
+    assert len(whole) == 5
+    np.testing.assert_array_equal(whole.length_m[3:], parts[2].length_m)
+    assert whole.table()["fraction"].tolist() == ["wood chip"] * 5
