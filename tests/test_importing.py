@@ -1,6 +1,8 @@
 """Every test starts from a good set of files of four frames, 24 x 32, and changes one thing."""
 
 import json
+import re
+import textwrap
 
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
+from kilnflight import importing
 from kilnflight.checks import InputError
 from kilnflight.importing import import_recording, read_manifest
 from kilnflight.recording import open_recording
@@ -165,6 +168,18 @@ def test_a_frame_number_may_stand_twice_in_a_pattern(files):
         tifffile.imwrite(folder / f"{number:03d}.tif", files.content(number)[0])
     files.entries["gray"]["pattern"] = "take_{frame}/{frame:03d}.tif"
     assert files.run().frames == 4
+
+
+def test_the_documented_manifest_is_right(files):
+    example = re.search(r"(?ms)^    name = .*?^    classes[^\n]*", importing.__doc__)
+    text = textwrap.dedent(example.group()).replace("frame_{frame", "{frame")
+    text = text.replace("xyz/{frame:04d}", "xyz/{frame}")
+    text = re.sub("(?m)^(roi|flame_roi) .*$", "", text)  # of a larger image
+    (files.folder / "example.toml").write_text(text)
+    recording = read_manifest(files.folder / "example.toml")
+    assert recording.attributes.name == "chips-4.5bar"
+    assert len(recording.frame(3).xyz) > 0
+    assert recording.frame(0).labels.max() == 4
 
 
 def change(name, **values):

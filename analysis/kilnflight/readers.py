@@ -3,7 +3,7 @@
 =====================  =====================================================
 TIFF, PNG              the image
 NPY, NPZ               the array; in an NPZ the one named by the key
-MAT                    the variable named by the key, up to v7.3
+MAT                    the variable named by the key; v7.3 in MATLAB's order of axes
 HDF5 (.h5, .hdf5)      the data set named by the key, for example ``a/gray``
 CSV, PLY               points only, by the names of their columns
 =====================  =====================================================

@@ -65,18 +65,22 @@ class Coordinates:
         if self.form == "grid":
             grid = read_array(path, self.key, where)
             check_shape(grid, (*size, 3), f"{where}: coordinates of {path}")
-            pixels: npt.NDArray[Any] = np.argwhere(np.ones(size, bool))
             xyz = grid.reshape(-1, 3)
         else:
             table = read_points(path, self.key, self.columns, where)
-            pixels, xyz = table[:, :2] - self.origin, table[:, 2:]
+            xyz = table[:, 2:]
         if self.invalid == "nan" or np.isnan(float(self.invalid)):
-            valid = ~np.isnan(xyz).any(axis=1)
-            if len(xyz) and not valid.any():
+            valid = np.flatnonzero(~np.isnan(xyz).any(axis=1))
+            if len(xyz) and not len(valid):
                 raise InputError(f"{where}: {path} holds no position, every one is NaN.")
         else:
-            valid = xyz[:, 2].astype(np.float32) != np.float32(self.invalid)
-        return self._points(pixels[valid], xyz[valid], f"{where}: {path}")
+            valid = np.flatnonzero(xyz[:, 2].astype(np.float32) != np.float32(self.invalid))
+        pixels: npt.NDArray[Any] = (
+            np.column_stack(np.divmod(valid, size[1]))
+            if self.form == "grid"
+            else table[valid, :2] - self.origin
+        )
+        return self._points(pixels, xyz[valid], f"{where}: {path}")
 
     def _points(self, pixels: npt.NDArray[Any], xyz: npt.NDArray[Any], where: str) -> Points:
         broken = np.flatnonzero((pixels != np.round(pixels)).any(axis=1))  # NaN is not equal
