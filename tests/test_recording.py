@@ -212,6 +212,14 @@ def test_what_is_no_recording_is_told(small, target):
         open_recording(target)
 
 
+def test_a_recording_without_one_of_its_attributes_is_told(small, target):
+    write_recording(small, target)
+    group = zarr.open_group(target, mode="r+")
+    group.attrs.put({"format": storage.FORMAT, "name": "small"})
+    with pytest.raises(InputError, match=r"small\.zarr: damaged recording"):
+        open_recording(target)
+
+
 def test_a_recording_without_one_of_its_arrays_is_told(small, target):
     write_recording(small, target)
     (target / "index" / "zarr.json").unlink()

@@ -13,6 +13,14 @@ What stands today (the other rooms follow the plan in CHANGELOG.md):
 ===========  ==================================================================
 module       step
 ===========  ==================================================================
+frames       what a plenoptic camera delivers: frames, attributes, recordings
+recording    recordings on disk: write, go on after a kill, open
+storage      how a recording lies on disk
+importing    your own recordings, by a manifest
+sources      the kinds of files a manifest names
+readers      one file of any format -> one array
+report       what a recording holds, in numbers
+__main__     the command line: import, export, info
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
 sorter       the belt experiment, from tracks to deviations

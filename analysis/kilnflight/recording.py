@@ -98,18 +98,19 @@ def open_recording(path: Path | str) -> StoredRecording:
     try:
         group = zarr.open_group(path, mode="r")
         stored = dict(group.attrs)
-        known = stored.pop("format", None) == storage.FORMAT
-        arrays: dict[str, Any] = {name: group[name] for name in storage.ARRAYS if known}
-        columns: dict[str, Any] = {name: group[name] for name in storage.PER_FRAME if known}
+        if stored.pop("format", None) != storage.FORMAT:
+            raise InputError(f"{path}: a Zarr group, but not a {storage.FORMAT}. Import it first.")
+        columns: dict[str, Any] = {name: group[name] for name in storage.PER_FRAME}
+        arrays: dict[str, Any] = {name: group[name] for name in storage.ARRAYS}
         per_frame = {name: np.asarray(array[:]) for name, array in columns.items()}
-    except (KeyError, ValueError, RuntimeError, OSError) as error:
+        return StoredRecording(path, Attributes.from_json(stored), arrays, per_frame)
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
         raise InputError(
             f"{path}: damaged recording ({type(error).__name__}: {error}). Import or export it "
             "again."
         ) from error
-    if not known:
-        raise InputError(f"{path}: a Zarr group, but not a {storage.FORMAT}. Import it first.")
-    return StoredRecording(path, Attributes.from_json(stored), arrays, per_frame)
 
 
 def write_recording(

@@ -1,0 +1,87 @@
+"""The command line: bring recordings in, write the twin's out, look at one."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from kilnflight.checks import InputError
+from kilnflight.importing import import_recording
+from kilnflight.recording import open_recording, write_recording
+from kilnflight.report import summarise
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Import your own recordings, export the twin's, say what one holds."""
+    options = _parser().parse_args(arguments)
+    try:
+        if options.command == "import":
+            target = options.to or options.manifest.with_suffix(".zarr")
+            print(import_recording(options.manifest, target).text())
+            print(f"imported as {target}")
+        elif options.command == "export":
+            _export(options.scene, options.folder, options.frames, options.seed)
+        else:
+            print(summarise(open_recording(options.folder)).text())
+    except (InputError, OSError) as error:  # OSError: a full disk, a folder without permission
+        print(f"kilnflight {options.command}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"kilnflight {options.command}: stopped", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _export(scene: str, folder: Path, part: str | None, seed: int | None) -> None:
+    from kilnflight.twin.scenes import open_scene  # here: only this command needs the twin
+
+    recording = open_scene(scene, seed=seed)
+    frames = _frames(part, len(recording)) if part else None
+    stored = write_recording(recording, folder, frames, recording.truth())
+    print(f"exported {len(stored)} frames of {stored.attributes.name} to {folder}")
+
+
+def _frames(text: str, length: int) -> range:
+    """Return the frames A to B, B excluded.
+
+    Examples
+    --------
+    >>> _frames("100:110", 3000)
+    range(100, 110)
+    >>> _frames(":5", 3000)
+    range(0, 5)
+    """
+    first, colon, last = text.partition(":")
+    try:
+        frames = range(int(first or 0), int(last or length))
+    except ValueError:
+        colon = ""
+    if not colon or not frames or frames.start < 0 or frames.stop > length:
+        raise InputError(
+            f"--frames {text}: write A:B with 0 <= A < B <= {length}; B itself is left out."
+        )
+    return frames
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="kilnflight", description=main.__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    command = commands.add_parser("import", help="import the files that a manifest names")
+    command.add_argument(
+        "manifest", type=Path, help="TOML; see python -m pydoc kilnflight.importing"
+    )
+    command.add_argument("--to", type=Path, metavar="DIR", help="default: <manifest>.zarr")
+    command = commands.add_parser("export", help="write a scene of the twin to disk")
+    command.add_argument("scene")
+    command.add_argument("folder", type=Path, metavar="DIR")
+    command.add_argument("--frames", metavar="A:B", help="only frames A to B, B excluded")
+    command.add_argument("--seed", type=int, help="default: the scene's own")
+    command = commands.add_parser("info", help="read every frame and say what a recording holds")
+    command.add_argument("folder", type=Path, metavar="DIR")
+    return parser
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

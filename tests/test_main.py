@@ -1,0 +1,126 @@
+import subprocess
+import sys
+import types
+
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+
+from kilnflight.__main__ import main
+from kilnflight.checks import InputError
+from kilnflight.recording import open_recording, write_recording
+
+TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
+
+
+@pytest.fixture
+def manifest(tmp_path):
+    for frame in range(3):
+        gray = np.full((4, 5), 1000 + frame, np.uint16)
+        tifffile.imwrite(tmp_path / f"{frame}.tif", gray)
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\nframe_rate_hz = 330\n[gray]\npattern = "{frame}.tif"\n')
+    return path
+
+
+@pytest.fixture
+def twin(monkeypatch, small):
+    """A twin with one scene; the seeds it was asked for."""
+
+    def open_scene(name, seed=None):
+        if name != "small":
+            raise InputError(f"unknown scene {name!r}; there is small.")
+        asked.append(seed)
+        small.truth = lambda: TRUTH
+        return small
+
+    asked = []
+    scenes = types.ModuleType("kilnflight.twin.scenes")
+    scenes.open_scene = open_scene
+    monkeypatch.setitem(sys.modules, "kilnflight.twin", types.ModuleType("kilnflight.twin"))
+    monkeypatch.setitem(sys.modules, "kilnflight.twin.scenes", scenes)
+    return asked
+
+
+def test_import_says_what_it_found(manifest, tmp_path, capsys):
+    assert main(["import", str(manifest)]) == 0
+    out = capsys.readouterr().out
+    assert "recording   mine" in out
+    assert "gray        1000 to 1002 (10 bits)" in out
+    assert len(open_recording(tmp_path / "mine.zarr")) == 3
+
+
+def test_import_to_another_folder(manifest, tmp_path):
+    assert main(["import", str(manifest), "--to", str(tmp_path / "a" / "b")]) == 0
+    assert len(open_recording(tmp_path / "a" / "b")) == 3
+
+
+def test_an_error_is_one_line(manifest, tmp_path, capsys):
+    (tmp_path / "1.tif").unlink()
+    assert main(["import", str(manifest)]) == 1
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("kilnflight import: ")
+    assert "frame 1 is missing" in output.err
+    assert len(output.err.splitlines()) == 1
+
+
+def test_a_full_disk_is_told(manifest, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("kilnflight.__main__.import_recording", full)
+    assert main(["import", str(manifest)]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+
+
+def test_export_with_truth(twin, tmp_path, capsys, same_frame, small):
+    assert main(["export", "small", str(tmp_path / "s"), "--frames", "1:4", "--seed", "7"]) == 0
+    assert capsys.readouterr().out == f"exported 3 frames of small to {tmp_path / 's'}\n"
+    stored = open_recording(tmp_path / "s")
+    same_frame(stored.frame(2), small.frame(3))
+    pd.testing.assert_frame_equal(stored.truth()["particles"], TRUTH["particles"])
+    assert twin == [7]
+
+
+@pytest.mark.parametrize("frames", [[], ["--frames", ":"], ["--frames", "0:5"]])
+def test_export_of_everything(twin, tmp_path, frames):
+    assert main(["export", "small", str(tmp_path / "s"), *frames]) == 0
+    assert len(open_recording(tmp_path / "s")) == 5
+    assert twin == [None]
+
+
+@pytest.mark.parametrize("frames", ["3", "4:2", "2:2", "0:6", "-1:3", "a:b"])
+def test_frames_are_checked(twin, tmp_path, capsys, frames):
+    assert main(["export", "small", str(tmp_path / "s"), f"--frames={frames}"]) == 1
+    assert "write A:B with 0 <= A < B <= 5" in capsys.readouterr().err
+
+
+def test_an_unknown_scene(twin, tmp_path, capsys):
+    assert main(["export", "large", str(tmp_path / "s")]) == 1
+    assert "unknown scene 'large'" in capsys.readouterr().err
+
+
+def test_a_stopped_export_goes_on(twin, small, tmp_path, capsys):
+    small.stops_at = 2
+    assert main(["export", "small", str(tmp_path / "s")]) == 1
+    assert capsys.readouterr().err == "kilnflight export: stopped\n"
+    assert main(["info", str(tmp_path / "s")]) == 1
+    assert "cut off after 2 of 5 frames" in capsys.readouterr().err
+    small.stops_at = None
+    assert main(["export", "small", str(tmp_path / "s")]) == 0
+
+
+def test_info(small, tmp_path, capsys):
+    write_recording(small, tmp_path / "s")
+    assert main(["info", str(tmp_path / "s")]) == 0
+    assert "frames      5 of 24 x 32 pixels" in capsys.readouterr().out
+
+
+def test_the_module_runs_as_a_command(tmp_path):
+    command = [sys.executable, "-m", "kilnflight", "info", str(tmp_path / "gone")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("kilnflight info: ")
+    assert len(ended.stderr.splitlines()) == 1
