@@ -6,12 +6,15 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := all
 MAKEFLAGS += --no-print-directory
 
-# What a user may set: make SCALE=quick PARAMETERS="seed=3 40.draws=20"
+# What a user may set, for example: make SCALE=full PARAMETERS="seed=3 40.draws=20"
 SCALE ?= standard
 PARAMETERS ?=
 PYTHON ?= python3
 VENV ?= .venv
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_FIGURES
+ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
+KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
+endif
 
 RUN := $(VENV)/bin/python
 STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
@@ -30,14 +33,21 @@ OTHER := quick full setup data test check bench clean help
 ifneq ($(filter-out $(OTHER),$(or $(MAKECMDGOALS),all)),)
 $(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(call settings,$(stem))))
 $(call keep,build/folders.settings,$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_FIGURES))
+# A notebook one of whose figures has gone missing is to run again.
+$(shell for list in build/*.saved; do [ -e "$$list" ] || continue; while IFS= read -r file; do [ -e "$$file" ] || rm -f "$${list%.saved}.ipynb"; done < "$$list"; done)
 endif
 
 .PHONY: all $(OTHER)
 
 all: site/index.html ## run every notebook at standard scale and render the site (the default)
-	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html, cite from figures/"
+	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html"
+	@case $(SCALE) in \
+	  full) echo "kilnflight: cite from figures/" ;; \
+	  quick) echo "kilnflight: a smoke run; figures/ is as it was" ;; \
+	  *) echo "kilnflight: figures/ holds this run now; git checkout figures gives back those of make full, to be cited" ;; \
+	esac
 
-quick: ## the same at smoke scale: every notebook, little input
+quick: ## a smoke run: every notebook, little input; its figures go to build/quick
 	@$(MAKE) SCALE=quick all
 
 full: ## the same at the scale of the publications; what figures/ and the README hold
@@ -53,7 +63,7 @@ data: $(VENV)/installed ## fetch the authors' public data (optional; needs a net
 test: $(VENV)/installed ## run the tests
 	@$(RUN) -m pytest -m "not published"
 
-check: $(VENV)/installed ## lint, format, types, architecture, and whether figures/ and README are current
+check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check .
 	@$(RUN) -m ruff format --check .
 	@$(RUN) -m mypy
@@ -92,7 +102,7 @@ build/external.txt: build/folders.settings analysis/kilnflight/external.py | $(V
 	@touch $@
 
 $(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(LIBRARY) $(FACTS) build/external.txt | $(VENV)/installed
-	@$(RUN) -m kilnflight.chain $< $(addprefix -p ,scale=$(SCALE) $(wordlist 2,999,$(call settings,$*)))
+	@$(RUN) -m kilnflight.chain $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
 
 # The first notebook collects what the others conclude.
 build/$(FIRST).ipynb: $(filter-out build/$(FIRST).ipynb,$(EXECUTED))

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # When a particle leaves the sorting belt
 
-# %%
+# %% tags=["hide-input"]
 import numpy as np
 import pandas as pd
 from IPython.display import Markdown
@@ -47,7 +47,7 @@ figures.save("belt-particles", counts, caption=caption, provenance=made)
 # ## Velocity along the belt
 
 # %%
-grid = np.arange(400.0, 776.0, 25.0)
+grid = np.arange(400.0, 751.0, 25.0)  # every particle is seen here
 parts = {
     key: velocity.velocity_profile(velocity.velocities(one), grid) for key, one in tracks.items()
 }
@@ -69,7 +69,8 @@ for axes, name in zip(panels, shown, strict=True):
 panels[0].legend(loc="lower right", ncols=2)
 caption = (
     "Mean velocity along the belt, after Fig. 7 of the 2020 paper. Dots: one standard deviation "
-    "above and below. Particles are slower than the belt and still accelerate at its end."
+    "above and below. Particles are slower than the belt and still accelerate where they were "
+    "last seen by all."
 )
 table = profiles.reset_index()
 figures.save("fig-belt20-7-velocity", table, picture=picture, caption=caption, provenance=made)
@@ -103,8 +104,9 @@ for panels, name in zip(grid, shown, strict=True):
 
 # %%
 caption = (
-    "Deviation of the arrival time, after Fig. 9 of the 2020 paper: box plots without outliers. "
-    "Positive: the particle came earlier than predicted."
+    "Deviation of the arrival time, after Fig. 9 of the 2020 paper: box plots without outliers, "
+    "the numbers are the widths of the boxes (ms). Positive: the particle came earlier than "
+    "predicted. Axes differ between panels."
 )
 table = arrival.rename(columns=names | {n: f"{n}_ms" for n in ("whisker_low", "whisker_high")})
 figures.save("fig-belt20-9-arrival", table, picture=picture, caption=caption, provenance=made)
@@ -113,14 +115,30 @@ figures.save("fig-belt20-9-arrival", table, picture=picture, caption=caption, pr
 # ## What the calibration draw changes
 
 # %%
-intervals = deviation.interval(every).rename(
-    columns={"low": "mae_low_ms", "median": "mae_ms", "high": "mae_high_ms"}
-)
+intervals = deviation.intervals(every).round(6)
 caption = (
-    "Mean absolute error of the arrival time in milliseconds: median over the calibration draws "
-    "and the interval that holds 95 % of them."
+    "Interquartile range and mean absolute error of the arrival time in milliseconds: median over "
+    "the calibration draws and the interval that holds 95 % of them."
 )
 figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## What the target changes
+#
+# The reference is a straight line between two observations 10 ms apart; where the target
+# lies is our choice.
+
+# %%
+mine = {key: one for key, one in tracks.items() if key[0] == source}
+fewer = deviation.Evaluation(draws=min(draws, 20))
+targets = (733.0, 743.0, 753.0, 763.0, 773.0)
+varied = sorter.vary_target(mine, targets, fewer, deviation.arrival_deviations, seed).round(6)
+caption = (
+    "Deviation of the arrival time in milliseconds for other targets, the phase always 150 mm "
+    "long: interquartile range and mean absolute error."
+)
+table = varied[["target_mm", "source", "data_set", "model", "n", "iqr", "mae"]]
+figures.save("belt-arrival-target", table, caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Verdicts
@@ -128,9 +146,9 @@ figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=
 # By the authors' tracks where they are here. Spread is the interquartile range.
 
 # %%
-mine = arrival[arrival["source"] == source].assign(iqr=lambda one: one["q75"] - one["q25"])
+judged = arrival[arrival["source"] == source]
 mae, iqr = (
-    mine.pivot(index="data_set", columns="model", values=name).loc[list(sorter.DATA_SETS)]
+    judged.pivot(index="data_set", columns="model", values=name).loc[list(sorter.DATA_SETS)]
     for name in ("mae", "iqr")
 )
 mean = profiles.loc[source].pivot_table("mean_m_s", "x_mm", "data_set")
@@ -150,6 +168,8 @@ for name in sorter.DATA_SETS:
 
 # %%
 note = f"decided by {source} at 100 Hz"
+first = varied.loc[varied.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
+everywhere = f"IA is first in {(first == 'IA').sum()} of {len(first)} data sets and targets"
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
 by_shape = reference.undecidable("belt20-3", shapes)
 if files:
@@ -159,7 +179,7 @@ verdicts = [
     reference.judge("belt20-2", worst, note=f"{note}; mean absolute error"),
     by_shape,
     reference.judge("belt20-4", 1 - mae["CALV"] / mae["CA"], note=f"{note}; 1 - MAE CALV / MAE CA"),
-    reference.judge("belt20-5", best, note=f"{note}; mean absolute error"),
+    reference.judge("belt20-5", best, note=f"{note}; mean absolute error; {everywhere}"),
     reference.judge("belt20-6", rising, note=f"{note}; mean velocity"),
 ]
 

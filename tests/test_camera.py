@@ -152,6 +152,20 @@ def test_what_cannot_be_fitted_is_told(captured, true, more, message):
         fit_depth_segments(captured, true, **more)
 
 
+def test_a_calibration_that_is_none_is_told():
+    with pytest.raises(InputError, match="do not ascend"):
+        DepthCalibration((5.0, 3.0), ((1.0,),) * 3)
+    with pytest.raises(InputError, match="1 breakpoints make 2 segments, but there are 3"):
+        DepthCalibration((5.0,), ((1.0,),) * 3)
+    with pytest.raises(InputError, match="one each"):
+        PlateScatter(range_mm=(1.0,))
+    with pytest.raises(InputError, match="not made of numbers"):
+        calibrate_depth("a")
+    for degree in (-1, 1.5):
+        with pytest.raises(InputError, match="degree"):
+            fit_depth_segments([1.0], [1.0], degree=degree)
+
+
 def test_the_simulated_plate_has_the_scatter_it_is_given():
     scatter = PlateScatter()
     deviation = scatter(200_000, np.random.default_rng(3))

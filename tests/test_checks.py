@@ -10,6 +10,11 @@ def test_missing_columns_are_named_with_the_place():
         check_columns(pd.DataFrame({"x": [1.0]}), ["x", "y"], "tracks.csv")
 
 
+def test_what_is_no_table_is_told():
+    with pytest.raises(InputError, match="list is no table"):
+        check_columns([1], ["x"], "here")
+
+
 def test_columns_that_are_there_pass_in_any_order():
     check_columns(pd.DataFrame({"b": [1], "a": [2]}), ["a", "b"], "here")
 

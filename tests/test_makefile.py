@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -71,17 +72,20 @@ def write(folder, stem, last="pass"):
     (folder / "notebooks" / f"{stem}.py").write_text(text)
 
 
-def make(folder, *arguments, external=""):
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("KILNFLIGHT", "MAKE"))}
-    environment["PYTHONPATH"] = str(folder / "analysis")
+def environment(folder, external=""):
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("KILNFLIGHT", "MAKE"))}
+    kept["PYTHONPATH"] = str(folder / "analysis")
     if external:
-        environment["KILNFLIGHT_EXTERNAL"] = str(external)
+        kept["KILNFLIGHT_EXTERNAL"] = str(external)
     # no address outside this machine: the optional data cannot be fetched
-    environment |= {"https_proxy": "http://127.0.0.1:9", "HTTPS_PROXY": "http://127.0.0.1:9"}
+    return kept | {"https_proxy": "http://127.0.0.1:9", "HTTPS_PROXY": "http://127.0.0.1:9"}
+
+
+def make(folder, *arguments, external=""):
     return subprocess.run(
         ["make", *arguments],
         cwd=folder,
-        env=environment,
+        env=environment(folder, external),
         capture_output=True,
         text=True,
         check=False,
@@ -159,6 +163,56 @@ def test_help_lists_every_target_with_its_comment(project):
         "help",
     ):
         assert f"make {target} " in text
+
+
+def test_a_missing_figure_is_made_again(project):
+    assert make(project).returncode == 0
+    (project / "figures" / "claims-01-one.csv").unlink()
+    assert ran(make(project)) == ["01_one", "00_claims"]
+    assert (project / "figures" / "claims-01-one.csv").exists()
+
+
+def test_a_smoke_run_leaves_figures_alone(project):
+    done = make(project, "quick")
+    assert done.returncode == 0, done.stderr
+    assert not (project / "figures").exists()
+    assert (project / "build" / "quick" / "claims.csv").is_file()
+    assert "figures/ is as it was" in done.stdout
+
+
+def test_a_wrong_parameter_of_a_late_notebook_stops_all(project):
+    done = make(project, "PARAMETERS=02.seed=abc")
+    assert done.returncode != 0
+    assert "02_two: parameter seed is 'abc', expected int" in done.stderr
+    assert ran(done) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_killed_run_leaves_nothing_and_goes_on(project, number):
+    write(project, "02_two", "import time; time.sleep(60)")
+    running = subprocess.Popen(
+        ["make"],
+        cwd=project,
+        env=environment(project),
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    for line in running.stdout:
+        if line.startswith("02_two: running"):
+            break
+    time.sleep(5.0)
+    os.killpg(running.pid, number)
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode != 0
+    assert "Traceback" not in errors
+    assert "02_two: interrupted" in errors
+    left = {path.name for path in (project / "build").iterdir()}
+    assert not [name for name in left if name.startswith(".")], left
+    assert "02_two.ipynb" not in left
+    write(project, "02_two")
+    assert ran(make(project)) == ["02_two", "00_claims"]
 
 
 def test_clean_keeps_figures(project):

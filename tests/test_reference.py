@@ -66,6 +66,32 @@ def test_a_measurement_that_does_not_fit_the_claim_is_refused(claim, measured):
         reference.judge(claim, measured)
 
 
+def test_strict_limits_exclude_their_end():
+    assert reference.judge("wall-5", 0.08).verdict == "not reproduced"  # "< 0.08"
+    assert reference.judge("wall-5", 0.0799).verdict == "reproduced"
+    assert reference.judge("bg-3", 0.01).verdict == "reproduced"  # "<= 0.01"
+
+
+def test_an_error_that_must_be_small_cannot_be_negative():
+    assert reference.judge("depth-2", -900.0).verdict == "not reproduced"
+
+
+def test_the_criterion_stands_beside_the_verdict():
+    assert reference.judge("belt20-9", 0.0).criterion == "relative change: small [-0.05, 0.2]"
+    assert "spread(3 m)" in reference.undecidable("depth-1", "why").criterion
+
+
+@pytest.mark.parametrize("odd", [float("nan"), "NO", 1])
+def test_a_condition_is_true_or_false(odd):
+    with pytest.raises(InputError, match="neither True nor False"):
+        reference.judge("depth-4", {"a": True, "b": odd})
+
+
+def test_a_table_outside_the_published_ones_is_not_one():
+    with pytest.raises(InputError, match="no published table"):
+        reference.published("../claims")
+
+
 def test_undecidable_needs_a_reason():
     with pytest.raises(InputError, match="say why"):
         reference.undecidable("depth-1", " ")

@@ -36,6 +36,18 @@ def test_comparison_has_a_row_per_data_set_draw_and_model(small):
     assert table.columns[:4].tolist() == ["source", "data_set", "draw", "model"]
 
 
+def test_other_targets_keep_the_length_of_the_phase(small):
+    evaluation = deviation.Evaluation(draws=1, share=0.05)
+    table = sorter.vary_target(small, [763.0, 773.0], evaluation, deviation.arrival_deviations, 1)
+    assert table["target_mm"].unique().tolist() == [763.0, 773.0]
+    assert len(table) == 2 * 3 * 6
+    phase = PredictionPhase()
+    observed = {key: phase.observe(one) for key, one in small.items()}
+    same = sorter.compare(observed, phase, evaluation, deviation.arrival_deviations, 1)
+    at_773 = table.loc[table["target_mm"] == 773.0, "mae"].to_numpy()
+    assert at_773 == pytest.approx(same["mae"].to_numpy())
+
+
 def test_published_particles_are_left_out_with_the_known_reasons(authors_data):
     from kilnflight.belt.dem import find_dem
 

@@ -1,7 +1,7 @@
 """Depth calibration of the plenoptic camera (thesis, section 2.1.5).
 
 The camera reports a captured depth; a test plate at 1, 2, ..., 11 m showed that it is
-off by up to half a metre, differently in three ranges. Eq. 2.4 maps captured to true
+off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
 depth with one quadratic per range. All depths are in millimetres.
 """
 
@@ -38,6 +38,16 @@ class DepthCalibration:
     breakpoints_mm: tuple[float, ...]
     coefficients: tuple[tuple[float, ...], ...]
     closed_left: tuple[bool, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse breakpoints that do not ascend, and a number of segments that does not fit."""
+        if any(high <= low for low, high in pairwise(self.breakpoints_mm)):
+            raise InputError(f"breakpoints {self.breakpoints_mm} do not ascend; sort them.")
+        if len(self.coefficients) != len(self.breakpoints_mm) + 1:
+            raise InputError(
+                f"{len(self.breakpoints_mm)} breakpoints make {len(self.breakpoints_mm) + 1} "
+                f"segments, but there are {len(self.coefficients)} polynomials."
+            )
 
     def segment(self, captured_mm: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the segment of each captured depth."""
@@ -191,8 +201,8 @@ def fit_depth_segments(
     true = check_finite(true_mm, "true depth").ravel()
     if captured.shape != true.shape:
         raise InputError(f"{captured.size} captured depths, but {true.size} true ones; pair them.")
-    if any(high <= low for low, high in pairwise(breakpoints_mm)):
-        raise InputError(f"breakpoints {breakpoints_mm} do not ascend; sort them.")
+    if not isinstance(degree, int) or degree < 0:
+        raise InputError(f"degree {degree!r}: a polynomial's degree is a whole number from 0.")
     frame = DepthCalibration(tuple(breakpoints_mm), ((0.0,),) * (len(breakpoints_mm) + 1))
     segment = frame.segment(captured)
     scale = 1000.0  # metres inside, so that powers stay of one size
@@ -242,6 +252,14 @@ class PlateScatter:
         *(1000.0, 1000.0, 1000.0, 1050.0, 1100.0, 1150.0),  # 6 m to 11 m
     )
     degrees_of_freedom: float = 4.0  # of Student's t: heavy tails, "lots of outliers"
+
+    def __post_init__(self) -> None:
+        """Refuse another number of ranges than of plate distances."""
+        if len(self.range_mm) != len(PLATE_DISTANCES_MM):
+            raise InputError(
+                f"PlateScatter: {len(self.range_mm)} ranges for {len(PLATE_DISTANCES_MM)} plate "
+                "distances; give one each."
+            )
 
     def __call__(self, n_points: int, generator: np.random.Generator) -> Array:
         """Return (11, n_points) deviations of the captured depth in mm."""

@@ -12,6 +12,7 @@ import argparse
 import ast
 import hashlib
 import os
+import signal
 import sys
 import time
 import warnings
@@ -25,6 +26,7 @@ import papermill
 from papermill.exceptions import PapermillExecutionError
 
 from kilnflight.checks import InputError
+from kilnflight.figures import SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
 
@@ -144,9 +146,14 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     notebook = read_source(source)
     check_parameters(stem, known_parameters(notebook), given)
     build.mkdir(parents=True, exist_ok=True)
+    for left_behind in build.glob(f".{stem}.*.ipynb"):  # of a run that was killed outright
+        left_behind.unlink()
     whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"
     plain = build / f".{stem}.{os.getpid()}.source.ipynb"
     partial = build / f".{stem}.{os.getpid()}.partial.ipynb"
+    # figures.save notes what it wrote here, so that make sees when a figure goes missing
+    saved = build / f".{stem}.{os.getpid()}.saved.part"
+    os.environ[SAVED_LIST] = str(saved.resolve())
     try:
         nbformat.write(notebook, plain)
         papermill.execute_notebook(
@@ -160,14 +167,17 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
             progress_bar={"desc": stem, "unit": "cell"} if sys.stderr.isatty() else False,
         )
         failed.unlink(missing_ok=True)
+        if saved.is_file():
+            saved.replace(build / f"{stem}.saved")
         partial.replace(whole)
         return whole
     except PapermillExecutionError:
         partial.replace(failed)
         raise
     finally:
-        plain.unlink(missing_ok=True)
-        partial.unlink(missing_ok=True)
+        del os.environ[SAVED_LIST]
+        for temporary in (plain, partial, saved):
+            temporary.unlink(missing_ok=True)
 
 
 def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
@@ -179,6 +189,14 @@ def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
     )
 
 
+class _TerminationError(Exception):
+    """Someone asked this process to end; cleaning up comes first."""
+
+
+def _terminate(*_: object) -> None:
+    raise _TerminationError
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Execute one notebook (called by make)."""
     parser = argparse.ArgumentParser(prog="python -m kilnflight.chain", description=main.__doc__)
@@ -186,11 +204,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--build", type=Path, default=Path("build"))
     parser.add_argument("-p", "--parameter", action="append", default=[], metavar="name=value")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, _terminate)
     stem = options.source.stem
     started = time.monotonic()
     try:
         notebooks = [path.stem for path in options.source.parent.glob("[0-9][0-9]_*.py")]
         given: dict[str, Any] = parse_parameters(options.parameter, stem, notebooks)
+        for path in sorted(options.source.parent.glob("[0-9][0-9]_*.py")):
+            # all of them before any runs: half a set of new figures is worse than none
+            meant = parse_parameters(options.parameter, path.stem, notebooks)
+            check_parameters(path.stem, known_parameters(read_source(path)), meant)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
         print(f"{stem}: running ({shown})", flush=True)
         with warnings.catch_warnings():
@@ -204,6 +227,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         kept = options.build / f"{stem}.failed.ipynb"
         print(explain(stem, error, kept), file=sys.stderr)
         return 1
+    except (KeyboardInterrupt, _TerminationError):
+        print(f"{stem}: interrupted; the same make goes on from here", file=sys.stderr)
+        return 130
     print(f"{stem}: done in {time.monotonic() - started:.0f} s", flush=True)
     return 0
 

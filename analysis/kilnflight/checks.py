@@ -15,6 +15,8 @@ class InputError(ValueError):
 
 def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless ``table`` has all ``columns``."""
+    if not isinstance(table, pd.DataFrame):
+        raise InputError(f"{where}: {type(table).__name__} is no table; pass a pandas DataFrame.")
     missing = [name for name in columns if name not in table.columns]
     if missing:
         raise InputError(
@@ -36,7 +38,10 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
 
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     """Return ``values`` as float64, or raise an `InputError` naming the first bad one."""
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         index = tuple(int(i) for i in bad[0])

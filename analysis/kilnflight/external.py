@@ -69,7 +69,12 @@ def find(file: ExternalFile) -> Path | None:
         if found != file.sha256:
             raise InputError(
                 f"{path}: SHA-256 {found[:12]}..., expected {file.sha256[:12]}...; the file is "
-                "damaged or another version. Delete it and run make data."
+                "damaged or another version. "
+                + (
+                    "Put a good copy there, or unset KILNFLIGHT_EXTERNAL."
+                    if os.environ.get("KILNFLIGHT_EXTERNAL")
+                    else "Delete it and run make data."
+                )
             )
         return path
     if os.environ.get("KILNFLIGHT_EXTERNAL"):

@@ -33,6 +33,7 @@ from kilnflight.gallery import gallery
 from kilnflight.provenance import Provenance
 
 PNG_DPI = 300
+SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
 SCREEN_PX_PER_PNG_PX = 0.6  # a column of 88 mm becomes 624 px wide on a page
 
 
@@ -115,6 +116,9 @@ def save(
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
+    if os.environ.get(SAVED_LIST):
+        with Path(os.environ[SAVED_LIST]).open("a") as listed:
+            listed.writelines(f"{(folder / name).resolve()}\n" for name in contents)
     if picture is None:
         body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
     else:

@@ -15,6 +15,8 @@ from PIL import Image
 
 from kilnflight import places
 
+YEAR = 2026  # of the release, as in CITATION.cff
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -50,13 +52,16 @@ def concluded(folder: Path | None = None) -> dict[str, Path]:
 
 def gallery(folder: Path) -> str:
     """Return the text of figures/README.md: every figure with caption and citation."""
+    found = entries(folder)
+    scales = sorted({str(entry.provenance["parameters"].get("scale")) for entry in found})
     parts = [
         "# Figures and tables\n",
-        "Made by `make full`; do not edit, and do not edit this page. Each figure has a PNG and "
-        "a CSV here (the PDF is made by `make`, not tracked). Caption and provenance are also "
-        "inside the PNG and the PDF.\n",
+        f"Made at scale {' and '.join(scales)} (what the repository holds comes from `make full`); "
+        "do not edit, and do not edit this page. Each figure has a PNG and a CSV here (the PDF is "
+        "made by `make`, not tracked). Caption and provenance are also inside the PNG and the "
+        "PDF.\n",
     ]
-    parts += [_gallery_entry(entry) for entry in entries(folder)]
+    parts += [_gallery_entry(entry) for entry in found]
     return "\n".join(parts)
 
 
@@ -81,7 +86,7 @@ kilnflight {made["version"]}{commit} ({values}).
   author = {{{{The kilnflight founders}}}},
   title  = {{{_latex(_title(entry.caption))}}},
   note   = {{kilnflight {made["version"]}, figure {entry.identifier}{commit}}},
-  year   = {{2026}}
+  year   = {{{YEAR}}}
 }}
 ```
 
@@ -104,4 +109,6 @@ def _title(caption: str) -> str:
 
 
 def _latex(text: str) -> str:
-    return re.sub(r"([%&_#${}])", r"\\\1", text.replace("\\", r"\textbackslash "))
+    plain = text.replace("\\", r"\textbackslash ")
+    escaped = re.sub(r"([%&_#${}])", r"\\\1", plain)
+    return escaped.replace("~", r"\textasciitilde ").replace("^", r"\textasciicircum ")

@@ -2,14 +2,17 @@
 
 The tables are kept as printed, misprints included (`kilnflight.errata` lists those).
 A claim is a sentence of one of the three works turned into something that can fail:
-either a number with bounds (columns ``low`` and ``high`` of claims.csv, both
-included, an empty one is open) or a set of named conditions that must all hold.
+either a number with bounds (columns ``low`` and ``high`` of claims.csv; an empty one is
+open; they are included unless the expectation says ``<`` or ``>``), or a set of named
+conditions that must all hold.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +36,7 @@ class Verdict:
     measured: str
     published: str
     reason: str = ""
+    criterion: str = ""
 
 
 def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
@@ -52,7 +56,7 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     """
     folder = places.reference() / "published"
     path = folder / f"{name}.csv"
-    if not path.is_file():
+    if Path(name).name != name or not path.is_file():
         known = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
         raise InputError(f"no published table {name!r}; there are {known}.")
     return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
@@ -68,6 +72,13 @@ def _claim(claim_id: str) -> pd.Series:
     if claim_id not in known.index:
         raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
     return pd.Series(known.loc[claim_id])
+
+
+def _criterion(claim: pd.Series) -> str:
+    """Return in one line what the verdict rests on: quantity, expectation, bounds."""
+    bounds = [str(claim[name]) for name in ("low", "high") if not np.isnan(claim[name])]
+    within = f" [{claim['low']:g}, {claim['high']:g}]" if len(bounds) == 2 else ""
+    return f"{claim['quantity']}: {claim['expect']}{within}"
 
 
 def judge(
@@ -101,6 +112,10 @@ def judge(
     if isinstance(measured, Mapping):
         if bounded or not measured:
             raise InputError(f"claim {claim_id} asks for {claim['expect']!r}: pass the number.")
+        if not all(isinstance(ok, bool | np.bool_) for ok in measured.values()):
+            raise InputError(
+                f"claim {claim_id}: a condition is neither True nor False: {measured}."
+            )
         holds = all(measured.values())
         text = "; ".join(f"{name}: {'yes' if ok else 'NO'}" for name, ok in measured.items())
     else:
@@ -112,18 +127,22 @@ def judge(
             )
         low = -np.inf if np.isnan(claim["low"]) else claim["low"]
         high = np.inf if np.isnan(claim["high"]) else claim["high"]
-        holds = bool(((values >= low) & (values <= high)).all())
+        # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
+        strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
+        inside = (values > low) & (values < high) if strict else (values >= low) & (values <= high)
+        holds = bool(inside.all())
         names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
         text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
     verdict = REPRODUCED if holds else NOT_REPRODUCED
-    return Verdict(claim_id, verdict, text, claim["claim"], note)
+    return Verdict(claim_id, verdict, text, claim["claim"], note, _criterion(claim))
 
 
 def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
     """Return the verdict "not decidable" for a claim, with the reason (required)."""
     if not reason.strip():
         raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
-    return Verdict(claim_id, NOT_DECIDABLE, measured, _claim(claim_id)["claim"], reason)
+    claim = _claim(claim_id)
+    return Verdict(claim_id, NOT_DECIDABLE, measured, claim["claim"], reason, _criterion(claim))
 
 
 def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:

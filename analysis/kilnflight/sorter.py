@@ -5,7 +5,7 @@ tracks -> observe -> (count) -> compare the models -> one table per question
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.belt.dem import read_dem
-from kilnflight.belt.deviation import Deviations, Evaluation
+from kilnflight.belt.deviation import Deviations, Evaluation, over_draws
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
 
@@ -75,4 +75,32 @@ def compare(
         draws.insert(0, "source", source)
         draws.insert(1, "data_set", data_set)
         parts.append(draws)
+    return pd.concat(parts, ignore_index=True)
+
+
+def vary_target(
+    tracks: Mapping[Key, pd.DataFrame],
+    targets_mm: Iterable[float],
+    evaluation: Evaluation,
+    deviations: Deviations,
+    seed: int,
+) -> pd.DataFrame:
+    """Return the deviations for several targets, the length of the phase kept.
+
+    Where the target lies is our choice (the public tracks end at the belt's edge); what a
+    verdict owes to it shows here.
+
+    Returns
+    -------
+    DataFrame
+        ``target_mm`` and the columns of `kilnflight.belt.deviation.over_draws`.
+    """
+    length = PredictionPhase().target_mm - PredictionPhase().start_mm
+    parts = []
+    for target in targets_mm:
+        phase = PredictionPhase(target - length, target)
+        observed = {key: phase.observe(one) for key, one in tracks.items()}
+        table = over_draws(compare(observed, phase, evaluation, deviations, seed))
+        table.insert(0, "target_mm", target)
+        parts.append(table)
     return pd.concat(parts, ignore_index=True)

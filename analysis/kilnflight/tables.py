@@ -51,11 +51,13 @@ class Table:
             If a column is missing, not a number, or holds a value that is not finite.
         """
         where = where or self.name
-        if list(table.columns) != self.names:
+        if not isinstance(table, pd.DataFrame) or list(table.columns) != self.names:
             check_columns(table, self.names, where)
             table = table[self.names]
         for column, kind in zip(self.columns, table.dtypes, strict=True):
-            if not pd.api.types.is_numeric_dtype(kind):
+            number = pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind)
+            whole = column.kind is float or pd.api.types.is_integer_dtype(kind)
+            if not (number and whole):
                 raise InputError(
                     f"{where}: column {column.name} holds {kind}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."

@@ -180,6 +180,20 @@ def test_cvbc_leaves_out_what_cv_never_brings():
         CVBC().calibrated(last_of([(623.0, 0.0, 0.0)]), arrivals([0.9]), TARGET)
 
 
+def test_what_arrives_before_it_was_seen_is_told():
+    last = last_of([(623.0, 1000.0, 0.0)])
+    for model in (IV(), IA(), CVBC()):
+        with pytest.raises(InputError, match="particle 0 arrives before"):
+            model.calibrated(last, arrivals([0.5]), TARGET)
+
+
+def test_a_target_and_a_shared_velocity_are_numbers_that_arrive():
+    with pytest.raises(InputError, match="target_mm"):
+        CV()(last_of([(623.0, 1000.0, 0.0)]), np.nan)
+    with pytest.raises(InputError, match="IV: velocity_mm_s"):
+        IV(-5.0)
+
+
 def test_a_limit_is_a_velocity():
     with pytest.raises(InputError, match="limit_mm_s"):
         replace(CALV(), limit_mm_s=0.0)

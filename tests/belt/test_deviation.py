@@ -10,7 +10,7 @@ from kilnflight.belt.deviation import (
     SUMMARY,
     Evaluation,
     arrival_deviations,
-    interval,
+    intervals,
     lateral_deviations,
     over_draws,
     summarise,
@@ -108,6 +108,7 @@ def test_draws_are_summed_up_per_model_and_data_set():
     )
     table = over_draws(draws)
     assert table[["data_set", "mae"]].to_numpy().tolist() == [["s", 2.0], ["c", 5.0]]
-    between = interval(draws)
-    assert between["low"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.025), 5.0])
-    assert between["high"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.975), 5.0])
+    between = intervals(draws)
+    assert between["mae"].tolist() == [2.0, 5.0]
+    assert between["iqr_low"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.025), 5.0])
+    assert between["mae_high"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.975), 5.0])

@@ -88,6 +88,12 @@ def test_the_same_seed_gives_the_same_tracks():
     assert not run(belt, 3)["x"].equals(run(belt, 4)["x"])
 
 
+@pytest.mark.parametrize("wrong", [{"friction": -1.0}, {"end_mm": 300.0}, {"kick_mm_s": -2.0}])
+def test_what_is_no_belt_is_told(wrong):
+    with pytest.raises(InputError, match="FrictionBelt"):
+        FrictionBelt(**wrong)
+
+
 @pytest.mark.parametrize("field", ["particles", "inertia", "belt_mm_s", "sampling_hz"])
 def test_what_cannot_be_simulated_is_told(field):
     with pytest.raises(InputError, match=f"FrictionBelt: {field}"):

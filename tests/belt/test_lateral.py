@@ -95,9 +95,15 @@ def test_ratio_says_when_it_cannot_be_calibrated():
     with pytest.raises(InputError, match="no calibration particle moves"):
         Ratio().calibrated(last_of([(90.0, 0.0, 0.0)]), arrived([1.0]))
     with pytest.raises(InputError, match="same particles"):
-        Ratio().calibrated(last_of([(90.0, 1.0, 0.0)]), arrived([]).astype(float))
+        Ratio().calibrated(last_of([(90.0, 1.0, 0.0)]), arrived([1.0, 2.0]))
     with pytest.raises(InputError, match="not calibrated"):
         Ratio()(last_of([(90.0, 1.0, 0.0)]), np.array([0.1]))
+
+
+def test_a_time_before_the_last_observation_is_told():
+    for wrong in (np.array([-0.1]), [0.1]):
+        with pytest.raises(InputError, match="remaining_s"):
+            CV()(last_of([(90.0, 10.0, 0.0)]), wrong)
 
 
 def test_without_a_time_there_is_no_place():

@@ -105,6 +105,20 @@ def test_two_rows_in_one_frame_are_an_error(constant_acceleration):
         PHASE.observe(twice)
 
 
+def test_uneven_time_is_an_error(constant_acceleration):
+    constant_acceleration.loc[7, "time_s"] += 0.004
+    with pytest.raises(InputError, match=r"particle 3, frame [78]: time_s does not grow evenly"):
+        PHASE.observe(constant_acceleration)
+    constant_acceleration["time_s"] = 1.0
+    with pytest.raises(InputError, match="does not grow evenly"):
+        PHASE.observe(constant_acceleration)
+
+
+def test_half_frames_are_an_error(constant_acceleration):
+    with pytest.raises(InputError, match="column frame holds float64, expected int"):
+        PHASE.observe(constant_acceleration.assign(frame=constant_acceleration["frame"] + 0.5))
+
+
 def test_a_phase_leads_downstream():
     with pytest.raises(InputError, match="downstream"):
         PredictionPhase(start_mm=800.0)

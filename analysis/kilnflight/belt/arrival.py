@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_finite, check_positive
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 Array = npt.NDArray[np.float64]
@@ -60,6 +60,7 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 def _remaining(last: pd.DataFrame, target_mm: float) -> tuple[Array, Array, Array, Array]:
     """Return time, remaining distance, velocity and acceleration of the last observation."""
     table = BELT_LAST.check(last)
+    check_finite(target_mm, "target_mm")
     distance = target_mm - table["x"].to_numpy()
     if (distance <= 0).any():
         who = table["particle"].to_numpy()[int(np.argmax(distance <= 0))]
@@ -83,7 +84,13 @@ def _calibration_time(last: pd.DataFrame, arrival: pd.DataFrame, model: str) -> 
             f"{model}: calibration needs at least one particle, and the same particles in the "
             f"same order in both tables; got {len(last)} and {len(table)}."
         )
-    return table["time_s"].to_numpy()
+    time = table["time_s"].to_numpy()
+    if (time <= last["time_s"].to_numpy()).any():
+        who = table["particle"].to_numpy()[int(np.argmax(time <= last["time_s"].to_numpy()))]
+        raise InputError(
+            f"{model}: particle {who} arrives before it was last observed; check both tables."
+        )
+    return time
 
 
 def _needs_calibration(value: float | None, model: str) -> float:
@@ -98,6 +105,11 @@ class IV:
 
     velocity_mm_s: float | None = None  # median over the prediction phase (sec. 5)
     name: ClassVar[str] = "IV"
+
+    def __post_init__(self) -> None:
+        """Refuse a velocity that never arrives."""
+        if self.velocity_mm_s is not None:
+            check_positive(self.velocity_mm_s, "IV: velocity_mm_s")
 
     def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
         """Return the predicted time of arrival in s."""

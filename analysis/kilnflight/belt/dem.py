@@ -22,7 +22,7 @@ from kilnflight.tables import BELT_TRACKS
 TIME_STEP_S = 0.01  # of the public files; the paper itself evaluated at 0.001 s
 
 
-def read_dem(path: Path) -> pd.DataFrame:
+def read_dem(path: Path | str) -> pd.DataFrame:
     """Return the tracks of one of the authors' zip files, or of its CSV.
 
     Returns
@@ -37,6 +37,7 @@ def read_dem(path: Path) -> pd.DataFrame:
         If the file is no zip with one CSV, its rows differ in length, a cell is no
         number, the number of columns is odd, or only one of x and y is given.
     """
+    path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; make data fetches the authors' files.")
     cells = _cells(path)
@@ -81,7 +82,7 @@ def _cells(path: Path) -> npt.NDArray[np.float64]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "loadtxt: input contained no data")  # told by us
             return _load(path)
-    except (zipfile.BadZipFile, EOFError, zlib.error) as error:
+    except (zipfile.BadZipFile, EOFError, zlib.error, RuntimeError) as error:
         raise InputError(f"{path.name}: no whole zip file ({error}); fetch it again.") from error
     except InputError:
         raise

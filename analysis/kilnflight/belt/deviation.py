@@ -20,7 +20,7 @@ from kilnflight.checks import InputError
 
 Array = npt.NDArray[np.float64]
 
-SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "mae", "unpredicted"]
+SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
 
 
 Deviations = Callable[
@@ -48,6 +48,7 @@ def summarise(deviation: Array) -> dict[str, float]:
         "q75": q75,
         "whisker_low": inside.min(),
         "whisker_high": inside.max(),
+        "iqr": q75 - q25,
         "mae": np.abs(known).mean(),
         "unpredicted": len(deviation) - len(known),
     }
@@ -164,15 +165,22 @@ def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
     return table.astype({"n": int, "unpredicted": int})
 
 
-def interval(draws: pd.DataFrame, quantity: str = "mae") -> pd.DataFrame:
-    """Return what 95 % of the draws give: the identity and ``low``, ``median``, ``high``."""
-    grouped = draws.groupby(_identity(draws), sort=False)[quantity]
-    return (
-        grouped.quantile(np.array([0.025, 0.5, 0.975]))
-        .unstack()
-        .set_axis(["low", "median", "high"], axis=1)
-        .reset_index()
-    )
+def intervals(draws: pd.DataFrame, quantities: tuple[str, ...] = ("iqr", "mae")) -> pd.DataFrame:
+    """Return between which values 95 % of the draws lie.
+
+    Returns
+    -------
+    DataFrame
+        What identifies a row, and for each quantity ``<quantity>_low``, ``<quantity>``
+        (the median over the draws) and ``<quantity>_high``.
+    """
+    grouped = draws.groupby(_identity(draws), sort=False)
+    parts = [
+        grouped[name].quantile(share).rename(f"{name}{ending}")
+        for name in quantities
+        for share, ending in ((0.025, "_low"), (0.5, ""), (0.975, "_high"))
+    ]
+    return pd.concat(parts, axis=1).reset_index()
 
 
 def _identity(draws: pd.DataFrame) -> list[str]:

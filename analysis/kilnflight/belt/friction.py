@@ -20,7 +20,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt.arrival import BELT_VELOCITY_MM_S
-from kilnflight.checks import check_positive
+from kilnflight.checks import InputError, check_positive
 from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
@@ -62,6 +62,11 @@ class FrictionBelt:
         """Refuse what cannot be simulated."""
         for name in ("particles", "inertia", "belt_mm_s", "sampling_hz", "steps_per_sample"):
             check_positive(min(float(getattr(self, name)), 1e300), f"FrictionBelt: {name}")
+        for name in ("friction", "rolling_friction", "kicks_per_s", "kick_mm_s", "feed_s"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"FrictionBelt: {name} is {getattr(self, name)}, below 0.")
+        if not self.start_mm < self.end_mm:
+            raise InputError(f"FrictionBelt: end_mm {self.end_mm} is not beyond the start.")
 
     def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
         """Simulate and return `kilnflight.tables.BELT_TRACKS`.

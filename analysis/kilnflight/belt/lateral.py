@@ -36,6 +36,8 @@ class LateralModel(Protocol):
 
 def _state(last: pd.DataFrame, remaining_s: Array) -> tuple[Array, Array, Array]:
     table = BELT_LAST.check(last)
+    if not isinstance(remaining_s, np.ndarray) or (remaining_s < 0).any():
+        raise InputError("remaining_s: pass an array of times in s, none of them below 0.")
     check_shape(remaining_s, (len(table),), "remaining_s (one per particle)")
     return (
         table["y"].to_numpy(),
@@ -102,7 +104,9 @@ class CADSC:
         """Return the predicted lateral position in mm."""
         position, velocity, acceleration = _state(last, remaining_s)
         brakes = velocity * acceleration < 0
-        stops = np.divide(-velocity, acceleration, out=np.full_like(velocity, np.inf), where=brakes)
+        never = np.full_like(velocity, np.inf)
+        with np.errstate(over="ignore"):  # a deceleration next to nothing never stops
+            stops = np.divide(-velocity, acceleration, out=never, where=brakes)
         time = np.minimum(remaining_s, stops)
         return position + time * velocity + time**2 * acceleration / 2
 

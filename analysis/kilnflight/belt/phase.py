@@ -32,9 +32,9 @@ class PredictionPhase:
     """Where observation ends and where a particle is predicted to.
 
     The paper predicts to the edge of the belt (788 mm in the authors' files) from 150 mm
-    before it. The public tracks end at that edge, so no observation lies beyond it: every
-    particle's last position is between 773 and 788 mm. Therefore target and start are
-    moved upstream by 15 mm, which keeps the length of the phase.
+    before it. The public tracks end at that edge, so no observation lies beyond it: the last
+    position of every particle that leaves it is between 773 and 788 mm. Therefore target and
+    start are moved upstream by 15 mm, which keeps the length of the phase.
     """
 
     start_mm: float = 623.0  # 150 mm before the target (sec. 5)
@@ -69,7 +69,7 @@ class PredictionPhase:
         Raises
         ------
         InputError
-            If a particle has two rows in one frame.
+            If a particle has two rows in one frame, or the time between frames varies.
         """
         table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
         columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
@@ -108,6 +108,7 @@ class PredictionPhase:
 
 
 def _check_frames(columns: dict[str, Array], starts: npt.NDArray[np.intp]) -> None:
+    """Refuse two rows in one frame and frames that are not evenly spaced in time."""
     repeated = np.diff(columns["frame"], prepend=-1) <= 0
     repeated[starts] = False
     if repeated.any():
@@ -115,6 +116,16 @@ def _check_frames(columns: dict[str, Array], starts: npt.NDArray[np.intp]) -> No
         raise InputError(
             f"particle {columns['particle'][row]} has two rows in frame "
             f"{columns['frame'][row]}; keep one."
+        )
+    inside = np.ones(len(repeated), dtype=bool)
+    inside[starts] = False
+    frames = np.diff(columns["frame"], prepend=0)[inside]
+    step = np.diff(columns["time_s"], prepend=0.0)[inside] / frames
+    if len(step) and (step.min() <= 0 or np.ptp(step) > 1e-3 * np.median(step)):
+        row = int(np.flatnonzero(inside)[np.argmax(np.abs(step - np.median(step)))])
+        raise InputError(
+            f"particle {columns['particle'][row]}, frame {columns['frame'][row]}: time_s does not "
+            f"grow evenly with the frame (median step {np.median(step):g} s). Resample the track."
         )
 
 
