@@ -26,7 +26,7 @@ def test_unknown_attributes_are_told(small):
         ({"frame_rate_hz": float("nan")}, "frame_rate_hz: must be above 0"),
         ({"rows": -1}, "rows: must be above 0"),
         ({"pressure_bar": -4.5}, "pressure_bar: must be above 0"),
-        ({"fraction": "gravel"}, "unknown fraction 'gravel'; use one of wood chips, confetti"),
+        ({"fraction": "gravel"}, "unknown fraction 'gravel'; use one of wood chip, confetti"),
         ({"lance_mm": (1.0, float("inf"), 2.0)}, "expected x, y, z in mm"),
         ({"lance_mm": (1.0, 2.0)}, "expected x, y, z in mm"),
         ({"roi": ((0, 0), (1, 1))}, "three or more vertices"),

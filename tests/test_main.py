@@ -1,6 +1,5 @@
 import subprocess
 import sys
-import types
 
 import numpy as np
 import pandas as pd
@@ -32,14 +31,11 @@ def twin(monkeypatch, small):
         if name != "small":
             raise InputError(f"unknown scene {name!r}; there is small.")
         asked.append(seed)
-        small.truth = lambda: TRUTH
         return small
 
     asked = []
-    scenes = types.ModuleType("kilnflight.twin.scenes")
-    scenes.open_scene = open_scene
-    monkeypatch.setitem(sys.modules, "kilnflight.twin", types.ModuleType("kilnflight.twin"))
-    monkeypatch.setitem(sys.modules, "kilnflight.twin.scenes", scenes)
+    monkeypatch.setattr("kilnflight.twin.scenes.open_scene", open_scene)
+    monkeypatch.setattr("kilnflight.twin.truth.tables", lambda *_: TRUTH)
     return asked
 
 

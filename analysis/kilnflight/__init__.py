@@ -21,6 +21,7 @@ sources      the kinds of files a manifest names
 readers      one file of any format -> one array
 report       what a recording holds, in numbers
 __main__     the command line: import, export, info
+twin         a kiln whose truth is known: flights, combustion, camera, scenes
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
 sorter       the belt experiment, from tracks to deviations

@@ -35,11 +35,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _export(scene: str, folder: Path, part: str | None, seed: int | None) -> None:
-    from kilnflight.twin.scenes import open_scene  # here: only this command needs the twin
+    from kilnflight.twin import scenes, truth  # here: only this command needs the twin
 
-    recording = open_scene(scene, seed=seed)
+    recording = scenes.open_scene(scene, seed=seed)
     frames = _frames(part, len(recording)) if part else None
-    stored = write_recording(recording, folder, frames, recording.truth())
+    stored = write_recording(recording, folder, frames, truth.tables(recording, frames))
     print(f"exported {len(stored)} frames of {stored.attributes.name} to {folder}")
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from kilnflight.checks import InputError, check_positive, check_shape
 
-FRACTIONS = ("wood chips", "confetti", "paper shreds", "PE granules", "mixed")
+FRACTIONS = ("wood chip", "confetti", "paper shred", "PE granule", "mixed")
 LABELS = ("wall", "flame", "burning in air", "non-burning in air", "burning on the wall")
 
 

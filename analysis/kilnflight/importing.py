@@ -4,7 +4,7 @@ A small TOML file, the manifest, says what lies where. Patterns are relative to 
 
     name = "chips-4.5bar"             # every error names it
     frame_rate_hz = 330.0
-    fraction = "wood chips"           # or confetti, paper shreds, PE granules, mixed
+    fraction = "wood chip"            # or confetti, paper shred, PE granule, mixed
     pressure_bar = 4.5
     lance_mm = [-10.0, 240.0, 8950.0]               # outlet: x, y, z
     roi = [[0, 200], [0, 1800], [1535, 1900], [1535, 100]]     # vertices: row, col

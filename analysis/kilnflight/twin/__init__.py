@@ -1,7 +1,34 @@
 """The twin: a kiln whose truth is known.
 
-    fractions -> flight (gas, forces, burning) -> what the camera sees -> recording, truth
+::
+
+    fractions, feed -> flight (gas, forces, burning, state) -> life
+        -> appearance, background, optics -> drawing, depth -> scene (a recording) -> truth
 
 It never sees a method, and no method sees it. Every coefficient is a field with unit and
-source; nothing is tuned to the outcome of a measuring method.
+source: published, handbook, or assumption. Nothing is tuned to the outcome of a measuring
+method.
+
+===========  =====================================================================
+module       what it holds
+===========  =====================================================================
+geometry     kiln, lance and camera; pixel <-> mm <-> kiln coordinates
+gas          stream and jet: velocity and temperature
+fractions    what is fed: sizes, masses, material
+feed         when it is fed: handfuls
+forces       drag, heat transfer, conduction
+state        what a particle is while it flies
+burning      heating, ignition, burning
+flight       from the lance to the end
+life         every particle of a scene at any moment
+optics       light, exposure, noise
+background   the picture without particles
+appearance   particles as ellipses in the picture
+drawing      ellipses into pixels; what a person would mark
+depth        who has depth, and how wrong it is
+scene        `Scene` and `Twin`, its recording
+truth        tables of what is true
+mixture      how much to feed to see what Table 5.2 counts
+scenes       the five subsets, the eight campaigns, the scenarios
+===========  =====================================================================
 """

@@ -113,7 +113,7 @@ def project(
         depth_mm=place[:, 2],
     )
     order = np.argsort(-blobs.depth_mm, kind="stable")
-    return Blobs(*(part[order] for part in blobs))
+    return Blobs._make(part[order] for part in blobs)
 
 
 def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:

@@ -22,7 +22,7 @@ class Pixels(NamedTuple):
     """The pixels of all boxes; arrays (k,)."""
 
     blob: Index  # row in `Blobs`
-    index: Index  # row * columns + column
+    place: Index  # row * columns + column
     radius: npt.NDArray[np.float32]  # 1 on the ellipse
 
 
@@ -62,12 +62,12 @@ def paint(
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
     flat = picture.reshape(-1)
-    behind = flat[pixels.index]
+    behind = flat[pixels.place]
     softness = blobs.softness[pixels.blob]
     profile = blobs.dilution[pixels.blob] / (1 + np.exp((pixels.radius - 1) / softness))
     level = blobs.brightness[pixels.blob]
     change = np.where(blobs.adds[pixels.blob], level * profile, (level - behind) * profile)
-    np.add.at(flat, pixels.index, change.astype(np.float32))
+    np.add.at(flat, pixels.place, change.astype(np.float32))
     seen = np.minimum(behind + change, FULL_SCALE) - np.minimum(behind, FULL_SCALE)
     contrast = np.abs(seen) > VISIBLE_CONTRAST * optics.noise(behind)
     marked = contrast & (pixels.radius <= 1.15)

@@ -77,7 +77,7 @@ class Flights(NamedTuple):
         samples = int(settings.longest_s / every) + 2
         unknown = np.full((n, samples), np.nan, dtype=np.float32)
         return cls(
-            age_s=every * np.arange(samples),
+            age_s=every * np.arange(samples, dtype=np.float64),
             position_m=np.full((n, samples, 3), np.nan, dtype=np.float32),
             velocity_m_s=np.full((n, samples, 3), np.nan, dtype=np.float32),
             surface_k=unknown,
@@ -199,8 +199,8 @@ def launch(
     spread = np.deg2rad(particles.fraction.launch_spread_deg * settings.launch_spread_factor)
     elevation = np.deg2rad(settings.launch_elevation_deg) + generator.normal(0.0, spread, n)
     azimuth = generator.normal(0.0, spread, n)
-    direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)]
-    direction = np.stack([*direction, np.sin(elevation)], axis=1)
+    ahead, aside = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
+    direction = np.stack([ahead, aside, np.sin(elevation)], axis=1)
     varied = np.maximum(1 + settings.slip_spread * generator.normal(size=n), 0.1)
     speed = exit_velocity(state, gas, settings) * varied
     bore = generator.uniform(-0.4, 0.4, (n, 2)) * gas.lance_diameter_m
@@ -223,8 +223,8 @@ def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
             break
         slip = gas.jet_velocity_m_s - speed
         rate = drag_rate(state, np.abs(slip), air_k)
-        braking = settings.wall_friction * GRAVITY_M_S2
-        braking = braking + settings.solids_friction * speed**2 / (2 * gas.lance_diameter_m)
+        solids = settings.solids_friction * speed**2 / (2 * gas.lance_diameter_m)
+        braking = settings.wall_friction * GRAVITY_M_S2 + solids
         gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
         speed = np.where(inside, np.maximum(speed + gain, 0.1), speed)
         way = way + speed * settings.step_s

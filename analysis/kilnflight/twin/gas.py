@@ -87,7 +87,7 @@ class Gas:
         momentum = ratio * self.jet_velocity_m_s**2 * area
         return 0.08 * np.sqrt(np.pi) * buoyancy * distance_m**3 / (3 * momentum**1.5)
 
-    def _jet(self, from_lance_m: Array) -> tuple[Array, Array, Array]:
+    def _jet(self, from_lance_m: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
         """Return distance along the jet, squared distance from its axis, and whether inside."""
         distance = from_lance_m[:, 0]
         ahead = distance > 0

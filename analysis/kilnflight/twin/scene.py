@@ -133,21 +133,21 @@ class Twin:
         marked, visible = drawing.paint(picture, blobs, pixels, self.scene.optics)
         order = np.argsort(moment.particle)
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
-        moment = Moment(*(part[of_blob] for part in moment))
+        moment = Moment._make(part[of_blob] for part in moment)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
         first, last, left, right = self.scene.surroundings.flame_roi
         bright = picture[first:last, left:right] > 2.5 * wall
         labels[first:last, left:right][bright] = 1
         show = marked.astype(bool) & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
-        labels.reshape(-1)[pixels.index[show]] = kinds[pixels.blob[show]]
+        labels.reshape(-1)[pixels.place[show]] = kinds[pixels.blob[show]]
         return Seen(picture, moment, blobs, pixels, show, visible, kinds, labels)
 
     def _in_front(self, moment: Moment) -> Moment:
         """Leave out what is behind the camera or not burning on the wall."""
         depth = self.scene.geometry.to_camera(moment.position_m)[:, 2]
         shown = (depth > 300.0) & (~moment.landed | moment.burning)
-        return Moment(*(part[shown] for part in moment))
+        return Moment._make(part[shown] for part in moment)
 
     def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
         """Return the picture with noise as grey values."""
@@ -199,7 +199,7 @@ class Twin:
         depth, blobs = self.scene.depth, seen.blobs
         _, common = self.particle_errors(t)
         chosen = self._chosen_points(t, seen)
-        index, first = np.unique(seen.pixels.index[chosen], return_index=True)
+        index, first = np.unique(seen.pixels.place[chosen], return_index=True)
         blob = seen.pixels.blob[chosen[first]]
         row = index // self.scene.geometry.columns
         tilt = depth.tilt_mm_px * (row - blobs.row[blob])
@@ -215,7 +215,7 @@ class Twin:
     def _chosen_points(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
         """Return which entries of the frame's particle pixels are valid points."""
         has, _ = self.particle_errors(t)
-        flat = seen.picture.reshape(-1)[seen.pixels.index]
+        flat = seen.picture.reshape(-1)[seen.pixels.place]
         on = seen.show & has[seen.blobs.particle][seen.pixels.blob] & (seen.pixels.radius <= 1.0)
         on &= flat < FULL_SCALE  # a saturated core has no texture, and so no depth
         chosen = np.flatnonzero(on)

@@ -21,7 +21,11 @@ from kilnflight.twin.scene import Scene, Twin
 
 # Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 57, "unlit": 41, "landed": 124},
+    "V1": {"flying": 66, "unlit": 39, "landed": 95},
+    "V2": {"flying": 45, "unlit": 18, "landed": 180},
+    "V3": {"flying": 12, "unlit": 17, "landed": 132},
+    "V4": {"flying": 145, "unlit": 15, "landed": 232},
+    "V5": {"flying": 8, "unlit": 74, "landed": 43},
 }
 
 # Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to

@@ -6,12 +6,21 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib.path import Path as Polygon
+from tqdm import tqdm
 
 from kilnflight.twin.life import Life
 from kilnflight.twin.scene import Twin
 
 CROSSINGS_M = (1.0, 2.0, 3.0, 4.0, 5.0)  # distances from the lance (sec. 5.3.1)
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
+
+
+def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
+    """Return both tables of the truth by name; every wanted frame is looked at once."""
+    wanted = frames if frames is not None else range(len(twin))
+    bar = tqdm(wanted, desc=f"truth of {twin.scene.name}", unit="frame", disable=None)
+    parts = [sightings(twin, t) for t in bar]
+    return {"particles": particles(twin), "sightings": pd.concat(parts, ignore_index=True)}
 
 
 def particles(twin: Twin) -> pd.DataFrame:

@@ -1,0 +1,102 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.twin.feed import Burst, by_hand
+from kilnflight.twin.flight import Flight
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.life import OnTheWall, live
+
+KILN = (Gas(), Geometry(), Flight(), OnTheWall())
+FEED = (Burst("confetti", 40, -0.5), Burst("wood chip", 20, -0.3), Burst("PE granule", 0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def life():
+    return live(FEED, *KILN, seed=3)
+
+
+def test_everyone_fed_has_a_row_and_an_end(life):
+    assert life.table["fraction"].value_counts().to_dict() == {"confetti": 40, "wood chip": 20}
+    assert life.table["particle"].tolist() == list(range(60))
+    assert life.table["end_s"].notna().all()
+    assert (life.over_s >= life.release_s + life.table["end_s"]).all()
+
+
+def test_the_same_seed_gives_the_same_lives_and_fractions_do_not_disturb_each_other(life):
+    again = live(FEED, *KILN, seed=3)
+    pd.testing.assert_frame_equal(life.table, again.table)
+    more = live((*FEED, Burst("paper shred", 5, 0.0)), *KILN, seed=3)
+    same = more.table[more.table["fraction"] == "confetti"]["end_s"].to_numpy()
+    np.testing.assert_array_equal(
+        same, life.table[life.table["fraction"] == "confetti"]["end_s"].to_numpy()
+    )
+
+
+def test_a_moment_lies_on_the_flight(life):
+    """At a sampled age the position is the sample; between two, the line."""
+    for age in (0.0, 0.1, 0.101):
+        who = 45
+        moment = life.at(float(life.release_s[who]) + age + 1e-12)
+        row = int(np.flatnonzero(moment.particle == who)[0])
+        step = life.flights.age_s[1]
+        low = int(age / step + 1e-9)
+        one, two = life.flights.position_m[who, low : low + 2].astype(float)
+        expected = one + (age / step - low) * (two - one)
+        np.testing.assert_allclose(moment.position_m[row], expected, atol=1e-5)
+        assert not moment.landed[row]
+
+
+def test_nobody_is_there_before_or_after(life):
+    assert len(life.at(-10.0).particle) == 0
+    assert len(life.at(100.0).particle) == 0
+
+
+def test_what_has_landed_stays_where_it_landed(life):
+    landed = life.table["end"] == "landed"
+    who = int(life.table.index[landed & (life.table["flame_s"] > 0.2)][0])
+    time = life.release_s[who] + life.table["end_s"][who] + 0.1
+    moment = life.at(time)
+    row = int(np.flatnonzero(moment.particle == who)[0])
+    assert moment.landed[row]
+    assert not moment.velocity_m_s[row].any()
+    place = KILN[1].to_camera(moment.position_m[row])
+    end = life.table.loc[who, ["end_x_mm", "end_y_mm", "end_z_mm"]].to_numpy(float)
+    np.testing.assert_allclose(place, end)
+
+
+def test_flames_on_the_wall_flicker(life):
+    who = int(life.table["flame_s"][life.table["end"] == "landed"].idxmax())
+    start = life.release_s[who] + life.table["end_s"][who]
+    seen = []
+    for time in np.arange(start + 1e-6, life.over_s[who], 0.01):
+        moment = life.at(time)
+        seen.append(bool(moment.burning[moment.particle == who][0]))
+    assert not seen[0]  # the flame needs a moment
+    assert any(seen)
+    assert len(set(np.diff(np.array(seen, dtype=int)))) > 1
+
+
+def test_an_empty_kiln_is_a_kiln():
+    nothing = live((), *KILN, seed=1)
+    assert len(nothing.table) == 0
+    assert len(nothing.at(0.5).particle) == 0
+
+
+def test_feeding_by_hand_comes_in_bursts_and_loses_nobody():
+    bursts = by_hand(FRACTIONS["confetti"], 300, 9.0, np.random.default_rng(1))
+    assert sum(burst.count for burst in bursts) == 300
+    assert 5 < len(bursts) < 100
+    times = np.concatenate([b.release(np.random.default_rng(2))[1] for b in bursts])
+    gaps = np.diff(np.sort(times))
+    assert gaps.std() > 1.3 * gaps.mean()  # more uneven than a steady random feed (1.0)
+    assert by_hand(FRACTIONS["confetti"], 0, 9.0, np.random.default_rng(1)) == ()
+
+
+def test_impossible_bursts_are_told():
+    for wrong in ({"fraction": "coal"}, {"count": -1}, {"duration_s": 0.0}):
+        with pytest.raises(InputError):
+            Burst(**{"fraction": "confetti", "count": 1, "start_s": 0.0, **wrong})
