@@ -14,13 +14,16 @@ def main() -> None:
     """Run (called by make bench)."""
     rows = []
     for path in sorted(Path(__file__).parent.glob("bench_*.py")):
-        for row in importlib.import_module(path.stem).rows():
+        module = importlib.import_module(path.stem)
+        for row in module.rows():
             print(
                 f"{row.step}, {row.size} {row.unit}: {1000 * row.ours_s:.1f} ms, "
                 f"{row.ratio:.1f} x faster than {row.peer}",
                 flush=True,
             )
             rows.append(row)
+        if hasattr(module, "save"):
+            module.save()
     table = pd.DataFrame(rows)
     caption = (
         "Time of our implementation and of a peer with the same result, best of three runs in "

@@ -6,9 +6,9 @@
 # more than 1 m (Fig. 2.15). Three quadratics, Eq. 2.4, bring it back.
 #
 # **Here.** The equation itself is examined exactly. The plate measurements were not
-# published; they are simulated as the inverse of Eq. 2.4 plus the scatter that the text
-# describes in words. What was put in cannot be found out: where that matters, the verdict
-# says so. Notebook 03 repeats the fit.
+# published; the twin's camera sees a plate instead, its depth the inverse of Eq. 2.4 plus the
+# scatter that the text describes in words. What was put in cannot be found out: where that
+# matters, the verdict says so. Notebook 03 repeats the fit.
 #
 # $$
 # f(z) = \begin{cases}
@@ -31,15 +31,13 @@ import pandas as pd
 from matplotlib import cbook
 
 from kilnflight import camera, drawing, figures, places, provenance, reference
+from kilnflight.twin import plate
 
 drawing.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]
-made = provenance.trace(
-    "02_depth_calibration",
-    {"scale": scale, "points": points},
-    seed=seed,
-    inputs=[places.reference() / "published" / "depth_calibration.csv"],
-)
+facts = [places.reference() / "published" / "depth_calibration.csv"]
+setting = {"scale": scale, "points": points}
+made = provenance.trace("02_depth_calibration", setting, seed=seed, inputs=facts)
 print(f"{points} points at each of {len(camera.PLATE_DISTANCES_MM)} distances")
 
 # %% [markdown]
@@ -61,20 +59,34 @@ caption = "Where Eq. 2.4 jumps, falls and turns negative. A calibration should d
 figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=made)
 
 # %% [markdown]
-# ## The plate, simulated
+# ## The plate, as the twin's camera sees it
 #
 # A true depth of 3 m has two captured depths; the one nearer to the truth is taken, as the
-# text says that the median at 3 m is close to the actual value. The scatter (range between
-# whiskers, heavy tails) is set to the text's words: an input, not a finding.
+# text says that the median at 3 m is close to the actual value. Errors are common to patches
+# of the picture and heavy-tailed; their size is set to the text's words: an input.
 
 # %%
-captured, true = camera.measure_plate(points, np.random.default_rng(seed))
+captured, true = plate.see_all_plates(points, np.random.default_rng(seed))
 metres = np.array(camera.PLATE_DISTANCES_MM) / 1000.0
 plates = pd.DataFrame({"true_m": metres, "median_mm": np.median(captured, axis=1)})
 plates["published_mm"] = camera.invert_depth(camera.PLATE_DISTANCES_MM)
 plates["q25_mm"], plates["q75_mm"] = np.quantile(captured, [0.25, 0.75], axis=1)
 plates["median_error_mm"] = plates["median_mm"] - 1000.0 * metres
 plates.round(1)
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = drawing.canvas(height_mm=70)
+some = [plate.see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
+for cloud, m in zip(some, metres, strict=True):
+    axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
+axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
+caption = (
+    "Point clouds of the test plate at 1 m to 11 m, seen from above, after Fig. 2.14: colours "
+    "change from plate to plate (odd metres black)."
+)
+table = pd.DataFrame(np.concatenate(some), columns=["x_mm", "y_mm", "z_captured_mm"])
+table.insert(0, "true_m", np.repeat(metres, 400))
+figures.save("fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=made)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(height_mm=62)
@@ -93,8 +105,8 @@ axes.set(xlabel="distance of the plate (m)", ylabel="captured minus true depth (
 axes.set(ylim=(-3, 3), xlim=(0.3, 11.7), xticks=metres, xticklabels=range(1, 12))
 axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 caption = (
-    "Captured depth of the simulated test plate, after Fig. 2.15. Boxes: quartiles and whiskers of "
-    "the simulated points (at most 60 outliers shown); diamonds: what Eq. 2.4 maps to the truth. "
+    "Captured depth of the test plate seen by the twin, after Fig. 2.15. Boxes: quartiles and "
+    "whiskers of the points (at most 60 outliers shown); diamonds: what Eq. 2.4 maps to the truth. "
     "Centres and scatter are inputs, taken from Eq. 2.4 and the words of section 2.1.5."
 )
 figures.save("fig-2-15-plate-depth", plates, picture=picture, caption=caption, provenance=made)

@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
-from scipy.stats import t as student_t
 
 from kilnflight.checks import InputError, check_finite
 
@@ -234,49 +233,3 @@ def _continuity(breakpoints_mm: tuple[float, ...], degree: int, scale: float) ->
         conditions[row, row * size : (row + 1) * size] = powers
         conditions[row, (row + 1) * size : (row + 2) * size] = -powers
     return null_space(conditions) if len(breakpoints_mm) else np.eye(size)
-
-
-@dataclass(frozen=True)
-class PlateScatter:
-    """Scatter of the captured depth of a test plate, as section 2.1.5 describes it.
-
-    The text gives words, not numbers: at 3 m the depths range over more than 1 m and
-    have most outliers, at 4 m over a few tens of centimetres, at 6 m to 8 m over
-    roughly 1 m; but for 3 m the scatter grows with distance. Read here as the range
-    between the whiskers of a box plot; values between those named are interpolated.
-    Below 3 m nothing is said: 200 mm is an assumption.
-    """
-
-    range_mm: tuple[float, ...] = (
-        *(200.0, 200.0, 1200.0, 300.0, 600.0),  # 1 m to 5 m
-        *(1000.0, 1000.0, 1000.0, 1050.0, 1100.0, 1150.0),  # 6 m to 11 m
-    )
-    degrees_of_freedom: float = 4.0  # of Student's t: heavy tails, "lots of outliers"
-
-    def __post_init__(self) -> None:
-        """Refuse another number of ranges than of plate distances."""
-        if len(self.range_mm) != len(PLATE_DISTANCES_MM):
-            raise InputError(
-                f"PlateScatter: {len(self.range_mm)} ranges for {len(PLATE_DISTANCES_MM)} plate "
-                "distances; give one each."
-            )
-
-    def __call__(self, n_points: int, generator: np.random.Generator) -> Array:
-        """Return (11, n_points) deviations of the captured depth in mm."""
-        # Whiskers end 1.5 box lengths beyond the box: four box lengths apart.
-        box_of_unit_t = 2 * student_t.ppf(0.75, self.degrees_of_freedom)
-        draws = generator.standard_t(self.degrees_of_freedom, (len(self.range_mm), n_points))
-        return np.asarray(self.range_mm)[:, None] / 4 / box_of_unit_t * draws
-
-
-def measure_plate(
-    n_points: int, generator: np.random.Generator, scatter: PlateScatter | None = None
-) -> tuple[Array, Array]:
-    """Simulate the plate experiment: captured and true depth, (11, n_points) mm each.
-
-    The captured depth is the inverse of Eq. 2.4 plus scatter. What is put in cannot be
-    found out: that the medians agree with Eq. 2.4 proves nothing.
-    """
-    deviation = (scatter or PlateScatter())(n_points, generator)
-    true = np.broadcast_to(np.array(PLATE_DISTANCES_MM)[:, None], deviation.shape)
-    return invert_depth(np.array(PLATE_DISTANCES_MM))[:, None] + deviation, true.copy()

@@ -42,7 +42,7 @@ def by_hand(
     count: int,
     duration_s: float,
     generator: np.random.Generator,
-    handful: float = 15.0,
+    handful: float = 6.0,
     lead_s: float = 1.0,
 ) -> tuple[Burst, ...]:
     """Return bursts that feed ``count`` particles over a run.
