@@ -32,7 +32,7 @@ ENDS = ("landed", "burnt out", "left the kiln", "still flying")
 class Flight:
     """How a flight is computed, and the few quantities that nobody published."""
 
-    step_s: float = 0.5e-3  # a quarter of it changes medians by less than 4 % (tested)
+    step_s: float = 0.5e-3  # a quarter of it changes medians by less than 3 % (tested)
     sample_s: float = 2e-3  # between stored states; frames are interpolated
     longest_s: float = 2.5  # of a flight; the thesis's outliers exceed 1 s (sec. 5.3.1)
     nodes: int = 12  # of the heat conduction in chips and granules
