@@ -206,9 +206,8 @@ class Twin:
         white = depth.white_mm * self._random(t, 4).standard_normal(len(index))
         return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
 
-    def points_of(self, t: int) -> npt.NDArray[np.intp]:
-        """Return the particles that have at least one valid point in frame ``t``."""
-        seen = self.see(t)
+    def points_of(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
+        """Return the particles that have at least one valid point in frame ``t``, seen so."""
         chosen = self._chosen_points(t, seen)
         return np.unique(seen.blobs.particle[seen.pixels.blob[chosen]])
 

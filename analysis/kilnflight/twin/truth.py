@@ -86,12 +86,8 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
             "visible": seen.visible & inside,
             "label": seen.kinds,
             "in_roi": roi.contains_points(np.stack([seen.blobs.row, seen.blobs.column], axis=1)),
-            "has_depth": _with_points(twin, t, seen.blobs.particle),
+            "has_depth": np.isin(seen.blobs.particle, twin.points_of(t, seen)),
             **{axis: place[:, k] for k, axis in enumerate("xyz")},
             **{f"velocity_{axis}_m_s": velocity[:, k] for k, axis in enumerate("xyz")},
         }
     )
-
-
-def _with_points(twin: Twin, t: int, particle: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    return np.isin(particle, twin.points_of(t))
