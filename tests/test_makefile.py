@@ -190,21 +190,26 @@ def test_a_wrong_parameter_of_a_late_notebook_stops_all(project):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_killed_run_leaves_nothing_and_goes_on(project, number):
     write(project, "02_two", "import time; time.sleep(60)")
-    running = subprocess.Popen(
+    with subprocess.Popen(
         ["make"],
         cwd=project,
         env=environment(project),
         start_new_session=True,
+        # a test run in the background of a shell has been told to ignore Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    for line in running.stdout:
-        if line.startswith("02_two: running"):
-            break
-    time.sleep(5.0)
-    os.killpg(running.pid, number)
-    _, errors = running.communicate(timeout=60)
+    ) as running:
+        for line in running.stdout:
+            if line.startswith("02_two: running"):
+                break
+        time.sleep(5.0)
+        os.killpg(running.pid, number)
+        try:
+            _, errors = running.communicate(timeout=40)
+        finally:
+            running.kill()
     assert running.returncode != 0
     assert "Traceback" not in errors
     assert "02_two: interrupted" in errors
