@@ -33,6 +33,7 @@ from kilnflight.gallery import gallery
 from kilnflight.provenance import Provenance
 
 PNG_DPI = 300
+TABLE_DPI = 150  # a table that is drawn as a picture: text only
 SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
 SCREEN_PX_PER_PNG_PX = 0.6  # a column of 88 mm becomes 624 px wide on a page
 
@@ -109,7 +110,9 @@ def save(
     contents = {
         f"{identifier}.csv": _csv(table),
         f"{identifier}.pdf": _pdf(drawn, identifier, caption, provenance),
-        f"{identifier}.png": _png(drawn, identifier, caption, provenance),
+        f"{identifier}.png": _png(
+            drawn, identifier, caption, provenance, PNG_DPI if picture else TABLE_DPI
+        ),
     }
     plt.close(drawn)
     with _locked(folder):
@@ -149,7 +152,7 @@ def _record(provenance: Provenance) -> str:
     return json.dumps(asdict(provenance), sort_keys=True, default=str)
 
 
-def _png(picture: Figure, identifier: str, caption: str, provenance: Provenance) -> bytes:
+def _png(picture: Figure, identifier: str, caption: str, provenance: Provenance, dpi: int) -> bytes:
     metadata = {
         "Title": identifier,
         "Description": caption,
@@ -158,7 +161,7 @@ def _png(picture: Figure, identifier: str, caption: str, provenance: Provenance)
     }
     buffer = io.BytesIO()
     with style():
-        picture.savefig(buffer, format="png", dpi=PNG_DPI, metadata=metadata)
+        picture.savefig(buffer, format="png", dpi=dpi, metadata=metadata)
     return buffer.getvalue()
 
 

@@ -107,6 +107,7 @@ def overview(titles: dict[str, str], folder: Path | None = None) -> pd.DataFrame
 
 def index_text(table: pd.DataFrame, totals: dict[str, int]) -> str:
     """Return the text of the site's first page."""
+    named = zip(table["title"], table["notebook"], strict=True)
     lines = [
         "# kilnflight",
         "",
@@ -114,14 +115,22 @@ def index_text(table: pd.DataFrame, totals: dict[str, int]) -> str:
         "",
         _sentence(totals),
         "",
+        *_markdown(table, [f"[{title}]({stem}.ipynb)" for title, stem in named]),
+    ]
+    stems = "\n".join(table["notebook"])
+    return "\n".join(lines) + f"\n\n```{{toctree}}\n:hidden:\n\n{stems}\n```\n"
+
+
+def _markdown(table: pd.DataFrame, names: Sequence[str]) -> list[str]:
+    """Return the lines of a Markdown table of the overview, notebooks called by ``names``."""
+    lines = [
         "| notebook | result | " + " | ".join(reference.VERDICTS) + " |",
         "|---|---|" + "---:|" * len(reference.VERDICTS),
     ]
-    for _, row in table.iterrows():
+    for name, (_, row) in zip(names, table.iterrows(), strict=True):
         counts = " | ".join(str(row[verdict]) for verdict in reference.VERDICTS)
-        lines.append(f"| [{row['title']}]({row['notebook']}.ipynb) | {row['result']} | {counts} |")
-    stems = "\n".join(table["notebook"])
-    return "\n".join(lines) + f"\n\n```{{toctree}}\n:hidden:\n\n{stems}\n```\n"
+        lines.append(f"| {name} | {row['result']} | {counts} |")
+    return lines
 
 
 def _sentence(totals: dict[str, int]) -> str:
@@ -187,12 +196,8 @@ def results_block() -> str:
         MARK,
         _sentence(totals),
         "",
-        "| notebook | result | " + " | ".join(reference.VERDICTS) + " |",
-        "|---|---|" + "---:|" * len(reference.VERDICTS),
+        *_markdown(table, list(table["title"])),
     ]
-    for _, row in table.iterrows():
-        counts = " | ".join(str(row[verdict]) for verdict in reference.VERDICTS)
-        lines.append(f"| {row['title']} | {row['result']} | {counts} |")
     return "\n".join([*lines, END_MARK])
 
 
