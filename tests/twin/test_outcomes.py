@@ -95,3 +95,24 @@ def test_the_same_seed_releases_the_same_particles_and_the_table_has_a_row_per_c
     rows = outcomes.table({("confetti", 5.0): one, ("confetti", 4.5): two})
     assert list(rows["pressure_bar"]) == [5.0, 4.5]
     assert (rows["particles"] == 20).all()
+
+
+def test_boxes_leave_outliers_out_and_count_them():
+    ends = ["landed"] * 5 + ["left the kiln"]
+    box = outcomes.dwell_box(straight([1.0] * 6, [0.3, 0.31, 0.32, 0.33, 1.5, 0.4], ends))
+    assert (box["whisker_low"], box["whisker_high"]) == (0.3, 0.33)
+    assert (box["outliers"], box["without_dwell"]) == (1, 1)
+
+
+def test_the_histogram_counts_each_ignition_once_in_per_cent_of_all():
+    flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.1, 0.15, 2.0, np.nan])
+    bins = outcomes.ignition_histogram(flights)
+    np.testing.assert_allclose(bins["percent"], [25, 25, 0, 0, 0, 0, 0, 25])
+
+
+def test_along_the_way_every_cell_has_five_velocities_and_five_shares():
+    rows = outcomes.along(outcomes.table({("confetti", 4.5): FOUR}))
+    assert len(rows) == 10
+    share = rows[rows["quantity"] == "remaining"].set_index("distance_m")["value"]
+    np.testing.assert_allclose(share.loc[[1.0, 2.0, 3.0]], [75, 50, 25])
+    assert set(rows.loc[rows["quantity"] == "velocity", "distance_m"]) == {0.5, 1.5, 2.5, 3.5, 4.5}

@@ -11,13 +11,14 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
-from kilnflight.twin.fractions import fraction
+from kilnflight.twin.fractions import FRACTIONS, fraction
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.geometry import Geometry
 
 Array = npt.NDArray[np.float64]
 
 METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
+PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
 LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the last one
 NO_DWELL = [ENDS.index(end) for end in ("left the kiln", "still flying")]
 
@@ -45,6 +46,14 @@ def released(
     at_pressure = Gas(**{**vars(gas), "pressure_bar": pressure_bar})
     drawn = kind.draw(count, np.random.default_rng([seed, 1]))
     return fly(drawn, at_pressure, Geometry(), np.random.default_rng([seed, 2]), flight)
+
+
+def released_all(
+    inputs: tuple[Flight, Gas], count: int, seed: int
+) -> dict[tuple[str, float], Flights]:
+    """Return the flights of every fraction at both pressures; see `released`."""
+    cells = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]
+    return {cell: released(*cell, inputs, count, seed) for cell in cells}
 
 
 def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:
@@ -160,6 +169,71 @@ def outcomes(flights: Flights) -> pd.Series:
         "ignition median (s)": median_ignition(flights),
     }
     return pd.Series(found, dtype=np.float64)
+
+
+def place_of(name: str) -> tuple[str, float]:
+    """Return quantity and distance from the lance in m of an outcome along the way.
+
+    A velocity stands in the middle of its metre; NaN if the outcome has no place.
+
+    Examples
+    --------
+    >>> place_of("velocity 1-2 m (m/s)"), place_of("remaining 3 m (%)")
+    (('velocity', 1.5), ('remaining', 3.0))
+    """
+    quantity, segment, unit = (*name.split(" "), "", "")[:3]
+    if unit != "m" or quantity not in ("velocity", "remaining"):
+        return quantity, float("nan")
+    return quantity, float(np.mean([float(mark) for mark in segment.split("-")]))
+
+
+def along(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of outcomes as one row per quantity and distance.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``quantity`` ("velocity" in m/s, "remaining" in %),
+        ``distance_m``, ``value``.
+    """
+    names = [name for name in rows.columns if np.isfinite(place_of(name)[1])]
+    tall = rows.melt(["fraction", "pressure_bar"], names, "outcome")
+    tall["quantity"] = [place_of(name)[0] for name in tall["outcome"]]
+    tall["distance_m"] = [place_of(name)[1] for name in tall["outcome"]]
+    columns = ["fraction", "pressure_bar", "quantity", "distance_m", "value"]
+    return tall[columns].sort_values(columns[:-1], ignore_index=True)
+
+
+def dwell_box(flights: Flights) -> dict[str, float]:
+    """Return quartiles, whiskers (within 1.5 boxes) and the number of outliers beyond, in s."""
+    times = dwell_times(flights)
+    q25, median, q75 = dwell_quartiles(flights)
+    reach = 1.5 * (q75 - q25)
+    inside = times[(times >= q25 - reach) & (times <= q75 + reach)]
+    return {
+        "whisker_low": float(inside.min()) if len(inside) else np.nan,
+        "q25": float(q25),
+        "median": float(median),
+        "q75": float(q75),
+        "whisker_high": float(inside.max()) if len(inside) else np.nan,
+        "outliers": float(len(times) - len(inside)),
+        "without_dwell": float(len(flights.end) - len(times)),
+    }
+
+
+def ignition_histogram(flights: Flights, width_s: float = 0.1, bins: int = 8) -> pd.DataFrame:
+    """Return which share of all particles ignites when; the last bin holds all that is later.
+
+    Returns
+    -------
+    DataFrame
+        ``from_s`` of each bin and ``percent`` of all particles.
+    """
+    times = flights.ignition_s[np.isfinite(flights.ignition_s)]
+    place = np.minimum(((times - 1e-9) / width_s).astype(np.intp), bins - 1)
+    counts = np.bincount(place, minlength=bins)
+    percent = 100.0 * counts / max(len(flights.end), 1)
+    return pd.DataFrame({"from_s": width_s * np.arange(bins), "percent": percent})
 
 
 def table(cells: dict[tuple[str, float], Flights]) -> pd.DataFrame:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from kilnflight import reference
 from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.outcomes import place_of
 
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
 CELLS = (("wood chip", 4.5), ("confetti", 4.5))
@@ -92,6 +93,25 @@ def statements() -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def along(said: pd.DataFrame) -> pd.DataFrame:
+    """Return the statements that have a place on the way, as `kilnflight.twin.outcomes.along`.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``quantity``, ``distance_m``, ``low``, ``high``.
+    """
+    columns = ["fraction", "pressure_bar", "quantity", "distance_m", "low", "high"]
+    places = [place_of(name) for name in said["outcome"]]
+    table = said.assign(quantity=[q for q, _ in places], distance_m=[d for _, d in places])
+    return table.loc[table["distance_m"].notna(), columns].reset_index(drop=True)
+
+
+def within(said: pd.DataFrame, values: pd.Series) -> pd.Series:
+    """Return "yes" where a value lies within the published bounds, else by how many units not."""
+    return misfits(said, values).map(lambda units: "yes" if units == 0 else f"off by {units:.1f}")
 
 
 def targets() -> pd.DataFrame:
