@@ -177,7 +177,7 @@ def record(path: Path = FILE) -> dict[str, object]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         known = content.pop("sha256")
-    except (OSError, ValueError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
     if digest(content) != known:
         raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")

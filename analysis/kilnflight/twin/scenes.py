@@ -25,11 +25,11 @@ from kilnflight.twin.scene import Scene, Twin
 
 # Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 66, "unlit": 39, "landed": 95},
-    "V2": {"flying": 45, "unlit": 18, "landed": 180},
-    "V3": {"flying": 12, "unlit": 17, "landed": 132},
-    "V4": {"flying": 145, "unlit": 15, "landed": 232},
-    "V5": {"flying": 8, "unlit": 74, "landed": 43},
+    "V1": {"flying": 182, "unlit": 36, "landed": 54},
+    "V2": {"flying": 126, "unlit": 11, "landed": 180},
+    "V3": {"flying": 43, "unlit": 12, "landed": 121},
+    "V4": {"flying": 287, "unlit": 11, "landed": 225},
+    "V5": {"flying": 28, "unlit": 79, "landed": 47},
 }
 
 # Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to

@@ -18,7 +18,14 @@ CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not us
 CELLS = (("wood chip", 4.5), ("confetti", 4.5))
 # What one unit of misfit is at least, where a number is printed without bounds: assumptions,
 # about the spread between runs that differ only by 0.5 bar.
-LEAST_UNIT = {"velocity": 0.5, "remaining": 5.0, "landed": 5.0, "dwell": 0.05, "ignited": 5.0}
+LEAST_UNIT = {
+    "velocity": 0.5,
+    "remaining": 5.0,
+    "landed": 5.0,
+    "dwell": 0.05,
+    "ignited": 5.0,
+    "penetration": 0.5,
+}
 # By quantity, segment and, where that is not enough, the first word of the statistic.
 OUTCOMES = {
     ("dwell_time", "", "median"): "dwell median (s)",
