@@ -72,7 +72,7 @@ def test_no_particle_is_lost_and_each_has_one_end(kind):
 def test_a_finer_step_changes_medians_little(name):
     results = []
     for step in (0.5e-3, 0.125e-3):
-        flights = flown(FRACTIONS[name], Gas(), Flight(step_s=step), n=400, seed=3)
+        flights = flown(FRACTIONS[name], Gas(), Flight(step_s=step), n=1600, seed=3)
         speed = np.nanmedian(flights.velocity_m_s[:, 25, 0])
         results.append([np.median(flights.end_s), speed])
     np.testing.assert_allclose(results[0], results[1], rtol=0.05)
