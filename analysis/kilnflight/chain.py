@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import ast
 import hashlib
+import logging
 import os
 import signal
 import sys
@@ -23,6 +24,7 @@ from typing import Any
 import jupytext
 import nbformat
 import papermill
+from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
 from kilnflight.checks import InputError
@@ -189,14 +191,6 @@ def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
     )
 
 
-class _TerminationError(Exception):
-    """Someone asked this process to end; cleaning up comes first."""
-
-
-def _terminate(*_: object) -> None:
-    raise _TerminationError
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Execute one notebook (called by make)."""
     parser = argparse.ArgumentParser(prog="python -m kilnflight.chain", description=main.__doc__)
@@ -204,7 +198,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--build", type=Path, default=Path("build"))
     parser.add_argument("-p", "--parameter", action="append", default=[], metavar="name=value")
     options = parser.parse_args(arguments)
-    signal.signal(signal.SIGTERM, _terminate)
+    # asked to end, by whatever signal: clean up as after Ctrl-C (asyncio passes nothing else on)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # what was under way when the kernel was killed is reported below, in one line
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     stem = options.source.stem
     started = time.monotonic()
     try:
@@ -227,8 +224,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         kept = options.build / f"{stem}.failed.ipynb"
         print(explain(stem, error, kept), file=sys.stderr)
         return 1
-    except (KeyboardInterrupt, _TerminationError):
-        print(f"{stem}: interrupted; the same make goes on from here", file=sys.stderr)
+    except (KeyboardInterrupt, DeadKernelError) as error:
+        why = "" if isinstance(error, KeyboardInterrupt) else " (its kernel was killed or died)"
+        print(f"{stem}: interrupted{why}; the same make goes on from here", file=sys.stderr)
         return 130
     print(f"{stem}: done in {time.monotonic() - started:.0f} s", flush=True)
     return 0

@@ -6,8 +6,8 @@
         -> appearance, background, optics -> drawing, depth -> scene (a recording) -> truth
 
 It never sees a method, and no method sees it. Every coefficient is a field with unit and
-source: published, handbook, or assumption. Nothing is tuned to the outcome of a measuring
-method.
+source: published, handbook, or assumption. Six of flight and ignition are fitted to two of the
+eight cells (`calibration`). Nothing is tuned to the outcome of a measuring method.
 
 ===========  =====================================================================
 module       what it holds
@@ -28,6 +28,9 @@ drawing      ellipses into pixels; what a person would mark
 depth        who has depth, and how wrong it is
 scene        `Scene` and `Twin`, its recording
 truth        tables of what is true
+outcomes     what flights come to: velocities, dwell times, ignition
+statements   the published sentences that an outcome answers
+calibration  the few free inputs, fitted to two cells and frozen (calibrated.json)
 mixture      how much to feed to see what Table 5.2 counts
 scenes       the five subsets, the eight campaigns, the scenarios
 ===========  =====================================================================

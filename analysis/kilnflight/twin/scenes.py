@@ -2,7 +2,8 @@
 
 ``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections
 5.1.1, 5.2.3, appendix A.1). How many particles were fed is not; the rates follow from the
-trajectories in the windows of Table 5.15 (`RATES_HZ`).
+trajectories in the windows of Table 5.15 (`feed_rate`). Flight and ignition have the frozen
+inputs of `kilnflight.twin.calibration`; the scenario ``inputs-only`` has the untouched ones.
 """
 
 from __future__ import annotations
@@ -12,20 +13,23 @@ from dataclasses import replace
 import numpy as np
 
 from kilnflight.checks import InputError
+from kilnflight.twin.calibration import INPUTS_ONLY, FreeInputs, calibrated
 from kilnflight.twin.feed import by_hand
+from kilnflight.twin.flight import Flight
 from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.mixture import SUBSETS, subset
 from kilnflight.twin.optics import Optics
+from kilnflight.twin.outcomes import PRESSURES_BAR
 from kilnflight.twin.scene import Scene, Twin
 
 # Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 66, "unlit": 39, "landed": 95},
-    "V2": {"flying": 45, "unlit": 18, "landed": 180},
-    "V3": {"flying": 12, "unlit": 17, "landed": 132},
-    "V4": {"flying": 145, "unlit": 15, "landed": 232},
-    "V5": {"flying": 8, "unlit": 74, "landed": 43},
+    "V1": {"flying": 182, "unlit": 36, "landed": 54},
+    "V2": {"flying": 126, "unlit": 11, "landed": 180},
+    "V3": {"flying": 43, "unlit": 12, "landed": 121},
+    "V4": {"flying": 287, "unlit": 11, "landed": 225},
+    "V5": {"flying": 28, "unlit": 79, "landed": 47},
 }
 
 # Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to
@@ -44,7 +48,6 @@ LENGTHS: dict[str, tuple[int, int]] = {
     "paper shred": (3000, 3002),
     "PE granule": (3029, 3113),
 }
-PRESSURES_BAR = (4.5, 5.0)
 PE_RATE_HZ = 153.85  # longer exposure for small transparent granules (sec. 5.2.3)
 RATE_HZ = 330.0  # sec. 2.1.4
 
@@ -73,6 +76,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     duration = frames / rate
     count = round(feed_rate(fraction) * (duration + 1.0))
     optics = Optics() if rate == RATE_HZ else Optics(exposure_s=6.0e-3)
+    flight, gas = calibrated().applied(Flight(), Gas(pressure_bar=pressure_bar))
     return Scene(
         name=f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar",
         feed=by_hand(FRACTIONS[fraction], count, duration, generator),
@@ -80,7 +84,8 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         seed=1000 * seed + 10 * place[0] + place[1] + 100,
         frame_rate_hz=rate,
         fraction=fraction,
-        gas=Gas(pressure_bar=pressure_bar),
+        gas=gas,
+        flight=flight,
         optics=optics,
     )
 
@@ -91,9 +96,15 @@ def ground_truth(name: str, seed: int = 0) -> Scene:
     return subset(name, SIZES[name], 1000 * seed + number)
 
 
+def _with_inputs(scene: Scene, inputs: FreeInputs) -> Scene:
+    flight, gas = inputs.applied(scene.flight, scene.gas)
+    return replace(scene, flight=flight, gas=gas)
+
+
 # One line each: what is only bounded by what was published, at other values.
 SCENARIOS = {
     "base": lambda scene: scene,
+    "inputs-only": lambda s: _with_inputs(s, INPUTS_ONLY),
     "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
     "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
     "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),
@@ -102,6 +113,7 @@ SCENARIOS = {
     "depth-error-double": lambda s: replace(s, depth=replace(s.depth, scale=2.0)),
     "depth-bias": lambda s: replace(s, depth=replace(s.depth, static_bias=0.03)),
     "no-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=0.0)),
+    "full-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=1.0)),
     "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
     "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=250.0)),
 }

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from matplotlib.path import Path as Polygon
 from tqdm import tqdm
 
-from kilnflight.twin.life import Life
+from kilnflight.twin.outcomes import crossing_times
 from kilnflight.twin.scene import Twin
 
 CROSSINGS_M = (1.0, 2.0, 3.0, 4.0, 5.0)  # distances from the lance (sec. 5.3.1)
@@ -35,23 +34,9 @@ def particles(twin: Twin) -> pd.DataFrame:
     """
     table = twin.life.table.copy()
     for distance in CROSSINGS_M:
-        table[f"crossing_{distance:.0f}m_s"] = _crossing(twin, distance)
+        times = crossing_times(twin.life.flights, distance, twin.scene.geometry.lance_m[0])
+        table[f"crossing_{distance:.0f}m_s"] = times
     return table
-
-
-def _crossing(twin: Twin, distance_m: float) -> npt.NDArray[np.float64]:
-    life: Life = twin.life
-    way = life.flights.position_m[:, :, 0] - twin.scene.geometry.lance_m[0]
-    beyond = way >= distance_m
-    ever = beyond.any(axis=1)
-    after = np.argmax(beyond, axis=1) if way.shape[1] else np.zeros(len(way), dtype=int)
-    rows = np.flatnonzero(ever & (after > 0))
-    high, low = way[rows, after[rows]], way[rows, after[rows] - 1]
-    share = (distance_m - low) / (high - low)
-    age = life.flights.age_s
-    found = np.full(len(way), np.nan)
-    found[rows] = age[after[rows] - 1] + share * (age[after[rows]] - age[after[rows] - 1])
-    return found
 
 
 def sightings(twin: Twin, t: int) -> pd.DataFrame:
