@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from kilnflight.twin.plate import DOT_MM, PITCH_MM, see_all_plates, see_plate
 
 from kilnflight.camera import PLATE_DISTANCES_MM, invert_depth
 from kilnflight.checks import InputError
 from kilnflight.twin.depth import DepthCamera
 from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.plate import DOT_MM, PITCH_MM, see_all_plates, see_plate
 
 EXACT = DepthCamera(scale=0.0, white_mm=0.0)
 
