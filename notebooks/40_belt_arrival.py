@@ -59,7 +59,9 @@ picture, (panels,) = drawing.canvas(1, len(shown), width_mm=88 * len(shown), sha
 for axes, name in zip(panels, shown, strict=True):
     axes.axhline(1.5, color="0.6", lw=0.8, ls="-", label="belt")
     axes.set(title=name, xlabel="x along the belt (mm)", ylabel="velocity along the belt (m/s)")
-    for data_set, colour, mark in zip(sorter.DATA_SETS, drawing.COLOURS, "os^", strict=False):
+    for data_set, colour, mark in zip(
+        sorter.DATA_SETS, drawing.COLOURS, drawing.MARKERS, strict=False
+    ):
         one = profiles.loc[name, data_set].set_index("x_mm")
         axes.plot(one["mean_m_s"], color=colour, marker=mark, ls="-", label=data_set)
         spread = pd.concat([one["mean_m_s"] - one["std_m_s"], one["mean_m_s"] + one["std_m_s"]])

@@ -50,13 +50,13 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
 
 def paint(
     picture: npt.NDArray[np.float32], blobs: Blobs, pixels: Pixels, optics: Optics
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Draw particles into a picture (rows, columns), in place.
 
     Returns
     -------
-    marked : (k,) int32
-        For each pixel of ``pixels``: whether it belongs to what a person would mark (1).
+    marked : (k,) bool
+        For each pixel of ``pixels``: whether it belongs to what a person would mark.
     visible : (m,) bool
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
@@ -73,4 +73,4 @@ def paint(
     marked = contrast & (pixels.radius <= 1.15)
     count = np.bincount(pixels.blob[marked], minlength=len(blobs.row))
     visible = count >= VISIBLE_PX
-    return marked.astype(np.int32), visible
+    return marked, visible

@@ -58,7 +58,8 @@ def by_hand(
     generator
         Of sizes and times.
     handful
-        Mean number of particles in a burst (geometric distribution); assumption.
+        Mean number of particles in a burst (geometric distribution); assumption. With 15,
+        tried first, a window of Table 5.15 could be empty, which the thesis's were not.
     lead_s
         How long before the first frame the feeding begins.
     """

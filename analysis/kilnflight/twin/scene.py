@@ -138,7 +138,7 @@ class Twin:
         first, last, left, right = self.scene.surroundings.flame_roi
         bright = picture[first:last, left:right] > 2.5 * wall
         labels[first:last, left:right][bright] = 1
-        show = marked.astype(bool) & visible[pixels.blob]
+        show = marked & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
         labels.reshape(-1)[pixels.place[show]] = kinds[pixels.blob[show]]
         return Seen(picture, moment, blobs, pixels, show, visible, kinds, labels)
