@@ -8,8 +8,9 @@
 #
 # **Here.** The recordings are not public. The twin takes their place: five scenes with the
 # same ten consecutive labelled frames each. What it is fed is chosen so that Table 5.2 comes
-# out within 10 %; who has depth, the size of the depth error and the region of interest are
-# inputs too. That they reappear validates nothing, and no claim is tested here.
+# out within 10 %; who has depth, the size of the depth error, the region of interest and the
+# size of flames (set by Fig. 3.12) are inputs too. That they reappear validates nothing, and
+# no claim is tested here.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -121,7 +122,7 @@ for axes in (left, right):
 
 # %% tags=["hide-input"]
 caption = (
-    "Left: radius of the labelled particles, after Fig. 3.12. Right: distance of the 3D points to "
+    "Left: radius of the labelled particles, after Fig. 3.12, by which flames were sized. Right: distance of the 3D points to "
     "their nearest neighbour after Eq. 2.4, after Fig. 5.7 (one frame of each subset)."
 )
 table = pd.DataFrame({"radius_px": np.sort(radius)})
