@@ -122,8 +122,9 @@ for axes in (left, right):
 
 # %% tags=["hide-input"]
 caption = (
-    "Left: radius of the labelled particles, after Fig. 3.12, by which flames were sized. Right: distance of the 3D points to "
-    "their nearest neighbour after Eq. 2.4, after Fig. 5.7 (one frame of each subset)."
+    "Left: radius of the labelled particles, after Fig. 3.12, by which flames were sized. Right: "
+    "distance of the 3D points to their nearest neighbour after Eq. 2.4, after Fig. 5.7 (one frame "
+    "of each subset)."
 )
 table = pd.DataFrame({"radius_px": np.sort(radius)})
 figures.save("fig-3-12-radius", table, picture=picture, caption=caption, provenance=made)
