@@ -26,7 +26,6 @@ from kilnflight.twin.geometry import Geometry
 drawing.use_style()
 frames = frames or {"quick": 20, "standard": 100, "full": 300}[scale]
 made = provenance.trace("11_kiln_pictures", {"scale": scale, "frames": frames}, seed=seed)
-first = {"wood chip": 100, "confetti": 200, "paper shred": 550, "PE granule": 200}  # Table 5.15
 print(f"{frames} frames of each fraction at 4.5 bar")
 
 # %% [markdown]
@@ -34,8 +33,9 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 
 # %%
 sums, paths = {}, []
-for name, start in first.items():
+for name in scenes.WINDOWS:
     twin = scenes.open_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    start = scenes.tracking_window(twin).start  # as many fly as Table 5.15 counts
     some = range(start, start + frames, max(1, frames // 15))
     background = np.median([twin.frame(t).gray for t in some], axis=0).astype(np.float32)
     total = background.copy()
