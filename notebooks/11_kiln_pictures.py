@@ -104,7 +104,7 @@ off = float(np.abs(profile - truth)[2:-2].max())
 figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=made)
 
 # %%
-crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(first), fill_value=0)
+crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(scenes.WINDOWS), fill_value=0)
 result = (
     f"Particles in the air during {frames} frames: "
     + ", ".join(f"{name} {count}" for name, count in crowd.items())

@@ -214,5 +214,5 @@ def test_tracking_windows_hold_as_many_as_published(name):
 
 
 def test_a_mixed_recording_has_no_tracking_window():
-    with pytest.raises(InputError, match="Table 5.15 has no 'mixed'"):
+    with pytest.raises(InputError, match=r"Table 5\.15 has no 'mixed'"):
         scenes.tracking_window(scenes.open_scene("V1"))
