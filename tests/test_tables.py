@@ -1,11 +1,12 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS, DETECTIONS
 
 
-@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL])
+@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS])
 def test_an_empty_table_passes_its_own_check(table):
     assert list(table.check(table.empty()).columns) == table.names
 
@@ -25,3 +26,16 @@ def test_text_instead_of_numbers_is_told(constant_acceleration):
     table = constant_acceleration.astype({"x": str})
     with pytest.raises(InputError, match=r"column x holds str.*expected float \(mm\)"):
         BELT_TRACKS.check(table)
+
+
+def test_a_detection_may_lack_its_place_in_space_but_nothing_else():
+    row = {
+        name: 1 if DETECTIONS.columns[k].kind is int else 1.0
+        for k, name in enumerate(DETECTIONS.names)
+    }
+    table = pd.DataFrame([{**row, "x": np.nan, "y": np.nan, "z": np.nan}])
+    assert len(DETECTIONS.check(table)) == 1
+    with pytest.raises(InputError, match="column z is not finite"):
+        DETECTIONS.check(table.assign(z=np.inf))
+    with pytest.raises(InputError, match="column gray is not finite"):
+        DETECTIONS.check(table.assign(gray=np.nan))

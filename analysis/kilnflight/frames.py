@@ -160,6 +160,13 @@ class Recording(Protocol):
         """Return frame ``t``, counted from 0; an `InputError` where there is none."""
 
 
+class PictureRecording(Recording, Protocol):
+    """A recording that also gives grey values alone, which backgrounds need by the hundred."""
+
+    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values (rows, cols) of frame ``t``, as `frame` has them."""
+
+
 def check_position(t: int, length: int, name: str) -> None:
     """Raise an `InputError` unless a recording of that length has a frame ``t``."""
     if not 0 <= t < length:

@@ -69,6 +69,12 @@ class StoredRecording:
             labels=read("labels") if labelled else None,
         )
 
+    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values (rows, cols) of frame ``t`` alone; errors as for `frame`."""
+        check_position(t, len(self), self.attributes.name)
+        found: npt.NDArray[np.uint16] = storage.read_array(self.arrays["gray"], self.path, t, None)
+        return found
+
     def truth(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the truth by name; none for a recording of a real kiln."""
         files = sorted((self.path / "truth").glob("*.parquet"))

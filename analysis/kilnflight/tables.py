@@ -18,12 +18,16 @@ from kilnflight.checks import InputError, check_columns
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, kind (``int`` or ``float``), unit and meaning."""
+    """One column: its name, kind (``int`` or ``float``), unit and meaning.
+
+    A column that may be ``missing`` holds NaN where nothing was measured.
+    """
 
     name: str
     kind: type
     unit: str
     meaning: str
+    missing: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,12 +66,14 @@ class Table:
                     f"{where}: column {column.name} holds {kind}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."
                 )
-        finite = np.isfinite(table.to_numpy(dtype=np.float64))
+        numbers = table.to_numpy(dtype=np.float64)
+        may_miss = np.array([column.missing for column in self.columns])
+        finite = np.isfinite(numbers) | (np.isnan(numbers) & may_miss)
         if not finite.all():
             row, column_number = np.argwhere(~finite)[0]
             raise InputError(
                 f"{where}: column {self.names[column_number]} is not finite in row "
-                f"{table.index[row]}. Leave rows without a measurement out; this table has no "
+                f"{table.index[row]}. Leave rows without a measurement out; this column has no "
                 "place-holders."
             )
         return table
@@ -105,5 +111,21 @@ BELT_ARRIVAL = Table(
         Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
         Column("y", float, "mm", "lateral position at t_Ref"),
         Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
+    ),
+)
+
+DETECTIONS = Table(
+    "detections",
+    (
+        Column("frame", int, "1", "number of the frame in its recording"),
+        Column("row", float, "px", "centre, counted down from 0"),
+        Column("col", float, "px", "centre, counted to the right from 0"),
+        Column("radius_px", float, "px", "size: radius of the disc it covers"),
+        Column("gray", float, "1", "mean grey value of the frame within that disc"),
+        Column("x", float, "mm", "mean of its points, camera coordinates", missing=True),
+        Column("y", float, "mm", "likewise", missing=True),
+        Column("z", float, "mm", "likewise, after Eq. 2.4", missing=True),
+        Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
+        Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
     ),
 )

@@ -216,3 +216,47 @@ def test_tracking_windows_hold_as_many_as_published(name):
 def test_a_mixed_recording_has_no_tracking_window():
     with pytest.raises(InputError, match=r"Table 5\.15 has no 'mixed'"):
         scenes.tracking_window(scenes.open_scene("V1"))
+
+
+def test_other_light_on_the_same_flights_is_the_scene_computed_afresh():
+    scene = small_scene()
+    other = replace(
+        scene,
+        optics=replace(scene.optics, wall_level=9000.0, flame_level=20_000.0, irradiance=0.6),
+        on_the_wall=replace(scene.on_the_wall, share_on=0.3, body_s=0.2),
+        surroundings=replace(scene.surroundings, flame_level=90_000.0, flame_flicker=0.1),
+    )
+    shared, afresh = Twin(scene).in_other_light(other), Twin(other)
+    for t in (0, 5):
+        difference = shared.gray(t).astype(int) - afresh.gray(t)
+        assert np.abs(difference).max() <= 1  # a rounding of the wall's level
+        assert (difference != 0).mean() < 0.01
+        assert (shared.frame(t).labels == afresh.frame(t).labels).mean() > 0.9999
+
+
+def test_other_light_changes_light_only():
+    scene = small_scene()
+    for changed in (
+        replace(scene, seed=scene.seed + 1),
+        replace(scene, optics=replace(scene.optics, wall_k=1500.0)),
+        replace(scene, on_the_wall=replace(scene.on_the_wall, delay_s=0.1)),
+    ):
+        with pytest.raises(InputError):
+            Twin(scene).in_other_light(changed)
+
+
+def test_grey_values_alone_are_those_of_the_frame(twin):
+    np.testing.assert_array_equal(twin.gray(3), twin.frame(3).gray)
+    with pytest.raises(InputError):
+        twin.gray(len(twin))
+
+
+def test_instances_and_marks_tell_of_the_same_particles(twin):
+    t = 5
+    image = truth.instances(twin, t)
+    seen = truth.sightings(twin, t)
+    assert ((image >= 0) == (twin.frame(t).labels >= 2)).all()
+    assert set(np.unique(image[image >= 0])) <= set(seen.loc[seen["visible"], "particle"])
+    marked = truth.marked(twin, [t])
+    assert marked["visible"].all()
+    assert marked["in_roi"].all()

@@ -140,6 +140,6 @@ def _brightness(moment: Moment, body: Bodies, optics: Optics, wall_level: float)
     Glowing char counts as a flame: at 1650 K it would be 44,000 by Planck, a flame is 40,000.
     """
     rows = moment.particle
-    reflected = body.reflectivity[rows] * wall_level
+    reflected = body.reflectivity[rows] * optics.irradiance * wall_level
     unlit = reflected + body.emissivity[rows] * optics.glow(moment.surface_k)
     return np.where(moment.burning, optics.flame_level, unlit)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.checks import InputError
 from kilnflight.twin.geometry import Geometry
 from kilnflight.twin.optics import Optics
 
@@ -34,6 +35,7 @@ class Surroundings:
     # Rectangle of the burner's flame: first row, last row, first column, last column.
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
     flame_level: float = 60_000.0  # "very bright" (sec. 3.1): most of it saturates
+    flame_flicker: float = 0.35  # relative, of its eddies
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
     edge_strength: float = 0.10  # relative
     # Polygon of the region of interest, as share of rows and columns: not published, set by
@@ -77,6 +79,24 @@ class Background:
         """True depth of wall and plate, (rows, columns)."""
         row, column = np.indices((self.geometry.rows, self.geometry.columns), dtype=np.float64)
         return self.geometry.wall_depth(row, column)
+
+    def relit(self, optics: Optics, surroundings: Surroundings) -> Background:
+        """Return the same walls in other light: levels of `Optics` and of the burner.
+
+        The pictures that cost time are shared. The wall's temperatures must be the same.
+        """
+        other = Background(self.geometry, optics, surroundings, self.seed)
+        same = optics.wall_k == self.optics.wall_k and (
+            (surroundings.texture_k, surroundings.plate_k, surroundings.edge_px)
+            == (self.surroundings.texture_k, self.surroundings.plate_k, self.surroundings.edge_px)
+        )
+        if not same:
+            raise InputError("relit: temperatures and edges of the walls must stay the same.")
+        brighter = np.float32(optics.wall_level / self.optics.wall_level)
+        other.__dict__.update(
+            level=self.level * brighter, depth_mm=self.depth_mm, _edges=self._edges
+        )
+        return other
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""
@@ -146,7 +166,8 @@ class Background:
     def _flame(self, time_s: float) -> Picture:
         """Return what the burner's flame adds inside its rectangle: eddies that drift."""
         generator = np.random.default_rng([self.seed, 104])
-        eddies = generator.normal(1.0, 0.35, (16, 64)).astype(np.float32)
+        eddies = generator.normal(1.0, self.surroundings.flame_flicker, (16, 64))
+        eddies = eddies.astype(np.float32)
         height, width = self._flame_shape.shape
         columns = (np.arange(16) + 25.0 * time_s) % 64
         low = columns.astype(int)

@@ -9,8 +9,6 @@ clump in the lance, hot gas around it), and is not to be read as a measured leng
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Hashable
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
@@ -23,7 +21,7 @@ from scipy.optimize import Bounds, differential_evolution
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.twin import outcomes, statements
+from kilnflight.twin import frozen, outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
@@ -132,11 +130,6 @@ def _inputs(point: npt.NDArray[np.float64]) -> FreeInputs:
     )
 
 
-def digest(content: object) -> str:
-    """Return the SHA-256 of something made of numbers and text, in one spelling."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
 def target_rows(said: pd.DataFrame) -> list[dict[Hashable, object]]:
     """Return the targets as they are hashed: an open bound is None."""
     rows = said[["fraction", "pressure_bar", "outcome", "printed", "low", "high"]]
@@ -152,7 +145,7 @@ def calibrate(generations: int = GENERATIONS) -> dict[str, object]:
         "cost_inputs_only": cost(INPUTS_ONLY, said),
         "cost_calibrated": cost(best, said),
         "targets": target_rows(said),
-        "targets_sha256": digest(target_rows(said)),
+        "targets_sha256": frozen.digest(target_rows(said)),
         "limits": LIMITS,
         "particles_per_cell": PARTICLES,
         "step_s": STEP_S,
@@ -161,29 +154,12 @@ def calibrate(generations: int = GENERATIONS) -> dict[str, object]:
         "search": "scipy.optimize.differential_evolution",
         "version": __version__,
     }
-    content = json.loads(json.dumps(content))
-    return {**content, "sha256": digest(content)}
+    return content
 
 
 def record(path: Path = FILE) -> dict[str, object]:
-    """Return the content of a calibration file.
-
-    Raises
-    ------
-    InputError
-        If it is missing or damaged, or was made for other targets than flight.csv holds.
-    """
-    again = "Run `python -m kilnflight.twin.calibration`, or take the file from the repository."
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        known = content.pop("sha256")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
-    if digest(content) != known:
-        raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")
-    if content.get("targets_sha256") != digest(target_rows(statements.targets())):
-        raise InputError(f"calibration {path}: made for other targets than flight.csv. {again}")
-    return dict(content)
+    """Return the content of a calibration file; see `frozen.read` for what is refused."""
+    return frozen.read(path, target_rows(statements.targets()), "kilnflight.twin.calibration")
 
 
 @lru_cache(maxsize=8)
@@ -198,8 +174,7 @@ def calibrated(path: Path = FILE) -> FreeInputs:
 
 def main() -> int:
     """Fit, write the file, and print what came out."""
-    content = calibrate()
-    FILE.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    content = frozen.write(FILE, calibrate())
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
     print("\n".join(f"{name}: {content[name]}" for name in names))
     return 0

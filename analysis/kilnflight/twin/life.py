@@ -8,13 +8,14 @@ particle ignites (section 5.1.1), burns with a flame that flickers, and fades.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.checks import InputError
 from kilnflight.twin.burning import CAUSES
 from kilnflight.twin.feed import Burst
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
@@ -86,6 +87,31 @@ class Life:
             landed=landed,
             age_s=age,
         )
+
+    def rekindled(self, before: OnTheWall, wall: OnTheWall) -> Life:
+        """Return the same flights with other fires on the wall.
+
+        Parameters
+        ----------
+        before
+            What this life was computed with.
+        wall
+            Instead of it; only ``sheet_s``, ``body_s`` and ``share_on`` may differ.
+        """
+        if (
+            replace(before, sheet_s=wall.sheet_s, body_s=wall.body_s, share_on=wall.share_on)
+            != wall
+        ):
+            raise InputError(f"rekindled: {wall} differs from {before} in more than durations.")
+        sheet = np.array([FRACTIONS[name].sheet for name in self.table["fraction"]], dtype=bool)
+        longer = np.where(sheet, wall.sheet_s / before.sheet_s, wall.body_s / before.body_s)
+        table = self.table.assign(
+            flame_s=self.table["flame_s"] * longer, flicker_share=wall.share_on
+        )
+        landed = (table["end"] == "landed").to_numpy()
+        afterwards = (table["flame_delay_s"] + table["flame_s"]).to_numpy() * landed
+        over = self.release_s + self.flights.end_s + afterwards
+        return replace(self, table=table, over_s=over)
 
     def _between(
         self, rows: npt.NDArray[np.intp], age_s: Array

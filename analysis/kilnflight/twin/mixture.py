@@ -26,11 +26,9 @@ from kilnflight.twin.feed import Burst
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.scene import Scene, Twin
+from kilnflight.twin.truth import FRAMES, LABELLED, SUBSETS
 
-LABELLED = range(75, 85)  # ten frames, with 75 before and after for the backgrounds
-FRAMES = 160
 CLOSE = 0.08  # a class count off by less is close enough; the rule is 10 % (design)
-SUBSETS = ("V1", "V2", "V3", "V4", "V5")
 FLYING, UNLIT, LANDED = "flying", "unlit", "landed"
 # With the frozen flight inputs shreds burn in numbers and early, confetti seldom: what burns in
 # the air is a handful of mostly shreds thrown 0.3 to 0.6 s before.

@@ -34,6 +34,9 @@ class Optics:
     # below 15 px): 5 mm and 0.5 were tried first and gave burning particles of 12 px.
     flame_mm: float = 2.5  # by which a flame stands off its particle
     curl: float = 0.4  # half axes of a burning sheet over those before
+    # Light on a particle over the wall's own; below 1 the open outlet and the cool inlet plate
+    # show. Assumption.
+    irradiance: float = 1.0
     flame_softness: float = 0.35  # width of its edge over its radius; assumption
     edge_softness_px: float = 0.8  # blur of the processed image; assumption
 

@@ -7,13 +7,14 @@ by any process, and nothing grows with the length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.checks import InputError
 from kilnflight.frames import Attributes, Frame, check_position
 from kilnflight.twin import appearance, drawing
 from kilnflight.twin.appearance import Blobs, Bodies, Tumbling
@@ -104,6 +105,31 @@ class Twin:
         """Noise of the picture without particles; flames change it where they saturate."""
         return self.scene.optics.noise(self._background.level).astype(np.float32)
 
+    def in_other_light(self, scene: Scene) -> Twin:
+        """Return the recording of a scene that differs in its light only; flights are shared.
+
+        Parameters
+        ----------
+        scene
+            As this one but for levels of ``optics``, the burner's flame in ``surroundings``,
+            and how long what landed burns (``on_the_wall``).
+        """
+        same = replace(
+            self.scene,
+            optics=scene.optics,
+            surroundings=scene.surroundings,
+            on_the_wall=scene.on_the_wall,
+        )
+        if same != scene:
+            raise InputError("in_other_light: the scene differs in more than light.")
+        other = Twin(scene)
+        other.__dict__.update(
+            life=self.life.rekindled(self.scene.on_the_wall, scene.on_the_wall),
+            _background=self._background.relit(scene.optics, scene.surroundings),
+            _noise=self._noise,
+        )
+        return other
+
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
         return t / self.scene.frame_rate_hz
@@ -121,6 +147,11 @@ class Twin:
         gray = self._exposed(t, seen.picture)
         pixels, xyz = self._cloud(t, seen)
         return Frame(t, self.time_s(t), gray, pixels, xyz, seen.labels)
+
+    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values (rows, columns) of frame ``t`` alone, the same as its own."""
+        check_position(t, len(self), self.scene.name)
+        return self._exposed(t, self.see(t).picture)
 
     def see(self, t: int) -> Seen:
         """Return the picture before noise and what in it is which particle."""

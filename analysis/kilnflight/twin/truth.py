@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.path import Path as Polygon
 from tqdm import tqdm
@@ -10,6 +13,9 @@ from tqdm import tqdm
 from kilnflight.twin.outcomes import crossing_times
 from kilnflight.twin.scene import Twin
 
+SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
+LABELLED = range(75, 85)  # ten frames of each, with 75 before and after for the backgrounds
+FRAMES = 160
 CROSSINGS_M = (1.0, 2.0, 3.0, 4.0, 5.0)  # distances from the lance (sec. 5.3.1)
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
 
@@ -37,6 +43,25 @@ def particles(twin: Twin) -> pd.DataFrame:
         times = crossing_times(twin.life.flights, distance, twin.scene.geometry.lance_m[0])
         table[f"crossing_{distance:.0f}m_s"] = times
     return table
+
+
+def marked(twin: Twin, wanted: Iterable[int]) -> pd.DataFrame:
+    """Return what a person marks in frames: the `sightings` that are visible and in the ROI.
+
+    The evaluation of detectors counts nothing else (section 5.1.3).
+    """
+    parts = [sightings(twin, t) for t in wanted]
+    seen = pd.concat(parts, ignore_index=True)
+    return seen[seen["visible"] & seen["in_roi"]].reset_index(drop=True)
+
+
+def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
+    """Return which particle each pixel (rows, columns) of frame ``t`` shows; -1 is none."""
+    seen = twin.see(t)
+    image = np.full(seen.labels.shape, -1, dtype=np.int32)
+    blob = seen.pixels.blob[seen.show]
+    image.reshape(-1)[seen.pixels.place[seen.show]] = seen.blobs.particle[blob]
+    return image
 
 
 def sightings(twin: Twin, t: int) -> pd.DataFrame:

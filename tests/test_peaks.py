@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from kilnflight.checks import InputError
+from kilnflight.peaks import find_peaks
+
+
+def hill(rows, cols, places, sigma=2.0):
+    row, col = np.indices((rows, cols))
+    return sum(
+        top * np.exp(-((row - r) ** 2 + (col - c) ** 2) / (2 * sigma**2)) for r, c, top in places
+    )
+
+
+WHOLE = np.array([[0, 40, 0, 60]])
+
+
+def test_hills_are_counted_highest_first():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0), (30, 15, 4.0)])
+    area, place = find_peaks(image, WHOLE, 10.0)
+    assert area.tolist() == [0, 0]
+    assert place[:, :2].tolist() == [[10, 12], [25, 40]]
+    assert place[:, 2] == pytest.approx([100.0, 50.0], abs=0.1)
+
+
+def test_a_shoulder_is_no_peak_and_a_shallow_saddle_joins_two():
+    twins = hill(40, 60, [(20, 20, 100.0), (20, 25, 90.0)])
+    _, deep = find_peaks(twins, WHOLE, 1.0)
+    _, shallow = find_peaks(twins, WHOLE, 40.0)
+    assert (len(deep), len(shallow)) == (2, 1)
+
+
+def test_the_foot_of_something_outside_is_no_peak():
+    slope = np.tile(np.arange(60.0), (40, 1))
+    assert len(find_peaks(slope, WHOLE, 1.0)[1]) == 0
+    assert len(find_peaks(-slope, WHOLE, 1.0)[1]) == 0
+
+
+def test_each_area_may_ask_for_its_own_prominence():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0)])
+    area, _ = find_peaks(image, np.repeat(WHOLE, 2, axis=0), [10.0, 70.0])
+    assert area.tolist() == [0, 0, 1]
+
+
+def test_areas_are_clipped_and_told_apart():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0)])
+    areas = np.array([[20, 99, 30, 99], [0, 2, 0, 2], [-5, 20, -5, 30]])
+    area, place = find_peaks(image, areas, 10.0)
+    assert area.tolist() == [0, 2]
+    assert place[:, :2].tolist() == [[25, 40], [10, 12]]
+
+
+def test_nothing_to_look_at():
+    area, place = find_peaks(np.zeros((5, 5)), np.empty((0, 4), int), 1.0)
+    assert area.shape == (0,)
+    assert place.shape == (0, 3)
+    assert len(find_peaks(np.full((40, 60), 65535, np.uint16), WHOLE, 1.0)[1]) == 0
+
+
+@pytest.mark.parametrize("prominence", [0.0, -1.0, np.nan])
+def test_a_prominence_must_be_positive(prominence):
+    with pytest.raises(InputError, match="prominence"):
+        find_peaks(np.zeros((5, 5)), WHOLE, prominence)
+
+
+def test_shapes_are_checked():
+    with pytest.raises(InputError, match="areas"):
+        find_peaks(np.zeros((5, 5)), np.zeros((2, 3), int), 1.0)
+    with pytest.raises(InputError, match="axes"):
+        find_peaks(np.zeros(5), WHOLE, 1.0)
+
+
+def by_flooding(image, prominence):
+    """Each pixel: lower the water until a higher pixel joins; by label at every level."""
+    from scipy.ndimage import label
+
+    found = {}
+    around = np.ones((3, 3))
+    for r, c in np.ndindex(image.shape):
+        if r in (0, image.shape[0] - 1) or c in (0, image.shape[1] - 1):
+            continue
+        own = (image[r, c], -(r * image.shape[1] + c))
+        edge = np.ones(image.shape, bool)
+        edge[1:-1, 1:-1] = False
+        best = image[r, c] - np.median(image[edge])
+        for level in np.unique(image)[::-1]:
+            if level > image[r, c]:
+                continue
+            parts, _ = label(image >= level, around)
+            same = np.argwhere(parts == parts[r, c])
+            if any((image[i, j], -(i * image.shape[1] + j)) > own for i, j in same):
+                best = image[r, c] - level
+                break
+        if best >= prominence:
+            found[r, c] = best
+    return found
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(np.int64, (6, 7), elements=st.integers(0, 6)), st.integers(1, 4))
+def test_prominence_is_what_flooding_by_levels_gives(image, prominence):
+    _, place = find_peaks(image, np.array([[0, 6, 0, 7]]), float(prominence))
+    ours = {(int(r), int(c)): h for r, c, h in place}
+    assert ours == by_flooding(image, prominence)
