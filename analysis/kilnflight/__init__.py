@@ -24,6 +24,9 @@ __main__     the command line: import, export, info
 twin         a kiln whose truth is known: flights, combustion, camera, scenes
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 thermography temperature profile of the wall, Fig. 2.4 of the thesis
+peaks        grey-value peaks in small areas
+evidence     what the grey values of an area say about a detection
+correspondence which keypoints and clusters are the same potential particle
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
 sorter       the belt experiment, from tracks to deviations
 scores       precision, recall and F1 from counts
