@@ -22,6 +22,7 @@ readers      one file of any format -> one array
 report       what a recording holds, in numbers
 __main__     the command line: import, export, info
 twin         a kiln whose truth is known: flights, combustion, camera, scenes
+background   six background models, section 2.2.1 of the thesis: what moves stays
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 thermography temperature profile of the wall, Fig. 2.4 of the thesis
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
