@@ -96,6 +96,7 @@ class Held:
         self._capacity = min(capacity, self.length)
         self._free = list(range(self._capacity))[::-1]
         self._slots: dict[int, int] = {}
+        self._first = -1
 
     @property
     def precise(self) -> np.dtype[Any]:
@@ -122,11 +123,11 @@ class Held:
     def _copy(self, index: int) -> None:
         frame = np.asarray(self._frames[index])
         kind = frame.dtype.newbyteorder("=")
-        if not self._slots and not self.pixels.size:
+        if self._first < 0:
             self._accept(frame, kind, index)
         if frame.shape != self.shape or kind != self.pixels.dtype:
             raise InputError(
-                f"frame {index}: {kind} of shape {frame.shape}, but the frames before it are "
+                f"frame {index}: {kind} of shape {frame.shape}, but frame {self._first} is "
                 f"{self.pixels.dtype} of shape {self.shape}. Split the stack where it changes."
             )
         if kind.kind == "f" and not np.isfinite(frame).all():
@@ -150,7 +151,7 @@ class Held:
                 f"frame {index}: gray values of type {kind} are not supported; convert them to one "
                 f"of {', '.join(GRAY_TYPES)}."
             )
-        self.shape = frame.shape
+        self.shape, self._first = frame.shape, index
         # Memory is taken page by page as slots are filled, so capacity costs nothing unused.
         self.pixels = np.empty((self._capacity, frame.size), kind)
 
