@@ -10,39 +10,40 @@ One particle enters as light on a sensor and leaves as a number in a report::
 
 What stands today (the other rooms follow the plan in CHANGELOG.md):
 
-===========  ==================================================================
-module       step
-===========  ==================================================================
-frames       what a plenoptic camera delivers: frames, attributes, recordings
-recording    recordings on disk: write, go on after a kill, open
-storage      how a recording lies on disk
-importing    your own recordings, by a manifest
-sources      the kinds of files a manifest names
-readers      one file of any format -> one array
-report       what a recording holds, in numbers
-__main__     the command line: import, export, info
-twin         a kiln whose truth is known: flights, combustion, camera, scenes
-camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
-thermography temperature profile of the wall, Fig. 2.4 of the thesis
-peaks        grey-value peaks in small areas
-evidence     what the grey values of an area say about a detection
-correspondence which keypoints and clusters are the same potential particle
-belt         the sorter of the 2020 paper: tracks, motion models, deviations
-sorter       the belt experiment, from tracks to deviations
-scores       precision, recall and F1 from counts
-reference    published values and claims: load, compare, verdict
-errata       the published tables recomputed
-figures      the one way to save a figure or table
-drawing      how a figure looks
-provenance   where a figure comes from
-gallery      the page of figures/, with captions and citations
-chain        a notebook's text -> an executed notebook
-pages        executed notebooks -> a site that needs no network
-external     the authors' public data: fetch, check, find
-tables       columns, units and checks of every table that is handed on
-checks       the one place that words an error about input
-places       where the project's folders are
-===========  ==================================================================
+==============  ================================================================
+module          step
+==============  ================================================================
+frames          what a plenoptic camera delivers: frames, attributes, recordings
+recording       recordings on disk: write, go on after a kill, open
+storage         how a recording lies on disk
+importing       your own recordings, by a manifest
+sources         the kinds of files a manifest names
+readers         one file of any format -> one array
+report          what a recording holds, in numbers
+__main__        the command line: import, export, info
+twin            a kiln whose truth is known: flights, combustion, camera, scenes
+background      six background models, section 2.2.1 of the thesis: what moves stays
+camera          depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
+thermography    temperature profile of the wall, Fig. 2.4 of the thesis
+peaks           grey-value peaks in small areas
+evidence        what the grey values of an area say about a detection
+correspondence  which keypoints and clusters are one potential particle
+belt            the sorter of the 2020 paper: tracks, motion models, deviations
+sorter          the belt experiment, from tracks to deviations
+scores          precision, recall and F1 from counts
+reference       published values and claims: load, compare, verdict
+errata          the published tables recomputed
+figures         the one way to save a figure or table
+drawing         how a figure looks
+provenance      where a figure comes from
+gallery         the page of figures/, with captions and citations
+chain           a notebook's text -> an executed notebook
+pages           executed notebooks -> a site that needs no network
+external        the authors' public data: fetch, check, find
+tables          columns, units and checks of every table that is handed on
+checks          the one place that words an error about input
+places          where the project's folders are
+==============  ================================================================
 """
 
 __version__ = "0.1.0"

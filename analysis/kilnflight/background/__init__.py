@@ -1,0 +1,59 @@
+r"""Background subtraction: what moves stays (thesis, section 2.2.1; values of Table 5.4).
+
+    stack of gray frames -> model(frames, indices) -> one foreground per wanted frame
+
+=================  ================  ============================================  =========
+model              equation          default                                       source
+=================  ================  ============================================  =========
+`TwoFrame`         Eq. 2.5           3 frames before                               Table 5.4
+`ThreeFrame`       Eq. 2.6           3 frames before and after                     Table 5.4
+`Mean`             sec. 2.2.1        25 frames before and 25 after                 Table 5.4
+`Median`           sec. 2.2.1        75 frames before and 75 after                 Table 5.4
+`Adaptive`         Eqs 2.7, 2.8      25 frames before and 25 after, alpha 0.05     Table 5.4
+`RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4                  Table 5.4
+=================  ================  ============================================  =========
+
+The foreground is the absolute difference of frame and background, as Eqs 2.5, 2.6 and
+2.10 have it: dark particles before a bright wall count as bright ones before a dark
+wall. It is float32, in gray values; its value for a frame does not depend on which other
+frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
+``backgrounds(frames, indices)``, the images of Fig. 5.2.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Protocol
+
+from kilnflight.background.adaptive import Adaptive
+from kilnflight.background.difference import ThreeFrame, TwoFrame
+from kilnflight.background.gaussian import RunningGaussian
+from kilnflight.background.static import Mean, Median
+from kilnflight.background.window import Foreground, Frames
+
+
+class BackgroundModel(Protocol):
+    """What every background model offers."""
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
+        """Yield the foreground of each wanted frame, (rows, cols) float32."""
+        ...
+
+
+MODELS: tuple[BackgroundModel, ...] = (
+    TwoFrame(),
+    ThreeFrame(),
+    Mean(),
+    Median(),
+    Adaptive(),
+    RunningGaussian(),
+)
+
+__all__ = [
+    "MODELS",
+    "Adaptive",
+    "BackgroundModel",
+    "Mean",
+    "Median",
+    "RunningGaussian",
+    "ThreeFrame",
+    "TwoFrame",
+]

@@ -1,0 +1,54 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kilnflight.background import ThreeFrame, TwoFrame
+from kilnflight.background.difference import partner
+
+
+def random_stack(length):
+    return np.random.default_rng(length).integers(0, 65536, (length, 3, 4)).astype(np.uint16)
+
+
+@given(st.integers(1, 6), st.integers(13, 20), st.data())
+def test_they_are_the_equations(interval, length, data):
+    stack = random_stack(length)
+    image = stack.astype(float)
+    t = data.draw(st.integers(interval, length - 1 - interval))
+    (two,) = TwoFrame(interval)(stack, [t])
+    np.testing.assert_array_equal(two, np.abs(image[t] - image[t - interval]))
+    (three,) = ThreeFrame(interval)(stack, [t])
+    both = np.abs(image[t] - image[t - interval]) + np.abs(image[t] - image[t + interval])
+    np.testing.assert_array_equal(three, both / 2)
+
+
+def test_at_the_ends_the_frame_on_the_other_side_is_taken():
+    stack = random_stack(10)
+    image = stack.astype(float)
+    for model in (TwoFrame(), ThreeFrame()):
+        (first,) = model(stack, [1])
+        np.testing.assert_array_equal(first, np.abs(image[1] - image[4]))
+    (last,) = ThreeFrame()(stack, [9])
+    np.testing.assert_array_equal(last, np.abs(image[9] - image[6]))
+
+
+def test_a_recording_shorter_than_the_interval_is_compared_with_its_farther_end():
+    assert [partner(t, -3, 3) for t in range(3)] == [2, 2, 0]
+    assert [partner(t, 3, 2) for t in range(2)] == [1, 0]
+    assert partner(0, 3, 1) == 0
+
+
+def test_only_the_frames_of_the_equation_are_read():
+    stack = random_stack(100)
+    read = []
+
+    class Lazy:
+        def __len__(self):
+            return 100
+
+        def __getitem__(self, index):
+            read.append(index)
+            return stack[index]
+
+    list(ThreeFrame()(Lazy(), [50]))
+    assert read == [47, 50, 53]
