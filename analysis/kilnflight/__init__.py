@@ -22,11 +22,15 @@ readers      one file of any format -> one array
 report       what a recording holds, in numbers
 __main__     the command line: import, export, info
 twin         a kiln whose truth is known: flights, combustion, camera, scenes
-camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
+camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it; the
+             region of interest
+cylinder     the wall as a cylinder; in air or on the wall
+mlesac       robust fit of a cylinder, on plain arrays
 thermography temperature profile of the wall, Fig. 2.4 of the thesis
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
 sorter       the belt experiment, from tracks to deviations
-scores       precision, recall and F1 from counts
+scores       which detections are particles; precision, recall and F1
+matching     places paired within a gate by the Hungarian method
 reference    published values and claims: load, compare, verdict
 errata       the published tables recomputed
 figures      the one way to save a figure or table
