@@ -12,6 +12,7 @@ from kilnflight.scores import (
     score_detections,
     score_in_pixels,
     total,
+    total_in_air,
 )
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
@@ -164,6 +165,19 @@ def test_each_class_has_its_recall():
     assert table["tp"].sum() == total(frames).loc[0, "tp"]
 
 
+def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
+    truth = [(0, 0), (0, 100), (100, 0), (100, 100), (200, 200)]
+    flies = [True, True, True, False, False]
+    itself = score_detections(truth, truth)
+    told = [True, False, True, True, False]
+    assert total_in_air([itself], [flies], [told]).loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
+    found = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
+    table = total_in_air([found, itself], [flies, flies], [[True, False, True, True], told])
+    # Not detected or told to be on the wall: two FN; on the wall and nothing at all: two FP.
+    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [1 + 2, 2 + 1, 2 + 1]
+    assert total_in_air([], [], []).loc[0, "tp"] == 0
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -178,6 +192,8 @@ def test_each_class_has_its_recall():
         (lambda: score_in_pixels(labelled(), [4.5], []), "whole numbers"),
         (lambda: score_in_pixels(labelled(), [4, 9], []), "have no pixel, the first is 9"),
         (lambda: score_in_pixels(labelled(), [4], [(np.inf, 0)]), "detected"),
+        (lambda: total_in_air([], [[True]], []), "0 scores, but 1 and 0 frames"),
+        (lambda: total_in_air([score_detections([], [])], [[]], [[True]]), "detected of frame 0"),
         (lambda: recall_by_class([[2]], []), "1 frames of classes, but 0 scores"),
         (lambda: recall_by_class([[2]], [score_detections([], [])]), "classes of frame 0"),
     ],
