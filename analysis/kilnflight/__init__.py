@@ -28,9 +28,12 @@ thermography    temperature profile of the wall, Fig. 2.4 of the thesis
 peaks           grey-value peaks in small areas
 evidence        what the grey values of an area say about a detection
 correspondence  which keypoints and clusters are one potential particle
+cylinder        the kiln's wall, distance to its axis, in air or on the wall
+mlesac          robust fit of a cylinder to points
+matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
-scores          precision, recall and F1 from counts
+scores          detections against the truth: precision, recall, F1
 reference       published values and claims: load, compare, verdict
 errata          the published tables recomputed
 figures         the one way to save a figure or table

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
-from kilnflight.checks import InputError, check_finite
+from kilnflight.checks import InputError, check_finite, check_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -233,3 +233,76 @@ def _continuity(breakpoints_mm: tuple[float, ...], degree: int, scale: float) ->
         conditions[row, row * size : (row + 1) * size] = powers
         conditions[row, (row + 1) * size : (row + 2) * size] = -powers
     return null_space(conditions) if len(breakpoints_mm) else np.eye(size)
+
+
+def inside(
+    polygon: npt.ArrayLike,
+    row: npt.ArrayLike,
+    col: npt.ArrayLike,
+    shape: tuple[int, int] | None = None,
+) -> npt.NDArray[np.bool_]:
+    """Return which pixels lie in a region of interest, in the shape of ``row`` and ``col``.
+
+    Parameters
+    ----------
+    polygon
+        (n, 2) row, col of its corners in order, as `kilnflight.frames.Attributes.roi`; the
+        last is joined to the first.
+    row, col
+        Pixels, whole or not.
+    shape
+        Rows and columns of the image, to refuse a polygon beside it.
+
+    Raises
+    ------
+    InputError
+        If the polygon has fewer than three different corners or no extent, lies beside the
+        image, or a number is not finite.
+
+    Notes
+    -----
+    The thesis excludes "the particles outside the polygon", so its border counts as inside.
+    A polygon that crosses itself is filled by the even-odd rule.
+
+    Examples
+    --------
+    >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
+    [True, False, True]
+    """
+    corners = _corners(polygon, shape)
+    r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
+    odd = np.zeros(r.shape, dtype=bool)
+    border = np.zeros(r.shape, dtype=bool)
+    for (r0, c0), (r1, c1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        side = (c1 - c0) * (r - r0) - (r1 - r0) * (c - c0)
+        border |= (
+            (side == 0)
+            & (np.minimum(r0, r1) <= r)
+            & (r <= np.maximum(r0, r1))
+            & (np.minimum(c0, c1) <= c)
+            & (c <= np.maximum(c0, c1))
+        )
+        # An edge counts if it spans the row (one end included) to the right of the pixel.
+        odd ^= ((r0 <= r) != (r1 <= r)) & ((side > 0) == (r1 > r0)) & (side != 0)
+    return odd | border
+
+
+def _corners(polygon: npt.ArrayLike, shape: tuple[int, int] | None) -> Array:
+    """Return the corners (n, 2) of a polygon, or raise an `InputError`."""
+    corners = check_finite(polygon, "polygon")
+    check_shape(corners, (None, 2), "polygon")
+    if len(np.unique(corners, axis=0)) < 3:
+        raise InputError(
+            f"polygon: {len(np.unique(corners, axis=0))} different corner(s); a region of interest "
+            "has three or more (row, col)."
+        )
+    if np.linalg.matrix_rank(corners - corners[0]) < 2:
+        raise InputError("polygon: its corners are in one line; it encloses nothing.")
+    if shape is not None:
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        if (high < 0).any() or (low > np.array(shape) - 1).any():
+            raise InputError(
+                f"polygon: it spans rows {low[0]:g} to {high[0]:g} and columns {low[1]:g} to "
+                f"{high[1]:g}, beside the image of {shape[0]} x {shape[1]}. Corners are (row, col)."
+            )
+    return corners

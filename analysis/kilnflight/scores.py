@@ -1,12 +1,287 @@
-"""Precision, recall and F1 (thesis, chapter 3.3)."""
+"""Which detections are particles: assignment, precision, recall, F1 (thesis, section 3.3).
+
+Both criteria of the thesis: within 45 px by the Hungarian method (section 3.3), and within
+the pixels of a labelled particle (section 5.1.1).
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError
+from kilnflight.camera import inside
+from kilnflight.checks import InputError, check_finite, check_positive, check_shape
+from kilnflight.matching import pair
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+GATE_PX = 45.0  # three times the largest radius of 15 px, sec. 3.3
+
+
+@dataclass(frozen=True, eq=False)
+class FrameScore:
+    """The detections of one frame (or of one sum) held against its particles.
+
+    Parameters
+    ----------
+    pairs
+        (tp, 2) rows of truth and detected that belong together, by row of truth.
+    missed
+        (fn,) rows of truth without a detection.
+    spurious
+        (fp,) rows of detected without a particle. What lies outside the region of interest
+        is in none of the three.
+    rows
+        Number of particles and of detections handed in.
+    """
+
+    pairs: Indices
+    missed: Indices
+    spurious: Indices
+    rows: tuple[int, int]
+
+    @property
+    def tp(self) -> int:
+        """True positives: particles that were detected."""
+        return len(self.pairs)
+
+    @property
+    def fp(self) -> int:
+        """False positives: detections that are no particle."""
+        return len(self.spurious)
+
+    @property
+    def fn(self) -> int:
+        """False negatives: particles that were not detected."""
+        return len(self.missed)
+
+    @property
+    def precision(self) -> float:
+        """Eq. 3.1."""
+        return self._rate("precision")
+
+    @property
+    def recall(self) -> float:
+        """Eq. 3.2."""
+        return self._rate("recall")
+
+    @property
+    def f1(self) -> float:
+        """Eq. 3.3."""
+        return self._rate("f1")
+
+    def _rate(self, name: str) -> float:
+        return float(rates(self.tp, self.fp, self.fn)[name].to_numpy()[0])
+
+
+def score_detections(
+    truth: npt.ArrayLike,
+    detected: npt.ArrayLike,
+    gate: float = GATE_PX,
+    roi: npt.ArrayLike | None = None,
+) -> FrameScore:
+    """Assign detections to particles by the Hungarian method (Eq. 3.4) and count.
+
+    Parameters
+    ----------
+    truth, detected
+        (n, 2) and (m, 2) row, col of the particles and detections of one frame.
+    gate
+        Largest distance of a pair in px; a pair at the gate counts (Eq. 3.4).
+    roi
+        (k, 2) corners row, col; only what lies inside takes part.
+
+    Notes
+    -----
+    Eq. 3.4 gives pairs beyond the gate a cost "significantly greater than the Euclidean
+    distances": first the number of pairs is as large as possible, then the sum of their
+    distances as small as possible. Particles and detections beyond the region of interest
+    are left out before the assignment (section 3.1), each by its own position, so a
+    detection just inside cannot be paired with a particle just outside.
+
+    Examples
+    --------
+    >>> score_detections([(0, 0), (0, 60)], [(0, 40), (9, 0), (300, 0)]).pairs.tolist()
+    [[0, 1], [1, 0]]
+    """
+    check_positive(gate, "score_detections: gate")
+    places = [_places(truth, "truth"), _places(detected, "detected")]
+    kept = (_within(roi, places[0]), _within(roi, places[1]))
+    found = pair(places[0][kept[0]], places[1][kept[1]], gate)
+    pairs = np.stack([kept[0][found[:, 0]], kept[1][found[:, 1]]], axis=1)
+    return _score(kept, pairs, (len(places[0]), len(places[1])))
+
+
+def score_in_pixels(
+    particle_of_pixel: npt.NDArray[np.integer],
+    particles: npt.ArrayLike,
+    detected: npt.ArrayLike,
+    roi: npt.ArrayLike | None = None,
+) -> FrameScore:
+    """Count a detection if it "falls within the pixel range of a particle" (section 5.1.1).
+
+    Parameters
+    ----------
+    particle_of_pixel
+        (rows, cols) integers: which particle was labelled there; anything that is not in
+        ``particles`` is background.
+    particles
+        (n,) the particles of the truth, each once.
+    detected
+        (m, 2) row, col; a detection belongs to the nearest pixel, and to none outside.
+    roi
+        (k, 2) corners row, col; only detections and centroids of particles inside take part.
+
+    Notes
+    -----
+    Each particle is found once: by the detection nearest to the centroid of its pixels;
+    others in the same particle are false positives. The thesis does not say which counts.
+    A detection inside the region of a particle whose centroid is outside is false as well.
+    """
+    image = np.asarray(particle_of_pixel)
+    ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
+    check_shape(image, (None, None), "score_in_pixels: particle_of_pixel")
+    place = _places(detected, "detected")
+    centroids = _centroids(image, ids)
+    kept = (_within(roi, centroids), _within(roi, place))
+    nearest = np.floor(place + 0.5)
+    at = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
+    row, col = nearest[at].astype(np.intp).T
+    row_of_id = pd.Series(np.arange(len(ids)), index=ids)
+    hit = np.full(len(place), -1)
+    hit[at] = row_of_id.reindex(image[row, col], fill_value=-1)
+    usable = kept[1][np.isin(hit[kept[1]], kept[0])]
+    distance = np.linalg.norm(place[usable] - centroids[hit[usable]], axis=1)
+    ranked = usable[np.lexsort((usable, distance, hit[usable]))]
+    found, first = np.unique(hit[ranked], return_index=True)
+    return _score(kept, np.stack([found, ranked[first]], axis=1), (len(ids), len(place)))
+
+
+def total(scores: Iterable[FrameScore]) -> pd.DataFrame:
+    """Return the sum of frames: one row with tp, fp, fn and the rates of these sums."""
+    return _row([(one.tp, one.fp, one.fn) for one in scores])
+
+
+def total_in_air(
+    scores: Sequence[FrameScore],
+    truth_in_air: Sequence[npt.ArrayLike],
+    detected_in_air: Sequence[npt.ArrayLike],
+) -> pd.DataFrame:
+    """Return how well detections were told to be in the air, summed over frames.
+
+    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is told to be there;
+    FP any other detection told to be in the air, be it on the wall or nothing; FN any other
+    particle in the air, be it told to be on the wall or not detected. For Table 5.13 hand in
+    the score of the truth against itself.
+
+    Parameters
+    ----------
+    scores
+        Per frame the assignment of detections to particles.
+    truth_in_air, detected_in_air
+        Per frame whether each particle (n,) and each detection (m,) is in the air *and* has
+        3D; those without 3D are False and so "not taken into consideration" (section 5.1.4).
+    """
+    if not len(scores) == len(truth_in_air) == len(detected_in_air):
+        raise InputError(
+            f"{len(scores)} scores, but {len(truth_in_air)} and {len(detected_in_air)} frames of "
+            "truth and detections; give one of each per frame."
+        )
+    counts = []
+    frames = zip(scores, truth_in_air, detected_in_air, strict=True)
+    for frame, (score, *both) in enumerate(frames):
+        flying = [np.asarray(one, dtype=bool) for one in both]
+        for side in range(2):
+            where = f"total_in_air: {('truth', 'detected')[side]} of frame {frame}"
+            check_shape(flying[side], (score.rows[side],), where)
+        there = [flying[side][score.pairs[:, side]] for side in range(2)]
+        tp = int(np.count_nonzero(there[0] & there[1]))
+        fp = int(there[1].sum() + flying[1][score.spurious].sum()) - tp
+        fn = int(there[0].sum() + flying[0][score.missed].sum()) - tp
+        counts.append((tp, fp, fn))
+    return _row(counts)
+
+
+def _row(counts: Sequence[tuple[int, int, int]]) -> pd.DataFrame:
+    tp, fp, fn = np.array(counts, dtype=np.intp).reshape(-1, 3).sum(axis=0)
+    summed = pd.DataFrame({"tp": [tp], "fp": [fp], "fn": [fn]})
+    return pd.concat([summed, rates(tp, fp, fn)], axis=1)
+
+
+def recall_by_class(classes: Sequence[npt.ArrayLike], scores: Sequence[FrameScore]) -> pd.DataFrame:
+    """Return the recall of each class of particles over frames.
+
+    Parameters
+    ----------
+    classes
+        Per frame the classes (n,) of the particles, in the rows of its truth.
+    scores
+        Per frame the score.
+
+    Returns
+    -------
+    DataFrame
+        ``label``, ``tp``, ``fn``, ``recall``, one row per class of a particle that took part.
+        A class has no precision: a false detection is of no class.
+    """
+    if len(classes) != len(scores):
+        raise InputError(f"{len(classes)} frames of classes, but {len(scores)} scores; pair them.")
+    rows = [pd.DataFrame({"label": np.empty(0, np.intp), "tp": np.empty(0, bool)})]
+    for frame, (of_frame, score) in enumerate(zip(classes, scores, strict=True)):
+        labels = np.asarray(of_frame)
+        check_shape(labels, (score.rows[0],), f"recall_by_class: classes of frame {frame}")
+        for index, hit in ((score.pairs[:, 0], True), (score.missed, False)):
+            rows.append(pd.DataFrame({"label": labels[index], "tp": hit}))
+    hits = pd.concat(rows).groupby("label")["tp"].agg(["sum", "count"])
+    table = pd.DataFrame({"tp": hits["sum"], "fn": hits["count"] - hits["sum"]}).reset_index()
+    return table.assign(recall=rates(table["tp"], 0 * table["tp"], table["fn"])["recall"])
+
+
+def _centroids(image: npt.NDArray[np.integer], ids: npt.NDArray[np.generic]) -> Array:
+    """Return the mean row, col (n, 2) of each particle's pixels, or raise an `InputError`."""
+    unique, row_of = np.unique(ids, return_index=True)
+    if len(unique) < len(ids) or not np.issubdtype(ids.dtype, np.integer):
+        raise InputError("score_in_pixels: particles must be whole numbers, each once.")
+    if not np.issubdtype(image.dtype, np.integer):
+        raise InputError(
+            f"score_in_pixels: particle_of_pixel is {image.dtype}, expected whole numbers."
+        )
+    row, col = np.nonzero(np.isin(image, unique))
+    which = row_of[np.searchsorted(unique, image[row, col])] if len(unique) else row
+    size = np.bincount(which, minlength=len(ids))
+    if len(ids) and not size.all():
+        raise InputError(
+            f"score_in_pixels: {np.count_nonzero(size == 0)} particle(s) have no pixel, the first "
+            f"is {ids[np.argmin(size)]}. Leave out of the truth what was not labelled."
+        )
+    sums = [np.bincount(which, weights=axis, minlength=len(ids)) for axis in (row, col)]
+    return np.stack(sums, axis=1)[: len(ids)] / np.maximum(size, 1)[: len(ids), None]
+
+
+def _places(values: npt.ArrayLike, what: str) -> Array:
+    """Return row, col as (n, 2), or raise an `InputError`; nothing has the shape (0, 2)."""
+    array = check_finite(values, what)
+    if array.size == 0:
+        return np.empty((0, 2))
+    check_shape(array, (None, 2), what)
+    return array
+
+
+def _within(roi: npt.ArrayLike | None, places: Array) -> Indices:
+    """Return the rows of the places that take part."""
+    if roi is None:
+        return np.arange(len(places))
+    return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))
+
+
+def _score(kept: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int]) -> FrameScore:
+    """Return the score of pairs among the rows that take part."""
+    missed, spurious = (np.setdiff1d(one, pairs[:, k]) for k, one in enumerate(kept))
+    return FrameScore(pairs[np.argsort(pairs[:, 0])], missed, spurious, rows)
 
 
 def rates(

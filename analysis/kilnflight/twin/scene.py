@@ -153,6 +153,10 @@ class Twin:
         check_position(t, len(self), self.scene.name)
         return self._exposed(t, self.see(t).picture)
 
+    def empty(self, t: int) -> npt.NDArray[np.float32]:
+        """Return the picture (rows, columns) at frame ``t`` without any particle or noise."""
+        return self._background.at(self.time_s(t))
+
     def see(self, t: int) -> Seen:
         """Return the picture before noise and what in it is which particle."""
         place, time = self.scene.geometry, self.time_s(t)
