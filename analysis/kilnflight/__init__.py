@@ -23,6 +23,7 @@ report          what a recording holds, in numbers
 __main__        the command line: import, export, info
 twin            a kiln whose truth is known: flights, combustion, camera, scenes
 background      six background models, section 2.2.1 of the thesis: what moves stays
+detection       a foreground or a cloud -> particles: Otsu, DoG; DBSCAN, MO, QCC
 camera          depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 thermography    temperature profile of the wall, Fig. 2.4 of the thesis
 peaks           grey-value peaks in small areas
