@@ -173,7 +173,7 @@ def _overlaps(owner: npt.NDArray[np.int32], keypoints: Array) -> tuple[Index, In
             for c in range(max(left, 0), min(right + 1, columns)):
                 here = owner[r, c]
                 if here >= 0 and here != last:
-                    spots.append(k)
+                    spots.append(np.int64(k))
                     groups.append(np.int64(here))
                     last = here
     return np.array(spots, dtype=np.int64), np.array(groups, dtype=np.int64)

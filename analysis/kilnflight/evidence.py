@@ -69,7 +69,8 @@ class Evidence:
         spread = float(np.median(np.abs(some - np.median(some))))
         noise = max(1.4826 * spread, LEAST_NOISE)
         needed = prominence * noise
-        return cls(now, np.abs(change), needed / np.sqrt(2.0), needed, share)
+        moved = np.abs(change).astype(np.float32, copy=False)
+        return cls(now.astype(np.float32, copy=False), moved, needed / np.sqrt(2.0), needed, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
         """Return the peaks (k, 3) of the frame in an area (4,), highest first."""

@@ -21,7 +21,7 @@ LARGEST_AREA_PX = 250_000  # a larger area is no particle
 
 
 def find_peaks(
-    image: npt.NDArray[np.generic], areas: Index, prominence: npt.ArrayLike
+    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
 ) -> tuple[Index, npt.NDArray[np.float64]]:
     """Return the peaks inside each rectangular area.
 
