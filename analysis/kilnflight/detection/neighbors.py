@@ -46,24 +46,22 @@ def nearest_neighbors(points: npt.NDArray[np.float64], k: int, where: str) -> Ne
     count = len(points)
     if count <= k:
         raise InputError(f"{where}: {count} points have no {k} neighbours; lower k.")
-    found = Neighbors(np.empty((count, k), np.int32), np.full(count, -np.inf))
+    found = Neighbors(np.empty((count, k), np.int32), np.empty(count))
     low, longest = points.min(axis=0), float(np.ptp(points, axis=0).max())
     side = _first_side(points, k, longest, where)
     waiting = count
-    found.squares[:] = -side
+    found.squares[:] = -max(side, np.finfo(np.float64).tiny)  # below 0: waits
     while waiting:
         last = waiting * count < _BRUTE or not 0 < side < longest
         side = max(2.0 * longest, 1.0) if last else side
         cells = sort_into_cells(points, side, 1, where)
         _settle(cells, low, side, last, found.indices, found.squares)
-        waiting = np.count_nonzero(found.squares < 0)
+        waiting = int(np.count_nonzero(found.squares < 0))
         side *= _GROWTH
     return found
 
 
-def _first_side(
-    points: npt.NDArray[np.float64], k: int, longest: float, where: str
-) -> float:
+def _first_side(points: npt.NDArray[np.float64], k: int, longest: float, where: str) -> float:
     """Return a side whose cells hold, seen from their points, at most k / 4 on average."""
     side = longest / 100
     while side > longest / 1e6:
@@ -128,11 +126,13 @@ def _within(points: Any, ranges: Any, a: int, limit: float, near: Any, place: An
 
 
 @njit(cache=True)
-def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> float:
-    """Choose the smallest of ``count`` squared distances; return the largest chosen one."""
-    k = len(chosen)
+def _select(near: Any, place: Any, count: int, k: int) -> None:
+    """Move the ``k`` smallest of ``count`` distances to the front, the largest of them last.
+
+    Hoare's selection: each round keeps the part that holds rank k.
+    """
     low, high = 0, count - 1
-    while low < high:  # Hoare's selection: afterwards the k smallest come first
+    while low < high:
         pivot = near[(low + high) // 2]
         i, j = low, high
         while i <= j:
@@ -150,7 +150,14 @@ def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> flo
         elif k - 1 >= i:
             low = i
         else:
-            break
+            return
+
+
+@njit(cache=True)
+def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> float:
+    """Choose the smallest of ``count`` squared distances; return the largest chosen one."""
+    k = len(chosen)
+    _select(near, place, count, k)
     largest = near[k - 1]
     ties = False
     for i in range(k, count):
