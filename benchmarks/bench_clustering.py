@@ -6,7 +6,7 @@ plain definitions run once; ours runs once before, so that compiling is not time
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import sklearn.cluster
@@ -15,12 +15,11 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from kilnflight.camera import calibrate_depth
-from kilnflight.detection import DBSCAN, MorphologicalClustering, QuasiClusterCenters
+from kilnflight.detection import DBSCAN, Clusterer, MorphologicalClustering, QuasiClusterCenters
 from kilnflight.twin.scenes import open_scene
 
 WALL, PARTICLES = DBSCAN(50.0, 10), DBSCAN(15.0, 10)  # both passes, sec. 5.1.3
 CUBE = np.ones((3, 3, 3))
-MILLION = 1_000_000
 
 
 def cloud() -> np.ndarray:
@@ -53,7 +52,7 @@ def renumbered(labels: np.ndarray) -> np.ndarray:
     return found
 
 
-def plain_morphology(points: np.ndarray, grid: int) -> np.ndarray:
+def plain_morphology(grid: int, points: np.ndarray) -> np.ndarray:
     """Return the labels by Eqs 2.31 to 2.36 on a full grid."""
     shifted = points - points.min(axis=0)
     stretched = grid * (shifted / shifted.max(axis=0))
@@ -93,7 +92,7 @@ def merge_clusters(clusters: dict[int, set[int]], most: float) -> dict[int, int]
     return stands
 
 
-def plain_quasi_centers(points: np.ndarray, k: int, alpha: float) -> np.ndarray:
+def plain_quasi_centers(k: int, alpha: float, points: np.ndarray) -> np.ndarray:
     """Return the labels by Eqs 2.37 to 2.41 with sets; for points without equal distances."""
     distances, nearest = cKDTree(points).query(points, k + 1)
     knn, sparsity = nearest[:, 1:], distances[:, -1]
@@ -123,49 +122,38 @@ def plain_quasi_centers(points: np.ndarray, k: int, alpha: float) -> np.ndarray:
     return renumbered(labels)
 
 
-def against(step: str, ours: Callable, peer: Callable, name: str, points: np.ndarray) -> Row:
+def against(step: str, ours: Clusterer, peer: Clusterer, name: str, points: np.ndarray) -> Row:
     """Return the comparison, the labels checked to be equal; the peer runs once."""
     kept: list[np.ndarray] = []
     what = (step, "points", len(points), name)
+    ours(points[:1000])
     row = compare(what, lambda: ours(points), lambda: kept.append(peer(points)), repeats=1)
     np.testing.assert_array_equal(ours(points), kept[0])
-    again = [compare(what, lambda: ours(points), lambda: None, repeats=5).ours_s, row.ours_s]
-    return row._replace(ours_s=min(again), ratio=row.peer_s / min(again))
-
-
-def both_passes(points: np.ndarray) -> np.ndarray:
-    """Return the labels of the wall's and of the particles' pass."""
-    return np.stack([WALL(points), PARTICLES(points)])
+    again = compare(what, lambda: ours(points), lambda: None, repeats=5).ours_s
+    ours_s = min(again, row.ours_s)
+    return row._replace(ours_s=ours_s, ratio=row.peer_s / ours_s)
 
 
 def rows() -> list[Row]:
     """Return every comparison."""
     points = cloud()
-    morphology, quasi = MorphologicalClustering(), QuasiClusterCenters()
-    for clusterer in (WALL, morphology, quasi):
-        clusterer(points[:1000])
-    passes = lambda p: np.stack([plain_dbscan(50.0, p), plain_dbscan(15.0, p)])  # noqa: E731
-    found = [against("DBSCAN, both passes", both_passes, passes, "scikit-learn", points)]
-    for count in (50_000, 200_000, MILLION):
-        found.append(
-            against(
-                "DBSCAN, eps 15 mm, synthetic wall",
-                PARTICLES,
-                lambda p: plain_dbscan(15.0, p),
-                "scikit-learn",
-                surface(count),
-            )
+    found = [
+        against(
+            "DBSCAN, both passes",
+            lambda p: np.stack([WALL(p), PARTICLES(p)]),
+            lambda p: np.stack([plain_dbscan(50.0, p), plain_dbscan(15.0, p)]),
+            "scikit-learn",
+            points,
         )
+    ]
+    for count in (50_000, 200_000, 1_000_000):
+        step, wall = "DBSCAN, eps 15 mm, synthetic wall", surface(count)
+        found.append(against(step, PARTICLES, partial(plain_dbscan, 15.0), "scikit-learn", wall))
     for grid in (150, 400):
-        found.append(
-            against(
-                f"morphological clustering, R {grid}",
-                MorphologicalClustering(grid),
-                lambda p, grid=grid: plain_morphology(p, grid),
-                "definition in scipy",
-                points,
-            )
-        )
-    plain = lambda p: plain_quasi_centers(p, quasi.k, quasi.alpha)  # noqa: E731
-    found.append(against("quasi-cluster centres", quasi, plain, "definition in sets", points))
+        step, plain = f"morphological clustering, R {grid}", partial(plain_morphology, grid)
+        clusterer = MorphologicalClustering(grid)
+        found.append(against(step, clusterer, plain, "definition in scipy", points))
+    quasi = QuasiClusterCenters()
+    sets = partial(plain_quasi_centers, quasi.k, quasi.alpha)
+    found.append(against("quasi-cluster centres", quasi, sets, "definition in sets", points))
     return found

@@ -13,6 +13,7 @@ from kilnflight.detection.cells import Cells, advance, rows_around, sort_into_ce
 
 _BRUTE = 30_000_000  # distances that may as well be computed at once
 _GROWTH = 1.7  # of the side from one round to the next
+_EAGER = 0.6  # side at which a point is tried again, as a share of the expected distance
 
 
 class Neighbors(NamedTuple):
@@ -23,7 +24,8 @@ class Neighbors(NamedTuple):
     indices
         (n, k) in no particular order; of equally distant points the first ones of the cloud.
     squares
-        (n,) squared distance to the k-th.
+        (n,) squared distance to the k-th. While it is looked for: minus the side of cells
+        that is worth a try.
     """
 
     indices: npt.NDArray[np.int32]
@@ -44,17 +46,30 @@ def nearest_neighbors(points: npt.NDArray[np.float64], k: int, where: str) -> Ne
     count = len(points)
     if count <= k:
         raise InputError(f"{where}: {count} points have no {k} neighbours; lower k.")
-    found = Neighbors(np.empty((count, k), np.int32), np.full(count, -1.0))
-    extent = np.sort(np.ptp(points, axis=0))
-    # points of a surface: so many cells that one holds about k / 8 of them if spread evenly
-    side = np.sqrt(extent[2] * max(extent[1], extent[2] / 1000) * k / (8.0 * count)) / 8
-    while waiting := np.count_nonzero(found.squares < 0):
-        last = bool(waiting * count < _BRUTE or not 0 < side < extent[2])
-        side = max(2.0 * extent[2], 1.0) if last else max(side, extent[2] / 1e6)
+    found = Neighbors(np.empty((count, k), np.int32), np.empty(count))
+    low, longest = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    side = _first_side(points, k, longest, where)
+    waiting = count
+    found.squares[:] = -max(side, np.finfo(np.float64).tiny)  # below 0: waits
+    while waiting:
+        last = waiting * count < _BRUTE or not 0 < side < longest
+        side = max(2.0 * longest, 1.0) if last else side
         cells = sort_into_cells(points, side, 1, where)
-        _settle(cells, points.min(axis=0), side, last, found.indices, found.squares)
+        _settle(cells, low, side, last, found.indices, found.squares)
+        waiting = int(np.count_nonzero(found.squares < 0))
         side *= _GROWTH
     return found
+
+
+def _first_side(points: npt.NDArray[np.float64], k: int, longest: float, where: str) -> float:
+    """Return a side whose cells hold, seen from their points, at most k / 4 on average."""
+    side = longest / 100
+    while side > longest / 1e6:
+        starts = sort_into_cells(points, side, 1, where).starts
+        if (np.diff(starts) ** 2.0).sum() <= len(points) * max(k / 4, 2.0):
+            break
+        side /= 2
+    return side
 
 
 @njit(cache=True)
@@ -75,11 +90,13 @@ def _settle(cells: Cells, low: Any, side: float, last: bool, indices: Any, squar
             continue  # hardly ever enough
         for a in range(starts[cell], starts[cell + 1]):
             i = cells.order[a]
-            if squares[i] < 0:
+            if squares[i] < 0 and (last or -squares[i] <= side):
                 limit = np.inf if last else _wall(cells.points[a], low, side)
                 others = _within(cells.points, ranges, a, limit, near, place)
                 if others >= k:
                     squares[i] = _smallest(near, place, others, cells.order, indices[i])
+                else:  # on a surface the k-th is expected at this distance
+                    squares[i] = -_EAGER * np.sqrt(limit * k / max(others, 1))
 
 
 @njit(cache=True)
@@ -109,11 +126,13 @@ def _within(points: Any, ranges: Any, a: int, limit: float, near: Any, place: An
 
 
 @njit(cache=True)
-def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> float:
-    """Choose the smallest of ``count`` squared distances; return the largest chosen one."""
-    k = len(chosen)
+def _select(near: Any, place: Any, count: int, k: int) -> None:
+    """Move the ``k`` smallest of ``count`` distances to the front, the largest of them last.
+
+    Hoare's selection: each round keeps the part that holds rank k.
+    """
     low, high = 0, count - 1
-    while low < high:  # Hoare's selection: afterwards the k smallest come first
+    while low < high:
         pivot = near[(low + high) // 2]
         i, j = low, high
         while i <= j:
@@ -131,13 +150,24 @@ def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> flo
         elif k - 1 >= i:
             low = i
         else:
-            break
+            return
+
+
+@njit(cache=True)
+def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> float:
+    """Choose the smallest of ``count`` squared distances; return the largest chosen one."""
+    k = len(chosen)
+    _select(near, place, count, k)
     largest = near[k - 1]
-    taken = 0
-    for i in range(k):
-        if near[i] < largest:
-            chosen[taken] = order[place[i]]
-            taken += 1
+    ties = False
+    for i in range(k, count):
+        ties |= near[i] == largest
+    if not ties:
+        for i in range(k):
+            chosen[i] = order[place[i]]
+        return largest
+    smaller = place[:count][near[:count] < largest]
     equal = np.sort(order[place[:count][near[:count] == largest]])
-    chosen[taken:] = equal[: k - taken]
+    chosen[: len(smaller)] = order[smaller]
+    chosen[len(smaller) :] = equal[: k - len(smaller)]
     return largest

@@ -96,10 +96,10 @@ class QuasiClusterCenters:
         levels = _levels(neighbors, squares)
         clusters = np.arange(len(cloud))  # of a centre: the centre its cluster is merged into
         graph = (neighbors, squares, dense_first, centers, levels)
-        chains = _spread(*graph, clusters, self.alpha)
-        while _merge(*chains, levels, clusters, k, self.alpha):
+        heads, values, following = _spread(*graph, clusters, self.alpha)
+        while _merge(heads, values, following, levels, clusters, k, self.alpha):
             pass
-        labels = _choose(*graph, clusters, *chains)
+        labels = _choose(*graph, clusters, heads, values, following)
         labels[np.bincount(labels, minlength=len(labels))[labels] < k] = NOISE
         return number_by_first_point(labels, len(labels))
 
