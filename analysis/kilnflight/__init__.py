@@ -23,6 +23,7 @@ report       what a recording holds, in numbers
 __main__     the command line: import, export, info
 twin         a kiln whose truth is known: flights, combustion, camera, scenes
 camera       depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
+detection    foreground -> particles: Otsu's threshold, differences of Gaussians
 thermography temperature profile of the wall, Fig. 2.4 of the thesis
 belt         the sorter of the 2020 paper: tracks, motion models, deviations
 sorter       the belt experiment, from tracks to deviations
