@@ -1,6 +1,14 @@
-r"""Detection of particles in a point cloud (thesis, sections 2.2.4 to 2.2.6).
+r"""Detectors: a foreground or a point cloud -> particles (thesis, sections 2.2.2 to 2.2.6).
 
+    (rows, cols) foreground -> detector -> (n, 3) row, col, radius in px
     (n, 3) points in mm, calibrated -> clusterer -> (n,) labels: 0, 1, ...; noise -1
+
+=========================  ============  ==========================  =====================
+detector                   equation      default                     source
+=========================  ============  ==========================  =====================
+`Otsu`                     2.11 to 2.20  none; particles from 5 px   sec. 2.2.2, Table 5.5
+`DoG`                      2.21 to 2.28  local maximum of DoG 500    sec. 2.2.3, 5.1.2
+=========================  ============  ==========================  =====================
 
 =========================  ============  ==========================  =====================
 clusterer                  equation      default                     source
@@ -10,8 +18,9 @@ clusterer                  equation      default                     source
 `QuasiClusterCenters`      2.37 to 2.41  k 35, alpha 0.1             sec. 2.2.6, Table 5.10
 =========================  ============  ==========================  =====================
 
-Defaults are the best F1 of the tables, recomputed from their counts. Clusters are numbered
-in the order of their first point (`DBSCAN`: first core point, as scikit-learn does).
+Defaults are the best F1 of the tables, recomputed from their counts; the threshold of DoG is
+the thesis's and belongs to its exposure. Clusters are numbered in the order of their first
+point (`DBSCAN`: first core point, as scikit-learn does).
 """
 
 from typing import Protocol
@@ -20,8 +29,16 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.detection.dbscan import DBSCAN, k_distances
+from kilnflight.detection.dog import DoG
 from kilnflight.detection.morphology import MorphologicalClustering
+from kilnflight.detection.otsu import Otsu, otsu_threshold
 from kilnflight.detection.quasi_centers import QuasiClusterCenters
+
+
+class Detector2D(Protocol):
+    """A foreground (rows, cols) -> particles (n, 3): row, col, radius in px."""
+
+    def __call__(self, foreground: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]: ...
 
 
 class Clusterer(Protocol):
@@ -31,13 +48,19 @@ class Clusterer(Protocol):
         """Return the label of each of (n, 3) points in mm; noise is -1."""
 
 
+DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG(threshold=500.0))
 CLUSTERERS: tuple[Clusterer, ...] = (DBSCAN(), MorphologicalClustering(), QuasiClusterCenters())
 
 __all__ = [
     "CLUSTERERS",
     "DBSCAN",
+    "DETECTORS_2D",
     "Clusterer",
+    "Detector2D",
+    "DoG",
     "MorphologicalClustering",
+    "Otsu",
     "QuasiClusterCenters",
     "k_distances",
+    "otsu_threshold",
 ]

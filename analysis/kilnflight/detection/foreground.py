@@ -1,0 +1,32 @@
+"""What every 2D detector asks of a foreground."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.checks import InputError
+
+
+def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDArray[Any]:
+    """Return the foreground as an array, or raise an `InputError`.
+
+    Raises
+    ------
+    InputError
+        If it is not 2D, is not made of integers or floats, or a float is not finite.
+    """
+    image = np.asarray(foreground)
+    if image.ndim != 2:
+        raise InputError(f"{where}: the foreground has shape {image.shape}; pass (rows, cols).")
+    if image.dtype.kind not in "uif":
+        raise InputError(f"{where}: the foreground is of {image.dtype}; pass integers or floats.")
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
+        row, col = (int(i) for i in np.argwhere(~np.isfinite(image))[0])
+        raise InputError(
+            f"{where}: the foreground is {image[row, col]} at row {row}, col {col}; "
+            "set such pixels to 0 before the call."
+        )
+    return image

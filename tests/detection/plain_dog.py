@@ -1,0 +1,100 @@
+"""The definition of `kilnflight.detection.DoG` in plain code: float64, no shortcut."""
+
+import numpy as np
+from scipy.ndimage import correlate1d, maximum_filter
+
+
+def blur(image, sigma):
+    if sigma < 1e-9:
+        return image
+    offset = np.arange(-np.ceil(4 * sigma), np.ceil(4 * sigma) + 1)
+    weight = np.exp(-(offset**2) / (2 * sigma**2))
+    for axis in (0, 1):
+        image = correlate1d(image, weight / weight.sum(), axis=axis, mode="mirror")
+    return image
+
+
+def twice(image):
+    for axis in (0, 1):
+        image = np.moveaxis(image, axis, 0)
+        fine = np.empty((2 * len(image) - 1, *image.shape[1:]))
+        fine[::2], fine[1::2] = image, (image[:-1] + image[1:]) / 2
+        image = np.moveaxis(fine, 0, axis)
+    return image
+
+
+def fit(cube):
+    """Gradient and Hessian of a 3 x 3 x 3 neighbourhood by central differences."""
+    at = lambda *d: cube[tuple(1 + np.array(d))]  # noqa: E731
+    unit = np.eye(3, dtype=int)
+    gradient = np.array([(at(*e) - at(*-e)) / 2 for e in unit])
+    hessian = np.array(
+        [
+            [
+                at(*e) + at(*-e) - 2 * at(0, 0, 0)
+                if (e == f).all()
+                else (at(*(e + f)) - at(*(e - f)) - at(*(f - e)) + at(*(-e - f))) / 4
+                for f in unit
+            ]
+            for e in unit
+        ]
+    )
+    return gradient, hessian
+
+
+def localised(stack, sample, sign, threshold, edge):
+    """Follow Eqs 2.25 to 2.28 from a sample; None if the keypoint is dropped."""
+    i, y, x = sample
+    for step in range(3):
+        gradient, hessian = fit(stack[i - 1 : i + 2, y - 1 : y + 2, x - 1 : x + 2])
+        if np.linalg.det(hessian) == 0:
+            return None
+        offset = np.linalg.solve(hessian, -gradient)
+        move = np.where(np.abs(offset[1:]) > 0.6, np.sign(offset[1:]), 0).astype(int)
+        goal = np.array([y, x]) + move
+        goal = np.where((goal >= 1) & (goal < np.array(stack.shape[1:]) - 1), goal, [y, x])
+        if step == 2 or (goal == [y, x]).all():
+            break
+        y, x = (int(g) for g in goal)
+    curvature = hessian[1:, 1:]
+    strong = sign * (stack[i, y, x] + gradient @ offset / 2) >= threshold
+    bent = np.linalg.det(curvature) > 0 and (
+        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (edge + 1) ** 2 / edge
+    )
+    good = strong and bent and np.abs(offset).max() < 1
+    return (i, y, x, *offset) if good else None
+
+
+def octave(image, own_blur, detector):
+    sigmas = detector.sigma * 2.0 ** (np.arange(detector.layers + 3) / detector.layers)
+    gauss = np.stack([blur(image, np.sqrt(s**2 - own_blur**2)) for s in sigmas])
+    stack = gauss[:-1] - gauss[1:]
+    around = np.ones((3, 3, 3), dtype=bool)
+    around[1, 1, 1] = False
+    found = set()
+    for sign in (1, -1) if detector.dark else (1,):
+        signed = sign * stack
+        peak = signed > maximum_filter(signed, footprint=around)
+        peak &= (signed >= detector.threshold / 2) & (signed > 0)
+        for sample in np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1:
+            found.add(localised(stack, sample, sign, detector.threshold, detector.edge))
+    found = np.array(sorted(found - {None})).reshape(-1, 6)
+    k = 2 ** (1 / detector.layers)
+    disc = k * np.sqrt(2 * np.log(k**2) / (k**2 - 1))
+    scale = detector.sigma * k ** (found[:, 0] + found[:, 3])
+    return np.column_stack([found[:, 1:3] + found[:, 4:], disc * scale])
+
+
+def keypoints(foreground, detector):
+    image, own = foreground.astype(np.float64), detector.camera_blur
+    spacing, found = 1.0, [np.empty((0, 3))]
+    if detector.double:
+        found.append(octave(twice(image), 2 * own, detector) / 2)
+        image = blur(twice(image), np.sqrt(4 * detector.sigma**2 - 4 * own**2))[::2, ::2]
+    else:
+        image = blur(image, np.sqrt(detector.sigma**2 - own**2))
+    while min(image.shape) >= 3:
+        found.append(spacing * octave(image, detector.sigma, detector))
+        image = blur(image, np.sqrt(3.0) * detector.sigma)[::2, ::2]
+        spacing *= 2
+    return np.concatenate(found)
