@@ -26,6 +26,10 @@ background      six background models, section 2.2.1 of the thesis: what moves s
 detection       a foreground or a cloud -> particles: Otsu, DoG; DBSCAN, MO, QCC
 camera          depth calibration, Eq. 2.4 of the thesis, and the fit that leads to it
 thermography    temperature profile of the wall, Fig. 2.4 of the thesis
+flame           the burner's flame, found and taken out (chapter 3.1)
+combination     pictures against clouds: the five cases of chapter 3.1
+kiln            the whole life of a frame, written out once
+trial           detectors on labelled frames, counted
 peaks           grey-value peaks in small areas
 evidence        what the grey values of an area say about a detection
 correspondence  which keypoints and clusters are one potential particle

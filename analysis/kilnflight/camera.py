@@ -235,6 +235,32 @@ def _continuity(breakpoints_mm: tuple[float, ...], degree: int, scale: float) ->
     return null_space(conditions) if len(breakpoints_mm) else np.eye(size)
 
 
+def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
+    """Return points (n, 3) with their depth after Eq. 2.4, in mm.
+
+    Parameters
+    ----------
+    captured_mm
+        (n, 3) x, y, z in camera coordinates as captured.
+
+    Notes
+    -----
+    The thesis calibrates depth and does not say what becomes of x and y. A point belongs to
+    a pixel, so it stays on that pixel's ray: x and y change in proportion to z.
+    """
+    points = check_finite(captured_mm, "captured points")
+    if points.size == 0:
+        return np.empty((0, 3))
+    check_shape(points, (None, 3), "captured points")
+    depth = points[:, 2:]
+    if not (depth > 0).all():
+        raise InputError(
+            f"captured points: point {int(np.argmin(depth))} has depth {depth.min():g} mm; the "
+            "camera sees what is before it (z above 0)."
+        )
+    return points * (calibrate_depth(depth) / depth)
+
+
 def inside(
     polygon: npt.ArrayLike,
     row: npt.ArrayLike,

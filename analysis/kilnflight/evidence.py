@@ -79,11 +79,11 @@ class Evidence:
 
     def real(self, area: npt.NDArray[np.integer]) -> bool:
         """Return whether something stands out in the frame and has changed there."""
+        if not len(find_peaks(self.change, area[None], self.change_threshold)[1]):
+            return False
         inside = _cut(self.gray, area)
         whole = np.array([[0, inside.shape[0], 0, inside.shape[1]]])
-        if not any(len(find_peaks(sign * inside, whole, self.threshold)[1]) for sign in (1, -1)):
-            return False
-        return len(find_peaks(self.change, area[None], self.change_threshold)[1]) > 0
+        return any(len(find_peaks(sign * inside, whole, self.threshold)[1]) for sign in (1, -1))
 
 
 def _cut(image: Float32, area: npt.NDArray[np.integer]) -> Float32:

@@ -68,7 +68,11 @@ def _area_peaks(image: Float32, box: Index, prominence: float) -> npt.NDArray[np
     height, width = bottom - top, right - left
     if height < 3 or width < 3 or height * width > LARGEST_AREA_PX:
         return np.empty((0, 3))
-    value = image[top:bottom, left:right].copy().reshape(-1)
+    area = image[top:bottom, left:right].copy()
+    value = area.reshape(-1)
+    around = _around(area)
+    if value.max() - min(value.min(), around) < prominence:  # nothing can stand out so far
+        return np.empty((0, 3))
     order = np.argsort(-value, kind="mergesort")
     parent = np.full(height * width, -1)  # -1: still under water
     summit = np.arange(height * width)
@@ -94,7 +98,7 @@ def _area_peaks(image: Float32, box: Index, prominence: float) -> npt.NDArray[np
                 parent[one] = other
                 summit[other] = high
     highest = order[0]
-    stands_out[highest] = value[highest] - _around(value.reshape(height, width))
+    stands_out[highest] = value[highest] - around
     return _kept(stands_out, order, width, height, top, left, prominence)
 
 

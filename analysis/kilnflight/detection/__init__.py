@@ -38,7 +38,8 @@ from kilnflight.detection.quasi_centers import QuasiClusterCenters
 class Detector2D(Protocol):
     """A foreground (rows, cols) -> particles (n, 3): row, col, radius in px."""
 
-    def __call__(self, foreground: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]: ...
+    def __call__(self, foreground: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+        """Return the particles, those of a foreground of one grey value being none."""
 
 
 class Clusterer(Protocol):

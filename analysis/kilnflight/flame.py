@@ -1,0 +1,61 @@
+"""The burner's flame, found and taken out before anything is detected (chapter 3.1, Fig. 3.4)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.checks import InputError
+from kilnflight.detection.otsu import otsu_threshold
+
+Rectangle = tuple[int, int, int, int]
+
+
+class Flame(NamedTuple):
+    """What is flame in a rectangle of the image."""
+
+    rectangle: Rectangle  # first row, row after the last, first column, column after the last
+    mask: npt.NDArray[np.bool_]  # (rows, cols) of the rectangle
+
+    def cover(self, image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return a copy of a foreground (rows, cols) that is 0 where the flame is."""
+        top, bottom, left, right = self.rectangle
+        cleared = image.copy()
+        cleared[top:bottom, left:right][self.mask] = 0
+        return cleared
+
+    def holds(self, pixels: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+        """Return which pixels (n, 2) of row and col belong to the flame."""
+        top, bottom, left, right = self.rectangle
+        row, col = pixels[:, 0], pixels[:, 1]
+        inside = (row >= top) & (row < bottom) & (col >= left) & (col < right)
+        found = np.zeros(len(pixels), dtype=bool)
+        found[inside] = self.mask[row[inside] - top, col[inside] - left]
+        return found
+
+
+def segment_flame(gray: npt.NDArray[np.uint16], rectangle: Rectangle) -> Flame:
+    """Return the flame: what is above the Otsu threshold of a rectangle.
+
+    Parameters
+    ----------
+    gray
+        (rows, cols), one frame.
+    rectangle
+        First row, row after the last, first column, column after the last.
+
+    Notes
+    -----
+    Otsu's method splits any picture, so a rectangle without a flame loses its brighter half;
+    draw one only where a flame is. A rectangle of one grey value has no flame.
+    """
+    top, bottom, left, right = rectangle
+    if not (0 <= top < bottom <= gray.shape[0] and 0 <= left < right <= gray.shape[1]):
+        raise InputError(
+            f"segment_flame: rectangle {rectangle} is not inside the image of "
+            f"{gray.shape[0]} x {gray.shape[1]}; give row0 < row1 and col0 < col1."
+        )
+    part = gray[top:bottom, left:right]
+    return Flame(rectangle, part > otsu_threshold(part))

@@ -1,0 +1,324 @@
+"""Detectors on labelled frames, counted as chapter 3.3 counts: the detection experiment.
+
+views of labelled frames x methods -> one row per frame and method -> sums, rates, intervals
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from tqdm import tqdm
+
+from kilnflight.background import BackgroundModel
+from kilnflight.checks import InputError, check_columns
+from kilnflight.combination import Combination, Polygon, View, second_pass
+from kilnflight.correspondence import summarise
+from kilnflight.detection import (
+    DBSCAN,
+    Clusterer,
+    Detector2D,
+    DoG,
+    MorphologicalClustering,
+    Otsu,
+    QuasiClusterCenters,
+)
+from kilnflight.frames import PictureRecording
+from kilnflight.kiln import views
+from kilnflight.scores import FrameScore, rates, score_detections, score_in_pixels
+from kilnflight.twin import truth
+from kilnflight.twin.scenes import open_scene
+
+# Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
+# frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
+THRESHOLDS = tuple(round(100 * 2 ** (k / 2)) for k in range(12))
+Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more) row, col
+
+
+class Subset(NamedTuple):
+    """A recording and what a person marked in some of its frames."""
+
+    name: str
+    recording: PictureRecording
+    wanted: tuple[int, ...]  # frames
+    particles: pd.DataFrame  # frame, particle, row, col, label; inside the region of interest
+    instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle, -1
+
+
+def ground_truth(seed: int, frames: int) -> list[Subset]:
+    """Return the five subsets of the twin, each with its first labelled frames.
+
+    Parameters
+    ----------
+    seed
+        Of the scenes.
+    frames
+        How many of the ten labelled frames of each; 10 is the thesis's set of 50.
+    """
+    found = []
+    for name in truth.SUBSETS:
+        twin, wanted = open_scene(name, seed), tuple(truth.LABELLED[:frames])
+        instances = partial(truth.instances, twin)
+        found.append(Subset(name, twin, wanted, truth.marked(twin, wanted), instances))
+    return found
+
+
+def by_picture(detector: Detector2D) -> Method:
+    """Return a 2D detector as a method."""
+    return lambda view: detector(view.foreground)
+
+
+def by_cloud(clusterer: Clusterer) -> Method:
+    """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
+
+    def centers(view: View) -> npt.NDArray[np.float64]:
+        clusters = summarise(view.pixels, view.xyz, clusterer(view.xyz))
+        return np.column_stack([clusters.row, clusters.col])
+
+    return centers
+
+
+def by_both(combination: Combination, roi: Polygon | None) -> Method:
+    """Return a combined detector as a method; it looks at the region of interest only."""
+    return lambda view: combination(view, roi)[["row", "col"]].to_numpy()
+
+
+# First and second pass of the combination (section 5.1.3); DBSCAN's first pass is printed as
+# the set of highest precision, which 15 points in 70 mm is (Table 5.8).
+PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
+    "DBSCAN": (DBSCAN(eps=50.0, min_points=10), DBSCAN(eps=15.0, min_points=10)),
+    "MO": (MorphologicalClustering(100), MorphologicalClustering(400)),
+    "QCC": (QuasiClusterCenters(35, 0.1), QuasiClusterCenters(20, 0.2)),
+}
+
+
+def eleven(threshold: float, roi: Polygon | None) -> dict[str, Method]:
+    """Return the eleven methods of Table 5.11 under their printed names.
+
+    Parameters
+    ----------
+    threshold
+        Of DoG, in grey values.
+    roi
+        Polygon (row, col) that the combined detector looks at.
+
+    Notes
+    -----
+    The two combinations with one clusterer share its passes over a frame; their time is not
+    that of either alone.
+    """
+    pictures: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": DoG(threshold)}
+    methods = {f"2D-{name}": by_picture(one) for name, one in pictures.items()}
+    methods["3D-DBSCAN Clustering"] = by_cloud(DBSCAN(eps=50.0, min_points=10))
+    methods["3D-MO-based Clustering"] = by_cloud(MorphologicalClustering(150))
+    methods["3D-QCC Clustering"] = by_cloud(QuasiClusterCenters(30, 0.1))
+    for cloud, passes in PASSES.items():
+        share = _Shared(*passes)
+        for name, detector in pictures.items():
+            methods[f"Combi {name}+{cloud}"] = partial(_combined, detector, share, roi)
+    return methods
+
+
+class _Shared:
+    """Labels of the last view that was asked for."""
+
+    def __init__(self, wall: Clusterer, clusterer: Clusterer) -> None:
+        self.passes = (wall, clusterer)
+        self.last: tuple[View, npt.NDArray[np.intp]] | None = None
+
+    def __call__(self, view: View) -> npt.NDArray[np.intp]:
+        if self.last is None or self.last[0] is not view:
+            self.last = (view, second_pass(view.xyz, *self.passes))
+        return self.last[1]
+
+
+def _combined(
+    detector: Detector2D, share: _Shared, roi: Polygon | None, view: View
+) -> npt.NDArray[np.float64]:
+    found = Combination(detector).decide(view, detector(view.foreground), share(view), roi)
+    return found[["row", "col"]].to_numpy()
+
+
+def run(
+    subsets: Iterable[Subset],
+    methods: Mapping[str, Method],
+    background: BackgroundModel | None = None,
+) -> pd.DataFrame:
+    """Return `attempt` of all subsets, with progress.
+
+    Parameters
+    ----------
+    subsets
+        From `ground_truth`.
+    methods
+        By name.
+    background
+        The temporal median over 150 frames if None.
+    """
+    parts = []
+    for subset in subsets:
+        frames = views(subset.recording, subset.wanted, background)
+        bar = tqdm(frames, desc=subset.name, total=len(subset.wanted), unit="frame", disable=None)
+        parts.append(attempt(bar, subset, methods, subset.recording.attributes.roi))
+    return pd.concat(parts, ignore_index=True)
+
+
+def attempt(
+    frames: Iterable[tuple[int, View]],
+    subset: Subset,
+    methods: Mapping[str, Method],
+    roi: Polygon | None,
+) -> pd.DataFrame:
+    """Return how each method does on each frame.
+
+    Parameters
+    ----------
+    frames
+        Number and view of each, from `kilnflight.kiln.views`.
+    subset
+        The truth about them.
+    methods
+        By name.
+    roi
+        Polygon (row, col) outside which nothing counts (section 5.1.2).
+
+    Returns
+    -------
+    DataFrame
+        One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``,
+        ``fn`` by the gate of 45 px (section 3.3) and ``tp_pixels``, ``fp_pixels``,
+        ``fn_pixels`` within the pixels of a particle (5.1.1); ``found_2``, ``marked_2`` ...
+        per class; ``seconds``.
+    """
+    check_columns(subset.particles, ["frame", "particle", "row", "col", "label"], subset.name)
+    rows = []
+    for t, view in frames:
+        here = subset.particles[subset.particles["frame"] == t]
+        image = subset.instances(t)
+        for name, method in methods.items():
+            begin = time.perf_counter()
+            spots = method(view)[:, :2]
+            seconds = time.perf_counter() - begin
+            row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
+            rows.append(row | _counts(here, image, spots, roi))
+    return pd.DataFrame(rows)
+
+
+def _counts(
+    here: pd.DataFrame,
+    image: npt.NDArray[np.integer],
+    spots: npt.NDArray[np.float64],
+    roi: Polygon | None,
+) -> dict[str, int]:
+    gated = score_detections(here[["row", "col"]].to_numpy(), spots, roi=roi)
+    shown = here["particle"][here["particle"].isin(np.unique(image))].to_numpy()
+    within = score_in_pixels(image, shown, spots, roi=roi)
+    label = here["label"].to_numpy()
+    hit = label[gated.pairs[:, 0]]
+    counts = {"tp": gated.tp, "fp": gated.fp, "fn": gated.fn}
+    counts |= {f"{name}_pixels": getattr(within, name) for name in ("tp", "fp", "fn")}
+    for kind in truth.CLASSES:
+        counts[f"found_{kind}"] = int((hit == kind).sum())
+        counts[f"marked_{kind}"] = int((label[_taking_part(gated)] == kind).sum())
+    return counts
+
+
+def _taking_part(score: FrameScore) -> npt.NDArray[np.intp]:
+    return np.concatenate([score.pairs[:, 0], score.missed])
+
+
+def sums(table: pd.DataFrame, by: list[str], criterion: str = "") -> pd.DataFrame:
+    """Return counts and rates summed over frames.
+
+    Parameters
+    ----------
+    table
+        Of `attempt`.
+    by
+        Columns that stay apart.
+    criterion
+        "" for the gate of 45 px, "_pixels" for the pixels of a particle.
+
+    Returns
+    -------
+    DataFrame
+        ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1``, and the mean
+        ``seconds_per_image``.
+    """
+    names = {f"{name}{criterion}": name for name in ("tp", "fp", "fn")}
+    groups = table.groupby(by, sort=False)
+    counts = groups[list(names)].sum().rename(columns=names).reset_index()
+    mean = groups["seconds"].mean().to_numpy()
+    together = rates(counts["tp"], counts["fp"], counts["fn"])
+    return pd.concat([counts, together], axis=1).assign(seconds_per_image=mean)
+
+
+def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``."""
+    parts = []
+    for label in truth.CLASSES:
+        names = {f"found_{label}": "tp", f"marked_{label}": "marked"}
+        one = table.groupby(by, sort=False)[list(names)].sum().rename(columns=names).reset_index()
+        missed = one["marked"] - one["tp"]
+        recall = rates(one["tp"], 0 * missed, missed)["recall"].where(one["marked"] > 0)
+        parts.append(
+            one.drop(columns="marked").assign(label=label, fn=missed, recall=recall.to_numpy())
+        )
+    return pd.concat(parts, ignore_index=True)[[*by, "label", "tp", "fn", "recall"]]
+
+
+def leave_one_out(table: pd.DataFrame, parameter: str) -> pd.DataFrame:
+    """Return for each subset the parameter that is best on the others (section 5.1.3).
+
+    Parameters
+    ----------
+    table
+        Of `attempt`, with a column ``parameter`` beside.
+
+    Returns
+    -------
+    DataFrame
+        ``subset`` and ``parameter``; among equals the smallest.
+    """
+    subsets = list(table["subset"].unique())
+    if len(subsets) < 2:
+        raise InputError(f"leave_one_out: needs two subsets or more, got {subsets}.")
+    chosen = []
+    for subset in subsets:
+        others = sums(table[table["subset"] != subset], [parameter]).sort_values(parameter)
+        best = others[parameter].to_numpy()[int(np.argmax(others["f1"].to_numpy()))]
+        chosen.append({"subset": subset, parameter: best})
+    return pd.DataFrame(chosen)
+
+
+def resampled_f1(
+    table: pd.DataFrame, generator: np.random.Generator, draws: int = 2000
+) -> pd.DataFrame:
+    """Return F1 of every method over draws of frames with replacement, subset by subset.
+
+    Parameters
+    ----------
+    table
+        Of `attempt`; every method on the same frames.
+    generator
+        Of the draws; all methods see the same draws, so that differences are paired.
+
+    Returns
+    -------
+    DataFrame
+        (draws, methods), a column per method.
+    """
+    wide = table.pivot(index=["subset", "frame"], columns="method", values=["tp", "fp", "fn"])
+    if wide.isna().to_numpy().any():
+        raise InputError("resampled_f1: a method lacks a frame; give all methods all frames.")
+    position = wide.reset_index().groupby("subset", sort=False).indices
+    picked = np.concatenate(
+        [generator.choice(rows, (draws, len(rows))) for rows in position.values()], axis=1
+    )
+    tp, fp, fn = (wide[name].to_numpy()[picked].sum(axis=1) for name in ("tp", "fp", "fn"))
+    return pd.DataFrame(2 * tp / np.maximum(2 * tp + fp + fn, 1), columns=wide["tp"].columns)

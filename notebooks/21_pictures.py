@@ -1,0 +1,216 @@
+# %% [markdown]
+# # Particles in pictures: Otsu and SIFT
+#
+# **Published** (thesis, sections 2.2.2, 2.2.3 and 5.1.3). On 50 labelled frames, after the
+# median background, Otsu's threshold finds nearly all that burns and little that does not
+# (F1 0.8436, Table 5.5); SIFT finds about half of what does not burn (0.8749, Table 5.6) and
+# is the faster the higher its threshold (Table 5.7).
+#
+# **Here.** The same on the twin. Otsu's row is what the picture's few free inputs (exposure,
+# contrast, flicker) were fitted to, on two frames of each subset, so its agreement is no
+# result; everything else is a prediction. SIFT's threshold is found on four subsets and used
+# on the fifth; the published 450 to 550 belong to an exposure that nobody printed.
+
+# %% tags=["parameters"]
+scale = "standard"  # quick, standard or full
+seed = 0  # of the scenes
+frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
+
+# %%
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+
+from kilnflight import drawing, figures, provenance, reference, trial
+from kilnflight.detection import DoG, Otsu
+from kilnflight.twin import exposure, truth
+
+drawing.use_style()
+frames = frames or {"quick": 1, "standard": 2, "full": 10}[scale]
+setting = {"scale": scale, "frames": frames}
+made = provenance.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
+subsets = trial.ground_truth(seed, frames)
+print(f"{frames} of the ten labelled frames of each of five subsets")
+
+# %% [markdown]
+# ## Calibration of the picture
+#
+# The fit beside its targets, Otsu's row of the publication. Inputs only: before the fit.
+
+# %%
+record = exposure.record()
+limits = pd.DataFrame(exposure.LIMITS, index=["lowest", "highest"]).T
+assumed = asdict(exposure.UNTOUCHED)
+fitted = pd.DataFrame({"input": limits.index, "assumed": assumed.values()})
+fitted = fitted.assign(fitted=record["inputs"].values(), lowest=limits["lowest"].to_numpy())
+fitted = fitted.assign(highest=limits["highest"].to_numpy())
+caption = (
+    "Inputs of the picture that nobody published, as assumed and as fitted to Otsu's row "
+    f"(Table 5.5). Cost {record['cost_inputs_only']:.0f} before and "
+    f"{record['cost_calibrated']:.0f} after {record['evaluations']} evaluations."
+)
+figures.save("twin-picture-calibration", fitted, caption=caption, provenance=made)
+
+# %%
+names = {"targets": "published", "inputs_only": "inputs_only", "calibrated": "calibrated"}
+parts = [
+    pd.DataFrame(record[key]).set_index("subset").add_suffix(f"_{n}") for key, n in names.items()
+]
+targets = pd.concat(parts, axis=1).reset_index()
+targets = targets[["subset", *sorted(targets.columns.drop("subset"))]]
+caption = (
+    "What the picture was fitted to: precision and recall of Otsu's method and its recall of "
+    "non-burning particles (unlit), published, before and after the fit, on the frames of the fit."
+)
+figures.save("twin-picture-targets", targets, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Both detectors
+
+# %%
+methods = {f"{t}": trial.by_picture(DoG(t)) for t in trial.THRESHOLDS}
+attempts = trial.run(subsets, {"Otsu": trial.by_picture(Otsu()), **methods})
+otsu = attempts[attempts["method"] == "Otsu"]
+dogs = attempts[attempts["method"] != "Otsu"]
+dogs = dogs.assign(threshold=dogs["method"].astype(float))
+chosen = trial.leave_one_out(dogs, "threshold")
+sift = dogs.merge(chosen)
+
+# %%
+tables = {}
+for name, one in {"table-5-5-otsu": otsu, "table-5-6-sift": sift}.items():
+    by = [column for column in ("threshold", "subset") if column in one]
+    total = trial.sums(one.assign(subset="Total"), ["subset"])
+    tables[name] = pd.concat([trial.sums(one, by), total], ignore_index=True)
+order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_image"]
+tables["table-5-6-sift"] = tables["table-5-6-sift"][["threshold", *order]]
+
+# %%
+printed = reference.published("table_5.5").set_index("subset")["f1"]
+caption = (
+    f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each within the "
+    "region of interest, gate 45 px."
+)
+otsu_table = tables["table-5-5-otsu"].merge(printed.rename("f1_published").reset_index())
+figures.save("table-5-5-otsu", otsu_table, caption=caption, provenance=made)
+
+# %%
+printed = reference.published("table_5.6").set_index("subset")["f1"]
+caption = (
+    f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
+    "interest, gate 45 px; threshold of DoG in grey values found on the other four subsets."
+)
+sift_table = tables["table-5-6-sift"].merge(printed.rename("f1_published").reset_index())
+figures.save("table-5-6-sift", sift_table, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Which particles are found
+#
+# Recall of each class; for Otsu the values that section 5.1.3 states (about 1, 0.9, and as
+# drawn for non-burning ones). Bars: this work; diamonds: published.
+
+# %%
+both = pd.concat([otsu, sift.assign(method="SIFT")], ignore_index=True)
+recall = trial.class_recall(both, ["method", "subset"])
+recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
+unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
+
+# %% tags=["hide-input"]
+picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+place = np.arange(len(truth.SUBSETS))
+for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
+    for k, (label, one) in enumerate(found.groupby("label")):
+        style = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
+        axes.bar(place + 0.27 * (k - 1), one["recall"], 0.25, label=truth.CLASSES[label], **style)
+    axes.set(title=name, xticks=place, xticklabels=truth.SUBSETS, xlabel="subset")
+panels[0].plot(
+    place, list(unlit.values()), "D", color="black", ms=3, label="published, non-burning"
+)
+panels[0].set_ylabel("recall")
+panels[0].legend(loc="lower left", fontsize=6)
+caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
+figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## What eight bits would lose, and what a threshold costs
+#
+# OpenCV's SIFT takes 8 bits. The same foregrounds rounded to 256 levels, same thresholds.
+
+# %%
+level = 65_535 / 255
+chosen_one = float(chosen["threshold"].median())
+detector = DoG(chosen_one)
+bits = {
+    "16 bits": trial.by_picture(detector),
+    "8 bits": lambda view: detector(np.rint(view.foreground / level) * np.float32(level)),
+}
+rounded = trial.run(subsets, bits)
+eight = trial.sums(rounded, ["method"]).drop(columns="seconds_per_image")
+faint = trial.class_recall(rounded, ["method"])
+faint = faint[faint["label"] == 3].set_index("method")["recall"]
+eight = eight.assign(recall_non_burning=eight["method"].map(faint))
+caption = f"SIFT with threshold {chosen_one:.0f} on foregrounds of 16 and of 8 bits."
+figures.save("dog-eight-bits", eight, caption=caption, provenance=made)
+
+# %%
+printed = reference.published("table_5.7")
+timed = {int(t): trial.by_picture(DoG(float(t))) for t in printed["dog_local_max"]}
+times = trial.run(subsets, timed)
+seconds = times.groupby("method")["seconds"].median()
+speed = printed.assign(measured_s=seconds.to_numpy())
+caption = "Time of SIFT for one frame against its threshold, after Table 5.7 (MATLAB), and ours."
+figures.save("table-5-7-sift-time", speed, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Verdicts
+
+# %%
+rows = {name: table.set_index("subset") for name, table in tables.items()}
+of_otsu, of_sift = rows["table-5-5-otsu"], rows["table-5-6-sift"]
+by_class = recall.pivot(index=["method", "subset"], columns="label", values="recall")
+faint_otsu, faint_sift = by_class.loc["Otsu", 3], by_class.loc["SIFT", 3]
+note = f"{5 * frames} frames, gate 45 px"
+fitted_note = f"{note}; a target of the calibration, so no result"
+each = list(truth.SUBSETS)
+verdicts = [
+    reference.judge("otsu-1", of_otsu.loc[each, "precision"], note=fitted_note),
+    reference.judge("otsu-2", by_class.loc["Otsu", 2], note=fitted_note),
+    reference.judge(
+        "otsu-3",
+        {f"{v} {r:.2f} <= 0.5": bool(r <= 0.5) for v, r in faint_otsu.items()}
+        | {"V4 lowest": faint_otsu.idxmin() == "V4" or bool(faint_otsu["V4"] == faint_otsu.min())},
+        note=fitted_note,
+    ),
+    reference.judge(
+        "otsu-4",
+        {f"last is {of_otsu.loc[each, 'f1'].idxmin()}": of_otsu.loc[each, "f1"].idxmin() == "V5"},
+        note=fitted_note,
+    ),
+]
+
+# %%
+faint_note = {f"{v} {faint_sift[v]:.2f} in 0.35..0.75": 0.35 <= faint_sift[v] <= 0.75 for v in each}
+more = {f"{v} above Otsu {faint_otsu[v]:.2f}": faint_sift[v] > faint_otsu[v] for v in each}
+f1_otsu, f1_sift = of_otsu["f1"], of_sift["f1"]
+ahead = f"{f1_sift['Total']:.4f} > {f1_otsu['Total']:.4f}"
+gap = f1_sift["V5"] - f1_otsu["V5"]
+last = f1_sift[each].idxmin()
+verdicts += [
+    reference.judge("sift-1", {ahead: f1_sift["Total"] > f1_otsu["Total"]}, note=note),
+    reference.judge("sift-2", {**faint_note, **more}, note=note),
+    reference.judge(
+        "sift-3",
+        {f"last is {last}": last == "V5", f"V5 {gap:+.3f} >= 0.05": gap >= 0.05},
+        note=note,
+    ),
+    reference.judge("sift-4", seconds[400] / seconds[1000], note="median time of a frame"),
+]
+
+# %%
+reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+result = (
+    f"{reproduced} of 8 claims reproduced (four of them were targets of the calibration). F1 of "
+    f"Otsu {f1_otsu['Total']:.4f} (published 0.8436), of SIFT {f1_sift['Total']:.4f} (0.8749)."
+)
+figures.conclude(result, verdicts, made)
