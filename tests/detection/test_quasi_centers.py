@@ -137,3 +137,9 @@ def test_neighbours_are_the_nearest(brute, seed, k, unevenness, shape, ties):
     expected, kth = neighbors_by_sorting(points, k)
     np.testing.assert_array_equal(np.sort(indices), np.sort(expected))
     np.testing.assert_array_equal(squares, kth)
+
+
+def test_a_long_line_of_equal_steps_is_one_cluster():
+    """Nearly all points are centres of one density; they are not compared pair by pair."""
+    line = np.outer(np.arange(20_000.0), [1, 0, 0])
+    assert set(QuasiClusterCenters(20, 0.1)(line)) == {0}

@@ -194,10 +194,15 @@ def _spread(
     found = np.empty(np.count_nonzero(centers), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     k, used = neighbors.shape[1], 0
+    sizes = np.bincount(levels)
     for i in np.flatnonzero(centers):
-        values[used], following[used] = i, heads[levels[i]]
-        heads[levels[i]] = used
-        used += 1
+        level = levels[i]
+        if heads[level] >= 0 and sizes[level] / k > alpha:
+            unite(clusters, int(i), values[heads[level]])  # they share at least the level
+        else:
+            values[used], following[used] = i, heads[level]
+            heads[level] = used
+            used += 1
     for i in dense_first:
         count = _gather(heads[levels[i]], values, following, clusters, found)
         if count > 1:
