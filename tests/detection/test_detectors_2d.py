@@ -49,7 +49,7 @@ def test_views_and_column_order_give_the_same(detect):
 
 def test_a_shift_moves_the_particles(detect):
     here, there = blob(row=40.0), blob(row=40.0 + 16, col=70.0 - 16)
-    np.testing.assert_allclose(detect(there), detect(here) + [16, -16, 0], atol=0.02)
+    np.testing.assert_allclose(detect(there) - detect(here), [[16, -16, 0]], atol=0.02)
 
 
 def test_a_constant_changes_nothing(detect):

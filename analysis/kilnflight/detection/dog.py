@@ -43,7 +43,7 @@ class DoG:
         Blur that the image is taken to have, in px.
     double
         Whether a first octave of the image at twice its size comes before the others;
-        it finds blobs with a radius from about 1.3 px instead of 2.5 px.
+        it finds blobs with a radius from about 1.4 px instead of 2.8 px.
     dark
         Whether minima (blobs darker than their surroundings) are particles, too.
 
@@ -166,8 +166,8 @@ def disc_radius(layers: int) -> float:
 
     Examples
     --------
-    >>> round(disc_radius(3), 3)
-    1.581
+    >>> round(disc_radius(3), 2)
+    1.58
     """
     k = 2.0 ** (1.0 / layers)
     return k * math.sqrt(2.0 * math.log(k**2) / (k**2 - 1.0))
