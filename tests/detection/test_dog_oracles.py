@@ -83,7 +83,7 @@ def test_what_is_left_out_changes_nothing(seed, threshold, double):
         np.testing.assert_array_equal(detector(image), found)
 
 
-def everywhere(image, taps, level, sign):
+def everywhere(image, taps, level, signs):
     blocks = [-(-n // scale_space.BLOCK) for n in image.shape]
     return np.ones(blocks, dtype=np.bool_)
 
