@@ -131,7 +131,7 @@ class DoG:
         spacing, found = 1.0, []
         if self.double:
             blur = 2 * self.camera_blur
-            found.append(self._octave(scale_space.doubled(image), blur) * 0.5)
+            found.append(self._octave(image, blur, double=True) * 0.5)
             image = scale_space.smooth_doubled(image, math.sqrt(4 * self.sigma**2 - blur**2))
         else:
             image = scale_space.smooth(image, math.sqrt(self.sigma**2 - self.camera_blur**2))
@@ -141,7 +141,7 @@ class DoG:
             spacing *= 2
         return np.concatenate([*found, np.empty((0, 3))])
 
-    def _octave(self, image: scale_space.Image, blur: float) -> Array:
+    def _octave(self, image: scale_space.Image, blur: float, *, double: bool = False) -> Array:
         """Return row, col and radius of the keypoints of an octave, in its own px.
 
         Parameters
@@ -149,12 +149,18 @@ class DoG:
         image
             Image from which the Gaussians of the octave are made.
         blur
-            Its own blur.
+            Its own blur, after doubling.
+        double
+            Whether the octave is that of the doubled image.
         """
         sigmas = self.sigma * 2.0 ** (np.arange(self.layers + 3) / self.layers)
         taps = tuple(scale_space.gaussian_taps(s) for s in np.sqrt(sigmas**2 - blur**2))
-        pad = len(taps[-1]) - 1
-        wide = scale_space.mirrored(image, pad)
+        pad = 2 * (len(taps[-1]) // 2)
+        if double:
+            wide = scale_space.doubled(scale_space.mirrored(image, pad // 2))
+            image = wide[pad:-pad, pad:-pad]
+        else:
+            wide = scale_space.mirrored(image, pad)
         signs = (1.0, -1.0) if self.dark else (1.0,)
         live = scale_space.reachable(image, taps, self.threshold / 2, signs)
         found = [np.empty((0, 6))]
