@@ -117,11 +117,18 @@ def keypoints(stack: Any, start: Any, visit: Any, threshold: float, edge: float,
     count = 0
     for layer in range(1, len(stack) - 1):
         for row in range(start[0], start[1]):
+            line = stack[layer, row]
             for col in range(start[2], start[3]):
-                sample = stack[layer, row, col]
+                sample = line[col]
                 if abs(sample) < threshold / 2:
                     continue
                 for sign in signs:
+                    # Most samples fail against the pixel before or after.
+                    if (
+                        sign * line[col - 1] >= sign * sample
+                        or sign * line[col + 1] > sign * sample
+                    ):
+                        continue
                     if sign * sample <= 0 or not is_maximum(stack, sign, layer, row, col):
                         continue
                     at_row, at_col, offset, gradient, hessian = refine(

@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from kilnflight.checks import InputError
 
+LARGEST = 1e9  # far beyond any grey value, and safe in float32
+
 
 def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDArray[Any]:
     """Return the foreground as an array, or raise an `InputError`.
@@ -16,15 +18,16 @@ def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDA
     Raises
     ------
     InputError
-        If it is not 2D, is not made of integers or floats, or a float is not finite.
+        If it is not 2D, is not made of integers or floats, or a float is not finite (or
+        beyond any grey value).
     """
     image = np.asarray(foreground)
     if image.ndim != 2:
         raise InputError(f"{where}: the foreground has shape {image.shape}; pass (rows, cols).")
     if image.dtype.kind not in "uif":
         raise InputError(f"{where}: the foreground is of {image.dtype}; pass integers or floats.")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        row, col = (int(i) for i in np.argwhere(~np.isfinite(image))[0])
+    if image.dtype.kind == "f" and not (np.abs(image) < LARGEST).all():
+        row, col = (int(i) for i in np.argwhere(~(np.abs(image) < LARGEST))[0])
         raise InputError(
             f"{where}: the foreground is {image[row, col]} at row {row}, col {col}; "
             "set such pixels to 0 before the call."

@@ -136,8 +136,7 @@ class Otsu:
         -------
         ndarray
             (n, 3) row and col of the centroid and the radius of the circle of the same
-            area, in px, in the order in which a scan by rows meets the regions. None in
-            a foreground of one grey value.
+            area, in px, by row and column. None in a foreground of one grey value.
 
         Raises
         ------
@@ -153,5 +152,6 @@ class Otsu:
             above.view(np.uint8), connectivity=8
         )
         area = regions[1:, cv2.CC_STAT_AREA]
-        radius = np.sqrt(area / np.pi)
-        return np.column_stack([centroids[1:, ::-1], radius])[area >= self.smallest_px]
+        particles = np.column_stack([centroids[1:, ::-1], np.sqrt(area / np.pi)])
+        particles = particles[area >= self.smallest_px]
+        return particles[np.lexsort((particles[:, 1], particles[:, 0]))]

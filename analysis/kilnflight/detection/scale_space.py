@@ -210,21 +210,23 @@ def _block_ranges(image: Any, block: int) -> Any:
     return out
 
 
-def reachable(image: Image, taps: Taps, level: float, sign: float) -> npt.NDArray[np.bool_]:
+def reachable(
+    image: Image, taps: Taps, level: float, signs: tuple[float, ...]
+) -> npt.NDArray[np.bool_]:
     """Return the blocks in which an inner difference of Gaussians can reach ``level``.
 
     A bound, never an estimate: in a block left out, no sample of the inner differences
-    (those with a neighbour on both sides), times ``sign``, is as large as ``level``.
+    (those with a neighbour on both sides), times any of ``signs``, is as large as ``level``.
     """
     low, high = _block_ranges(image, BLOCK)
     # A sum of products of float32 is off by less than this; the bound must not be.
     rounding = 1e-5 * max(abs(float(low.min())), abs(float(high.max())))
-    if sign < 0:
-        low, high = -high, -low
     live = np.zeros(low.shape, dtype=np.bool_)
     for narrow, wide in pairwise(taps[1:-1]):
         radius, mass = reach_and_mass(narrow, wide)
         near, far = (np.ones(2 * [2 * -(-r // BLOCK) + 1]) for r in (radius, len(wide) - 1))
-        span = cv2.dilate(high, near) - cv2.erode(low, far)
-        live |= span * mass + rounding >= level
+        if 1.0 in signs:
+            live |= (cv2.dilate(high, near) - cv2.erode(low, far)) * mass + rounding >= level
+        if -1.0 in signs:
+            live |= (cv2.dilate(high, far) - cv2.erode(low, near)) * mass + rounding >= level
     return live

@@ -1,0 +1,97 @@
+"""Particles in the foreground of a frame of the twin, against OpenCV, numpy and scipy."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from measure import Row, compare
+from scipy import ndimage
+
+from kilnflight.detection import DoG, Otsu, otsu_threshold
+from kilnflight.twin.scenes import open_scene
+
+GAIN = 65535 / 255  # 16-bit grey values per grey value of 8 bits
+SAME = {"double": True, "dark": True}  # what OpenCV's SIFT does besides
+
+
+def foreground() -> np.ndarray:
+    """Return |frame - median of 15 frames| of scene V4, the one with most particles."""
+    scene = open_scene("V4")
+    frames = np.stack([scene.frame(i).gray for i in range(40, 115, 5)])
+    return np.abs(frames[7] - np.median(frames, axis=0)).round().astype(np.uint16)
+
+
+def eight_bits(image: np.ndarray) -> np.ndarray:
+    """Return the image in 8 bits, as OpenCV's SIFT needs it."""
+    return np.rint(image / GAIN).astype(np.uint8)
+
+
+def sift(image: np.ndarray, threshold: float) -> np.ndarray:
+    """Return row and col of OpenCV's keypoints; ``threshold`` in grey values of 16 bits."""
+    contrast = 3 * threshold / 65535  # it divides by 3 layers and by 255
+    detector = cv2.SIFT_create(contrastThreshold=contrast, enable_precise_upscale=True)
+    return np.array([point.pt[::-1] for point in detector.detect(image)]).reshape(-1, 2)
+
+
+def check_keypoints(image: np.ndarray, threshold: float) -> None:
+    """Check on the same 8 bits that OpenCV's keypoints are ours, but for the border."""
+    eight = eight_bits(image)
+    theirs, ours = sift(eight, threshold), DoG(threshold, **SAME)(eight * GAIN)[:, :2]
+    theirs = theirs[((theirs > 10) & (theirs < np.array(image.shape) - 10)).all(axis=1)]
+    apart = np.linalg.norm(theirs[:, None] - ours[None], axis=2).min(axis=1)
+    if (apart < 1.0).mean() < 0.95:
+        raise AssertionError(f"only {(apart < 1.0).mean():.2f} of OpenCV's keypoints are found")
+
+
+def numpy_threshold(image: np.ndarray) -> int:
+    """Return Otsu's threshold by numpy over all 65,536 levels."""
+    p = np.bincount(image.ravel(), minlength=65536) / image.size
+    omega, mu = np.cumsum(p)[:-1], np.cumsum(p * np.arange(65536))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        eta = (mu[-1] * omega - mu[:-1]) ** 2 / (omega * (1 - omega))
+    return int(np.nanargmax(np.where(np.isfinite(eta), eta, -1)))
+
+
+def scipy_particles(image: np.ndarray) -> np.ndarray:
+    """Return Otsu's particles by numpy and scipy.ndimage."""
+    regions, count = ndimage.label(image > numpy_threshold(image), np.ones((3, 3)))
+    index = np.arange(1, count + 1)
+    area = ndimage.sum_labels(regions > 0, regions, index)
+    centre = np.array(ndimage.center_of_mass(regions > 0, regions, index))
+    particles = np.column_stack([centre, np.sqrt(area / np.pi)])[area >= Otsu().smallest_px]
+    return particles[np.lexsort((particles[:, 1], particles[:, 0]))]
+
+
+def rows() -> list[Row]:
+    """Return every comparison on one core, the results checked first."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        return _rows(foreground())
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def _rows(image: np.ndarray) -> list[Row]:
+    eight, found = eight_bits(image), []
+    for threshold, more, name in (
+        (500.0, {}, "DoG keypoints at 500, from the original image"),
+        (500.0, SAME, "DoG keypoints at 500, doubled image and minima"),
+        (60.0, {}, "DoG keypoints at 60, from the original image"),
+    ):
+        check_keypoints(image, threshold)
+        detect = DoG(threshold, **more)
+        found.append(
+            compare(
+                (name, "pixels", image.size, "OpenCV SIFT (8 bits, doubled image, minima)"),
+                lambda detect=detect: detect(image),
+                lambda threshold=threshold: sift(eight, threshold),
+            )
+        )
+    assert otsu_threshold(image) == numpy_threshold(image)
+    np.testing.assert_allclose(Otsu()(image), scipy_particles(image))
+    what = ("Otsu's threshold, 65,536 levels", "pixels", image.size, "numpy")
+    found.append(compare(what, lambda: otsu_threshold(image), lambda: numpy_threshold(image)))
+    what = ("Otsu's particles", "pixels", image.size, "scipy.ndimage")
+    found.append(compare(what, lambda: Otsu()(image), lambda: scipy_particles(image)))
+    return found
