@@ -21,7 +21,7 @@ STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 FIRST := 00_claims
 EXECUTED := $(STEMS:%=build/%.ipynb)
 NUMBERS := $(foreach stem,$(STEMS),$(firstword $(subst _, ,$(stem))))
-LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -name '*.py' | sort))
+LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' | sort))
 FACTS := $(shell find data/reference -name '*.csv' | sort)
 
 # Settings are kept in files that change only when the setting does, so that make knows

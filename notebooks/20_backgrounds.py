@@ -23,12 +23,13 @@ from kilnflight.detection import DoG
 from kilnflight.twin import truth
 
 drawing.use_style()
-frames = frames or {"quick": 1, "standard": 2, "full": 10}[scale]
+frames = frames or trial.FRAMES[scale]
 made = provenance.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(seed, frames)
+subsets = trial.ground_truth(scale, seed, frames)
 methods = {threshold: trial.by_picture(DoG(threshold)) for threshold in trial.THRESHOLDS}
 models = {type(model).__name__: model for model in background.MODELS}
-print(f"{frames} of the ten labelled frames of each of five subsets")
+images = frames * len(subsets)
+print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %% [markdown]
 # ## What the backgrounds look like
@@ -128,7 +129,7 @@ figures.save("fig-5-4-background", summary, picture=picture, caption=caption, pr
 # %%
 order = list(summary["model"])
 best = summary["f1"].max()
-note = f"{5 * frames} frames, gate 45 px"
+note = f"{images} frames, gate 45 px"
 sure = f"{note}; first in {(draws.idxmax(axis=1) == order[0]).mean():.0%} of the draws"
 static, moving = f1[["Mean", "Median"]].min(), f1[["TwoFrame", "ThreeFrame"]].max()
 verdicts = [

@@ -12,7 +12,7 @@
 # on the fifth; the published 450 to 550 belong to an exposure that nobody printed.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick, standard or full
+scale = "standard"  # quick (three subsets), standard or full
 seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 
@@ -27,11 +27,12 @@ from kilnflight.detection import DoG, Otsu
 from kilnflight.twin import exposure, truth
 
 drawing.use_style()
-frames = frames or {"quick": 1, "standard": 2, "full": 10}[scale]
+frames = frames or trial.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
 made = provenance.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
-subsets = trial.ground_truth(seed, frames)
-print(f"{frames} of the ten labelled frames of each of five subsets")
+subsets = trial.ground_truth(scale, seed, frames)
+images = frames * len(subsets)
+print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %% [markdown]
 # ## Calibration of the picture
@@ -118,14 +119,15 @@ unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
 
 # %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
-place = np.arange(len(truth.SUBSETS))
+each = [one.name for one in subsets]
+place = np.arange(len(each))
 for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
     for k, (label, one) in enumerate(found.groupby("label")):
         style = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
         axes.bar(place + 0.27 * (k - 1), one["recall"], 0.25, label=truth.CLASSES[label], **style)
-    axes.set(title=name, xticks=place, xticklabels=truth.SUBSETS, xlabel="subset")
+    axes.set(title=name, xticks=place, xticklabels=each, xlabel="subset")
 panels[0].plot(
-    place, list(unlit.values()), "D", color="black", ms=3, label="published, non-burning"
+    place, [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"
 )
 panels[0].set_ylabel("recall")
 panels[0].legend(loc="lower left", fontsize=6)
@@ -170,9 +172,8 @@ rows = {name: table.set_index("subset") for name, table in tables.items()}
 of_otsu, of_sift = rows["table-5-5-otsu"], rows["table-5-6-sift"]
 by_class = recall.pivot(index=["method", "subset"], columns="label", values="recall")
 faint_otsu, faint_sift = by_class.loc["Otsu", 3], by_class.loc["SIFT", 3]
-note = f"{5 * frames} frames, gate 45 px"
+note = f"{images} frames, gate 45 px"
 fitted_note = f"{note}; a target of the calibration, so no result"
-each = list(truth.SUBSETS)
 verdicts = [
     reference.judge("otsu-1", of_otsu.loc[each, "precision"], note=fitted_note),
     reference.judge("otsu-2", by_class.loc["Otsu", 2], note=fitted_note),

@@ -10,7 +10,7 @@
 # like was put in by published statistics; how wall points scatter follows Fig. 5.7 only.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick, standard or full
+scale = "standard"  # quick (three subsets), standard or full
 seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 
@@ -22,12 +22,13 @@ from kilnflight import camera, detection, drawing, figures, provenance, referenc
 from kilnflight.twin import truth
 
 drawing.use_style()
-frames = frames or {"quick": 1, "standard": 2, "full": 10}[scale]
+frames = frames or trial.FRAMES[scale]
 made = provenance.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(seed, frames)
+subsets = trial.ground_truth(scale, seed, frames)
 names = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
 printed = {name: reference.published(table) for name, table in names.items()}
-print(f"{frames} of the ten labelled frames of each of five subsets")
+images = frames * len(subsets)
+print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %% [markdown]
 # ## The sorted k-distance graph
@@ -37,7 +38,7 @@ print(f"{frames} of the ten labelled frames of each of five subsets")
 # %%
 cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].wanted[0]).xyz)
 counts = (6, 10, 15)  # minPts of Table 5.8
-sorted_mm = {k: detection.k_distances(cloud, k)[::-1] for k in counts}
+sorted_mm = {k: detection.k_distances(cloud, k) for k in counts}
 some = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
 curves = pd.DataFrame({f"distance_{k}_mm": line[some] for k, line in sorted_mm.items()})
 curves.insert(0, "point", some + 1)
@@ -85,19 +86,17 @@ for name, columns in parameters.items():
 order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_image"]
 
 # %%
-caption = (
-    f"DBSCAN on {5 * frames} frames, by subset and in total, with the parameters of Table 5.8."
-)
+caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
 table = tables["dbscan"][["minPts", "epsilon_mm", *order, "f1_published"]]
 figures.save("table-5-8-dbscan", table, caption=caption, provenance=made)
 
 # %%
-caption = f"Morphological clustering on {5 * frames} frames, with the grids of Table 5.9."
+caption = f"Morphological clustering on {images} frames, with the grids of Table 5.9."
 table = tables["mo"][["R", *order, "f1_published"]]
 figures.save("table-5-9-mo", table, caption=caption, provenance=made)
 
 # %%
-caption = f"Quasi-cluster centres on {5 * frames} frames, with the parameters of Table 5.10."
+caption = f"Quasi-cluster centres on {images} frames, with the parameters of Table 5.10."
 table = tables["qcc"][["K", "alpha", *order, "f1_published"]]
 figures.save("table-5-10-qcc", table, caption=caption, provenance=made)
 
@@ -140,12 +139,12 @@ by_class = recall.pivot(index=["family", "subset"], columns="label", values="rec
 
 # %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
-place = np.arange(len(truth.SUBSETS))
+place = np.arange(len(subsets))
 for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), strict=True):
     for k, (label, one) in enumerate(found.groupby("label")):
         style = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
         axes.bar(place + 0.27 * (k - 1), one["recall"], 0.25, label=truth.CLASSES[label], **style)
-    axes.set(title=name, xticks=place, xticklabels=truth.SUBSETS, xlabel="subset")
+    axes.set(title=name, xticks=place, xticklabels=[one.name for one in subsets], xlabel="subset")
 panels[0].set_ylabel("recall")
 panels[0].legend(loc="lower left", fontsize=6)
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
@@ -158,7 +157,7 @@ figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provena
 dbscan = totals["dbscan"].set_index(["minPts", "epsilon_mm"])
 mo = totals["mo"].set_index("R")
 qcc = totals["qcc"].set_index(["K", "alpha"])
-note = f"{5 * frames} frames, gate 45 px"
+note = f"{images} frames, gate 45 px"
 falling, rising = {}, {}
 for points, one in dbscan.groupby(level="minPts"):
     falling[f"minPts {points}: FP falls"] = bool(one["fp"].is_monotonic_decreasing)

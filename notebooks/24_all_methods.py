@@ -22,10 +22,11 @@ from kilnflight import drawing, figures, provenance, reference, trial
 from kilnflight.detection import DoG
 
 drawing.use_style()
-frames = frames or {"quick": 1, "standard": 2, "full": 10}[scale]
+frames = frames or trial.FRAMES[scale]
 made = provenance.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(seed, frames)
-print(f"{frames} of the ten labelled frames of each of five subsets")
+subsets = trial.ground_truth(scale, seed, frames)
+images = frames * len(subsets)
+print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 sweep = {threshold: trial.by_picture(DoG(threshold)) for threshold in trial.THRESHOLDS}
@@ -43,7 +44,7 @@ printed = reference.published("table_5.11").set_index("method")
 total = trial.sums(attempts, ["method"]).set_index("method")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1"]
 caption = (
-    f"Eleven methods on {5 * frames} labelled frames within the region of interest, gate 45 px; "
+    f"Eleven methods on {images} labelled frames within the region of interest, gate 45 px; "
     "after Table 5.11."
 )
 table = total[columns].reset_index()
@@ -92,7 +93,7 @@ figures.save("detection-class-recall", wide.reset_index(), caption=caption, prov
 # ## Verdicts
 
 # %%
-note = f"{5 * frames} frames, gate 45 px"
+note = f"{images} frames, gate 45 px"
 gain, change = {}, {"OTSU": {}, "SIFT": {}}
 for name in [one for one in total.index if one.startswith("Combi")]:
     alone = "2D-" + name.split()[1].split("+")[0]

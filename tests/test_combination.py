@@ -169,3 +169,10 @@ def test_the_order_of_points_and_keypoints_does_not_matter():
 
 def replace_points(frame, order):
     return frame._replace(pixels=frame.pixels[order], xyz=frame.xyz[order])
+
+
+def test_a_cluster_larger_than_any_particle_is_left_out():
+    frame = view(hill(40, 50, 3000), groups=[(50, 60, 40, 6000.0)])
+    spots = [(40, 50, 4.0), (90, 100, 4.0)]
+    assert combine(frame, spots, largest_px=80)["case"].tolist() == [5]
+    assert set(combine(frame, spots, largest_px=81)["case"]) == {2}

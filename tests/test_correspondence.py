@@ -61,6 +61,8 @@ def test_nothing_is_no_particle():
 def test_a_cluster_knows_its_rectangle_center_and_place():
     cluster = clusters_at((10, 10), (10, 20)).take(np.array([1]))
     assert cluster.rectangle().tolist() == [10, 13, 20, 23]
+    assert clusters_at((10, 10), (10, 20)).extent.tolist() == [3, 3]
+    assert clusters_at().extent.shape == (0,)
     assert cluster.center() == pytest.approx((11.0, 21.0, np.sqrt(9 / np.pi)))
     assert cluster.place() == (11.0, 21.0, 7000.0, 9)
     assert cluster.rectangle(disc=np.array([11.0, 20.0, 1.0])).tolist() == [10, 13, 20, 22]

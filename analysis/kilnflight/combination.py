@@ -68,6 +68,10 @@ class Combination:
         flames the noise is larger than elsewhere.
     margin_px
         Widens every area, so that its border shows what surrounds the particle.
+    largest_px
+        A cluster that is wider or higher is no particle and left out; its keypoints are case
+        5. Twice the 45 px that section 3.3 derives from the largest radii (Fig. 3.12); the
+        thesis does not say what becomes of what is left of the wall.
     """
 
     detector: Detector2D = field(default_factory=DoG)
@@ -76,6 +80,7 @@ class Combination:
     prominence: float = 5.0
     share: float = 0.1
     margin_px: int = 3
+    largest_px: int = 90
 
     def __post_init__(self) -> None:
         """Refuse a prominence that is not positive."""
@@ -111,6 +116,7 @@ class Combination:
     ) -> pd.DataFrame:
         """Return the particles, given keypoints (k, 3) and labels (n,) of the points."""
         clusters = summarise(view.pixels, view.xyz, labels)
+        clusters = clusters.take(clusters.extent <= self.largest_px)
         if roi is not None:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
             clusters = clusters.take(inside(roi, clusters.row, clusters.col))

@@ -54,6 +54,15 @@ class Clusters:
             return np.empty(0)
         return np.add.reduceat(values.astype(np.float64), self.start[:-1]) / np.diff(self.start)
 
+    @property
+    def extent(self) -> Index:
+        """Larger side of each cluster's rectangle in pixels."""
+        if not len(self):
+            return np.empty(0, dtype=np.intp)
+        first = self.start[:-1]
+        high = np.maximum.reduceat(self.pixels, first, axis=0)
+        return (high - np.minimum.reduceat(self.pixels, first, axis=0)).max(axis=1) + 1
+
     def take(self, which: npt.NDArray[np.generic]) -> Clusters:
         """Return some of the clusters (indices or a mask)."""
         chosen = np.arange(len(self))[which]

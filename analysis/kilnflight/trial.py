@@ -50,18 +50,32 @@ class Subset(NamedTuple):
     instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle, -1
 
 
-def ground_truth(seed: int, frames: int) -> list[Subset]:
-    """Return the five subsets of the twin, each with its first labelled frames.
+# How many of the ten labelled frames of which subsets each scale looks at; 10 of all five are
+# the thesis's set of 50.
+FRAMES = {"quick": 1, "standard": 2, "full": 10}
+FEWER = ("V1", "V4", "V5")  # of a smoke run
+
+
+def ground_truth(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
+    """Return the subsets of the twin, each with its first labelled frames.
 
     Parameters
     ----------
+    scale
+        "quick" (three subsets), "standard" or "full".
     seed
         Of the scenes.
     frames
-        How many of the ten labelled frames of each; 10 is the thesis's set of 50.
+        How many labelled frames of each; 0: 1, 2 or 10 by scale.
     """
+    if scale not in FRAMES or not 0 <= frames <= len(truth.LABELLED):
+        raise InputError(
+            f"ground_truth: scale {scale!r} with {frames} frames; there are {', '.join(FRAMES)}, "
+            f"and up to {len(truth.LABELLED)} labelled frames."
+        )
+    frames = frames or FRAMES[scale]
     found = []
-    for name in truth.SUBSETS:
+    for name in FEWER if scale == "quick" else truth.SUBSETS:
         twin, wanted = open_scene(name, seed), tuple(truth.LABELLED[:frames])
         instances = partial(truth.instances, twin)
         found.append(Subset(name, twin, wanted, truth.marked(twin, wanted), instances))
@@ -230,6 +244,31 @@ def _counts(
 
 def _taking_part(score: FrameScore) -> npt.NDArray[np.intp]:
     return np.concatenate([score.pairs[:, 0], score.missed])
+
+
+def measured_places(
+    view: View, image: npt.NDArray[np.integer], particles: npt.ArrayLike
+) -> npt.NDArray[np.float64]:
+    """Return where the cloud has marked particles: mean of the points in their pixels.
+
+    Parameters
+    ----------
+    view
+        One frame.
+    image
+        (rows, cols) which particle each pixel shows.
+    particles
+        (n,) wanted.
+
+    Returns
+    -------
+    ndarray
+        (n, 3) mm; a row of NaN where a particle has no point, so no 3D (section 5.1.1).
+    """
+    shown = image[view.pixels[:, 0], view.pixels[:, 1]]
+    points = pd.DataFrame(view.xyz, columns=list("xyz"))
+    means = points.groupby(shown).mean()
+    return means.reindex(np.asarray(particles)).to_numpy()
 
 
 def sums(table: pd.DataFrame, by: list[str], criterion: str = "") -> pd.DataFrame:

@@ -31,14 +31,23 @@ from kilnflight.scores import score_detections
 from kilnflight.twin import frozen, truth
 from kilnflight.twin.background import Surroundings
 from kilnflight.twin.life import OnTheWall
-from kilnflight.twin.optics import Optics
+from kilnflight.twin.optics import FULL_SCALE, Optics
 from kilnflight.twin.scene import Scene, Twin
 from kilnflight.twin.truth import FRAMES, LABELLED, SUBSETS
 
 FILE = Path(__file__).with_name("exposure.json")
 EVERY = 7  # frames of a subset that are rendered: 23 for the background, two of them labelled
 SEED = 55
-POPULATION, GENERATIONS = 6, 9  # of the search, population per free input
+POPULATION, GENERATIONS = 6, 8  # of the search, population per free input
+# Handfuls that show the counts of Table 5.2 with the picture as assumed (mixture.py). In the
+# frozen light other sizes do (scenes.py); these are kept so that the fit can be repeated.
+FED: dict[str, dict[str, int]] = {
+    "V1": {"flying": 182, "unlit": 36, "landed": 54},
+    "V2": {"flying": 126, "unlit": 11, "landed": 180},
+    "V3": {"flying": 43, "unlit": 12, "landed": 121},
+    "V4": {"flying": 287, "unlit": 11, "landed": 225},
+    "V5": {"flying": 28, "unlit": 79, "landed": 47},
+}
 SPREAD = {"precision": 0.02, "recall": 0.05, "unlit": 0.1}  # misfits are in units of these
 UNLIT_RECALL = (0.16, 0.16, 0.16, 0.0, 0.35)  # of V1 to V5, section 5.1.3
 
@@ -48,7 +57,8 @@ class FreeAppearance:
     """The free inputs; the defaults are those of `Optics` and `OnTheWall`, untouched."""
 
     wall_level: float = Optics.wall_level  # exposure and gain
-    flame_level: float = Optics.flame_level  # contrast of burning particles
+    # Flame before the wall over full scale: from 1 on it is overexposed.
+    flame_reach: float = (Optics.wall_level + Optics.flame_level) / FULL_SCALE
     irradiance: float = Optics.irradiance  # contrast of those that do not burn
     share_on: float = OnTheWall.share_on  # flicker of the flames on the wall
     body_s: float = OnTheWall.body_s  # and how long they last
@@ -60,7 +70,7 @@ class FreeAppearance:
         optics = replace(
             scene.optics,
             wall_level=self.wall_level,
-            flame_level=self.flame_level,
+            flame_level=self.flame_reach * FULL_SCALE - self.wall_level,
             irradiance=self.irradiance,
         )
         wall = replace(scene.on_the_wall, share_on=self.share_on, body_s=self.body_s)
@@ -71,17 +81,19 @@ class FreeAppearance:
 
 
 UNTOUCHED = FreeAppearance()
-# What is conceivable, fixed before the search; levels are searched by their logarithm.
+# What is conceivable, fixed before the search; levels are searched by their logarithm. Large
+# burning particles are overexposed (section 3.1, case 3), so a flame reaches full scale. A
+# first search without this bound ended at 0.71, where nothing that flies is overexposed.
 LIMITS = {
-    "wall_level": (2000.0, 30_000.0),
-    "flame_level": (8000.0, 80_000.0),
+    "wall_level": (2000.0, 40_000.0),
+    "flame_reach": (1.0, 1.6),
     "irradiance": (0.3, 1.2),
     "share_on": (0.1, 0.6),
     "body_s": (0.1, 1.0),
     "burner_level": (20_000.0, 400_000.0),
     "burner_flicker": (0.02, 0.5),
 }
-LOGARITHMIC = ("wall_level", "flame_level", "body_s", "burner_level", "burner_flicker")
+LOGARITHMIC = ("wall_level", "body_s", "burner_level", "burner_flicker")
 
 
 @dataclass(frozen=True)
@@ -168,7 +180,6 @@ def fit(
     found = differential_evolution(
         evaluate,
         Bounds(low, high),
-        x0=_point(UNTOUCHED),
         popsize=POPULATION,
         maxiter=generations,
         tol=0.0,
@@ -234,9 +245,10 @@ def exposed(path: Path = FILE) -> FreeAppearance:
 
 def main() -> int:
     """Fit, write the file, and print what came out."""
-    from kilnflight.twin.scenes import ground_truth  # which applies the frozen file itself
+    from kilnflight.twin.mixture import fed  # which reads the frozen file
 
-    content = frozen.write(FILE, calibrate([Twin(ground_truth(name)) for name in SUBSETS]))
+    twins = [Twin(fed(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
+    content = frozen.write(FILE, calibrate(twins))
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
     print("\n".join(f"{name}: {content[name]}" for name in names))
     return 0

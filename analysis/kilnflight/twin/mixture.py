@@ -22,6 +22,7 @@ from scipy.optimize import nnls
 from kilnflight import reference
 from kilnflight.twin import truth
 from kilnflight.twin.calibration import calibrated
+from kilnflight.twin.exposure import exposed
 from kilnflight.twin.feed import Burst
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -73,11 +74,16 @@ def counted(scene: Scene) -> npt.NDArray[np.float64]:
     return total
 
 
-def subset(name: str, sizes: dict[str, int], seed: int) -> Scene:
-    """Return the scene of a subset with the given handfuls."""
+def fed(name: str, sizes: dict[str, int], seed: int) -> Scene:
+    """Return the scene of a subset with the given handfuls, its picture as assumed."""
     feed = sum((handful(kind, size) for kind, size in sizes.items()), ())
     flight, gas = calibrated().applied(Flight(), Gas())
     return Scene(name, feed, FRAMES, seed, flight=flight, gas=gas)
+
+
+def subset(name: str, sizes: dict[str, int], seed: int) -> Scene:
+    """Return the scene of a subset with the given handfuls, in the frozen light."""
+    return exposed().applied(fed(name, sizes, seed))
 
 
 def off(found: npt.NDArray[np.float64], wanted: npt.NDArray[np.float64]) -> float:

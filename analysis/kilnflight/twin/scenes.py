@@ -3,7 +3,8 @@
 ``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections
 5.1.1, 5.2.3, appendix A.1). How many particles were fed is not; the rates follow from the
 trajectories in the windows of Table 5.15 (`feed_rate`). Flight and ignition have the frozen
-inputs of `kilnflight.twin.calibration`; the scenario ``inputs-only`` has the untouched ones.
+inputs of `kilnflight.twin.calibration`, the picture those of `kilnflight.twin.exposure`; the
+scenario ``inputs-only`` has the untouched ones.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from kilnflight.checks import InputError
-from kilnflight.twin.calibration import INPUTS_ONLY, FreeInputs, calibrated
+from kilnflight.twin.calibration import INPUTS_ONLY, calibrated
+from kilnflight.twin.exposure import UNTOUCHED, exposed
 from kilnflight.twin.feed import by_hand
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.fractions import FRACTIONS
@@ -25,11 +27,11 @@ from kilnflight.twin.scene import Scene, Twin
 
 # Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 182, "unlit": 36, "landed": 54},
-    "V2": {"flying": 126, "unlit": 11, "landed": 180},
-    "V3": {"flying": 43, "unlit": 12, "landed": 121},
-    "V4": {"flying": 287, "unlit": 11, "landed": 225},
-    "V5": {"flying": 28, "unlit": 79, "landed": 47},
+    "V1": {"flying": 198, "unlit": 29, "landed": 123},
+    "V2": {"flying": 108, "unlit": 12, "landed": 321},
+    "V3": {"flying": 44, "unlit": 14, "landed": 243},
+    "V4": {"flying": 339, "unlit": 5, "landed": 334},
+    "V5": {"flying": 25, "unlit": 73, "landed": 86},
 }
 
 # Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to
@@ -79,7 +81,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     count = round(feed_rate(fraction) * (duration + 1.0))
     optics = Optics() if rate == RATE_HZ else Optics(exposure_s=6.0e-3)
     flight, gas = calibrated().applied(Flight(), Gas(pressure_bar=pressure_bar))
-    return Scene(
+    scene = Scene(
         name=f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar",
         feed=by_hand(FRACTIONS[fraction], count, duration, generator),
         frames=frames,
@@ -90,6 +92,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         flight=flight,
         optics=optics,
     )
+    return exposed().applied(scene)
 
 
 def tracking_window(twin: Twin, step: int = 10) -> range:
@@ -127,15 +130,39 @@ def ground_truth(name: str, seed: int = 0) -> Scene:
     return subset(name, SIZES[name], 1000 * seed + number)
 
 
-def _with_inputs(scene: Scene, inputs: FreeInputs) -> Scene:
-    flight, gas = inputs.applied(scene.flight, scene.gas)
-    return replace(scene, flight=flight, gas=gas)
+def _untouched(scene: Scene) -> Scene:
+    flight, gas = INPUTS_ONLY.applied(scene.flight, scene.gas)
+    return UNTOUCHED.applied(replace(scene, flight=flight, gas=gas))
+
+
+def small(scene: Scene) -> Scene:
+    """Return a scene seen by a camera with a quarter of the rows and columns: for trying out."""
+    place, around, depth = scene.geometry, scene.surroundings, scene.depth
+    pixel = (place.lance_pixel[0] / 4, place.lance_pixel[1] / 4)
+    top, bottom, left, right = (edge // 4 for edge in around.flame_roi)
+    return replace(
+        scene,
+        geometry=replace(
+            place,
+            lance_pixel=pixel,
+            focal_length_px=place.focal_length_px / 4,
+            rows=place.rows // 4,
+            columns=place.columns // 4,
+        ),
+        surroundings=replace(
+            around,
+            flame_roi=(top, bottom, left, right),
+            edge_px=around.edge_px // 4,
+        ),
+        depth=replace(depth, wall_points=depth.wall_points // 16, patch_px=depth.patch_px // 4),
+    )
 
 
 # One line each: what is only bounded by what was published, at other values.
 SCENARIOS = {
     "base": lambda scene: scene,
-    "inputs-only": lambda s: _with_inputs(s, INPUTS_ONLY),
+    "small": small,
+    "inputs-only": _untouched,
     "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
     "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
     "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),

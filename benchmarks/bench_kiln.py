@@ -1,0 +1,91 @@
+"""Whole detection of a full frame against the off-the-shelf assembly, rendering excluded.
+
+The assembly is numpy's median over 150 frames, OpenCV's SIFT on 8 bits and scikit-learn's
+DBSCAN for both passes; it decides no cases. That our parts find what the assembly's parts
+find is checked here (median, both DBSCAN) and in the tests (keypoints against OpenCV's).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from measure import Row, compare
+from sklearn import cluster
+
+from kilnflight import kiln
+from kilnflight.background import Median
+from kilnflight.combination import Combination, second_pass
+from kilnflight.detection import DBSCAN, DoG
+from kilnflight.frames import Attributes, Frame
+from kilnflight.twin import truth
+from kilnflight.twin.scenes import open_scene
+
+THRESHOLD = 800.0
+
+
+@dataclass
+class Held:
+    """A recording in memory."""
+
+    attributes: Attributes
+    grays: list[np.ndarray]
+    frames: dict[int, Frame]
+
+    def __len__(self) -> int:
+        return len(self.grays)
+
+    def gray(self, t: int) -> np.ndarray:
+        return self.grays[t]
+
+    def frame(self, t: int) -> Frame:
+        return self.frames[t]
+
+
+def held() -> Held:
+    """Return subset V1 with the clouds of its labelled frames."""
+    twin = open_scene("V1")
+    grays = [twin.gray(t) for t in range(len(twin))]
+    return Held(twin.attributes, grays, {t: twin.frame(t) for t in truth.LABELLED})
+
+
+def both_passes(xyz: np.ndarray) -> None:
+    """Cluster as scikit-learn does, wall first."""
+    first = cluster.DBSCAN(eps=50.0, min_samples=10).fit_predict(xyz)
+    rest = first != np.bincount(first[first >= 0]).argmax()
+    cluster.DBSCAN(eps=15.0, min_samples=10).fit_predict(xyz[rest])
+
+
+def rows() -> list[Row]:
+    """Return the comparison; ours is the mean of ten consecutive frames."""
+    recording = held()
+    wanted = list(truth.LABELLED)
+    detector = Combination(DoG(THRESHOLD))
+    t, view = next(kiln.views(recording, wanted[:1]))
+    assert len(kiln.detect(recording, wanted, detector))
+    window = np.stack([recording.gray(k) for k in range(t - 75, t + 76) if k != t])
+    plain = np.abs(recording.gray(t) - np.median(window, axis=0)).astype(np.float32)
+    ours = next(iter(Median()(kiln.Pictures(recording), [t])))
+    np.testing.assert_array_equal(ours, plain)
+    own = second_pass(view.xyz, DBSCAN(50.0, 10), DBSCAN(15.0, 10))
+    first = cluster.DBSCAN(eps=50.0, min_samples=10).fit_predict(view.xyz)
+    rest = first != np.bincount(first[first >= 0]).argmax()
+    theirs = np.full(len(rest), -1)
+    theirs[rest] = cluster.DBSCAN(eps=15.0, min_samples=10).fit_predict(view.xyz[rest])
+    np.testing.assert_array_equal(own, theirs)
+    bytes_8 = np.rint(view.foreground / 257).astype(np.uint8)
+    sift = cv2.SIFT_create(contrastThreshold=3 * THRESHOLD / 65_535)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+
+    def assembly() -> None:
+        np.median(window, axis=0)
+        sift.detect(bytes_8)
+        both_passes(view.xyz)
+
+    what = ("combined detection, one frame", "frames", 1, "numpy, OpenCV and scikit-learn")
+    row = compare(what, lambda: kiln.detect(recording, wanted, detector), assembly, repeats=2)
+    cv2.setNumThreads(threads)
+    each = row.ours_s / len(wanted)
+    return [row._replace(ours_s=each, ratio=row.peer_s / each)]

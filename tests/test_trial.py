@@ -1,0 +1,107 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight import background, kiln, trial
+from kilnflight.checks import InputError
+from kilnflight.detection import DBSCAN, DoG
+from kilnflight.twin import truth
+from kilnflight.twin.scenes import open_scene
+
+MEDIAN = background.Median(window=20)
+
+
+@pytest.fixture(scope="module")
+def subset():
+    twin, wanted = open_scene("V3@small"), (75, 76)
+    instances = {t: truth.instances(twin, t) for t in wanted}
+    return trial.Subset("V3", twin, wanted, truth.marked(twin, wanted), instances.get)
+
+
+def perfect(subset):
+    """Finds what is there: by the frame, which it knows by its grey values."""
+    known = {subset.recording.gray(t).tobytes(): t for t in subset.wanted}
+
+    def method(view):
+        here = subset.particles["frame"] == known[view.gray.tobytes()]
+        return subset.particles.loc[here, ["row", "col"]].to_numpy()
+
+    return method
+
+
+def test_who_finds_everything_has_full_marks_and_who_finds_nothing_none(subset):
+    methods = {"all": perfect(subset), "none": lambda view: np.empty((0, 2))}
+    table = trial.run([subset], methods, MEDIAN)
+    total = trial.sums(table, ["method"]).set_index("method")
+    assert total.loc["all", ["precision", "recall", "f1"]].tolist() == [1, 1, 1]
+    assert total.loc["all", "tp"] == len(subset.particles)
+    assert total.loc["none", ["tp", "fp", "f1"]].tolist() == [0, 0, 0]
+    pixels = trial.sums(table, ["method"], "_pixels").set_index("method")
+    assert pixels.loc["all", "recall"] > 0.9
+    recall = trial.class_recall(table, ["method"]).set_index(["method", "label"])
+    there = subset.particles["label"].value_counts()
+    for label in (2, 3, 4):
+        assert recall.loc[("all", label), "tp"] == there.get(label, 0)
+        assert recall.loc[("none", label), "fn"] == there.get(label, 0)
+
+
+def test_detectors_of_each_kind_are_methods(subset):
+    methods = {
+        "picture": trial.by_picture(DoG(1500.0)),
+        "cloud": trial.by_cloud(DBSCAN(60.0, 4)),
+        **trial.eleven(1500.0, subset.recording.attributes.roi),
+    }
+    table = trial.run([subset._replace(wanted=(75,))], methods, MEDIAN)
+    assert list(table["method"]) == list(methods)
+    assert (table[["tp", "fp", "fn"]] >= 0).all(axis=None)
+    assert len(set(table["tp"] + table["fn"])) == 1
+    printed = {"2D-OTSU", "3D-DBSCAN Clustering", "Combi SIFT+QCC"}
+    assert printed < set(methods)
+
+
+def test_measured_places_are_means_of_the_points_in_the_pixels(subset):
+    ((t, view),) = kiln.views(subset.recording, [75], MEDIAN)
+    image = subset.instances(t)
+    ids = subset.particles.loc[subset.particles["frame"] == t, "particle"].to_numpy()
+    place = trial.measured_places(view, image, ids)
+    for one, found in zip(ids, place, strict=True):
+        own = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == one]
+        if len(own):
+            np.testing.assert_allclose(found, own.mean(axis=0))
+        else:
+            assert np.isnan(found).all()
+    assert np.isfinite(place).any()
+
+
+def attempts(**f1):
+    """Ten particles per frame; a method finds so many of them, by subset."""
+    rows = [
+        {"subset": v, "frame": t, "method": m, "tp": found[k], "fp": 0, "fn": 10 - found[k]}
+        for m, found in f1.items()
+        for k, v in enumerate(("V1", "V2", "V3"))
+        for t in range(4)
+    ]
+    return pd.DataFrame(rows).assign(seconds=0.1)
+
+
+def test_the_parameter_of_a_subset_is_best_on_the_others():
+    table = attempts(low=(1, 8, 8), high=(9, 2, 2)).rename(columns={"method": "threshold"})
+    chosen = trial.leave_one_out(table, "threshold").set_index("subset")["threshold"]
+    assert chosen.to_dict() == {"V1": "low", "V2": "high", "V3": "high"}
+    with pytest.raises(InputError, match="two subsets"):
+        trial.leave_one_out(table[table["subset"] == "V1"], "threshold")
+
+
+def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
+    table = attempts(one=(5, 5, 5), other=(8, 8, 8))
+    draws = trial.resampled_f1(table, np.random.default_rng(0), draws=50)
+    assert draws.shape == (50, 2)
+    assert draws["one"].to_numpy() == pytest.approx(2 * 5 / 15)
+    again = trial.resampled_f1(table, np.random.default_rng(0), draws=50)
+    pd.testing.assert_frame_equal(draws, again)
+    with pytest.raises(InputError, match="lacks a frame"):
+        trial.resampled_f1(table.iloc[1:], np.random.default_rng(0))
+
+
+def test_thresholds_ascend():
+    assert list(trial.THRESHOLDS) == sorted(set(trial.THRESHOLDS))
