@@ -10,7 +10,7 @@
 # like was put in by published statistics; how wall points scatter follows Fig. 5.7 only.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (three subsets), standard or full
+scale = "standard"  # quick (two subsets), standard or full
 seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 
@@ -119,7 +119,7 @@ for axes, name in zip(panels, names, strict=True):
     )
 panels[0].set_ylabel("precision")
 panels[0].legend(loc="upper left")
-swept = pd.concat(totals.values(), keys=totals, names=["family", "row"]).reset_index()
+swept = pd.concat(totals.values()).reset_index()
 asked = [name for names in parameters.values() for name in names]
 swept = swept[["family", *asked, "precision", "recall", "f1", "f1_published"]]
 caption = "Precision and recall of the three clusterers over their parameters, beside the tables'."
@@ -181,7 +181,7 @@ best = {name: one["f1"].max() for name, one in totals.items()}
 pooled = trial.class_recall(picked, ["family"]).pivot(
     index="family", columns="label", values="recall"
 )
-half = by_class.loc["dbscan", 4][["V1", "V4"]]
+half = by_class.loc["dbscan", 4].filter(["V1", "V4"])
 most = {
     f"{truth.CLASSES[k]}: {pooled[k].round(2).to_dict()}": pooled[k].idxmax() == "qcc"
     for k in (3, 4)

@@ -53,7 +53,7 @@ class Subset(NamedTuple):
 # How many of the ten labelled frames of which subsets each scale looks at; 10 of all five are
 # the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 2, "full": 10}
-FEWER = ("V1", "V4", "V5")  # of a smoke run
+FEWER = ("V4", "V5")  # of a smoke run
 
 
 def ground_truth(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
@@ -62,7 +62,7 @@ def ground_truth(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
     Parameters
     ----------
     scale
-        "quick" (three subsets), "standard" or "full".
+        "quick" (two subsets), "standard" or "full".
     seed
         Of the scenes.
     frames

@@ -308,7 +308,7 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     # Depth comes in patches where there is structure, not in lonely pixels (Fig. 5.7).
     # The structure that counts is relative to its surroundings, so patches lie everywhere.
     score = cv2.GaussianBlur(texture, (0, 0), depth.patch_px / 8)
-    score /= cv2.GaussianBlur(texture, (0, 0), 4.0 * depth.patch_px) + 1.0
+    score /= _broadly(texture, 4.0 * depth.patch_px) + 1.0
     score *= 0.9 + 0.1 * generator.random(level.shape, dtype=np.float32)
     edge = scene.surroundings.edge_px
     score[:edge], score[-edge:], score[:, :edge], score[:, -edge:] = 0, 0, 0, 0
@@ -323,6 +323,16 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     )
     biased = true * (1 + depth.static_bias * slow.reshape(-1)[index])
     return _Wall(index, biased, depth.wall_scale(true), patch, int(patch.max()) + 1)
+
+
+def _broadly(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
+    """Return a picture blurred by many pixels: coarse blocks are blurred, then interpolated."""
+    rows, columns = picture.shape
+    block = max(int(spread_px / 8), 1)
+    size = (-(-columns // block), -(-rows // block))
+    coarse = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    coarse = cv2.GaussianBlur(coarse, (0, 0), spread_px / block)
+    return cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR).astype(np.float32)
 
 
 __all__ = ["Scene", "Twin"]
