@@ -5,6 +5,10 @@ SHELL := /bin/bash
 .SUFFIXES:
 .DEFAULT_GOAL := all
 MAKEFLAGS += --no-print-directory
+# Notebooks side by side, one per core and four at most, unless -j is given.
+ifeq ($(findstring j,$(firstword -$(MAKEFLAGS))),)
+MAKEFLAGS += -j$(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
+endif
 
 # What a user may set, for example: make SCALE=full PARAMETERS="seed=3 40.draws=20"
 SCALE ?= standard

@@ -19,14 +19,12 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import background, drawing, figures, kiln, provenance, reference, trial
-from kilnflight.detection import DoG
 from kilnflight.twin import truth
 
 drawing.use_style()
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
-methods = {threshold: trial.by_picture(DoG(threshold)) for threshold in trial.THRESHOLDS}
 models = {type(model).__name__: model for model in background.MODELS}
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
@@ -79,9 +77,8 @@ traces = {
 # %%
 attempts = []
 for name, model in models.items():
-    tried = trial.run(subsets, methods, model).rename(columns={"method": "threshold"})
-    chosen = trial.leave_one_out(tried, "threshold")
-    attempts.append(tried.merge(chosen).assign(model=name))
+    tried = trial.thresholds(subsets, model)
+    attempts.append(tried[tried["chosen"]].assign(model=name))
 attempts = pd.concat(attempts, ignore_index=True)
 total = trial.sums(attempts, ["model"]).assign(subset="Total")
 table = pd.concat([trial.sums(attempts, ["model", "subset"]), total], ignore_index=True)
@@ -109,14 +106,7 @@ summary = summary.sort_values("f1", ascending=False)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(height_mm=62)
-place = np.arange(len(summary))
-error = np.abs(summary[["f1_low", "f1_high"]].to_numpy().T - summary["f1"].to_numpy())
-axes.errorbar(summary["f1"], place, xerr=error, fmt="o", color="black", capsize=2)
-axes.plot(summary["f1_in_pixels"], place, "s", mfc="none", color="#0072B2", label="in pixels")
-axes.plot(summary["f1_published"], place, "D", color="#D55E00", label="published")
-axes.set(yticks=place, yticklabels=summary["model"], xlabel="F1")
-axes.invert_yaxis()
-axes.legend(loc="lower right")
+drawing.intervals(axes, summary.set_index("model"), "f1_published", "f1_in_pixels")
 caption = (
     "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: gate of 45 px, with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels (section 5.1.1); diamonds: published."
@@ -131,6 +121,8 @@ order = list(summary["model"])
 best = summary["f1"].max()
 note = f"{images} frames, gate 45 px"
 sure = f"{note}; first in {(draws.idxmax(axis=1) == order[0]).mean():.0%} of the draws"
+
+# %%
 static, moving = f1[["Mean", "Median"]].min(), f1[["TwoFrame", "ThreeFrame"]].max()
 verdicts = [
     reference.judge("bg-1", {f"first is {order[0]}": order[0] == "Median"}, note=sure),

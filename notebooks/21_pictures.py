@@ -30,6 +30,8 @@ drawing.use_style()
 frames = frames or trial.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
 made = provenance.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
+
+# %%
 subsets = trial.ground_truth(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
@@ -70,13 +72,10 @@ figures.save("twin-picture-targets", targets, caption=caption, provenance=made)
 # ## Both detectors
 
 # %%
-methods = {f"{t}": trial.by_picture(DoG(t)) for t in trial.THRESHOLDS}
-attempts = trial.run(subsets, {"Otsu": trial.by_picture(Otsu()), **methods})
-otsu = attempts[attempts["method"] == "Otsu"]
-dogs = attempts[attempts["method"] != "Otsu"]
-dogs = dogs.assign(threshold=dogs["method"].astype(float))
-chosen = trial.leave_one_out(dogs, "threshold")
-sift = dogs.merge(chosen)
+otsu = trial.run(subsets, {"Otsu": trial.by_picture(Otsu())})
+dogs = trial.thresholds(subsets)
+sift = dogs[dogs["chosen"]]
+threshold = sift.drop_duplicates("subset").set_index("subset")["threshold"]
 
 # %%
 tables = {}
@@ -115,20 +114,15 @@ figures.save("table-5-6-sift", sift_table, caption=caption, provenance=made)
 both = pd.concat([otsu, sift.assign(method="SIFT")], ignore_index=True)
 recall = trial.class_recall(both, ["method", "subset"])
 recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
+each = [one.name for one in subsets]
 unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
 
 # %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
-each = [one.name for one in subsets]
-place = np.arange(len(each))
 for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
-    for k, (label, one) in enumerate(found.groupby("label")):
-        style = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
-        axes.bar(place + 0.27 * (k - 1), one["recall"], 0.25, label=truth.CLASSES[label], **style)
-    axes.set(title=name, xticks=place, xticklabels=each, xlabel="subset")
-panels[0].plot(
-    place, [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"
-)
+    drawing.bars(axes, found, "subset", "kind", "recall")
+    axes.set_title(name)
+panels[0].plot([unlit[name] for name in each], "D", color="black", ms=3, label="published (3)")
 panels[0].set_ylabel("recall")
 panels[0].legend(loc="lower left", fontsize=6)
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
@@ -141,7 +135,7 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 
 # %%
 level = 65_535 / 255
-chosen_one = float(chosen["threshold"].median())
+chosen_one = float(threshold.median())
 detector = DoG(chosen_one)
 bits = {
     "16 bits": trial.by_picture(detector),
@@ -174,6 +168,8 @@ by_class = recall.pivot(index=["method", "subset"], columns="label", values="rec
 faint_otsu, faint_sift = by_class.loc["Otsu", 3], by_class.loc["SIFT", 3]
 note = f"{images} frames, gate 45 px"
 fitted_note = f"{note}; a target of the calibration, so no result"
+
+# %%
 verdicts = [
     reference.judge("otsu-1", of_otsu.loc[each, "precision"], note=fitted_note),
     reference.judge("otsu-2", by_class.loc["Otsu", 2], note=fitted_note),
@@ -197,6 +193,8 @@ f1_otsu, f1_sift = of_otsu["f1"], of_sift["f1"]
 ahead = f"{f1_sift['Total']:.4f} > {f1_otsu['Total']:.4f}"
 gap = f1_sift["V5"] - f1_otsu["V5"]
 last = f1_sift[each].idxmin()
+
+# %%
 verdicts += [
     reference.judge("sift-1", {ahead: f1_sift["Total"] > f1_otsu["Total"]}, note=note),
     reference.judge("sift-2", {**faint_note, **more}, note=note),

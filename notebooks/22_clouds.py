@@ -107,18 +107,19 @@ figures.save("table-5-10-qcc", table, caption=caption, provenance=made)
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
 for axes, name in zip(panels, names, strict=True):
     ours, theirs = totals[name], printed[name]
-    axes.plot(ours["recall"], ours["precision"], "o", color="black", label="this work")
-    axes.plot(
-        theirs["recall"], theirs["precision"], "D", color="#D55E00", mfc="none", label="published"
-    )
+    for table, mark, colour, label in (
+        (ours, "o", "k", "here"),
+        (theirs, "D", "#D55E00", "published"),
+    ):
+        axes.plot(table["recall"], table["precision"], mark, color=colour, mfc="none", label=label)
     for row, one in ours.iterrows():
         text = ", ".join(f"{printed[name][p][row]:g}" for p in parameters[name])
         axes.annotate(text, (one["recall"], one["precision"]), fontsize=5)
-    axes.set(
-        title=f"{name} ({', '.join(parameters[name])})", xlabel="recall", xlim=(0, 1), ylim=(0, 1)
-    )
-panels[0].set_ylabel("precision")
+    axes.set(title=f"{name}: {', '.join(parameters[name])}", xlabel="recall", xlim=(0, 1))
+panels[0].set(ylabel="precision", ylim=(0, 1))
 panels[0].legend(loc="upper left")
+
+# %%
 swept = pd.concat(totals.values()).reset_index()
 asked = [name for names in parameters.values() for name in names]
 swept = swept[["family", *asked, "precision", "recall", "f1", "f1_published"]]
@@ -139,12 +140,9 @@ by_class = recall.pivot(index=["family", "subset"], columns="label", values="rec
 
 # %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
-place = np.arange(len(subsets))
 for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), strict=True):
-    for k, (label, one) in enumerate(found.groupby("label")):
-        style = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
-        axes.bar(place + 0.27 * (k - 1), one["recall"], 0.25, label=truth.CLASSES[label], **style)
-    axes.set(title=name, xticks=place, xticklabels=[one.name for one in subsets], xlabel="subset")
+    drawing.bars(axes, found, "subset", "kind", "recall")
+    axes.set_title(name)
 panels[0].set_ylabel("recall")
 panels[0].legend(loc="lower left", fontsize=6)
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
@@ -162,6 +160,8 @@ falling, rising = {}, {}
 for points, one in dbscan.groupby(level="minPts"):
     falling[f"minPts {points}: FP falls"] = bool(one["fp"].is_monotonic_decreasing)
     rising[f"minPts {points}: FN rises"] = bool(one["fn"].is_monotonic_increasing)
+
+# %%
 of_eps = dbscan["f1"].groupby(level="minPts").agg(np.ptp).mean()
 of_points = dbscan["f1"].groupby(level="epsilon_mm").agg(np.ptp)[[30, 50, 70]].mean()
 seconds = dbscan["seconds_per_image"]
@@ -181,13 +181,13 @@ best = {name: one["f1"].max() for name, one in totals.items()}
 pooled = trial.class_recall(picked, ["family"]).pivot(
     index="family", columns="label", values="recall"
 )
+
+# %%
 half = by_class.loc["dbscan", 4].filter(["V1", "V4"])
 most = {
     f"{truth.CLASSES[k]}: {pooled[k].round(2).to_dict()}": pooled[k].idxmax() == "qcc"
     for k in (3, 4)
 }
-counts = printed["qcc"].iloc[2]
-again = 2 * counts["TP"] / (2 * counts["TP"] + counts["FP"] + counts["FN"])
 
 # %%
 verdicts = [
@@ -200,6 +200,8 @@ verdicts = [
     reference.judge("cluster-8", half, note=note),
     reference.judge("cluster-9", most, note=note),
 ]
+
+# %%
 result = (
     f"{sum(v.verdict == reference.REPRODUCED for v in verdicts)} of 8 claims reproduced. Best F1: "
     + ", ".join(f"{name} {value:.3f}" for name, value in best.items())

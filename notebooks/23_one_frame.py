@@ -29,6 +29,8 @@ drawing.use_style()
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
+
+# %%
 some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
@@ -68,18 +70,14 @@ clusters = summarise(view.pixels, view.xyz, labels)
 clusters = clusters.take(clusters.extent <= combination.Combination().largest_px)
 clusters = clusters.take(camera.inside(known.roi, clusters.row, clusters.col))
 cases = list(potential_particles(keypoints, clusters, view.gray.shape))
-print(
-    f"{len(keypoints)} keypoints and {len(clusters)} clusters are {len(cases)} potential particles"
-)
+print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} potential particles")
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=135)
 axes.imshow(np.sqrt(view.gray), cmap="gray")
 spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
 axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[drawing.COLOURS[k] for k in spread])
-axes.scatter(
-    keypoints[:, 1], keypoints[:, 0], s=14, facecolors="none", edgecolors="#00FF66", lw=0.6
-)
+axes.plot(keypoints[:, 1], keypoints[:, 0], "o", mfc="none", mec="#00FF66", mew=0.6)
 corners = np.array([*known.roi, known.roi[0]])
 axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
 axes.set(xlabel="column (px)", ylabel="row (px)")
@@ -113,8 +111,7 @@ picked = {
 middle = np.sqrt(np.median(view.gray))
 picture, grid = drawing.canvas(5, 3, width_mm=110, height_mm=190)
 for case, row in zip(picked, grid, strict=True):
-    for axes in row:
-        axes.axis("off")
+    _ = [axes.axis("off") for axes in row]
     for axes, (spots, groups, decided) in zip(row, picked[case], strict=False):
         where = np.concatenate([spots[:, :2], groups.pixels])
         (y, x) = where.mean(axis=0)
@@ -126,6 +123,8 @@ for case, row in zip(picked, grid, strict=True):
         half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
         axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
         axes.set_title(f"case {case}: {len(decided)} particle(s)", fontsize=6.5)
+
+# %%
 counts = pd.DataFrame(
     [
         {"case": case, "potential": len(all_of), "particles": sum(len(one[2]) for one in all_of)}

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import drawing, figures, provenance, reference, trial
-from kilnflight.detection import DoG
 
 drawing.use_style()
 frames = frames or trial.FRAMES[scale]
@@ -29,9 +28,8 @@ images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
-sweep = {threshold: trial.by_picture(DoG(threshold)) for threshold in trial.THRESHOLDS}
-tried = trial.run(subsets, sweep).rename(columns={"method": "threshold"})
-threshold = trial.leave_one_out(tried, "threshold").set_index("subset")["threshold"]
+tried = trial.thresholds(subsets)
+threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 parts = []
 for one in subsets:
     methods = trial.eleven(float(threshold[one.name]), one.recording.attributes.roi)
@@ -64,16 +62,7 @@ beside["f1_published_recomputed"] = again
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(width_mm=120, height_mm=80)
-place = np.arange(len(beside))
-error = np.abs(beside[["f1_low", "f1_high"]].to_numpy().T - beside["f1"].to_numpy())
-axes.errorbar(
-    beside["f1"], place, xerr=error, fmt="o", color="black", capsize=2, label="gate 45 px"
-)
-axes.plot(beside["f1_in_pixels"], place, "s", mfc="none", color="#0072B2", label="in pixels")
-axes.plot(again, place, "D", color="#D55E00", label="published (from its counts)")
-axes.set(yticks=place, yticklabels=beside.index, xlabel="F1")
-axes.invert_yaxis()
-axes.legend(loc="lower left")
+drawing.intervals(axes, beside, "f1_published_recomputed", "f1_in_pixels")
 caption = (
     "F1 of the eleven methods beside Table 5.11. Dots: gate of 45 px with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels; diamonds: published, from its counts."
@@ -101,6 +90,8 @@ for name in [one for one in total.index if one.startswith("Combi")]:
     moved = total.loc[name, ["precision", "recall"]] - total.loc[alone, ["precision", "recall"]]
     change[alone.removeprefix("2D-")][name.split("+")[1]] = moved
 otsu, sift = change["OTSU"], change["SIFT"]
+
+# %%
 rise = {f"{c}: recall {m['recall']:+.3f}": m["recall"] > 0.03 for c, m in otsu.items()}
 fall = {
     f"{c}: precision {m['precision']:+.3f}": -0.05 < m["precision"] < 0 for c, m in otsu.items()
@@ -116,6 +107,8 @@ sure = (draws.idxmax(axis=1) == best).mean()
 clouds = total["f1"][[name for name in total.index if name.startswith("3D")]]
 gap = total["f1"][["2D-OTSU", "2D-SIFT"]].min() - clouds
 apart = {f"{name} {value:.3f} below": value >= 0.1 for name, value in gap.items()}
+
+# %%
 verdicts = [
     reference.judge("cluster-6", apart, note=f"{note}; below the lower of Otsu and SIFT"),
     reference.judge("combi-1", pd.Series(gain), note=note),
@@ -127,6 +120,8 @@ verdicts = [
     reference.judge("combi-3", rise | fall, note=note),
     reference.judge("combi-4", both, note=note),
 ]
+
+# %%
 result = (
     f"{sum(v.verdict == reference.REPRODUCED for v in verdicts)} of 5 claims reproduced. Best is "
     f"{best} with F1 {total['f1'].max():.4f}; SIFT+DBSCAN {total['f1']['Combi SIFT+DBSCAN']:.4f} "

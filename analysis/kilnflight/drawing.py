@@ -125,6 +125,57 @@ def boxes(
         axes.annotate(f"{row['q3'] - row['q1']:.2g}", (i, row["whishi"]), fontsize=6, **place)
 
 
+def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
+    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, told apart in grey.
+
+    Parameters
+    ----------
+    axes
+        Where to; group i is drawn at i.
+    table
+        Long; one row per bar.
+    along, kind, value
+        Its columns.
+    """
+    groups, kinds = list(table[along].unique()), list(table[kind].unique())
+    width = 0.8 / len(kinds)
+    wide = table.pivot(index=along, columns=kind, values=value).loc[groups]
+    for k, name in enumerate(kinds):
+        place = np.arange(len(groups)) + width * (k - (len(kinds) - 1) / 2)
+        axes.bar(
+            place,
+            wide[name],
+            0.92 * width,
+            label=str(name),
+            color=COLOURS[(k + 1) % len(COLOURS)],
+            hatch=HATCHES[k % len(HATCHES)],
+        )
+    axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
+
+
+def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
+    """Draw F1 of methods with intervals, beside another criterion and the publication.
+
+    Parameters
+    ----------
+    axes
+        Where to; the first row of the table is on top.
+    table
+        Index: names; columns ``f1``, ``f1_low``, ``f1_high``, and the next two.
+    published, inside
+        Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
+    """
+    place = np.arange(len(table))
+    reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
+    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2, "label": "gate 45 px"}
+    axes.errorbar(table["f1"], place, xerr=reach, **dots)
+    axes.plot(table[inside], place, "s", mfc="none", color="#0072B2", label="in pixels")
+    axes.plot(table[published], place, "D", color="#D55E00", label="published")
+    axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
+    axes.invert_yaxis()
+    axes.legend(loc="best")
+
+
 def table_picture(table: pd.DataFrame) -> Figure:
     """Return a table as a figure: a rule above and below the heading, text wrapped."""
     shown = table.head(LONGEST_PICTURE)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,7 @@ from kilnflight.detection import (
 )
 from kilnflight.frames import PictureRecording
 from kilnflight.kiln import views
-from kilnflight.scores import FrameScore, rates, score_detections, score_in_pixels
+from kilnflight.scores import FrameScore, rates, score_detections, score_in_pixels, total_in_air
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
 
@@ -160,7 +160,7 @@ def _combined(
 
 def run(
     subsets: Iterable[Subset],
-    methods: Mapping[str, Method],
+    methods: Mapping[Any, Method],
     background: BackgroundModel | None = None,
 ) -> pd.DataFrame:
     """Return `attempt` of all subsets, with progress.
@@ -182,10 +182,25 @@ def run(
     return pd.concat(parts, ignore_index=True)
 
 
+def thresholds(subsets: list[Subset], background: BackgroundModel | None = None) -> pd.DataFrame:
+    """Return DoG with every threshold of `THRESHOLDS`, and which one each subset is to use.
+
+    Returns
+    -------
+    DataFrame
+        Of `attempt`, the threshold in place of the method; ``chosen`` where the threshold is
+        the one that is best on the other subsets (section 5.1.3).
+    """
+    methods = {threshold: by_picture(DoG(float(threshold))) for threshold in THRESHOLDS}
+    tried = run(subsets, methods, background).rename(columns={"method": "threshold"})
+    best = leave_one_out(tried, "threshold").set_index("subset")["threshold"]
+    return tried.assign(chosen=tried["threshold"] == tried["subset"].map(best))
+
+
 def attempt(
     frames: Iterable[tuple[int, View]],
     subset: Subset,
-    methods: Mapping[str, Method],
+    methods: Mapping[Any, Method],
     roi: Polygon | None,
 ) -> pd.DataFrame:
     """Return how each method does on each frame.
@@ -269,6 +284,61 @@ def measured_places(
     points = pd.DataFrame(view.xyz, columns=list("xyz"))
     means = points.groupby(shown).mean()
     return means.reindex(np.asarray(particles)).to_numpy()
+
+
+def located(
+    subset: Subset, detector: Combination, background: BackgroundModel | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return where a subset's marked particles and its detections are in space.
+
+    Returns
+    -------
+    marked : DataFrame
+        ``subset``, ``frame``, ``row``, ``col``, ``label`` and, from the cloud, ``x``, ``y``,
+        ``z`` in mm (`measured_places`).
+    detected : DataFrame
+        ``subset`` and `kilnflight.tables.DETECTIONS`.
+    """
+    marked, detected = [], []
+    for t, view in views(subset.recording, subset.wanted, background):
+        here = subset.particles[subset.particles["frame"] == t]
+        place = measured_places(view, subset.instances(t), here["particle"])
+        one = here[["frame", "row", "col", "label"]].reset_index(drop=True)
+        marked.append(one.join(pd.DataFrame(place, columns=list("xyz"))))
+        detected.append(detector(view, subset.recording.attributes.roi, t))
+    tables = (pd.concat(parts, ignore_index=True) for parts in (marked, detected))
+    first, second = (table.assign(subset=subset.name) for table in tables)
+    return first, second
+
+
+def told_apart(
+    marked: pd.DataFrame, spots: pd.DataFrame, threshold_mm: float, roi: Polygon | None
+) -> pd.DataFrame:
+    """Return how well spots of a subset are told to be in the air (Tables 5.13 and 5.14).
+
+    Parameters
+    ----------
+    marked
+        Of `located`, with ``distance_mm`` from the axis (NaN: no 3D, not considered).
+    spots
+        Detections with the same columns; for Table 5.13 the marked particles themselves.
+    threshold_mm
+        Up to which distance a spot is in the air.
+    roi
+        Polygon (row, col) outside which nothing counts.
+
+    Returns
+    -------
+    DataFrame
+        One row: ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1``.
+    """
+    scores, flying, told = [], [], []
+    for frame, here in marked.groupby("frame"):
+        found = spots[spots["frame"] == frame]
+        scores.append(score_detections(here[["row", "col"]], found[["row", "col"]], roi=roi))
+        flying.append(((here["label"] != 4) & here["distance_mm"].notna()).to_numpy())
+        told.append((found["distance_mm"] <= threshold_mm).to_numpy())
+    return total_in_air(scores, flying, told)
 
 
 def sums(table: pd.DataFrame, by: list[str], criterion: str = "") -> pd.DataFrame:
