@@ -77,7 +77,7 @@ traces = {
 # %%
 attempts = []
 for name, model in models.items():
-    tried = trial.thresholds(subsets, model)
+    tried = trial.thresholds(subsets, scale, model)
     attempts.append(tried[tried["chosen"]].assign(model=name))
 attempts = pd.concat(attempts, ignore_index=True)
 total = trial.sums(attempts, ["model"]).assign(subset="Total")

@@ -28,7 +28,7 @@ images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
-tried = trial.thresholds(subsets)
+tried = trial.thresholds(subsets, scale)
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 parts = []
 for one in subsets:

@@ -109,7 +109,7 @@ figures.save("fig-3-10-cylinder", points, picture=picture, caption=caption, prov
 # Every marked particle with 3D, by where its points are; detections of SIFT with DBSCAN.
 
 # %%
-tried = trial.thresholds(subsets)
+tried = trial.thresholds(subsets, scale)
 best = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 known, found = [], []
 for subset in subsets:

@@ -182,8 +182,12 @@ def run(
     return pd.concat(parts, ignore_index=True)
 
 
-def thresholds(subsets: list[Subset], background: BackgroundModel | None = None) -> pd.DataFrame:
+def thresholds(
+    subsets: list[Subset], scale: str, background: BackgroundModel | None = None
+) -> pd.DataFrame:
     """Return DoG with every threshold of `THRESHOLDS`, and which one each subset is to use.
+
+    A smoke run tries every fourth one only.
 
     Returns
     -------
@@ -191,8 +195,13 @@ def thresholds(subsets: list[Subset], background: BackgroundModel | None = None)
         Of `attempt`, the threshold in place of the method; ``chosen`` where the threshold is
         the one that is best on the other subsets (section 5.1.3).
     """
-    methods = {threshold: by_picture(DoG(float(threshold))) for threshold in THRESHOLDS}
-    tried = run(subsets, methods, background).rename(columns={"method": "threshold"})
+    some = THRESHOLDS[:: 4 if scale == "quick" else 1]
+    methods = {threshold: by_picture(DoG(float(threshold))) for threshold in some}
+    return marked_best(run(subsets, methods, background).rename(columns={"method": "threshold"}))
+
+
+def marked_best(tried: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of `attempt` by ``threshold`` with ``chosen``; see `thresholds`."""
     best = leave_one_out(tried, "threshold").set_index("subset")["threshold"]
     return tried.assign(chosen=tried["threshold"] == tried["subset"].map(best))
 
