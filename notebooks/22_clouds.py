@@ -149,7 +149,7 @@ for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), str
     drawing.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
 panels[0].set_ylabel("recall")
-panels[0].legend(loc="lower left", fontsize=6)
+picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=made)
 
