@@ -139,7 +139,9 @@ picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62
 for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
     drawing.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
-panels[0].plot([unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning")
+panels[0].plot(
+    [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"
+)
 panels[0].set_ylabel("recall")
 picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."

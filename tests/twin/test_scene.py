@@ -15,7 +15,8 @@ from kilnflight.twin.background import Surroundings
 from kilnflight.twin.depth import DepthCamera
 from kilnflight.twin.feed import Burst
 from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.scene import Scene, Twin
+from kilnflight.twin.optics import FULL_SCALE, Optics
+from kilnflight.twin.scene import RIM, Scene, Twin
 
 FEED = (
     Burst("confetti", 40, -0.4, 0.5),
@@ -104,11 +105,21 @@ def test_every_pixel_has_at_most_one_position_and_it_lies_on_its_ray(twin):
     assert 0.6 < len(index) / twin.scene.depth.wall_points < 1.2
 
 
-def test_saturated_cores_have_no_depth(twin):
-    frame = twin.frame(20)
-    on = frame.labels[frame.pixels[:, 0], frame.pixels[:, 1]] >= 2
-    values = frame.gray[frame.pixels[on, 0], frame.pixels[on, 1]]
-    assert (values < 65535).mean() > 0.99
+def test_saturated_cores_have_no_depth_and_their_rims_have():
+    light = Optics(wall_level=30_000.0, flame_level=40_000.0)
+    twin = Twin(small_scene(optics=light))
+    frame, seen = twin.frame(20), twin.see(20)
+    flat = seen.picture.reshape(-1)
+    core = np.zeros(flat.size, dtype=bool)
+    inner = seen.pixels.radius <= RIM
+    core[seen.pixels.place[inner & seen.show]] = True
+    outer = seen.pixels.place[~inner]
+    core[outer] = False  # another particle's rim may lie there
+    points = frame.pixels[:, 0] * frame.gray.shape[1] + frame.pixels[:, 1]
+    assert (flat[core] >= FULL_SCALE).any()
+    assert (flat[points[core[points]]] < FULL_SCALE).all()
+    burning = truth.sightings(twin, 20).query("visible and label == 2")
+    assert burning["has_depth"].mean() > 0.9
 
 
 def test_truth_and_labels_are_one(twin):

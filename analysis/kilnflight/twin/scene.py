@@ -28,6 +28,7 @@ from kilnflight.twin.life import Life, Moment, OnTheWall, live
 from kilnflight.twin.optics import FULL_SCALE, Optics
 
 Array = npt.NDArray[np.float64]
+RIM = 0.8  # share of the radius from which on a burning particle's edge has depth; assumption
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
 
 
@@ -251,7 +252,8 @@ class Twin:
         has, _ = self.particle_errors(t)
         flat = seen.picture.reshape(-1)[seen.pixels.place]
         on = seen.show & has[seen.blobs.particle][seen.pixels.blob] & (seen.pixels.radius <= 1.0)
-        on &= flat < FULL_SCALE  # a saturated core has no texture, and so no depth
+        # A saturated core has no texture, and so no depth; its rim against the wall has.
+        on &= (flat < FULL_SCALE) | (seen.pixels.radius > RIM)
         chosen = np.flatnonzero(on)
         luck = self._random(t, 2).random(len(chosen))
         return chosen[luck < self.scene.depth.points_per_pixel]
