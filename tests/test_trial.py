@@ -105,3 +105,14 @@ def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
 
 def test_thresholds_ascend():
     assert list(trial.THRESHOLDS) == sorted(set(trial.THRESHOLDS))
+
+
+def test_unsigned_differences_keep_what_is_brighter(subset):
+    stack = kiln.Pictures(subset.recording)
+    for model in (background.TwoFrame(), background.Median(window=20)):
+        absolute = next(iter(model(stack, [76])))
+        cut = next(iter(trial.Unsigned(model)(stack, [76])))
+        brighter = cut > 0
+        np.testing.assert_array_equal(cut[brighter], absolute[brighter])
+        assert (cut[~brighter] == 0).all()
+        assert 0.2 < brighter.mean() < 0.8

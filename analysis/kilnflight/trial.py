@@ -6,7 +6,8 @@ views of labelled frames x methods -> one row per frame and method -> sums, rate
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,7 +16,8 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.background import BackgroundModel
+from kilnflight.background import BackgroundModel, Median, TwoFrame
+from kilnflight.background.window import Frames
 from kilnflight.checks import InputError, check_columns
 from kilnflight.combination import Combination, Polygon, View, second_pass
 from kilnflight.correspondence import summarise
@@ -180,6 +182,30 @@ def run(
         bar = tqdm(frames, desc=subset.name, total=len(subset.wanted), unit="frame", disable=None)
         parts.append(attempt(bar, subset, methods, subset.recording.attributes.roi))
     return pd.concat(parts, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Unsigned:
+    """A background subtracted as unsigned integers are: what is darker than it becomes 0.
+
+    Not in the thesis, which prints absolute differences (Eqs 2.5 and 2.10). Subtraction of
+    16-bit images in MATLAB, which it used, stops at 0, and an absolute value taken afterwards
+    changes nothing; this shows what that would do.
+    """
+
+    model: TwoFrame | Median
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
+        """Yield the foreground (rows, cols) of each wanted frame."""
+        wanted = list(indices)
+        if isinstance(self.model, TwoFrame):
+            step = self.model.interval
+            behind = (frames[t - step if t >= step else t + step] for t in wanted)
+        else:
+            behind = self.model.backgrounds(frames, wanted)
+        for t, background in zip(wanted, behind, strict=True):
+            difference = np.asarray(frames[t], dtype=np.float32) - background
+            yield np.maximum(difference, 0.0).astype(np.float32, copy=False)
 
 
 def thresholds(
