@@ -115,4 +115,5 @@ def test_unsigned_differences_keep_what_is_brighter(subset):
         brighter = cut > 0
         np.testing.assert_array_equal(cut[brighter], absolute[brighter])
         assert (cut[~brighter] == 0).all()
-        assert 0.2 < brighter.mean() < 0.8
+        assert brighter.any()
+        assert not brighter.all()

@@ -198,6 +198,7 @@ class Unsigned:
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
         """Yield the foreground (rows, cols) of each wanted frame."""
         wanted = list(indices)
+        behind: Iterable[npt.NDArray[Any]]
         if isinstance(self.model, TwoFrame):
             step = self.model.interval
             behind = (frames[t - step if t >= step else t + step] for t in wanted)
