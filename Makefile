@@ -5,9 +5,11 @@ SHELL := /bin/bash
 .SUFFIXES:
 .DEFAULT_GOAL := all
 MAKEFLAGS += --no-print-directory
-# Notebooks side by side, one per core and four at most, unless -j is given.
-ifeq ($(MAKELEVEL)$(findstring j,$(firstword -$(MAKEFLAGS))),0)
-MAKEFLAGS += -j$(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
+# Notebooks side by side: one per core, four at most (each takes up to 3 GB); make JOBS=1 for
+# one after the other.
+JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
+ifeq ($(MAKELEVEL),0)
+MAKEFLAGS += -j$(JOBS)
 endif
 
 # What a user may set, for example: make SCALE=full PARAMETERS="seed=3 40.draws=20"

@@ -183,7 +183,7 @@ fitted_note = f"{note}; a target of the calibration, so no result"
 # %%
 verdicts = [
     reference.judge("otsu-1", of_otsu.loc[each, "precision"], note=fitted_note),
-    reference.judge("otsu-2", by_class.loc["Otsu", 2], note=fitted_note),
+    reference.judge("otsu-2", by_class.loc["Otsu", 2], note=note),
     reference.judge(
         "otsu-3",
         {f"{v} {r:.2f} <= 0.5": bool(r <= 0.5) for v, r in faint_otsu.items()}

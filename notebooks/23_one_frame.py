@@ -35,7 +35,7 @@ some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
 t, view = next(kiln.views(some.recording, some.wanted[:1]))
-threshold = 800.0  # of DoG in grey values; notebook 21 finds it by leaving subsets out
+threshold = 283.0  # of DoG in grey values: what notebook 21 finds for most subsets
 
 # %% [markdown]
 # ## The flame is taken out

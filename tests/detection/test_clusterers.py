@@ -127,6 +127,10 @@ def test_points_that_cannot_be_used_are_told(clusterer, points, message):
         (lambda: QuasiClusterCenters(0, 0.1), "k is 0"),
         (lambda: QuasiClusterCenters(5, -0.1), "alpha is -0.1"),
         (lambda: QuasiClusterCenters(5, np.inf), "alpha is inf"),
+        (lambda: DBSCAN(1.0, np.nan), "min_points is nan"),
+        (lambda: MorphologicalClustering(np.inf), "grid is inf"),
+        (lambda: MorphologicalClustering(10, np.nan), "dilations is nan"),
+        (lambda: QuasiClusterCenters(np.nan, 0.1), "k is nan"),
     ],
 )
 def test_parameters_that_cannot_be_are_told(wrong, message):

@@ -49,6 +49,13 @@ def test_views_and_column_order_give_the_same(detect):
         np.testing.assert_array_equal(detect(same), detect(blob()))
 
 
+@pytest.mark.parametrize("kind", [">u2", ">f4", "<f2"])
+def test_any_byte_order_and_half_floats_give_the_same(detect, kind):
+    foreground = blob().round().astype(kind)
+    same = foreground.astype(np.float32)
+    np.testing.assert_array_equal(detect(foreground), detect(same))
+
+
 def test_a_shift_moves_the_particles(detect):
     here, there = blob(row=40.0), blob(row=40.0 + 16, col=70.0 - 16)
     np.testing.assert_allclose(detect(there) - detect(here), [[16, -16, 0]], atol=0.02)

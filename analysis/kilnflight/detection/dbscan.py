@@ -63,7 +63,8 @@ class DBSCAN:
     def __post_init__(self) -> None:
         """Refuse a radius or a number of points that makes no neighbourhood."""
         check_positive(self.eps, "DBSCAN: eps in mm")
-        if self.min_points != int(self.min_points) or self.min_points < 1:
+        whole = np.isfinite(self.min_points) and self.min_points == int(self.min_points)
+        if not whole or self.min_points < 1:
             raise InputError(
                 f"DBSCAN: min_points is {self.min_points}, expected a whole number from 1."
             )

@@ -26,6 +26,9 @@ def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDA
         raise InputError(f"{where}: the foreground has shape {image.shape}; pass (rows, cols).")
     if image.dtype.kind not in "uif":
         raise InputError(f"{where}: the foreground is of {image.dtype}; pass integers or floats.")
+    # compiled code takes the machine's byte order, and no half floats
+    kind = np.dtype(np.float32) if image.dtype == np.float16 else image.dtype.newbyteorder("=")
+    image = image.astype(kind, copy=False)
     if image.dtype.kind == "f" and not (np.abs(image) < LARGEST).all():
         row, col = (int(i) for i in np.argwhere(~(np.abs(image) < LARGEST))[0])
         raise InputError(

@@ -70,12 +70,14 @@ class MorphologicalClustering:
 
     def __post_init__(self) -> None:
         """Refuse a grid without cells and a negative number of dilations."""
-        if self.grid != int(self.grid) or self.grid < 1:
+        if not (np.isfinite(self.grid) and self.grid == int(self.grid) and self.grid >= 1):
             raise InputError(
                 f"MorphologicalClustering: grid is {self.grid}, expected a whole number from 1."
             )
         if self.dilations is not None and (
-            self.dilations != int(self.dilations) or self.dilations < 0
+            not np.isfinite(self.dilations)
+            or self.dilations != int(self.dilations)
+            or self.dilations < 0
         ):
             raise InputError(
                 f"MorphologicalClustering: dilations is {self.dilations}, expected a whole "

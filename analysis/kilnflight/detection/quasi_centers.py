@@ -68,7 +68,7 @@ class QuasiClusterCenters:
 
     def __post_init__(self) -> None:
         """Refuse a number of neighbours or a similarity that cannot be."""
-        if self.k != int(self.k) or self.k < 1:
+        if not (np.isfinite(self.k) and self.k == int(self.k) and self.k >= 1):
             raise InputError(f"QuasiClusterCenters: k is {self.k}, expected a whole number from 1.")
         if not (np.isfinite(self.alpha) and self.alpha >= 0):
             raise InputError(
