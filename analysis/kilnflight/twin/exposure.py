@@ -89,7 +89,8 @@ UNTOUCHED = FreeAppearance()
 # where section 3.1 (case 3) has large burning particles overexposed. The second, this one,
 # lets flames reach full scale (flame_reach from 1) and, to leave room, the wall 40,000; the
 # untouched inputs lie outside, so it begins anywhere. Its wall level is beyond the first
-# limit, and body_s is close to its own. No other detector had been scored by then.
+# limit, and body_s is close to its own. Other detectors had by then been tried on two frames in
+# the assumed light only, and had no part in this.
 LIMITS = {
     "wall_level": (2000.0, 40_000.0),
     "flame_reach": (1.0, 1.6),
