@@ -72,7 +72,7 @@ twin = twins["V1"]
 frame = twin.frame(mixture.LABELLED[0])
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 72}
 picture, ((left, right),) = drawing.canvas(1, 2, **size)
-left.imshow(np.minimum(frame.gray / 20_000.0, 1) ** 0.6, cmap="gray", interpolation="bilinear")
+left.imshow(frame.gray, cmap="gray", vmin=0, vmax=65_535, interpolation="bilinear")
 for label, colour in ((2, "#56B4E9"), (3, "#E69F00"), (4, "#CC79A7")):
     left.contour(frame.labels == label, [0.5], colors=colour, linewidths=0.5)
 roi = np.array([*twin.attributes.roi, twin.attributes.roi[0]])

@@ -39,7 +39,10 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # %% [markdown]
 # ## Calibration of the picture
 #
-# The fit beside its targets, Otsu's row of the publication. Inputs only: before the fit.
+# The fit beside its targets, Otsu's row of the publication. Inputs only: before the fit. Two
+# searches were made; the second lets flames overexpose, as the thesis says they do, and has a
+# wider limit for the wall (`kilnflight.twin.exposure` tells both). What it does not reach: that
+# no particle of V4 is found before it burns.
 
 # %%
 record = exposure.record()

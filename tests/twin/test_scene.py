@@ -122,6 +122,26 @@ def test_saturated_cores_have_no_depth_and_their_rims_have():
     assert burning["has_depth"].mean() > 0.9
 
 
+@pytest.mark.parametrize("wall", [5200.0, 36_700.0])
+def test_all_of_the_burner_that_is_overexposed_is_labelled_flame(wall):
+    scene = small_scene()
+    twin = Twin(replace(scene, feed=(), optics=replace(scene.optics, wall_level=wall)))
+    labels, picture = twin.see(20).labels, twin.empty(20)
+    first, last, left, right = twin.attributes.flame_roi
+    full = picture[first:last, left:right] >= 65535.0
+    assert full.sum() > 300
+    assert (labels[first:last, left:right][full] == 1).all()
+
+
+def test_scenes_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match="small: frame_rate_hz: must be above 0"):
+        small_scene(frame_rate_hz=-330.0)
+    with pytest.raises(InputError, match="seed is -1"):
+        scenes.open_scene("V5", seed=-1)
+    with pytest.raises(InputError, match="no subset 'V9'"):
+        scenes.ground_truth("V9")
+
+
 def test_truth_and_labels_are_one(twin):
     for t in (10, 30):
         frame, seen = twin.frame(t), truth.sightings(twin, t)

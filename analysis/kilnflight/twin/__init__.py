@@ -7,7 +7,8 @@
 
 It never sees a method, and no method sees it. Every coefficient is a field with unit and
 source: published, handbook, or assumption. Six of flight and ignition are fitted to two of the
-eight cells (`calibration`). Nothing is tuned to the outcome of a measuring method.
+eight cells (`calibration`), seven of the picture to Otsu's row of Table 5.5 (`exposure`). Nothing
+is tuned to the outcome of any other measuring method.
 
 ===========  =====================================================================
 module       what it holds
@@ -31,6 +32,8 @@ truth        tables of what is true
 outcomes     what flights come to: velocities, dwell times, ignition
 statements   the published sentences that an outcome answers
 calibration  the few free inputs, fitted to two cells and frozen (calibrated.json)
+exposure     the few free inputs of the picture, fitted to Otsu's row and frozen (exposure.json)
+frozen       such files: written with a hash, read only whole
 mixture      how much to feed to see what Table 5.2 counts
 scenes       the five subsets, the eight campaigns, the scenarios
 ===========  =====================================================================

@@ -32,7 +32,9 @@ class OnTheWall:
     """What happens to a particle after it has landed; all assumptions.
 
     Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
-    over 150 frames would absorb them otherwise, yet they are found (Table 5.5).
+    over 150 frames would absorb them otherwise, yet they are found (Table 5.5). Scenes take
+    ``share_on`` and ``body_s`` from `kilnflight.twin.exposure`. While a flame is on it does
+    not change from frame to frame, as a real one would.
     """
 
     delay_s: float = 0.03  # until the flame is there

@@ -18,7 +18,7 @@ FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 
 @dataclass(frozen=True)
 class Optics:
-    """Exposure and noise; nobody published them.
+    """Exposure and noise; nobody published them. Scenes have the levels of `exposure` instead.
 
     The thesis's DoG threshold of 450 to 550 grey values bounds the scale only loosely, so
     a threshold is never to be copied from there.

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_positive
 from kilnflight.frames import Attributes, Frame, check_position
 from kilnflight.twin import appearance, drawing
 from kilnflight.twin.appearance import Blobs, Bodies, Tumbling
@@ -50,6 +50,11 @@ class Scene:
     optics: Optics = field(default_factory=Optics)
     surroundings: Surroundings = field(default_factory=Surroundings)
     depth: DepthCamera = field(default_factory=DepthCamera)
+
+    def __post_init__(self) -> None:
+        """Refuse recordings without length, and time that does not go forward."""
+        for name in ("frames", "frame_rate_hz"):
+            check_positive(float(getattr(self, name)), f"scene {self.name}: {name}")
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,8 @@ class Twin:
         moment = Moment._make(part[of_blob] for part in moment)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
         first, last, left, right = self.scene.surroundings.flame_roi
-        bright = picture[first:last, left:right] > 2.5 * wall
+        # what a person sees as flame: far above the wall, or as bright as the camera can tell
+        bright = picture[first:last, left:right] >= min(2.5 * wall, FULL_SCALE)
         labels[first:last, left:right][bright] = 1
         show = marked & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)

@@ -126,6 +126,8 @@ def tracking_window(twin: Twin, step: int = 10) -> range:
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
     """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
+    if name not in SUBSETS:
+        raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
     number = SUBSETS.index(name) + 1
     return subset(name, SIZES[name], 1000 * seed + number)
 
@@ -190,7 +192,7 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     Raises
     ------
     InputError
-        If there is no such scene or scenario.
+        If there is no such scene or scenario, or the seed is negative.
 
     Examples
     --------
@@ -205,6 +207,8 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
             f"{', '.join(SCENARIOS)}."
         )
     number = seed or 0
+    if number < 0:
+        raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
     if plain in SUBSETS:
         scene = ground_truth(plain, number)
     else:
