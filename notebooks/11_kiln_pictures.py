@@ -66,6 +66,8 @@ for panels, (name, image) in zip(grid, sums.items(), strict=True):
     panels[1].set(title=f"{name}: true paths", xlim=(0, 2047), ylim=(1535, 0), aspect="equal")
 for axes in grid[-1]:
     axes.set_xlabel("column (px)")
+
+# %%
 caption = (
     f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
     "5.17 (without the burner and what is below eight times a frame's median difference), and the "
