@@ -123,7 +123,7 @@ for axes, name in zip(panels, names, strict=True):
         axes.annotate(text, (one["recall"], one["precision"]), fontsize=5)
     axes.set(title=f"{name}: {', '.join(parameters[name])}", xlabel="recall", xlim=(0, 1))
 panels[0].set(ylabel="precision", ylim=(0, 1))
-panels[0].legend(loc="upper left")
+_ = panels[0].legend(loc="upper left")
 
 # %%
 swept = pd.concat(totals.values()).reset_index()

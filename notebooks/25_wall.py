@@ -77,7 +77,8 @@ figures.save("table-5-12-cylinder", table, caption=caption, provenance=made)
 picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=75)
 some = walls[0][:: max(1, len(walls[0]) // 8000)]
 panels[0].plot(some[:, 0], some[:, 1], ",", color="black")
-panels[1].plot(some[:, 2] / 1000, cylinder.distance_to_axis(some, fit), ",", color="black")
+depth_m = some[:, 2] / 1000
+_ = panels[1].plot(depth_m, cylinder.distance_to_axis(some, fit), ",", color="black")
 
 # %% tags=["hide-input"]
 around = np.linspace(0, 2 * np.pi, 200)
@@ -86,7 +87,7 @@ middle = np.array(fit.centre_mm) + reach * np.array(fit.direction)
 ring = middle[:2, None] + fit.radius_mm * np.array([np.cos(around), np.sin(around)])
 panels[0].plot(*ring, "-", color="#D55E00", label=f"fit, {fit.radius_mm:.0f} mm")
 panels[0].set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-panels[0].legend(loc="upper right")
+_ = panels[0].legend(loc="upper right")
 
 # %% tags=["hide-input"]
 for level, line, text in (
