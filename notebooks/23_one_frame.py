@@ -19,7 +19,17 @@ frames = 0  # labelled frames per subset for that table; 0: 1, 2 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import camera, combination, drawing, figures, kiln, provenance, scores, trial
+from kilnflight import (
+    camera,
+    combination,
+    contenders,
+    drawing,
+    figures,
+    kiln,
+    provenance,
+    scores,
+    trial,
+)
 from kilnflight.correspondence import potential_particles, summarise
 from kilnflight.detection import DoG
 from kilnflight.evidence import Evidence
@@ -35,7 +45,9 @@ some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
 t, view = next(kiln.views(some.recording, some.wanted[:1]))
-threshold = 283.0  # of DoG in grey values: what notebook 21 finds for most subsets
+tried = trial.thresholds(subsets, scale)  # each subset takes what is best on the others
+threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
+threshold = threshold.astype(float)
 
 # %% [markdown]
 # ## The flame is taken out
@@ -63,8 +75,8 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 # The wall is the largest cluster of the first pass; the second pass gives what may be particles.
 
 # %%
-labels = combination.second_pass(view.xyz, *trial.PASSES["DBSCAN"])
-keypoints = DoG(threshold)(view.foreground)
+labels = combination.second_pass(view.xyz, *contenders.PASSES["DBSCAN"])
+keypoints = DoG(threshold[some.name])(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = summarise(view.pixels, view.xyz, labels)
 clusters = clusters.take(clusters.extent <= combination.Combination().largest_px)
@@ -74,13 +86,12 @@ print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} poten
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=135)
-axes.imshow(np.sqrt(view.gray), cmap="gray")
+drawing.frame(axes, view.gray)
 spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
 axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[drawing.COLOURS[k] for k in spread])
-axes.plot(keypoints[:, 1], keypoints[:, 0], "o", mfc="none", mec="#00FF66", mew=0.6)
+drawing.circles(axes, keypoints, "#E69F00")
 corners = np.array([*known.roi, known.roi[0]])
 axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
-axes.set(xlabel="column (px)", ylabel="row (px)")
 found = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
@@ -124,6 +135,30 @@ for case, row in zip(picked, grid, strict=True):
         axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
         axes.set_title(f"case {case}: {len(decided)} particle(s)", fontsize=6.5)
 
+# %% [markdown]
+# **What is asked of the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
+# and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
+
+# %% tags=["hide-input"]
+several = max(examples[2], key=lambda one: len(one[2]))[1]
+alone = max(examples[4], key=lambda one: (len(one[2]), one[1].total))[1]
+change = np.abs(view.gray.astype(float) - view.previous)
+picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62)
+asked = ((several, view.gray, "case 2: peaks"), (alone, view.gray, "case 4: frame"))
+for axes, (group, image, title) in zip(
+    panels, (*asked, (alone, change, "difference")), strict=True
+):
+    top, bottom, left, right = combination.widened(group.rectangle(), 3)
+    axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
+    axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
+panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color="#D55E00", ms=8)
+table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
+caption = (
+    "Peaks counted in a cluster's rectangle; a cluster alone, in the frame and its difference."
+)
+figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=made)
+
 # %%
 counts = pd.DataFrame(
     [
@@ -137,12 +172,12 @@ figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenan
 # %% [markdown]
 # ## How often each case is right
 #
-# All subsets, same threshold. A detection is right if it is paired with a marked particle.
+# All subsets, each with its threshold. A detection is right if it is paired with a marked particle.
 
 # %%
 rows = []
 for subset in subsets:
-    detector = combination.Combination(DoG(threshold))
+    detector = combination.Combination(DoG(threshold[subset.name]))
     for t, view in kiln.views(subset.recording, subset.wanted):
         here = subset.particles[subset.particles["frame"] == t]
         table = detector(view, known.roi, t)
@@ -156,8 +191,8 @@ by_case = by_case.reset_index()
 
 # %%
 caption = (
-    f"Detections of SIFT with DBSCAN by the case that decided them, {images} labelled frames, "
-    f"threshold {threshold:.0f}: how many are paired with a marked particle."
+    f"Detections of SIFT with DBSCAN by the case that decided them, {images} labelled frames: "
+    "how many are paired with a marked particle."
 )
 figures.save("detection-cases", by_case, caption=caption, provenance=made)
 

@@ -18,7 +18,7 @@ frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, reference, trial
+from kilnflight import contenders, drawing, figures, provenance, reference, tallies, trial
 
 drawing.use_style()
 frames = frames or trial.FRAMES[scale]
@@ -32,14 +32,14 @@ tried = trial.thresholds(subsets, scale)
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 parts = []
 for one in subsets:
-    methods = trial.eleven(float(threshold[one.name]), one.recording.attributes.roi)
+    methods = contenders.eleven(float(threshold[one.name]), one.recording.attributes.roi)
     parts.append(trial.run([one], methods))
 attempts = pd.concat(parts, ignore_index=True)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %%
 printed = reference.published("table_5.11").set_index("method")
-total = trial.sums(attempts, ["method"]).set_index("method")
+total = tallies.sums(attempts, ["method"]).set_index("method")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1"]
 caption = (
     f"Eleven methods on {images} labelled frames within the region of interest, gate 45 px; "
@@ -52,11 +52,10 @@ figures.save("table-5-11-detection", table, caption=caption, provenance=made)
 # ## Beside the publication
 
 # %%
-draws = trial.resampled_f1(attempts, np.random.default_rng(seed))
+draws = tallies.resampled_f1(attempts, np.random.default_rng(seed))
 low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
-inside = trial.sums(attempts, ["method"], "_pixels").set_index("method")["f1"]
 beside = pd.DataFrame({"f1": total["f1"], "f1_low": low, "f1_high": high})
-beside = beside.assign(f1_in_pixels=inside, f1_published=printed["f1"])
+beside = beside.assign(f1_in_pixels=total["f1_in_pixels"], f1_published=printed["f1"])
 again = 2 * printed["TP"] / (2 * printed["TP"] + printed["FP"] + printed["FN"])
 beside["f1_published_recomputed"] = again
 
@@ -72,7 +71,7 @@ figures.save(
 )
 
 # %%
-classes = trial.class_recall(attempts, ["method"])
+classes = tallies.class_recall(attempts, ["method"])
 wide = classes.pivot(index="method", columns="label", values="recall").loc[total.index]
 wide.columns = ["burning_in_air", "non_burning_in_air", "burning_on_wall"]
 caption = "Recall of each class by the eleven methods."

@@ -149,7 +149,7 @@ def test_bad_parameters_and_frames_of_two_sizes_are_told():
     with pytest.raises(InputError, match="prominence"):
         Combination(prominence=0.0)
     frame = view(np.zeros((ROWS, COLS)))
-    with pytest.raises(InputError, match="one size"):
+    with pytest.raises(InputError, match="the frame before: shape"):
         combine(frame._replace(previous=frame.previous[:-1]))
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import background, kiln, trial
+from kilnflight import background, contenders, kiln, tallies, trial
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.twin import truth
@@ -32,13 +32,12 @@ def perfect(subset):
 def test_who_finds_everything_has_full_marks_and_who_finds_nothing_none(subset):
     methods = {"all": perfect(subset), "none": lambda view: np.empty((0, 2))}
     table = trial.run([subset], methods, MEDIAN)
-    total = trial.sums(table, ["method"]).set_index("method")
+    total = tallies.sums(table, ["method"]).set_index("method")
     assert total.loc["all", ["precision", "recall", "f1"]].tolist() == [1, 1, 1]
     assert total.loc["all", "tp"] == len(subset.particles)
     assert total.loc["none", ["tp", "fp", "f1"]].tolist() == [0, 0, 0]
-    pixels = trial.sums(table, ["method"], "_pixels").set_index("method")
-    assert pixels.loc["all", "recall"] > 0.9
-    recall = trial.class_recall(table, ["method"]).set_index(["method", "label"])
+    assert total.loc["all", "f1_in_pixels"] > 0.9
+    recall = tallies.class_recall(table, ["method"]).set_index(["method", "label"])
     there = subset.particles["label"].value_counts()
     for label in (2, 3, 4):
         assert recall.loc[("all", label), "tp"] == there.get(label, 0)
@@ -60,9 +59,9 @@ def test_the_first_call_which_may_compile_is_not_timed(subset):
 
 def test_detectors_of_each_kind_are_methods(subset):
     methods = {
-        "picture": trial.by_picture(DoG(1500.0)),
-        "cloud": trial.by_cloud(DBSCAN(60.0, 4)),
-        **trial.eleven(1500.0, subset.recording.attributes.roi),
+        "picture": contenders.by_picture(DoG(1500.0)),
+        "cloud": contenders.by_cloud(DBSCAN(60.0, 4)),
+        **contenders.eleven(1500.0, subset.recording.attributes.roi),
     }
     table = trial.run([subset._replace(wanted=(75,))], methods, MEDIAN)
     assert list(table["method"]) == list(methods)
@@ -99,32 +98,32 @@ def attempts(**f1):
 
 def test_the_parameter_of_a_subset_is_best_on_the_others():
     table = attempts(low=(1, 8, 8), high=(9, 2, 2)).rename(columns={"method": "threshold"})
-    chosen = trial.leave_one_out(table, "threshold").set_index("subset")["threshold"]
+    chosen = tallies.leave_one_out(table, "threshold").set_index("subset")["threshold"]
     assert chosen.to_dict() == {"V1": "low", "V2": "high", "V3": "high"}
     with pytest.raises(InputError, match="two subsets"):
-        trial.leave_one_out(table[table["subset"] == "V1"], "threshold")
+        tallies.leave_one_out(table[table["subset"] == "V1"], "threshold")
 
 
 def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     table = attempts(one=(5, 5, 5), other=(8, 8, 8))
-    draws = trial.resampled_f1(table, np.random.default_rng(0), draws=50)
+    draws = tallies.resampled_f1(table, np.random.default_rng(0), draws=50)
     assert draws.shape == (50, 2)
     assert draws["one"].to_numpy() == pytest.approx(2 * 5 / 15)
-    again = trial.resampled_f1(table, np.random.default_rng(0), draws=50)
+    again = tallies.resampled_f1(table, np.random.default_rng(0), draws=50)
     pd.testing.assert_frame_equal(draws, again)
     with pytest.raises(InputError, match="lacks a frame"):
-        trial.resampled_f1(table.iloc[1:], np.random.default_rng(0))
+        tallies.resampled_f1(table.iloc[1:], np.random.default_rng(0))
 
 
 def test_thresholds_ascend():
-    assert list(trial.THRESHOLDS) == sorted(set(trial.THRESHOLDS))
+    assert list(contenders.THRESHOLDS) == sorted(set(contenders.THRESHOLDS))
 
 
 def test_unsigned_differences_keep_what_is_brighter(subset):
     stack = kiln.Pictures(subset.recording)
     for model in (background.TwoFrame(), background.Median(window=20)):
         absolute = next(iter(model(stack, [76])))
-        cut = next(iter(trial.Unsigned(model)(stack, [76])))
+        cut = next(iter(contenders.Unsigned(model)(stack, [76])))
         brighter = cut > 0
         np.testing.assert_array_equal(cut[brighter], absolute[brighter])
         assert (cut[~brighter] == 0).all()

@@ -30,6 +30,8 @@ flame           the burner's flame, found and taken out (chapter 3.1)
 combination     pictures against clouds: the five cases of chapter 3.1
 kiln            the whole life of a frame, written out once
 trial           detectors on labelled frames, counted
+contenders      the detectors that are compared, with their parameters
+tallies         counts summed over frames: rates, recall by class, intervals
 peaks           grey-value peaks in small areas
 evidence        what the grey values of an area say about a detection
 correspondence  which keypoints and clusters are one potential particle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +54,19 @@ def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
 
 
 def check_positive(value: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is finite and above zero."""
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{where}: must be above 0, got {value}.")
+    """Raise an `InputError` unless ``value`` is a number, finite and above zero."""
+    if not (isinstance(value, Real) and np.isfinite(float(value)) and value > 0):
+        raise InputError(f"{where}: must be above 0, got {value!r}.")
+
+
+def check_at_least(value: float, least: float, where: str) -> None:
+    """Raise an `InputError` unless ``value`` is a finite number, ``least`` or above."""
+    if not (isinstance(value, Real) and np.isfinite(float(value)) and value >= least):
+        raise InputError(f"{where}: must be {least} or above, got {value!r}.")
+
+
+def check_count(count: float, where: str, least: int = 1) -> None:
+    """Raise an `InputError` unless ``count`` is a whole number, ``least`` or above."""
+    number = isinstance(count, Real) and not isinstance(count, bool | np.bool_)
+    if not (number and np.isfinite(float(count)) and count == int(count) and count >= least):
+        raise InputError(f"{where}: must be a whole number from {least}, got {count!r}.")

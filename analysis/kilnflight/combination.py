@@ -29,7 +29,14 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.camera import inside
-from kilnflight.checks import check_positive
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_count,
+    check_finite,
+    check_positive,
+    check_shape,
+)
 from kilnflight.correspondence import Clusters, mean_gray, potential_particles, summarise
 from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG
 from kilnflight.evidence import Evidence
@@ -83,8 +90,11 @@ class Combination:
     largest_px: int = 90
 
     def __post_init__(self) -> None:
-        """Refuse a prominence that is not positive."""
+        """Refuse parameters that decide nothing."""
         check_positive(self.prominence, "Combination: prominence")
+        check_at_least(self.share, 0, "Combination: share")
+        check_count(self.margin_px, "Combination: margin_px", 0)
+        check_count(self.largest_px, "Combination: largest_px")
 
     def __call__(self, view: View, roi: Polygon | None = None, frame: int = 0) -> pd.DataFrame:
         """Return the particles of a frame.
@@ -114,7 +124,16 @@ class Combination:
         roi: Polygon | None = None,
         frame: int = 0,
     ) -> pd.DataFrame:
-        """Return the particles, given keypoints (k, 3) and labels (n,) of the points."""
+        """Return the particles, given keypoints (k, 3) and labels (n,) of the points.
+
+        Raises
+        ------
+        InputError
+            If the parts of the view do not belong together, or a keypoint is not finite.
+        """
+        keypoints = check_finite(keypoints, f"frame {frame}: keypoints")
+        check_shape(keypoints, (None, 3), f"frame {frame}: keypoints")
+        check_view(view, labels, f"frame {frame}")
         clusters = summarise(view.pixels, view.xyz, labels)
         clusters = clusters.take(clusters.extent <= self.largest_px)
         if roi is not None:
@@ -128,6 +147,22 @@ class Combination:
         disc = table[["row", "col", "radius_px"]].to_numpy(dtype=np.float64)
         table = table.assign(frame=frame, gray=mean_gray(view.gray, disc))
         return table.astype({c.name: c.kind for c in DETECTIONS.columns})[DETECTIONS.names]
+
+
+def check_view(view: View, labels: Index, where: str) -> None:
+    """Raise an `InputError` unless images, points and labels of a view belong together."""
+    shape = view.gray.shape
+    check_shape(view.previous, shape, f"{where}: the frame before")
+    check_shape(view.foreground, shape, f"{where}: foreground")
+    check_shape(view.pixels, (len(view.xyz), 2), f"{where}: pixels of the points")
+    check_shape(labels, (len(view.xyz),), f"{where}: labels of the points")
+    outside = ((view.pixels < 0) | (view.pixels >= shape)).any(axis=1)
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise InputError(
+            f"{where}: point {first} belongs to pixel {tuple(view.pixels[first].tolist())} of an "
+            f"image of {shape[0]} x {shape[1]}. Give row and col of the image, from 0."
+        )
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:

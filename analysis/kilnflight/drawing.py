@@ -10,10 +10,13 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
@@ -84,6 +87,31 @@ def canvas(
         return plt.subplots(
             rows, columns, figsize=size, squeeze=False, layout="constrained", **arguments
         )
+
+
+def frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
+    """Draw a frame of the camera, dark parts lifted, axes in pixels of the frame.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    gray
+        (rows, cols) grey values from 0.
+    step
+        So many pixels a side are averaged; a page shows no more.
+    """
+    rows, cols = (length - length % step for length in gray.shape)
+    blocks = gray[:rows, :cols].astype(np.float64).reshape(rows // step, step, cols // step, step)
+    extent = (-0.5, cols - 0.5, rows - 0.5, -0.5)
+    axes.imshow(np.sqrt(blocks.mean(axis=(1, 3))), cmap="gray", extent=extent)
+    axes.set(xlabel="column (px)", ylabel="row (px)")
+
+
+def circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
+    """Draw spots (n, 3), row, col and radius in px, as circles of their size."""
+    patches = [Circle((col, row), radius) for row, col, radius in spots]
+    axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
 
 
 def boxes(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +143,24 @@ def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
         raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
     claim = _claim(claim_id)
     return Verdict(claim_id, NOT_DECIDABLE, measured, claim["claim"], reason, _criterion(claim))
+
+
+def fitted(verdict: Verdict, to: str) -> Verdict:
+    """Return the verdict on a claim that a calibration aimed at.
+
+    Agreement is then no result: "reproduced" becomes "not decidable". A miss stays a miss.
+
+    Parameters
+    ----------
+    verdict
+        From `judge`.
+    to
+        What was fitted to what, for the reason.
+    """
+    if verdict.verdict != REPRODUCED:
+        return verdict
+    reason = f"{verdict.reason}; agrees, but {to}".removeprefix("; ")
+    return replace(verdict, verdict=NOT_DECIDABLE, reason=reason)
 
 
 def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:

@@ -196,7 +196,7 @@ def test_weights_and_thresholds_that_are_none_are_told():
         with pytest.raises(InputError, match="RunningGaussian: memory"):
             RunningGaussian(memory=bad)
     for bad in (-1.0, np.inf, np.nan):
-        with pytest.raises(InputError, match="k must be 0 or above"):
+        with pytest.raises(InputError, match="k: must be 0 or above"):
             RunningGaussian(k=bad)
 
 

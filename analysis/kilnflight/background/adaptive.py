@@ -15,11 +15,11 @@ from kilnflight.background.window import (
     Frames,
     Held,
     Image,
-    check_count,
     check_indices,
     check_share,
     differences,
 )
+from kilnflight.checks import check_count
 
 TILE = 4096  # pixels that stay in cache while the recursion runs over the frames
 

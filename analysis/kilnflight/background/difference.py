@@ -9,10 +9,10 @@ from kilnflight.background.window import (
     Foreground,
     Frames,
     Held,
-    check_count,
     check_indices,
     difference,
 )
+from kilnflight.checks import check_count
 
 
 def partner(index: int, step: int, length: int) -> int:

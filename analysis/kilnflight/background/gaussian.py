@@ -14,11 +14,10 @@ from kilnflight.background.window import (
     Frames,
     Held,
     Image,
-    check_count,
     check_indices,
     check_share,
 )
-from kilnflight.checks import InputError
+from kilnflight.checks import check_at_least, check_count
 
 TILE = 4096  # pixels that stay in cache while the recursion runs over the frames
 
@@ -73,8 +72,7 @@ class RunningGaussian:
         """Refuse a window that holds nothing, a weight that is none, a negative threshold."""
         check_count(self.window, "RunningGaussian: window")
         check_share(self.memory, "RunningGaussian: memory")
-        if not (np.isfinite(self.k) and self.k >= 0):
-            raise InputError(f"RunningGaussian: k must be 0 or above, got {self.k!r}.")
+        check_at_least(self.k, 0, "RunningGaussian: k")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
         """Yield the foreground of each wanted frame, (rows, cols) float32; see `Mean`."""

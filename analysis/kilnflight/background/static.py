@@ -12,10 +12,10 @@ from kilnflight.background.window import (
     Frames,
     Held,
     Image,
-    check_count,
     check_indices,
     differences,
 )
+from kilnflight.checks import check_count
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Iterator, Sequence
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,16 +44,9 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
     return wanted
 
 
-def check_count(count: int, where: str) -> None:
-    """Raise an `InputError` unless ``count`` is a whole number from 1."""
-    whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
-    if not whole or count < 1:
-        raise InputError(f"{where}: must be a whole number of frames from 1, got {count!r}.")
-
-
 def check_share(share: float, where: str) -> None:
     """Raise an `InputError` unless ``share`` is from 0 to 1."""
-    if not 0 <= share <= 1:
+    if not (isinstance(share, Real) and 0 <= share <= 1):
         raise InputError(f"{where}: is a weight, it must be from 0 to 1, got {share!r}.")
 
 

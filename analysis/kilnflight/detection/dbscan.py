@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_count, check_positive
 from kilnflight.detection.cells import (
     NOISE,
     Cells,
@@ -63,11 +63,7 @@ class DBSCAN:
     def __post_init__(self) -> None:
         """Refuse a radius or a number of points that makes no neighbourhood."""
         check_positive(self.eps, "DBSCAN: eps in mm")
-        whole = np.isfinite(self.min_points) and self.min_points == int(self.min_points)
-        if not whole or self.min_points < 1:
-            raise InputError(
-                f"DBSCAN: min_points is {self.min_points}, expected a whole number from 1."
-            )
+        check_count(self.min_points, "DBSCAN: min_points")
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the cluster of each of (n, 3) points in mm; noise is -1.

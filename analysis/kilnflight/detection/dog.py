@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import find_objects, label
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_at_least, check_count, check_positive
 from kilnflight.detection import extrema, scale_space
 from kilnflight.detection.foreground import check_foreground
 
@@ -81,13 +81,10 @@ class DoG:
 
     def __post_init__(self) -> None:
         """Refuse parameters with which the equations have no meaning."""
-        if not (math.isfinite(self.threshold) and self.threshold >= 0):
-            raise InputError(f"DoG threshold: must be 0 or above, got {self.threshold}.")
-        if not isinstance(self.layers, int) or self.layers < 1:
-            raise InputError(f"DoG layers: must be a whole number from 1, got {self.layers!r}.")
+        check_at_least(self.threshold, 0, "DoG threshold")
+        check_count(self.layers, "DoG layers")
         check_positive(self.sigma, "DoG sigma")
-        if not self.edge >= 1:
-            raise InputError(f"DoG edge: a ratio of curvatures is 1 or above, got {self.edge}.")
+        check_at_least(self.edge, 1, "DoG edge, a ratio of curvatures,")
         blur = self.camera_blur * (2 if self.double else 1)
         if not 0 <= blur <= self.sigma:
             raise InputError(

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_count
 from kilnflight.detection.cells import (
     NOISE,
     Cells,
@@ -70,19 +70,9 @@ class MorphologicalClustering:
 
     def __post_init__(self) -> None:
         """Refuse a grid without cells and a negative number of dilations."""
-        if not (np.isfinite(self.grid) and self.grid == int(self.grid) and self.grid >= 1):
-            raise InputError(
-                f"MorphologicalClustering: grid is {self.grid}, expected a whole number from 1."
-            )
-        if self.dilations is not None and (
-            not np.isfinite(self.dilations)
-            or self.dilations != int(self.dilations)
-            or self.dilations < 0
-        ):
-            raise InputError(
-                f"MorphologicalClustering: dilations is {self.dilations}, expected a whole "
-                "number from 0, or None to stop when the number of domains stays."
-            )
+        check_count(self.grid, "MorphologicalClustering: grid")
+        if self.dilations is not None:
+            check_count(self.dilations, "MorphologicalClustering: dilations", 0)
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the cluster of each of (n, 3) points in mm, numbered by their first point.

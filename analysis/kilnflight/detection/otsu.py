@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_count
 from kilnflight.detection.foreground import check_foreground
 
 Array = npt.NDArray[np.float64]
@@ -119,10 +119,7 @@ class Otsu:
 
     def __post_init__(self) -> None:
         """Refuse a size that is none."""
-        if not isinstance(self.smallest_px, int) or self.smallest_px < 1:
-            raise InputError(
-                f"Otsu smallest_px: must be a whole number from 1, got {self.smallest_px!r}."
-            )
+        check_count(self.smallest_px, "Otsu smallest_px")
 
     def __call__(self, foreground: npt.NDArray[np.generic]) -> Array:
         """Return the particles in a foreground.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit, types
 from numba.typed import Dict
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_at_least, check_count
 from kilnflight.detection.cells import (
     NOISE,
     check_points,
@@ -68,12 +68,8 @@ class QuasiClusterCenters:
 
     def __post_init__(self) -> None:
         """Refuse a number of neighbours or a similarity that cannot be."""
-        if not (np.isfinite(self.k) and self.k == int(self.k) and self.k >= 1):
-            raise InputError(f"QuasiClusterCenters: k is {self.k}, expected a whole number from 1.")
-        if not (np.isfinite(self.alpha) and self.alpha >= 0):
-            raise InputError(
-                f"QuasiClusterCenters: alpha is {self.alpha}, expected a number from 0 up."
-            )
+        check_count(self.k, "QuasiClusterCenters: k")
+        check_at_least(self.alpha, 0, "QuasiClusterCenters: alpha")
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the cluster of each of (n, 3) points in mm, numbered by their first point.

@@ -20,7 +20,6 @@ import pandas as pd
 from scipy.optimize import Bounds, differential_evolution
 
 from kilnflight import __version__
-from kilnflight.checks import InputError
 from kilnflight.twin import frozen, outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -165,18 +164,13 @@ def record(path: Path = FILE) -> dict[str, object]:
 @lru_cache(maxsize=8)
 def calibrated(path: Path = FILE) -> FreeInputs:
     """Return the frozen inputs; see `record` for what is refused."""
-    values = record(path)["inputs"]
-    try:
-        return FreeInputs(**values)  # type: ignore[arg-type]
-    except TypeError as error:
-        raise InputError(f"calibration {path}: other inputs than here ({error}).") from error
+    return frozen.inputs(FreeInputs, path, record(path))
 
 
 def main() -> int:
     """Fit, write the file, and print what came out."""
     content = frozen.write(FILE, calibrate())
-    names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
-    print("\n".join(f"{name}: {content[name]}" for name in names))
+    print(frozen.summary(content))
     return 0
 
 

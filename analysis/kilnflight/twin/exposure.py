@@ -24,7 +24,6 @@ from scipy.optimize import Bounds, differential_evolution
 from kilnflight import __version__, reference
 from kilnflight.background import Median
 from kilnflight.camera import inside
-from kilnflight.checks import InputError
 from kilnflight.detection import Otsu
 from kilnflight.flame import segment_flame
 from kilnflight.scores import score_detections
@@ -243,11 +242,7 @@ def record(path: Path = FILE) -> dict[str, object]:
 @lru_cache(maxsize=8)
 def exposed(path: Path = FILE) -> FreeAppearance:
     """Return the frozen inputs; see `record` for what is refused."""
-    values = record(path)["inputs"]
-    try:
-        return FreeAppearance(**values)  # type: ignore[arg-type]
-    except TypeError as error:
-        raise InputError(f"exposure {path}: other inputs than here ({error}).") from error
+    return frozen.inputs(FreeAppearance, path, record(path))
 
 
 def main() -> int:
@@ -256,8 +251,7 @@ def main() -> int:
 
     twins = [Twin(fed(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
     content = frozen.write(FILE, calibrate(twins))
-    names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
-    print("\n".join(f"{name}: {content[name]}" for name in names))
+    print(frozen.summary(content))
     return 0
 
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 from kilnflight.checks import InputError
+
+Inputs = TypeVar("Inputs")
 
 
 def digest(content: object) -> str:
@@ -50,3 +54,17 @@ def read(path: Path, targets: object, module: str) -> dict[str, object]:
     if content.get("targets_sha256") != digest(targets):
         raise InputError(f"calibration {path}: made for other targets than published. {again}")
     return dict(content)
+
+
+def inputs(kind: Callable[..., Inputs], path: Path, content: dict[str, Any]) -> Inputs:
+    """Return the fitted inputs of a calibration, content of `read`, as the class they fill."""
+    try:
+        return kind(**content["inputs"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"calibration {path}: other inputs than here ({error}).") from error
+
+
+def summary(content: dict[str, Any]) -> str:
+    """Return what came out of a calibration, line by line."""
+    names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
+    return "\n".join(f"{name}: {content[name]}" for name in names)
