@@ -18,21 +18,15 @@ frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import (
-    background,
-    contenders,
-    drawing,
-    figures,
-    kiln,
-    provenance,
-    reference,
-    tallies,
-    trial,
-)
+from kilnflight import drawing, figures, provenance, reference
+
+drawing.use_style()
+
+# %%
+from kilnflight import background, contenders, kiln, tallies, trial
 from kilnflight.detection import DoG
 from kilnflight.twin import truth
 
-drawing.use_style()
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)

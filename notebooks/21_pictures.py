@@ -146,6 +146,7 @@ faint_otsu, faint_sift = by_class.loc["Otsu", 3], by_class.loc["SIFT", 3]
 note = f"{images} frames, gate 45 px"
 aim = "the picture was fitted to Otsu's row (notebook 13)"
 least = of_otsu.loc[each, "f1"].idxmin()
+worst = {f"last is {least}": least == "V5"}
 
 # %%
 verdicts = [

@@ -24,20 +24,14 @@ frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import (
-    camera,
-    contenders,
-    detection,
-    drawing,
-    figures,
-    provenance,
-    reference,
-    tallies,
-    trial,
-)
-from kilnflight.twin import truth
+from kilnflight import drawing, figures, provenance, reference
 
 drawing.use_style()
+
+# %%
+from kilnflight import camera, contenders, detection, tallies, trial
+from kilnflight.twin import truth
+
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
@@ -129,13 +123,13 @@ for axes, name in zip(panels, names, strict=True):
         (theirs, "D", "#D55E00", "published"),
     ):
         axes.plot(table["recall"], table["precision"], mark, color=colour, mfc="none", label=label)
-    series = ours.groupby(parameters[name][1:] or (lambda _: 0))
-    for _, one in series:
+    *_, last = parameters[name]
+    for value, one in ours.groupby(last):
         axes.plot(one["recall"], one["precision"], "-", color="0.6", lw=0.6, zorder=1)
-        for end in (one.iloc[0], one.iloc[-1]):
-            text = ", ".join(f"{end[p]:g}" for p in parameters[name])
-            axes.annotate(text, (end["recall"], end["precision"]), fontsize=5)
-    axes.set(title=f"{name}: {', '.join(parameters[name])}", xlabel="recall", xlim=(0, 1))
+        end = (one["recall"].min(), one["precision"].max())
+        style = {"textcoords": "offset points", "fontsize": 5, "ha": "right", "va": "center"}
+        axes.annotate(f"{value:g}", end, (-4, 0), **style)
+    axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
 panels[0].set(ylabel="precision", ylim=(0, 1))
 _ = panels[0].legend(loc="upper left")
 
@@ -144,8 +138,8 @@ swept = pd.concat(totals.values()).reset_index()
 asked = [name for names in parameters.values() for name in names]
 swept = swept[["family", *asked, "precision", "recall", "f1", "f1_published"]]
 caption = (
-    "Precision and recall of the three clusterers over their parameters, beside the tables'. Lines "
-    "join what differs in the first parameter only; their ends are labelled."
+    "Precision and recall of the three clusterers over their parameters, beside the tables'. "
+    "Numbers: values of the last parameter; lines join what differs in the first only."
 )
 figures.save("fig-5-8-parameters", swept, picture=picture, caption=caption, provenance=made)
 

@@ -19,23 +19,17 @@ frames = 0  # labelled frames per subset for that table; 0: 1, 2 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import (
-    camera,
-    combination,
-    contenders,
-    drawing,
-    figures,
-    kiln,
-    provenance,
-    scores,
-    trial,
-)
+from kilnflight import drawing, figures, provenance
+
+drawing.use_style()
+
+# %%
+from kilnflight import camera, combination, contenders, kiln, scores, trial
 from kilnflight.correspondence import potential_particles, summarise
 from kilnflight.detection import DoG
 from kilnflight.evidence import Evidence
 from kilnflight.flame import segment_flame
 
-drawing.use_style()
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
@@ -141,7 +135,7 @@ for case, row in zip(picked, grid, strict=True):
 
 # %% tags=["hide-input"]
 several = max(examples[2], key=lambda one: len(one[2]))[1]
-alone = max(examples[4], key=lambda one: (len(one[2]), one[1].total))[1]
+alone = max(examples[4], key=lambda one: (len(one[2]), -one[1].total))[1]
 change = np.abs(view.gray.astype(float) - view.previous)
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62)
 asked = ((several, view.gray, "case 2: peaks"), (alone, view.gray, "case 4: frame"))

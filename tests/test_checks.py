@@ -2,7 +2,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.checks import InputError, check_columns, check_finite, check_positive, check_shape
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_columns,
+    check_count,
+    check_finite,
+    check_positive,
+    check_shape,
+)
 
 
 def test_missing_columns_are_named_with_the_place():
@@ -42,3 +50,21 @@ def test_finite_values_come_back_as_floats():
 def test_what_must_be_positive_is(value):
     with pytest.raises(InputError, match="limit: must be above 0"):
         check_positive(value, "limit")
+
+
+@pytest.mark.parametrize("value", ["3", None, float("nan"), -1])
+def test_what_is_no_number_or_too_small_is_refused(value):
+    with pytest.raises(InputError, match="limit: must be 0 or above"):
+        check_at_least(value, 0, "limit")
+    with pytest.raises(InputError, match="count: must be a whole number from 0"):
+        check_count(value, "count", 0)
+    with pytest.raises(InputError, match="limit: must be above 0"):
+        check_positive(value, "limit")
+
+
+def test_a_half_and_a_truth_value_are_no_counts():
+    for value in (2.5, True, np.inf):
+        with pytest.raises(InputError, match="whole number from 1"):
+            check_count(value, "count")
+    check_count(np.int64(2), "count")
+    check_count(2.0, "count")

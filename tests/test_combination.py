@@ -176,3 +176,18 @@ def test_a_cluster_larger_than_any_particle_is_left_out():
     spots = [(40, 50, 4.0), (90, 100, 4.0)]
     assert combine(frame, spots, largest_px=80)["case"].tolist() == [5]
     assert set(combine(frame, spots, largest_px=81)["case"]) == {2}
+
+
+def test_a_view_whose_parts_do_not_belong_together_is_told():
+    frame = view(hill(40, 45, 9000), groups=[(40, 45, 3, 6000.0)])
+    far = frame.pixels.copy()
+    far[0] = (ROWS, 0)
+    with pytest.raises(InputError, match=r"point 0 belongs to pixel \(120, 0\)"):
+        combine(frame._replace(pixels=far))
+    with pytest.raises(InputError, match="foreground: shape"):
+        combine(frame._replace(foreground=frame.foreground[:, 1:]))
+    labels = np.zeros(len(frame.xyz), np.intp)
+    with pytest.raises(InputError, match="keypoints: 1 value"):
+        Combination().decide(frame, np.array([[1.0, np.nan, 2.0]]), labels)
+    with pytest.raises(InputError, match="labels of the points"):
+        Combination().decide(frame, np.empty((0, 3)), labels[1:])

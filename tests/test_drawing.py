@@ -83,3 +83,18 @@ def test_intervals_have_a_row_per_method_the_first_on_top():
     assert [label.get_text() for label in axes.get_yticklabels()] == ["best", "other"]
     assert axes.get_ylim()[0] > axes.get_ylim()[1]
     drawing.plt.close("all")
+
+
+def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
+    gray = np.zeros((7, 9), np.uint16)
+    gray[:2, :2] = 400
+    _, ((axes,),) = drawing.canvas()
+    drawing.frame(axes, gray)
+    image = axes.images[0]
+    assert image.get_array().shape == (3, 4)
+    assert image.get_array()[0, 0] == 20.0
+    assert tuple(image.get_extent()) == (-0.5, 7.5, 5.5, -0.5)
+    drawing.circles(axes, np.array([[2.0, 3.0, 1.5]]), "black")
+    (path,) = axes.collections[0].get_paths()
+    assert path.get_extents().get_points().tolist() == [[1.5, 0.5], [4.5, 3.5]]
+    drawing.plt.close("all")

@@ -127,3 +127,10 @@ def test_collecting_nothing_leaves_all_claims_waiting():
         "not decidable": len(reference.claims()),
     }
     assert isinstance(table, pd.DataFrame)
+
+
+def test_a_fitted_claim_is_no_result_and_a_miss_stays_one():
+    hit = reference.fitted(reference.judge("otsu-1", [0.95, 0.99], note="two"), "it was fitted")
+    assert (hit.verdict, hit.reason) == (reference.NOT_DECIDABLE, "two; agrees, but it was fitted")
+    miss = reference.judge("otsu-1", [0.1])
+    assert reference.fitted(miss, "it was fitted") is miss
