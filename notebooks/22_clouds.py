@@ -114,21 +114,21 @@ figures.save("table-5-10-qcc", table, caption=caption, provenance=made)
 # %% [markdown]
 # ## Precision against recall, ours and published
 
+# %%
+beside = {"textcoords": "offset points", "fontsize": 5, "ha": "right", "va": "center"}
+marks = {"here": ("o", "k"), "published": ("D", "#D55E00")}
+
 # %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
 for axes, name in zip(panels, names, strict=True):
     ours, theirs = totals[name], printed[name]
-    for table, mark, colour, label in (
-        (ours, "o", "k", "here"),
-        (theirs, "D", "#D55E00", "published"),
-    ):
+    for (label, (mark, colour)), table in zip(marks.items(), (ours, theirs), strict=True):
         axes.plot(table["recall"], table["precision"], mark, color=colour, mfc="none", label=label)
     *_, last = parameters[name]
     for value, one in ours.groupby(last):
         axes.plot(one["recall"], one["precision"], "-", color="0.6", lw=0.6, zorder=1)
         end = (one["recall"].min(), one["precision"].max())
-        style = {"textcoords": "offset points", "fontsize": 5, "ha": "right", "va": "center"}
-        axes.annotate(f"{value:g}", end, (-4, 0), **style)
+        axes.annotate(f"{value:g}", end, (-4, 0), **beside)
     axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
 panels[0].set(ylabel="precision", ylim=(0, 1))
 _ = panels[0].legend(loc="upper left")

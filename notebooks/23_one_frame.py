@@ -133,23 +133,25 @@ for case, row in zip(picked, grid, strict=True):
 # **What is asked of the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
 # and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
 
-# %% tags=["hide-input"]
+# %%
 several = max(examples[2], key=lambda one: len(one[2]))[1]
 alone = max(examples[4], key=lambda one: (len(one[2]), -one[1].total))[1]
 change = np.abs(view.gray.astype(float) - view.previous)
+asked = [(several, view.gray, "case 2: peaks"), (alone, view.gray, "case 4: frame")]
+asked.append((alone, change, "case 4: difference"))
+peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
+
+# %% tags=["hide-input"]
 picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62)
-asked = ((several, view.gray, "case 2: peaks"), (alone, view.gray, "case 4: frame"))
-for axes, (group, image, title) in zip(
-    panels, (*asked, (alone, change, "difference")), strict=True
-):
+for axes, (group, image, title) in zip(panels, asked, strict=True):
     top, bottom, left, right = combination.widened(group.rectangle(), 3)
     axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
     axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
-peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
 panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color="#D55E00", ms=8)
 table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
 caption = (
-    "Peaks counted in a cluster's rectangle; a cluster alone, in the frame and its difference."
+    "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "
+    "difference to the frame before. After Figs 3.7 to 3.9."
 )
 figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=made)
 
