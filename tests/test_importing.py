@@ -268,6 +268,7 @@ BAD = [
     # the manifest
     (top(fraction="gravel"), r"small\.toml: recording small: unknown fraction 'gravel'; use one"),
     (top(frame_rate_hz=-330.0), "frame_rate_hz: must be above 0, got -330.0"),
+    (top(name=5), r"small\.toml: name is 5, expected text"),
     (top(frame_rate_hz="fast"), r"small\.toml: a value has the wrong type"),
     (top(roi=[1, 2, 3]), r"small\.toml: a value has the wrong type"),
     (top(lance_mm=[1.0, 2.0]), "expected x, y, z in mm"),

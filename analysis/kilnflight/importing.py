@@ -178,6 +178,8 @@ def _attributes(
             f"{manifest}: {'; '.join(said)}. It takes {', '.join(known)}, and the tables gray, "
             "coordinates and labels."
         )
+    if not isinstance(table["name"], str):
+        raise InputError(f"{manifest}: name is {table['name']!r}, expected text in quotes.")
     rows, columns = gray.read(first[1], _where(table["name"], first[0])).shape
     try:
         return Attributes.from_json({**table, "rows": rows, "columns": columns})

@@ -120,10 +120,15 @@ def _guarded(read: Callable[[], npt.NDArray[Any]], path: Path, where: str) -> np
 
 def _tiff(path: Path, key: str | None) -> npt.NDArray[Any]:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it would print what we raise
-    return tifffile.imread(path)
+    try:
+        return tifffile.imread(path)
+    except ValueError as error:
+        if "imagecodecs" not in str(error):
+            raise
+    return _picture(path, key)  # LZW and the like, which Pillow knows
 
 
-def _png(path: Path, key: str | None) -> npt.NDArray[Any]:
+def _picture(path: Path, key: str | None) -> npt.NDArray[Any]:
     with Image.open(path) as image:
         array = np.asarray(image)
         # older versions of Pillow open 16-bit PNGs as 32-bit integers
@@ -192,7 +197,7 @@ def _by_name(array: npt.NDArray[Any], columns: Sequence[str]) -> npt.NDArray[np.
 _ARRAYS: dict[str, Callable[[Path, str | None], npt.NDArray[Any]]] = {
     ".tif": _tiff,
     ".tiff": _tiff,
-    ".png": _png,
+    ".png": _picture,
     ".npy": _npy,
     ".npz": _npz,
     ".mat": _mat,
