@@ -137,7 +137,8 @@ def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:
 def _brightness(moment: Moment, body: Bodies, optics: Optics, wall_level: float) -> Array:
     """Return grey values: a flame, or reflected wall light and own glow.
 
-    Glowing char counts as a flame: at 1650 K it would be 44,000 by Planck, a flame is 40,000.
+    Glowing char counts as a flame: in the light of `Optics` it would be 44,000 at 1650 K by
+    Planck, a flame is 40,000.
     """
     rows = moment.particle
     reflected = body.reflectivity[rows] * optics.irradiance * wall_level
