@@ -106,20 +106,6 @@ def test_a_picture_that_cannot_be_drawn_leaves_nothing(monkeypatch):
     assert list(places.figures().iterdir()) == []
 
 
-def test_a_write_that_is_interrupted_leaves_the_old_file(monkeypatch, tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"old")
-
-    def full(self, content):
-        raise OSError("no space left")
-
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
-    with pytest.raises(OSError, match="no space"):
-        figures.write_whole(path, b"new")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
-    assert path.read_bytes() == b"old"
-
-
 def test_conclusions_are_saved_under_the_notebook():
     verdict = reference.judge("depth-3", 300.0)
     figures.conclude("One line.", [verdict], MADE)

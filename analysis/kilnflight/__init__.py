@@ -29,6 +29,7 @@ thermography    temperature profile of the wall, Fig. 2.4 of the thesis
 flame           the burner's flame, found and taken out (chapter 3.1)
 combination     pictures against clouds: the five cases of chapter 3.1
 kiln            the whole life of a frame, written out once
+stages          what is made once and kept: detections of long recordings
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters
 tallies         counts summed over frames: rates, recall by class, intervals
@@ -52,6 +53,7 @@ pages           executed notebooks -> a site that needs no network
 external        the authors' public data: fetch, check, find
 tables          columns, units and checks of every table that is handed on
 checks          the one place that words an error about input
+files           files that are there whole or not at all
 places          where the project's folders are
 ==============  ================================================================
 """

@@ -29,6 +29,7 @@ from PIL import Image
 from kilnflight import places, reference
 from kilnflight.checks import InputError
 from kilnflight.drawing import style, table_picture
+from kilnflight.files import write_whole
 from kilnflight.gallery import gallery
 from kilnflight.provenance import Provenance
 
@@ -177,16 +178,6 @@ def _pdf(picture: Figure, identifier: str, caption: str, provenance: Provenance)
     with style():
         picture.savefig(buffer, format="pdf", metadata=metadata)
     return buffer.getvalue()
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name and rename it: it is there whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

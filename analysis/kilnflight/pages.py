@@ -19,8 +19,9 @@ from pathlib import Path
 import nbformat
 import pandas as pd
 
-from kilnflight import __version__, figures, gallery, places, reference
+from kilnflight import __version__, gallery, places, reference
 from kilnflight.checks import InputError
+from kilnflight.files import write_whole
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
 # would refuse to load from a page opened as a file.
@@ -213,7 +214,7 @@ def update_readme() -> bool:
     after = rest.partition(END_MARK)[2]
     updated = before + results_block() + after
     if updated != text:
-        figures.write_whole(path, updated.encode())
+        write_whole(path, updated.encode())
     return updated != text
 
 

@@ -45,3 +45,8 @@ def figures() -> Path:
 def external() -> Path:
     """Return the folder of the authors' data: ``KILNFLIGHT_EXTERNAL`` or data/external."""
     return Path(os.environ.get("KILNFLIGHT_EXTERNAL") or root() / "data" / "external")
+
+
+def derived() -> Path:
+    """Return the folder of what stages keep: ``KILNFLIGHT_DERIVED`` or data/derived."""
+    return Path(os.environ.get("KILNFLIGHT_DERIVED") or root() / "data" / "derived")

@@ -1,0 +1,334 @@
+"""What is made once and kept: tables under data/derived, under the hash of what went in.
+
+scene -> detections and frame differences, chunk by chunk -> tracking
+
+A table that is there and whole is not made again; a killed run goes on with the first chunk
+that is missing. The hash covers the arguments and the code that a table depends on, so a
+change of either gives another file; old ones go with `make clean`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import cv2
+import joblib
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import zarr
+from tqdm import tqdm
+from zarr.codecs import ZstdCodec
+
+from kilnflight import kiln, places, tallies, trial
+from kilnflight.camera import calibrate_points
+from kilnflight.checks import InputError
+from kilnflight.combination import Combination
+from kilnflight.contenders import PASSES, THRESHOLDS
+from kilnflight.cylinder import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
+from kilnflight.detection import DoG
+from kilnflight.files import write_whole
+from kilnflight.tables import DETECTIONS
+from kilnflight.twin import truth
+from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import open_scene
+
+CHUNK = 100  # frames; the median's window, 150 frames, is read anew by every chunk
+TILE = (384, 512)  # of a kept difference, so that a small box is read fast
+# Code that the tables depend on, within the package; a folder stands for all of its files.
+CODE = (
+    *("background", "camera.py", "combination.py", "correspondence.py", "cylinder.py"),
+    *("detection", "evidence.py", "flame.py", "frames.py", "kiln.py", "matching.py"),
+    *("mlesac.py", "peaks.py", "scores", "stages.py", "tables.py", "trial.py", "twin"),
+)
+
+
+def fingerprint(content: object) -> str:
+    """Return twelve digits that stand for the arguments and the code."""
+    package = Path(__file__).parent
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode())
+    for name in CODE:
+        one = package / name
+        files = sorted(one.rglob("*")) if one.is_dir() else [one]
+        for file in files:
+            if file.suffix in (".py", ".json"):
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def place(name: str, went_in: Mapping[str, object]) -> Path:
+    """Return the file that a table is kept in."""
+    return places.derived() / f"{name}-{fingerprint([name, dict(went_in)])}.parquet"
+
+
+def kept(
+    name: str, went_in: Mapping[str, object], make: Callable[[], pd.DataFrame]
+) -> pd.DataFrame:
+    """Return a table from data/derived, or make it and keep it there.
+
+    Parameters
+    ----------
+    name
+        Of the kind of table, the first part of the file's name.
+    went_in
+        All that it depends on besides the code; kept in the file.
+    make
+        Called if there is no such file.
+    """
+    path = place(name, went_in)
+    if not path.is_file():
+        table = pa.Table.from_pandas(make(), preserve_index=False)
+        said = json.dumps(dict(went_in), sort_keys=True, default=repr).encode()
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
+        buffer = io.BytesIO()
+        pq.write_table(table, buffer)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, buffer.getvalue())
+    try:
+        return pd.read_parquet(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(
+            f"{path}: cannot be read ({error}). Delete it; it is made again."
+        ) from error
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Consecutive frames of a scene and the detector that looks at them.
+
+    Parameters
+    ----------
+    scene
+        Name for `kilnflight.twin.scenes.open_scene`.
+    seed
+        Of the scene.
+    start, stop
+        First frame, and the one after the last.
+    detector
+        The combined detector; SIFT with DBSCAN unless told otherwise.
+    """
+
+    scene: str
+    seed: int
+    start: int
+    stop: int
+    detector: Combination
+
+    @property
+    def chunks(self) -> list[range]:
+        """The frames in pieces of `CHUNK`, cut at its multiples."""
+        cuts = [self.start, *range(self.start // CHUNK * CHUNK + CHUNK, self.stop, CHUNK)]
+        return [range(a, b) for a, b in zip(cuts, [*cuts[1:], self.stop], strict=True) if a < b]
+
+    def went_in(self, frames: range) -> dict[str, object]:
+        """Return what the detections of some of the frames depend on."""
+        detector = repr(self.detector)  # classes and parameters of all its parts
+        span = [frames.start, frames.stop]
+        return {"scene": self.scene, "seed": self.seed, "frames": span, "detector": detector}
+
+    def folder(self, frames: range) -> Path:
+        """Return where the frame differences of a chunk are kept."""
+        number = fingerprint(["differences", self.went_in(frames)])
+        return places.derived() / f"differences-{number}.zarr"
+
+
+def stretch(scene: str, frames: range, threshold: float, seed: int = 0) -> Stretch:
+    """Return a stretch for the combined SIFT and DBSCAN with a threshold of DoG."""
+    return Stretch(scene, seed, frames.start, frames.stop, Combination(DoG(threshold)))
+
+
+def detections(wanted: Stretch, jobs: int = 1) -> pd.DataFrame:
+    """Return what the detector finds (`kilnflight.tables.DETECTIONS`), with progress.
+
+    The differences to the background are kept beside, for `Differences`.
+
+    Parameters
+    ----------
+    wanted
+        Scene, frames and detector.
+    jobs
+        Processes on this machine; the result does not depend on it. For a cluster, call this
+        within ``joblib.parallel_config(backend="dask")``.
+    """
+    one = joblib.delayed(partial(_chunk, wanted))
+    run = joblib.Parallel(n_jobs=min(jobs, len(wanted.chunks)) or 1, return_as="generator")
+    bar = tqdm(
+        run(one(frames) for frames in wanted.chunks),
+        desc=f"detection in {wanted.scene}",
+        total=len(wanted.chunks),
+        unit="chunk",
+        disable=None,
+    )
+    return pd.concat([DETECTIONS.empty(), *bar], ignore_index=True)
+
+
+def _chunk(wanted: Stretch, frames: range) -> pd.DataFrame:
+    went_in = wanted.went_in(frames)
+    if not wanted.folder(frames).is_dir():  # a table without its differences is not whole
+        place("detections", went_in).unlink(missing_ok=True)
+    return kept("detections", went_in, partial(_detect, wanted, frames))
+
+
+def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
+    """Detect in a chunk, and keep the differences: first these, then the table is whole."""
+    cv2.setNumThreads(1)
+    recording = _scene(wanted.scene, wanted.seed)
+    known = recording.attributes
+    target = wanted.folder(frames)
+    part = target.with_name(f".{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    image = (known.rows, known.columns)
+    store = zarr.create_array(
+        part,
+        shape=(len(frames), *image),
+        chunks=(1, *(min(a, b) for a, b in zip(TILE, image, strict=True))),
+        dtype="uint8",
+        compressors=ZstdCodec(level=1),
+    )
+    found = [DETECTIONS.empty()]
+    for k, (t, view) in enumerate(kiln.views(recording, frames)):
+        store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
+        found.append(wanted.detector(view, known.roi, t))
+    shutil.rmtree(target, ignore_errors=True)
+    part.rename(target)
+    return pd.concat(found, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Sums of the differences to the background that `detections` has kept.
+
+    Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
+    most, less than the noise there.
+    """
+
+    wanted: Stretch
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+        known = _scene(self.wanted.scene, self.wanted.seed).attributes
+        return known.rows, known.columns
+
+    def __call__(
+        self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
+    ) -> npt.NDArray[np.float64]:
+        """Return the sum over the frames first to last, both counted, in a box."""
+        total = np.zeros((bottom - top, right - left))
+        for frames in self.wanted.chunks:
+            some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
+            if some:
+                store = _opened(self.wanted.folder(frames))
+                cut = slice(some.start - frames.start, some.stop - frames.start)
+                roots = np.asarray(store[cut, top:bottom, left:right], dtype=np.float64)
+                total += np.sum(roots**2, axis=0)
+        return total
+
+
+@lru_cache(maxsize=2)
+def _scene(name: str, seed: int) -> Twin:
+    """Return a scene; its flights are worked out once for all chunks of a process."""
+    return open_scene(name, seed)
+
+
+def _opened(folder: Path) -> zarr.Array:
+    try:
+        return zarr.open_array(folder, mode="r")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{folder}: frame differences cannot be read ({error}). Run `stages.detections` first."
+        ) from error
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What the labelled frames say about detection in a campaign, which shares none of them.
+
+    Parameters
+    ----------
+    threshold
+        Of DoG, grey values: the best on all labelled frames together.
+    wall
+        The cylinder, fitted to the wall in the first of them.
+    in_air_mm
+        Largest distance from its axis of what is in the air: where the Gaussians of the
+        marked particles cross, and 40 mm more, as the thesis goes from 760 to 800 mm.
+    """
+
+    threshold: float
+    wall: Cylinder
+    in_air_mm: float
+
+    def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
+        """Return the detections that are not known to be on the wall (sections 4.1.3, 5.1.4)."""
+        on_wall = InAir(self.in_air_mm).on_wall(detections[["x", "y", "z"]], self.wall)
+        return detections[~on_wall].reset_index(drop=True)
+
+
+def learned(scale: str, seed: int = 0, frames: int = 0) -> Learned:
+    """Return threshold, wall and limit from the five subsets; see `kilnflight.trial`."""
+    went_in = {"scale": scale, "seed": seed, "frames": frames, "thresholds": THRESHOLDS}
+    one = kept("learned", went_in, partial(_learn, scale, seed, frames)).iloc[0]
+    centre, direction = (
+        (float(one[f"{name}_x"]), float(one[f"{name}_y"]), float(one[f"{name}_z"]))
+        for name in ("centre", "direction")
+    )
+    wall = Cylinder(centre, direction, float(one["radius_mm"]))
+    return Learned(float(one["threshold"]), wall, float(one["in_air_mm"]))
+
+
+def _learn(scale: str, seed: int, frames: int) -> pd.DataFrame:
+    subsets = trial.ground_truth(scale, seed, frames)
+    tried = tallies.sums(trial.thresholds(subsets, scale), ["threshold"])
+    threshold = float(tried["threshold"][tried["f1"].idxmax()])
+    first = subsets[0].recording.frame(subsets[0].wanted[0])
+    points = calibrate_points(first.xyz)
+    labels = PASSES["DBSCAN"][0](points)
+    on_wall = labels == np.bincount(labels[labels >= 0]).argmax()
+    wall = CylinderFit()(points[on_wall], seed)
+    marked = [trial.located(one, Combination(DoG(threshold)))[0] for one in subsets]
+    known = pd.concat(marked).dropna(subset="z")
+    far = distance_to_axis(known[["x", "y", "z"]], wall)
+    flying = (known["label"] != 4).to_numpy()
+    place = {f"centre_{axis}": value for axis, value in zip("xyz", wall.centre_mm, strict=True)}
+    place |= {f"direction_{axis}": v for axis, v in zip("xyz", wall.direction, strict=True)}
+    limit = crossing(far[flying], far[~flying]) + 40.0
+    row = {"threshold": threshold, **place, "radius_mm": wall.radius_mm, "in_air_mm": limit}
+    return pd.DataFrame([row])
+
+
+def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) -> pd.DataFrame:
+    """Return the true trajectories of a stretch, as a person would follow them (section 5.2.1).
+
+    Parameters
+    ----------
+    scene, frames, seed
+        The stretch.
+    shortest
+        Positions that a trajectory has at least: "for some time" is all that was printed.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.twin.truth.sightings` of particles in the air, where they can be seen and
+        are in the region of interest.
+    """
+    went_in = {"scene": scene, "seed": seed, "frames": [frames.start, frames.stop]}
+
+    def make() -> pd.DataFrame:
+        twin = _scene(scene, seed)
+        return truth.marked(twin, tqdm(frames, desc=f"truth of {scene}", disable=None))
+
+    marked = kept("truth", went_in, make)
+    flying = marked[marked["label"] != 4]
+    long = flying.groupby("particle")["frame"].transform("size") >= shortest
+    return flying[long].reset_index(drop=True)

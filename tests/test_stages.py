@@ -1,0 +1,114 @@
+"""Detection of a stretch of the small twin, kept, killed and gone on with."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight import kiln, stages
+from kilnflight.background import Median
+from kilnflight.checks import InputError
+from kilnflight.twin.scenes import open_scene
+
+SCENE = "confetti-4.5-bar@small"
+
+
+@pytest.fixture(autouse=True)
+def _derived(monkeypatch, tmp_path):
+    monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path))
+    monkeypatch.setattr(stages, "CHUNK", 4)
+
+
+@pytest.fixture
+def wanted():
+    return stages.stretch(SCENE, range(202, 210), threshold=300.0)
+
+
+def test_chunks_are_cut_at_fixed_frames(wanted):
+    assert wanted.chunks == [range(202, 204), range(204, 208), range(208, 210)]
+    assert stages.stretch(SCENE, range(4, 4), 300.0).chunks == []
+
+
+def test_a_stretch_is_detected_as_its_frames_are_and_once(wanted, monkeypatch):
+    found = stages.detections(wanted)
+    recording = open_scene(SCENE)
+    plain = kiln.detect(recording, range(202, 210), wanted.detector)
+    pd.testing.assert_frame_equal(found, plain)
+    assert len(found)
+    monkeypatch.setattr(stages, "_detect", lambda *_: pytest.fail("made again"))
+    pd.testing.assert_frame_equal(stages.detections(wanted), found)
+
+
+def test_two_processes_find_the_same(wanted, monkeypatch, tmp_path):
+    one = stages.detections(wanted)
+    monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "two"))
+    pd.testing.assert_frame_equal(stages.detections(wanted, jobs=2), one)
+
+
+def test_after_a_kill_only_what_is_missing_is_made(wanted, monkeypatch):
+    real, made = stages._detect, []
+
+    def dies(stretch, frames):
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        made.append(frames)
+        return real(stretch, frames)
+
+    monkeypatch.setattr(stages, "_detect", dies)
+    with pytest.raises(KeyboardInterrupt):
+        stages.detections(wanted)
+    assert not list(stages.places.derived().glob("*.part"))
+    again = []
+    monkeypatch.setattr(stages, "_detect", lambda s, f: again.append(f) or real(s, f))
+    stages.detections(wanted)
+    assert made + again == wanted.chunks
+
+
+def test_another_threshold_scene_or_code_is_another_file(wanted, monkeypatch):
+    frames = range(204, 208)
+    names = {stages.place("detections", wanted.went_in(frames))}
+    for other in (
+        stages.stretch(SCENE, frames, 301.0),
+        stages.stretch(SCENE, frames, 300.0, seed=1),
+        stages.stretch("confetti-5.0-bar@small", frames, 300.0),
+    ):
+        names.add(stages.place("detections", other.went_in(frames)))
+    monkeypatch.setattr(stages, "CODE", ["kiln.py"])
+    names.add(stages.place("detections", wanted.went_in(frames)))
+    assert len(names) == 5
+
+
+def test_differences_are_sums_over_frames_and_chunks(wanted):
+    stages.detections(wanted)
+    recording = open_scene(SCENE)
+    sums = stages.Differences(wanted)
+    assert sums.shape == (recording.attributes.rows, recording.attributes.columns)
+    views = dict(kiln.views(recording, range(203, 209), Median()))
+    plain = sum(view.foreground[50:90, 20:200].astype(float) for view in views.values())
+    ours = sums(203, 208, 50, 20, 90, 200)
+    np.testing.assert_allclose(ours, plain, atol=6 * 0.26, rtol=0.06)
+    assert not sums(0, 100, 50, 20, 90, 200).any()
+
+
+def test_lost_differences_are_made_again(wanted):
+    stages.detections(wanted)
+    folder = wanted.folder(range(204, 208))
+    folder.rename(folder.with_name("lost"))
+    with pytest.raises(InputError, match="frame differences cannot be read"):
+        stages.Differences(wanted)(204, 205, 0, 0, 5, 5)
+    stages.detections(wanted)
+    assert stages.Differences(wanted)(204, 205, 0, 0, 5, 5).shape == (5, 5)
+
+
+def test_a_damaged_table_is_told(wanted):
+    stages.detections(wanted)
+    stages.place("detections", wanted.went_in(range(204, 208))).write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"cannot be read .* Delete it"):
+        stages.detections(wanted)
+
+
+def test_true_trajectories_are_visible_in_the_air_and_long_enough():
+    true = stages.trajectories("confetti-4.5-bar@small", range(200, 220))
+    assert true["visible"].all()
+    assert (true["label"] != 4).all()
+    assert true.groupby("particle").size().min() >= 5
+    assert not true.duplicated(["frame", "particle"]).any()
