@@ -30,6 +30,7 @@ flame           the burner's flame, found and taken out (chapter 3.1)
 combination     pictures against clouds: the five cases of chapter 3.1
 kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
+lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters
 tallies         counts summed over frames: rates, recall by class, intervals
