@@ -57,7 +57,7 @@ def learned(scale: str, seed: int = 0, frames: int = 0) -> Learned:
 def _learn(scale: str, seed: int, frames: int) -> pd.DataFrame:
     subsets = trial.ground_truth(scale, seed, frames)
     tried = tallies.sums(trial.thresholds(subsets, scale), ["threshold"])
-    threshold = float(tried.loc[tried["f1"].idxmax(), "threshold"])
+    threshold = float(tried["threshold"].to_numpy()[int(np.argmax(tried["f1"]))])
     first = subsets[0].recording.frame(subsets[0].wanted[0])
     points = calibrate_points(first.xyz)
     labels = PASSES["DBSCAN"][0](points)
