@@ -65,7 +65,8 @@ def regularity(frame: Any, place: Any) -> float:
     )
     total, left = 0.0, 0.0
     for axis in range(2):
-        centred = place[:, axis] - place[:, axis].mean()
+        centred = place[:, axis] - place[0, axis]  # exactly 0 for what does not move
+        centred = centred - centred.mean()
         total += (centred * centred).sum()
         for base in (straight, bent):
             centred = centred - base * ((centred * base).sum() / (base * base).sum())
