@@ -19,7 +19,9 @@ def removed(table, row, col, frame=None):
 def test_angle_and_change_are_those_of_fig_4_5():
     assert turn((3.0, 0.0), (0.0, 4.0)) == pytest.approx((90.0, 5.0))
     assert turn((1.0, 1.0), (-1.0, -1.0)) == pytest.approx((180.0, 2 * np.sqrt(2)))
-    assert turn((0.0, 0.0), (0.0, 30.0)) == (0.0, 30.0)  # rest has no direction
+    for side in (30.0, -30.0):
+        assert turn((0.0, 0.0), (0.0, side)) == (0.0, 30.0)  # rest has no direction
+        assert turn((side, side), (-0.0, 0.0))[0] == 0.0
 
 
 def test_situation_1_an_angle_alone_is_none(table):

@@ -28,6 +28,8 @@ def turn(before: tuple[float, float], after: tuple[float, float]) -> tuple[float
     across = before[0] * after[1] - before[1] * after[0]
     along = before[0] * after[0] + before[1] * after[1]
     change = math.hypot(after[0] - before[0], after[1] - before[1])
+    if across == 0.0 and along == 0.0:  # the arctangent of 0 and -0 would be 180 degrees
+        return 0.0, change
     return math.degrees(math.atan2(abs(across), along)), change
 
 
