@@ -56,17 +56,17 @@ class Connection:
     and after the overlap count. (4) The terms of Eq. 4.24 are means over the connected part,
     0 without a value; d weighs the gap and e the overlap, as printed (the sentence after
     it and Table 5.16 agree). (5) Without ``differences`` the last term is left out; f
-    belongs to the grey values and lengths of the thesis. (6) A tracklet is joined
-    once per iteration (`DualNearest`). Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
+    belongs to the energies of the thesis, of order 1e8 (Fig. 4.13). (6) A tracklet is joined
+    once per iteration (`DualNearest`). (7) Eq. 4.18 spares a jump straight ahead, however
+    far, so nothing but the cost limits the length of a connection. Source: Eqs 4.21 to 4.25
+    and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
     overlap: float = 5.0  # common frames, kn_eps merge, Table 5.16
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # limits of Eq. 4.18
-    false: Elimination = field(
-        default_factory=Elimination
-    )  # limits of Eq. 4.15; the duration is not used
+    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
+    false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
     costs: Costs = field(default_factory=Costs)
     feature: LevelEdge = field(default_factory=LevelEdge)
     matching: Matching = field(default_factory=DualNearest)

@@ -38,10 +38,8 @@ class Fusion:
 
     distance: float = 10.0  # px, epsilon, Table 5.16 (see Notes)
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # limits of Eq. 4.18
-    false: Elimination = field(
-        default_factory=Elimination
-    )  # limits of Eq. 4.15; the duration is not used
+    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
+    false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
     costs: Costs = WITHOUT_TIME  # section 4.2.4 omits the terms for gap and overlap
     feature: LevelEdge = field(default_factory=LevelEdge)
     matching: Matching = field(default_factory=DualNearest)

@@ -146,14 +146,12 @@ class LevelEdge:
         self, start: Array, end: Array, lying: int, corner: npt.NDArray[np.int_], shape: tuple
     ) -> npt.NDArray[np.bool_]:
         """Return which pixels of the box lie within the parallelogram."""
-        pixels = np.meshgrid(*(np.arange(n) + c for n, c in zip(shape, corner, strict=True)),
-                             indexing="ij")  # fmt: skip
-        along, across = pixels[lying], pixels[1 - lying]
+        along, across = (np.arange(shape[a]) + corner[a] for a in (lying, 1 - lying))
         first, last = sorted((start[lying], end[lying]))
-        length = end[lying] - start[lying]
-        share = (along - start[lying]) / length if length else np.zeros(shape)
+        share = (along - start[lying]) / ((end[lying] - start[lying]) or 1.0)
         centre = start[1 - lying] + np.clip(share, 0, 1) * (end[1 - lying] - start[1 - lying])
         # Rounded, so that a connection shorter than a pixel still has a line of pixels.
         within = (along >= np.floor(first + 0.5)) & (along <= np.floor(last + 0.5))
-        result: npt.NDArray[np.bool_] = within & (np.abs(across - centre) <= self.half_width)
-        return result
+        near = np.abs(across - centre[:, None]) <= self.half_width
+        result: npt.NDArray[np.bool_] = within[:, None] & near
+        return result if lying == 0 else result.T
