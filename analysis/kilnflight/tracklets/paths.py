@@ -1,0 +1,145 @@
+"""Track tables as arrays and back: tracklets one after the other, each by ascending frame.
+
+A row whose ``particle`` is below 0 belongs to no track. It stays in the table, so that no
+step loses a detection; `tracked` leaves such rows out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.checks import InputError, check_columns
+
+Integers = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+
+LOST = -1
+FARTHEST = 1e100  # of a position; squares of distances stay finite
+PIXELS = ("row", "col")
+DEPTHS = ("z", "x", "y")  # mm; z first, so that it is always column 2 of `Paths.place`
+
+
+class Paths(NamedTuple):
+    """Tracklets in the order of their first frame, then of their first position.
+
+    Attributes
+    ----------
+    rows
+        (n,) positions in the table of the rows that belong to a track.
+    frame
+        (n,) ascending within a tracklet.
+    place
+        (n, 3 or more) row, col in px and z in mm, NaN where unknown, then x and y where
+        the table has them.
+    starts
+        (m + 1,) first point of each tracklet.
+    """
+
+    rows: Integers
+    frame: Integers
+    place: Floats
+    starts: Integers
+
+    def names(self) -> Integers:
+        """Return the number of the tracklet of each point."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+
+def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
+    """Return the tracklets of a table, whatever the order of its rows.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or holds what it must not, or if a tracklet has two rows in
+        one frame.
+    """
+    frame, particle, place = _columns(tracks, where)
+    kept = np.flatnonzero(particle >= 0)
+    rows = kept[np.lexsort((frame[kept], particle[kept]))]
+    same = np.diff(particle[rows]) == 0
+    twice = np.flatnonzero(same & (np.diff(frame[rows]) == 0))
+    if len(twice):
+        row = rows[twice[0]]
+        raise InputError(
+            f"{where}: particle {particle[row]} has two rows in frame {frame[row]}. A particle "
+            "is at one place at a time; give one of them another number or -1."
+        )
+    starts = np.append(np.flatnonzero(np.append(True, ~same)[: len(rows)]), len(rows))
+    first = rows[starts[:-1]]
+    rank = np.lexsort((particle[first], place[first, 1], place[first, 0], frame[first]))
+    lengths = np.diff(starts)
+    steps = np.repeat(starts[:-1][rank], lengths[rank])  # gather whole tracklets by rank
+    starts = np.concatenate([[0], np.cumsum(lengths[rank])]).astype(np.int64)
+    rows = rows[steps + np.arange(len(rows)) - np.repeat(starts[:-1], lengths[rank])]
+    return Paths(rows, frame[rows], np.ascontiguousarray(place[rows]), starts)
+
+
+def _columns(tracks: pd.DataFrame, where: str) -> tuple[Integers, Integers, Floats]:
+    """Return frame, particle and place of every row, checked."""
+    check_columns(tracks, ("frame", "particle", *PIXELS), where)
+    whole = [_whole(tracks, name, where) for name in ("frame", "particle")]
+    names = _places(tracks)
+    place = np.full((len(tracks), max(3, len(names))), np.nan)
+    for column, name in enumerate(names):
+        try:
+            place[:, column] = tracks[name].to_numpy(np.float64, na_value=np.nan)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{where}: column {name} is not made of numbers ({error}).") from error
+        unknown = np.isnan(place[:, column]) & (column >= len(PIXELS))
+        bad = np.flatnonzero(~(unknown | (np.abs(place[:, column]) <= FARTHEST)))
+        if len(bad):
+            raise InputError(
+                f"{where}: column {name} is {place[bad[0], column]} in row "
+                f"{tracks.index[bad[0]]}. Leave rows without a position out; only a depth may "
+                "be missing (NaN)."
+            )
+    return whole[0], whole[1], place
+
+
+def _places(tracks: pd.DataFrame) -> list[str]:
+    """Return the columns that hold places; x and y without a z are none."""
+    depths = DEPTHS if "z" in tracks.columns else ()
+    return [*PIXELS, *(name for name in depths if name in tracks.columns)]
+
+
+def _whole(tracks: pd.DataFrame, name: str, where: str) -> Integers:
+    """Return a column of whole numbers; a table without rows has no types to speak of."""
+    if len(tracks) == 0:
+        return np.empty(0, dtype=np.int64)
+    column = tracks[name]
+    if not pd.api.types.is_integer_dtype(column.dtype) or column.isna().any():
+        raise InputError(
+            f"{where}: column {name} holds {column.dtype}, expected whole numbers without gaps. "
+            "Convert it first."
+        )
+    return column.to_numpy(np.int64)
+
+
+def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataFrame:
+    """Return the table with new particles and places, in its own order of rows.
+
+    Rows that ``paths`` does not name, and those with a name below 0, get particle -1.
+    Particles are numbered from 0 by first frame, then first position.
+    """
+    changed = {}
+    for number, name in enumerate(_places(tracks)):
+        values = tracks[name].to_numpy(np.float64, na_value=np.nan).copy()
+        values[paths.rows] = paths.place[:, number]
+        changed[name] = values
+    particle = np.full(len(tracks), LOST, dtype=np.int64)
+    particle[paths.rows] = np.maximum(names, LOST)
+    table = tracks.assign(**changed, particle=particle)
+    ordered = read_paths(table, "tracks")
+    particle[ordered.rows] = ordered.names()
+    return table.assign(particle=particle)
+
+
+def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that belong to a track."""
+    check_columns(tracks, ("particle",), "tracks")
+    return tracks[tracks["particle"].to_numpy() >= 0]

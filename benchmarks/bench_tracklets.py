@@ -1,0 +1,76 @@
+"""Post-processing of tracklets against its plain definition, and its cost over their number."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pandas as pd
+import plain_tracklets
+from measure import Row, compare
+
+from kilnflight.tracklets import Connection, postprocess, tracked
+
+SIZES = (100, 300)  # tracklets; the plain definition judges every pair in every iteration
+GROWTH = (300, 1000, 3000, 10_000)  # tracklets
+
+
+def tracklets(count: int) -> pd.DataFrame:
+    """Return flights of 60 frames in four tracklets each, 30 at a time in every frame."""
+    rng = np.random.default_rng(count)
+    flights = count // 4
+    parts = []
+    for flight in range(flights):
+        t = np.arange(60)
+        start = int(rng.integers(0, max(2 * flights, 60)))
+        place = rng.uniform(0, (1500, 2000), (1, 2)) + rng.uniform(-8, 8, (1, 2)) * t[:, None]
+        place += rng.normal(0, 1.0, place.shape)
+        depth = np.where(rng.random(60) < 0.3, np.nan, rng.normal(5000, 200, 60))
+        seen = rng.random(60) < 0.9
+        part = {"frame": start + t, "particle": 4 * flight + t // 15, "z": depth}
+        parts.append(pd.DataFrame(part).assign(row=place[:, 0], col=place[:, 1])[seen])
+    return pd.concat(parts, ignore_index=True)
+
+
+def check(tracks: pd.DataFrame) -> None:
+    """Raise unless the connection of the package is that of the definition."""
+    found = plain_tracklets.tracklets_of(Connection()(tracks))
+    expected = plain_tracklets.join(plain_tracklets.tracklets_of(tracks))
+    assert [sorted(t) for t in found] == [sorted(t) for t in expected]
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(list(dict(sorted(one.items())).values()),
+                                   list(dict(sorted(other.items())).values()))  # fmt: skip
+
+
+def rows() -> list[Row]:
+    """Return every comparison, the results checked to be equal."""
+    found = []
+    for count in SIZES:
+        tracks = tracklets(count)
+        check(tracks)
+        found.append(
+            compare(
+                ("connection, Eqs 4.21 to 4.24", "tracklets", count, "the definition in Python"),
+                lambda tracks=tracks: Connection()(tracks),
+                lambda tracks=tracks: plain_tracklets.join(plain_tracklets.tracklets_of(tracks)),
+                repeats=2,
+            )
+        )
+    return found
+
+
+def growth() -> None:
+    """Print the seconds of the whole post-processing over the number of tracklets."""
+    for count in GROWTH:
+        tracks = tracklets(count)
+        start = time.perf_counter()
+        result = postprocess(tracks)
+        seconds = time.perf_counter() - start
+        left = tracked(result)["particle"].nunique()
+        print(f"{count} tracklets, {len(tracks)} rows: {seconds:.3f} s, {left} trajectories")
+
+
+if __name__ == "__main__":
+    for row in rows():
+        print(row)
+    growth()
