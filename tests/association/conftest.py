@@ -5,7 +5,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from kilnflight.association import Pairs
+from kilnflight.association import ASSOCIATORS, Pairs
+from kilnflight.association.assignment import assign
+
+# Not part of any test's time: numba compiles on the first call.
+ASSOCIATORS[-1](Pairs(np.zeros((1, 1)), np.zeros(1), np.zeros((1, 1)), np.ones(1), 0.99))
+assign(np.zeros((1, 1)), np.ones(1))
 
 GATE = 16.0  # squared Mahalanobis distance
 

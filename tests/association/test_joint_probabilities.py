@@ -25,12 +25,12 @@ def test_against_enumeration(plain_probabilities, numbers):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
-@settings(max_examples=12)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_sparse_groups_against_enumeration(plain_probabilities, seed):
     rng = np.random.default_rng(seed)
-    likelihood = rng.exponential(1, (6, 6)) * (rng.random((6, 6)) < 0.35)
-    missed = rng.exponential(1, 6)
+    likelihood = rng.exponential(1, (5, 6)) * (rng.random((5, 6)) < 0.35)
+    missed = rng.exponential(1, 5)
     expected = plain_probabilities(likelihood, missed)
     np.testing.assert_allclose(joint_probabilities(likelihood, missed), expected, atol=1e-12)
 
