@@ -35,6 +35,7 @@ evidence        what the grey values of an area say about a detection
 correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
+association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 and 4.1.3
 matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
