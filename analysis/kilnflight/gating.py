@@ -6,13 +6,14 @@ Mahalanobis distance, and a limit of the step in depth.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.special import gamma, gammainc
+from scipy.special import gammainc
 
 from kilnflight.association.pairs import Pairs
 from kilnflight.checks import InputError, check_finite, check_shape
@@ -81,49 +82,63 @@ class Gate:
         n, d = predicted.positions.shape
         check_shape(predicted.residual_covariance, (n, d, d), "residual covariance")
         check_shape(detected.positions, (None, d), "positions of detections")
-        check_finite(predicted.positions, "positions of predictions")
-        check_finite(detected.positions, "positions of detections")
-        squares, logs, sizes, singular = _gate(predicted, detected, self.distance**2, self.depth_mm)
+        for name, places in (("predictions", predicted[0]), ("detections", detected[0])):
+            if not np.isfinite(places).all():  # the quick look first
+                check_finite(places, f"positions of {name}")
+        squares, logs, sizes, singular = _gate(
+            *predicted, *detected, self.distance**2, self.depth_mm
+        )
         if singular >= 0:
             raise InputError(
                 f"Gate: the residual covariance of track {singular} is singular or not finite. "
                 "Give the motion model some measurement noise."
             )
-        ball = np.pi ** (d / 2) / gamma(d / 2 + 1)  # volume of the unit ball
+        ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         areas = ball * self.distance**d * np.exp(logs / 2)
         return Pairs(squares, logs, sizes, areas, float(gammainc(d / 2, self.distance**2 / 2)))
 
 
 @njit(cache=True)
-def _gate(predicted: Any, detected: Any, limit: float, depth: float) -> Any:
+def _gate(
+    expected: Any,
+    residual: Any,
+    depths: Any,
+    sizes: Any,
+    seen: Any,
+    seen_depths: Any,
+    seen_sizes: Any,
+    limit: float,
+    depth: float,
+) -> Any:
     """Return d^2 (inf outside), ln |S|, differences in size, and the first singular track.
 
     The strip of the first axis that holds the ellipse is looked at first; few pairs are left.
     Sorting or a tree would pay beyond a thousand tracks only (1000 x 1000 pairs: see
     benchmarks/bench_tracking.py).
     """
-    n, d = predicted.positions.shape
-    m = len(detected.positions)
-    squares, sizes, logs = np.full((n, m), np.inf), np.zeros((n, m)), np.zeros(n)
+    n, d = expected.shape
+    m = len(seen)
+    squares, differences, logs = np.full((n, m), np.inf), np.zeros((n, m)), np.zeros(n)
     lower, apart = np.zeros((d, d)), np.empty(d)
     for i in range(n):
-        if not factor(predicted.residual_covariance[i], lower):
-            return squares, logs, sizes, i
+        if not factor(residual[i], lower):
+            return squares, logs, differences, i
         for a in range(d):
             logs[i] += 2.0 * np.log(lower[a, a])
-        reach = np.sqrt(limit * predicted.residual_covariance[i, 0, 0])
+        reach = np.sqrt(limit * residual[i, 0, 0])
         for j in range(m):
-            apart[0] = detected.positions[j, 0] - predicted.positions[i, 0]
-            step = abs(detected.depth_mm[j] - predicted.depth_mm[i])
-            if abs(apart[0]) > reach or step >= depth:  # a step of NaN passes
+            apart[0] = seen[j, 0] - expected[i, 0]
+            if abs(apart[0]) > reach:
                 continue
-            apart[1:] = detected.positions[j, 1:] - predicted.positions[i, 1:]
+            if abs(seen_depths[j] - depths[i]) >= depth:  # NaN passes
+                continue
+            apart[1:] = seen[j, 1:] - expected[i, 1:]
             square = _squared(apart, lower)
             if square < limit:
                 squares[i, j] = square
-                difference = abs(detected.points[j] - predicted.points[i])
-                sizes[i, j] = 0.0 if np.isnan(difference) else difference
-    return squares, logs, sizes, -1
+                difference = abs(seen_sizes[j] - sizes[i])
+                differences[i, j] = 0.0 if np.isnan(difference) else difference
+    return squares, logs, differences, -1
 
 
 @njit(cache=True)

@@ -44,12 +44,19 @@ def predict(
     but the text below it says posterior, and so does Eq. 4.6; that is what is taken.
     One half is computed and mirrored, so a covariance stays exactly symmetric.
     """
-    k = state.shape[-1]
-    check_shape(state, (None, k), "state")
-    check_shape(covariance, (len(state), k, k), "covariance")
+    k = _check_state(state, covariance)
     check_shape(transition, (k, k), "transition")
     check_shape(process_noise, (k, k), "process_noise")
     return _predict(state, covariance, transition, process_noise)
+
+
+def _check_state(state: Array, covariance: Array) -> int:
+    """Return k, or raise an `InputError` unless the shapes are (n, k) and (n, k, k)."""
+    k = state.shape[-1] if state.ndim else 0
+    if covariance.shape != (*state.shape, k) or state.ndim != 2:
+        check_shape(state, (None, k), "state")
+        check_shape(covariance, (len(state), k, k), "covariance")
+    return k
 
 
 @njit(cache=True)
@@ -117,14 +124,13 @@ def update(
     computed as the scatter of the innovations about their mean, "missed" counting as an
     innovation of nought: the printed term, as a sum of what cannot be negative.
     """
-    k, d = state.shape[-1], measurement.shape[0]
-    check_shape(state, (None, k), "state")
-    check_shape(covariance, (len(state), k, k), "covariance")
+    k, d = _check_state(state, covariance), len(measurement)
     check_shape(measurement, (d, k), "measurement")
     check_shape(noise, (d, d), "noise")
     check_shape(measurements, (None, d), "measurements")
     check_shape(weights, (len(state), 1 + len(measurements)), "weights")
-    check_finite(measurements, "measurements")
+    if not np.isfinite(measurements).all():  # the quick look first
+        check_finite(measurements, "measurements")
     result = _update(state, covariance, measurements, weights, measurement, noise)
     _refuse(result[2], weights)
     return result[0], result[1]
@@ -187,27 +193,26 @@ def _update(
     d, k = measurement.shape
     moved, spread = state.copy(), covariance.copy()
     residual = residual_covariance(covariance, measurement, noise)
-    lower, root, apart, mean = np.zeros((d, d)), np.empty((k, d)), np.empty(d), np.empty(d)
-    scatter = np.empty((d, d))
+    expected = state @ np.ascontiguousarray(measurement.T)
+    lower, root, mean, scatter = np.zeros((d, d)), np.empty((k, d)), np.empty(d), np.empty((d, d))
     for i in range(len(state)):
         used = _used(weights[i])
         if used < 0:
             return moved, spread, -i - 1
-        if weights[i, 0] == 1.0:
+        missed = weights[i, 0]
+        if missed == 1.0:
             continue
         if not factor(residual[i], lower):
             return moved, spread, i + 1
-        _root(covariance[i], measurement, lower, root)
-        _innovation(state[i], positions, weights[i], used, measurement, apart, mean)
-        _whiten(lower, mean)
+        _root(covariance, i, measurement, lower, root)
+        _innovation(expected, positions, weights, i, used, lower, mean)
         for a in range(k):
             for c in range(d):
                 moved[i, a] += root[a, c] * mean[c]  # Eqs 2.46 and 2.52
-            for b in range(a + 1):
-                for c in range(d):  # Eq. 2.54 with Eq. 2.55
-                    spread[i, a, b] -= (1.0 - weights[i, 0]) * root[a, c] * root[b, c]
+                for b in range(a + 1):  # Eq. 2.54 with Eq. 2.55
+                    spread[i, a, b] -= (1.0 - missed) * root[a, c] * root[b, c]
         if used > 1:
-            _scatter(state[i], positions, weights[i], measurement, lower, apart, mean, scatter)
+            _scatter(expected, positions, weights, i, lower, mean, scatter)
             _add_sandwich(root, scatter, spread[i])  # Eq. 2.56
         _mirror(spread[i])
     return moved, spread, 0
@@ -225,6 +230,37 @@ def _used(weights: Any) -> int:
 
 
 @njit(cache=True)
+def _root(covariance: Any, i: int, measurement: Any, lower: Any, root: Any) -> None:
+    """Fill ``root`` with W = P H' L^-T, S = L L': then K = W L^-1 (Eq. 2.47), K S K' = W W'."""
+    k, d = root.shape
+    for c in range(d):
+        scale = 1.0 / lower[c, c]
+        for a in range(k):
+            value = 0.0
+            for e in range(k):
+                value += covariance[i, a, e] * measurement[c, e]
+            for e in range(c):
+                value -= lower[c, e] * root[a, e]
+            root[a, c] = value * scale
+
+
+@njit(cache=True)
+def _innovation(
+    expected: Any, positions: Any, weights: Any, i: int, used: int, lower: Any, mean: Any
+) -> None:
+    """Fill ``mean`` with the weighted innovation (Eq. 2.53), whitened: L^-1 mu."""
+    mean[:] = 0.0
+    left, j = used - (weights[i, 0] > 0.0), 0
+    while left:
+        j += 1
+        if weights[i, j] > 0.0:
+            left -= 1
+            for c in range(len(mean)):
+                mean[c] += weights[i, j] * (positions[j - 1, c] - expected[i, c])
+    _whiten(lower, mean)
+
+
+@njit(cache=True)
 def _whiten(lower: Any, vector: Any) -> None:
     """Replace v by L^-1 v."""
     for c in range(len(vector)):
@@ -234,63 +270,21 @@ def _whiten(lower: Any, vector: Any) -> None:
 
 
 @njit(cache=True)
-def _root(covariance: Any, measurement: Any, lower: Any, root: Any) -> None:
-    """Fill ``root`` with W = P H' L^-T, S = L L': then K = W L^-1 (Eq. 2.47), K S K' = W W'."""
-    for a in range(len(root)):
-        for c in range(len(measurement)):
-            root[a, c] = 0.0
-            for e in range(len(root)):
-                root[a, c] += covariance[a, e] * measurement[c, e]
-        _whiten(lower, root[a])
-
-
-@njit(cache=True)
-def _apart(state: Any, position: Any, measurement: Any, apart: Any) -> None:
-    """Fill ``apart`` with the innovation of one detection."""
-    for c in range(len(apart)):
-        apart[c] = position[c]
-        for e in range(len(state)):
-            apart[c] -= measurement[c, e] * state[e]
-
-
-@njit(cache=True)
-def _innovation(
-    state: Any, positions: Any, weights: Any, used: int, measurement: Any, apart: Any, mean: Any
-) -> None:
-    """Fill ``mean`` with the weighted innovation, Eq. 2.53."""
-    mean[:] = 0.0
-    left, j = used - (weights[0] > 0.0), 0
-    while left:
-        j += 1
-        if weights[j] > 0.0:
-            left -= 1
-            _apart(state, positions[j - 1], measurement, apart)
-            for c in range(len(mean)):
-                mean[c] += weights[j] * apart[c]
-
-
-@njit(cache=True)
 def _scatter(
-    state: Any,
-    positions: Any,
-    weights: Any,
-    measurement: Any,
-    lower: Any,
-    apart: Any,
-    mean: Any,
-    scatter: Any,
+    expected: Any, positions: Any, weights: Any, i: int, lower: Any, mean: Any, scatter: Any
 ) -> None:
     """Fill ``scatter`` with the bracket of Eq. 2.56, whitened as ``mean`` is."""
     scatter[:] = 0.0
-    for j in range(len(weights)):
-        if weights[j] > 0.0:
+    apart = np.empty(len(mean))
+    for j in range(weights.shape[1]):
+        if weights[i, j] > 0.0:
             apart[:] = 0.0
             if j:
-                _apart(state, positions[j - 1], measurement, apart)
+                apart[:] = positions[j - 1] - expected[i]
                 _whiten(lower, apart)
             for c in range(len(mean)):
                 for e in range(len(mean)):
-                    scatter[c, e] += weights[j] * (apart[c] - mean[c]) * (apart[e] - mean[e])
+                    scatter[c, e] += weights[i, j] * (apart[c] - mean[c]) * (apart[e] - mean[e])
 
 
 @njit(cache=True)

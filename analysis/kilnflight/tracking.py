@@ -8,7 +8,6 @@ filtered position is ever handed on (section 5.2.3).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,57 +21,14 @@ from kilnflight.checks import InputError, check_columns
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.motion import ConstantVelocity, Motion
 from kilnflight.tables import DETECTIONS, Table
+from kilnflight.tracklist import Management, Tracks, born, joined, living, seen
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
+__all__ = ["Management", "Step", "Tracks", "steps", "track"]
+
 NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
-
-
-@dataclass(frozen=True)
-class Management:
-    """When a track is given up, Eq. 4.14: seen too seldom, or not for too long.
-
-    Notes
-    -----
-    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of
-    30 px/frame that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px; longer
-    gaps, up to 15 frames, are closed afterwards (t_eps,CONNECT of Table 5.16).
-    ``visibility``: detectors find half of the particles that do not burn and nearly all of
-    those that do (Table 5.6), so a true track lies above 0.4 but for bad luck. As any
-    miss in the second frame makes 0.5 and in the third 1/3, it is tested from
-    ``visibility_age`` on only. Frames that have no detection at all count like any other.
-    """
-
-    visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
-    invisible: int = 5  # CIC_eps, frames in a row; not printed
-    visibility_age: int = 4  # frames of life from which visibility is tested; not printed
-
-    def __post_init__(self) -> None:
-        """Refuse what is no share and no number of frames."""
-        if not 0 <= self.visibility <= 1:
-            raise InputError(f"Management: visibility must be 0 to 1, got {self.visibility}.")
-        for name in ("invisible", "visibility_age"):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"Management: {name} must be 0 or above; {getattr(self, name)}.")
-
-    def keeps(self, seen: Integers, age: Integers, missed: Integers) -> npt.NDArray[np.bool_]:
-        """Return which tracks live on, by times seen, frames of life, frames since last seen."""
-        seldom = (age >= self.visibility_age) & (seen < self.visibility * age)
-        return ~(seldom | (missed > self.invisible))
-
-
-class Tracks(NamedTuple):
-    """The n tracks that are alive, as they stood in the frame ``step`` last looked at."""
-
-    particle: Integers  # (n,), ids in order of birth
-    state: Array  # (n, k)
-    covariance: Array  # (n, k, k)
-    depth_mm: Array  # (n,), last known; NaN: never known
-    points: Array  # (n,), last known number of 3D points; NaN: never known
-    born: Integers  # (n,), frame
-    last: Integers  # (n,), frame of the last recorded detection
-    seen: Integers  # (n,), number of recorded detections, V in Eq. 4.14
 
 
 class Step(NamedTuple):
@@ -151,31 +107,28 @@ def steps(
         return
     starts = np.flatnonzero(np.diff(frames, prepend=frames[:1] - 1))
     measurement, noise = motion.measurement(), motion.measurement_noise()
-    tracks, started = _born(motion, 0, 0, _take(found, slice(0, 0))), 0
-    before = int(frames[0])
+    tracks, started = born(motion, 0, 0, _take(found, slice(0, 0))), 0
+    before, gap = int(frames[0]), -1
     for start, stop in zip(starts, np.append(starts[1:], len(frames)), strict=True):
         frame, here = int(frames[start]), _take(found, slice(start, stop))
-        gap = float(frame - before)
-        old = _living(tracks, management, frame - 1)
-        state, covariance = kalman.predict(
-            old.state, old.covariance, motion.transition(gap), motion.process_noise(gap)
-        )
+        old = living(tracks, management, frame - 1)
+        if frame - before != gap:
+            gap = frame - before
+            moves = motion.transition(float(gap)), motion.process_noise(float(gap))
+        state, covariance = kalman.predict(old.state, old.covariance, *moves)
         old = old._replace(state=state, covariance=covariance)
         residual = kalman.residual_covariance(covariance, measurement, noise)
-        positions = state @ measurement.T
-        pairs = gate(Predicted(positions, residual, old.depth_mm, old.points), here)
+        predicted = Predicted(state @ measurement.T, residual, old.depth_mm, old.points)
+        pairs = gate(predicted, here)
         weights = associator(pairs) if _any_inside(pairs) else _missed(pairs)
-        owner = _record(weights)
         state, covariance = kalman.update(
             state, covariance, here.positions, weights, measurement, noise
         )
-        new = _born(motion, frame, started, _take(here, owner < 0))
-        seen = _seen(old._replace(state=state, covariance=covariance), here, owner, frame)
-        particle = np.empty(len(owner), dtype=np.int64)
-        particle[owner >= 0] = old.particle[owner[owner >= 0]]
-        particle[owner < 0] = new.particle
+        owner = _record(weights)
+        particle = _named(owner, old.particle, started)
+        new = born(motion, frame, started, _take(here, owner < 0))
         yield Step(frame, rows[start:stop], old, residual, pairs, weights, particle)
-        tracks = _joined(seen, new)
+        tracks = joined(seen(old, state, covariance, here, owner, frame), new)
         started, before = started + len(new.particle), frame
 
 
@@ -187,7 +140,8 @@ def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
     positions = needed[["row", "col"]].to_numpy(dtype=np.float64)
     depth, points = _optional(table, "z"), _optional(table, "points")
     points = np.where(points > 0, points, np.nan)
-    rows = np.lexsort((points, depth, positions[:, 1], positions[:, 0], frames))
+    extra = [values for values in (points, depth) if not np.isnan(values).all()]
+    rows = np.lexsort((*extra, positions[:, 1], positions[:, 0], frames))
     found = Detected(np.ascontiguousarray(positions[rows]), depth[rows], points[rows])
     return frames[rows], rows, found
 
@@ -220,13 +174,6 @@ def _missed(pairs: Pairs) -> Array:
     return np.eye(1, 1 + detections).repeat(tracks, axis=0)
 
 
-def _living(tracks: Tracks, management: Management, frame: int) -> Tracks:
-    """Return the tracks that Eq. 4.14 keeps at the end of ``frame``."""
-    age, missed = frame - tracks.born + 1, frame - tracks.last
-    keep = management.keeps(tracks.seen, age, missed)
-    return tracks if keep.all() else Tracks._make(values[keep] for values in tracks)
-
-
 @njit(cache=True)
 def _record(weights: Any) -> Any:
     """Return the track (m,) that each detection is recorded for, -1: none.
@@ -255,35 +202,14 @@ def _record(weights: Any) -> Any:
     return owner
 
 
-def _joined(old: Tracks, new: Tracks) -> Tracks:
-    return Tracks._make(np.concatenate(both) for both in zip(old, new, strict=True))
-
-
-def _seen(tracks: Tracks, here: Detected, owner: Integers, frame: int) -> Tracks:
-    """Return the tracks with what their recorded detections tell: when, how deep, how large."""
-    recorded = np.flatnonzero(owner >= 0)
-    mine = owner[recorded]
-    last, seen = tracks.last.copy(), tracks.seen.copy()
-    last[mine] = frame
-    seen[mine] += 1
-    depth, points = tracks.depth_mm.copy(), tracks.points.copy()
-    for kept, told in ((depth, here.depth_mm[recorded]), (points, here.points[recorded])):
-        known = ~np.isnan(told)
-        kept[mine[known]] = told[known]
-    return tracks._replace(depth_mm=depth, points=points, last=last, seen=seen)
-
-
-def _born(motion: Motion, frame: int, started: int, alone: Detected) -> Tracks:
-    """Return one new track for each detection that is in none (section 4.1.4)."""
-    state, covariance = motion.initial(alone.positions)
-    count = len(state)
-    return Tracks(
-        started + np.arange(count),
-        state,
-        covariance,
-        alone.depth_mm,
-        alone.points,
-        np.full(count, frame),
-        np.full(count, frame),
-        np.ones(count, dtype=np.int64),
-    )
+@njit(cache=True)
+def _named(owner: Any, particle: Any, started: int) -> Any:
+    """Return the particle of each detection; those of no track get the next ids."""
+    names = np.empty(len(owner), np.int64)
+    for j in range(len(owner)):
+        if owner[j] >= 0:
+            names[j] = particle[owner[j]]
+        else:
+            names[j] = started
+            started += 1
+    return names
