@@ -196,7 +196,7 @@ def _update(
     expected = state @ np.ascontiguousarray(measurement.T)
     lower, root, mean, scatter = np.zeros((d, d)), np.empty((k, d)), np.empty(d), np.empty((d, d))
     for i in range(len(state)):
-        used = _used(weights[i])
+        used, place = _used(weights[i])
         if used < 0:
             return moved, spread, -i - 1
         missed = weights[i, 0]
@@ -205,7 +205,7 @@ def _update(
         if not factor(residual[i], lower):
             return moved, spread, i + 1
         _root(covariance, i, measurement, lower, root)
-        _innovation(expected, positions, weights, i, used, lower, mean)
+        _innovation(expected, positions, weights, i, used, place, lower, mean)
         for a in range(k):
             for c in range(d):
                 moved[i, a] += root[a, c] * mean[c]  # Eqs 2.46 and 2.52
@@ -219,14 +219,21 @@ def _update(
 
 
 @njit(cache=True, fastmath={"reassoc"})
-def _used(weights: Any) -> int:
-    """Return how many weights are not nought, -1 if they are no distribution."""
-    total, bad, used = 0.0, 0, 0
+def _used(weights: Any) -> tuple[int, int]:
+    """Return how many weights are not nought, and the place of their centre of mass.
+
+    Where only one is used, that is its place: no need to look for it. The count is -1 if
+    the weights are no distribution.
+    """
+    total, bad, used, place = 0.0, 0, 0, 0.0
     for j in range(len(weights)):
         total += weights[j]
+        place += j * weights[j]
         bad += not weights[j] >= 0.0  # negative or NaN
         used += weights[j] != 0.0
-    return used if bad == 0 and abs(total - 1.0) <= _ROW_SUM else -1
+    if bad > 0 or not abs(total - 1.0) <= _ROW_SUM:
+        return -1, 0
+    return used, int(place + 0.5)
 
 
 @njit(cache=True)
@@ -246,11 +253,18 @@ def _root(covariance: Any, i: int, measurement: Any, lower: Any, root: Any) -> N
 
 @njit(cache=True)
 def _innovation(
-    expected: Any, positions: Any, weights: Any, i: int, used: int, lower: Any, mean: Any
+    expected: Any,
+    positions: Any,
+    weights: Any,
+    i: int,
+    used: int,
+    place: int,
+    lower: Any,
+    mean: Any,
 ) -> None:
     """Fill ``mean`` with the weighted innovation (Eq. 2.53), whitened: L^-1 mu."""
     mean[:] = 0.0
-    left, j = used - (weights[i, 0] > 0.0), 0
+    left, j = used - (weights[i, 0] > 0.0), place - 1 if used == 1 else 0
     while left:
         j += 1
         if weights[i, j] > 0.0:
