@@ -1,0 +1,156 @@
+"""Probabilities of joint events and global nearest neighbour against Stone Soup and scipy.
+
+Two rows for each scene of JPDA. "Joint probabilities": Stone Soup's associator gets its
+hypotheses ready made, with their likelihoods, and ours the same likelihoods as arrays; both
+group, sum and normalise. "JPDA from predictions": Stone Soup also builds its hypotheses
+from Gaussian predictions, and ours computes distances and likelihoods from the same arrays
+by plain numpy, all pairs.
+"""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+from measure import Row, compare
+from scipy.optimize import linear_sum_assignment
+from stonesoup.dataassociator.probability import JPDAwithEHM2
+from stonesoup.hypothesiser.probability import PDAHypothesiser
+from stonesoup.models.measurement.linear import LinearGaussian
+from stonesoup.models.transition.linear import (
+    CombinedLinearGaussianTransitionModel,
+    ConstantVelocity,
+)
+from stonesoup.predictor.kalman import KalmanPredictor
+from stonesoup.types.detection import Detection
+from stonesoup.types.state import GaussianState
+from stonesoup.types.track import Track
+from stonesoup.updater.kalman import KalmanUpdater
+
+from kilnflight.association import GNN, Pairs, joint_probabilities
+
+NOW = datetime.datetime(2023, 1, 1)
+# Name, tracks, side of the image part in px: about 1.3, 2.5 and 4 detections per gate.
+SCENES = (("sparse", 60, 550.0), ("crowded", 60, 260.0), ("dense group", 20, 110.0))
+SPREAD = np.diag([20.0, 5.0, 20.0, 5.0])  # px^2, covariance of the tracks
+NOISE = np.eye(2) * 4.0  # px^2
+P_D, P_G, CLUTTER = 0.9, 0.999, 1e-4  # per px^2
+GATE = -2 * np.log(1 - P_G)
+DEFAULT_GATE = 16.0
+
+
+class Ready:
+    """A hypothesiser whose hypotheses are known."""
+
+    def __init__(self, hypotheses: dict) -> None:
+        self.hypotheses = hypotheses
+
+    def hypothesise(self, track: Track, *_: object, **__: object) -> object:
+        return self.hypotheses[track]
+
+
+def scene(count: int, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return places of tracks and of detections, nine of ten seen and a tenth clutter."""
+    rng = np.random.default_rng(count)
+    tracks = rng.uniform(0, side, (count, 2))
+    detections = tracks + rng.normal(0, 4, tracks.shape)
+    clutter = rng.random(count) < 0.1
+    detections[clutter] = rng.uniform(0, side, (clutter.sum(), 2))
+    return tracks, detections
+
+
+def ours_from_places(tracks: np.ndarray, detections: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return likelihood and nonassignment as Stone Soup defines them."""
+    residual = SPREAD[::2, ::2] + NOISE
+    difference = detections[None] - tracks[:, None]
+    distance = np.einsum("tdi,ij,tdj->td", difference, np.linalg.inv(residual), difference)
+    density = np.exp(-distance / 2) / (2 * np.pi * np.sqrt(np.linalg.det(residual)))
+    likelihood = np.where(distance <= GATE, P_D * density / CLUTTER, 0.0)
+    return likelihood, np.full(len(tracks), 1 - P_D * P_G)
+
+
+def stone_soup(tracks: np.ndarray, detections: np.ndarray) -> tuple[list, list, PDAHypothesiser]:
+    """Return the same scene in Stone Soup's objects."""
+    measurement = LinearGaussian(4, (0, 2), NOISE)
+    still = CombinedLinearGaussianTransitionModel([ConstantVelocity(0.0)] * 2)
+    hypothesiser = PDAHypothesiser(
+        KalmanPredictor(still), KalmanUpdater(measurement), CLUTTER, P_D, P_G
+    )
+    states = [GaussianState([row, 0, col, 0], SPREAD, NOW) for row, col in tracks]
+    seen = [Detection(place, NOW, measurement_model=measurement) for place in detections]
+    return [Track([state]) for state in states], seen, hypothesiser
+
+
+def as_weights(found: dict, tracks: list, seen: list) -> np.ndarray:
+    """Return Stone Soup's hypotheses as weights (tracks, 1 + detections)."""
+    column = {id(detection): 1 + k for k, detection in enumerate(seen)}
+    weights = np.zeros((len(tracks), 1 + len(seen)))
+    for row, track in zip(weights, tracks, strict=True):
+        for hypothesis in found[track]:
+            at = column[id(hypothesis.measurement)] if hypothesis else 0
+            row[at] = float(hypothesis.probability)
+    return weights
+
+
+def joint(name: str, count: int, side: float) -> list[Row]:
+    """Return both rows of one scene."""
+    places = scene(count, side)
+    likelihood, missed = ours_from_places(*places)
+    tracks, seen, hypothesiser = stone_soup(*places)
+    ready = {track: hypothesiser.hypothesise(track, seen, NOW) for track in tracks}
+    peer = JPDAwithEHM2(Ready(ready))
+    expected = as_weights(peer.associate(tracks, set(seen), NOW), tracks, seen)
+    np.testing.assert_allclose(joint_probabilities(likelihood, missed), expected, atol=1e-9)
+    whole = JPDAwithEHM2(hypothesiser)
+    return [
+        compare(
+            (f"joint probabilities, {name}", "tracks", count, "Stone Soup JPDAwithEHM2"),
+            lambda: joint_probabilities(likelihood, missed),
+            lambda: peer.associate(tracks, set(seen), NOW),
+        ),
+        compare(
+            (f"JPDA from predictions, {name}", "tracks", count, "Stone Soup, with hypotheses"),
+            lambda: joint_probabilities(*ours_from_places(*places)),
+            lambda: whole.associate(tracks, set(seen), NOW),
+        ),
+    ]
+
+
+def square_assignment(pairs: Pairs, gnn: GNN) -> np.ndarray:
+    """Return each track's detection by Eq. 2.49 with C_NA columns and scipy; -1 without."""
+    tracks, detections = pairs.distance_squared.shape
+    cost = pairs.distance_squared + pairs.log_determinant[:, None]
+    cost = cost + gnn.size_weight * pairs.size_difference
+    square = np.full((tracks, detections + tracks), gnn.nonassignment_cost)
+    square[:, :detections] = np.where(cost > gnn.nonassignment_cost, 1e6, cost)
+    column = linear_sum_assignment(square)[1]
+    return np.where(column < detections, column, -1)
+
+
+def gnn_rows() -> list[Row]:
+    """Return GNN of crowded frames against the whole cost matrix solved by scipy."""
+    found = []
+    for count in (60, 500):
+        tracks, detections = scene(count, 260.0 * np.sqrt(count / 60))
+        distance = ((tracks[:, None] - detections[None]) ** 2).sum(axis=2) / 24.0
+        distance[distance >= DEFAULT_GATE] = np.inf
+        area = np.full(count, np.pi * DEFAULT_GATE * 24.0)
+        log = np.full(count, 2 * np.log(24.0))
+        pairs = Pairs(distance, log, np.zeros_like(distance), area, 1 - np.exp(-8.0))
+        gnn = GNN()
+        expected = 1 + square_assignment(pairs, gnn)
+        np.testing.assert_array_equal(gnn(pairs).argmax(axis=1), expected)
+        found.append(
+            compare(
+                ("global nearest neighbour, one frame", "tracks", count, "scipy, whole matrix"),
+                lambda pairs=pairs, gnn=gnn: gnn(pairs),
+                lambda pairs=pairs, gnn=gnn: square_assignment(pairs, gnn),
+                repeats=20,
+            )
+        )
+    return found
+
+
+def rows() -> list[Row]:
+    """Return every comparison, the results checked to be equal."""
+    return [row for name, count, side in SCENES for row in joint(name, count, side)] + gnn_rows()
