@@ -189,3 +189,27 @@ def test_no_detections_are_no_tracks(table):
 def test_a_gate_of_nought_makes_every_detection_its_own_track():
     found = track(flight((100, 200), (0, 0)), gate=Gate(distance=0.0))
     assert found["particle"].tolist() == list(range(20))
+
+
+def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
+    """The other takes what it wants next, if it beats "missed"; what is left starts a track."""
+
+    def undecided(pairs):
+        n, m = pairs.distance_squared.shape
+        rows = (
+            [[0.1, 0.6, 0.2, 0.1], [0.1, 0.7, 0.05, 0.15]] if (n, m) == (2, 3) else np.eye(n, 1 + m)
+        )
+        return np.asarray(rows)
+
+    first = pd.DataFrame({"frame": 0, "row": [0.0, 1.0], "col": 0.0})
+    second = pd.DataFrame({"frame": 1, "row": [0.0, 1.0, 2.0], "col": 0.0})
+    found = track(pd.concat([first, second]), undecided)
+    assert found["particle"].tolist() == [0, 1, 1, 0, 2]
+
+
+def test_probabilities_move_the_filter_but_never_a_position():
+    """JPDA weighs both detections; what is recorded is one of them, as it was detected."""
+    table = together(flight((100, 100), (10, 12)), flight((104, 100), (10, 12)))
+    found = track(table, JPDA())
+    pd.testing.assert_frame_equal(found.drop(columns="particle"), table)
+    assert any(((s.weights > 0.01) & (s.weights < 0.99)).any() for s in steps(table, JPDA()))

@@ -132,7 +132,8 @@ def _gate(
                 continue
             if abs(seen_depths[j] - depths[i]) >= depth:  # NaN passes
                 continue
-            apart[1:] = seen[j, 1:] - expected[i, 1:]
+            for a in range(1, d):
+                apart[a] = seen[j, a] - expected[i, a]
             square = _squared(apart, lower)
             if square < limit:
                 squares[i, j] = square

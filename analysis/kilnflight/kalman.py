@@ -47,7 +47,8 @@ def predict(
     k = _check_state(state, covariance)
     check_shape(transition, (k, k), "transition")
     check_shape(process_noise, (k, k), "process_noise")
-    return _predict(state, covariance, transition, process_noise)
+    # Most of F is nought; where it is not is looked up here, since numba compiles that slowly.
+    return _predict(state, covariance, transition, process_noise, *np.nonzero(transition))
 
 
 def _check_state(state: Array, covariance: Array) -> int:
@@ -60,13 +61,16 @@ def _check_state(state: Array, covariance: Array) -> int:
 
 
 @njit(cache=True)
-def _predict(state: Any, covariance: Any, transition: Any, noise: Any) -> Any:
+def _predict(
+    state: Any, covariance: Any, transition: Any, noise: Any, rows: Any, columns: Any
+) -> Any:
     moved, spread = np.zeros(state.shape), np.empty(covariance.shape)
-    rows, columns = np.nonzero(transition)  # most of F is nought
     half = np.empty(transition.shape)
     for i in range(len(state)):
         half[:] = 0.0
-        spread[i] = noise
+        for a in range(len(half)):
+            for b in range(a + 1):
+                spread[i, a, b] = noise[a, b]
         for e in range(len(rows)):
             a, c, share = rows[e], columns[e], transition[rows[e], columns[e]]
             moved[i, a] += share * state[i, c]
@@ -131,7 +135,9 @@ def update(
     check_shape(weights, (len(state), 1 + len(measurements)), "weights")
     if not np.isfinite(measurements).all():  # the quick look first
         check_finite(measurements, "measurements")
-    result = _update(state, covariance, measurements, weights, measurement, noise)
+    result = _update(
+        state, covariance, state @ measurement.T, measurements, weights, measurement, noise
+    )
     _refuse(result[2], weights)
     return result[0], result[1]
 
@@ -171,29 +177,38 @@ def factor(matrix: Any, lower: Any) -> bool:
 @njit(cache=True)
 def residual_covariance(covariance: Any, measurement: Any, noise: Any) -> Any:
     """Return S = H P H' + R, (n, d, d), of covariances (n, k, k)."""
-    d = len(measurement)
-    residual = np.empty((len(covariance), d, d))
-    rows, columns = np.nonzero(measurement)
+    d, k = measurement.shape
+    residual, half = np.empty((len(covariance), d, d)), np.empty(k)
     for i in range(len(covariance)):
-        residual[i] = noise
-        for e in range(len(rows)):
-            for f in range(len(rows)):
-                share = measurement[rows[e], columns[e]] * measurement[rows[f], columns[f]]
-                if rows[f] <= rows[e]:
-                    residual[i, rows[e], rows[f]] += share * covariance[i, columns[e], columns[f]]
-        _mirror(residual[i])
+        for a in range(d):
+            half[:] = 0.0
+            for c in range(k):
+                if measurement[a, c] != 0.0:
+                    for e in range(k):
+                        half[e] += measurement[a, c] * covariance[i, c, e]
+            for b in range(a, d):
+                value = noise[a, b]
+                for e in range(k):
+                    value += half[e] * measurement[b, e]
+                residual[i, a, b] = value
+                residual[i, b, a] = value
     return residual
 
 
 @njit(cache=True)
 def _update(
-    state: Any, covariance: Any, positions: Any, weights: Any, measurement: Any, noise: Any
+    state: Any,
+    covariance: Any,
+    expected: Any,
+    positions: Any,
+    weights: Any,
+    measurement: Any,
+    noise: Any,
 ) -> Any:
     """Update every track; the third result is 0, or tells `_refuse` of a bad track."""
     d, k = measurement.shape
     moved, spread = state.copy(), covariance.copy()
     residual = residual_covariance(covariance, measurement, noise)
-    expected = state @ np.ascontiguousarray(measurement.T)
     lower, root, mean, scatter = np.zeros((d, d)), np.empty((k, d)), np.empty(d), np.empty((d, d))
     for i in range(len(state)):
         used, place = _used(weights[i])
@@ -292,10 +307,9 @@ def _scatter(
     apart = np.empty(len(mean))
     for j in range(weights.shape[1]):
         if weights[i, j] > 0.0:
-            apart[:] = 0.0
-            if j:
-                apart[:] = positions[j - 1] - expected[i]
-                _whiten(lower, apart)
+            for c in range(len(mean)):
+                apart[c] = positions[j - 1, c] - expected[i, c] if j else 0.0
+            _whiten(lower, apart)
             for c in range(len(mean)):
                 for e in range(len(mean)):
                     scatter[c, e] += weights[i, j] * (apart[c] - mean[c]) * (apart[e] - mean[e])

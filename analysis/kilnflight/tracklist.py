@@ -29,10 +29,10 @@ class Management:
     No value is printed. ``invisible``: five frames are 15 ms, in which a particle of
     30 px/frame that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px; longer
     gaps, up to 15 frames, are closed afterwards (t_eps,CONNECT of Table 5.16).
-    ``visibility``: detectors find half of the particles that do not burn and nearly all of
-    those that do (Table 5.6), so a true track lies above 0.4 but for bad luck. As any
-    miss in the second frame makes 0.5 and in the third 1/3, it is tested from
-    ``visibility_age`` on only. Frames that have no detection at all count like any other.
+    ``visibility``: SIFT finds about half of the particles that do not burn and all of those
+    that do (section 5.1), so a true track lies above 0.4 but for bad luck. Since one miss in
+    the second frame makes 0.5 and another 1/3, it is tested from ``visibility_age`` on only.
+    Frames that have no detection at all count like any other.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
