@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
 
 from kilnflight.association import JPDA, PDA, joint_probabilities
 from kilnflight.association.elimination import graph_of, make_plan, states
@@ -182,6 +183,13 @@ def test_only_the_group_that_is_too_dense_is_thinned():
     np.testing.assert_allclose(found.sum(axis=1), 1.0)
     alone = joint_probabilities(likelihood[30:, 30:], np.ones(2))
     np.testing.assert_allclose(found[30:, 31:], alone[:, 1:], rtol=1e-12)
+
+
+def test_a_group_is_planned_as_if_it_were_alone():
+    rng = np.random.default_rng(0)
+    groups = [(rng.random((14, 14)) < share).astype(float) for share in (0.3, 0.5, 0.4)]
+    alone = [states(make_plan(graph_of(group))) for group in groups]
+    assert states(make_plan(graph_of(block_diag(*groups)))) == max(alone)
 
 
 def test_a_tracker_can_go_on_in_the_densest_crowd(crowd):

@@ -38,6 +38,16 @@ class Plan(NamedTuple):
     weights: Any  # (edges,)
 
 
+class Work(NamedTuple):
+    """What planning keeps of each vertex."""
+
+    state: Any  # UNTOUCHED, FRONTIER or OUT
+    fresh: Any  # its untouched neighbours
+    frontier: Any  # the frontier's vertices, in the order of their bits
+    members: Any  # of the component at hand
+    mark: Any  # by which search it was found last
+
+
 @njit(cache=True)
 def graph_of(weights: Any) -> Graph:
     """Return the graph of a matrix (tracks, detections); 0 is no edge. Tracks come first."""
@@ -111,41 +121,46 @@ def _cheapest(graph: Graph, members: Any, state: Any, fresh: Any) -> int:
 
 
 @njit(cache=True)
-def _plan_from(graph: Graph, trial: int) -> Plan:
+def make_plan(graph: Graph) -> Plan:
     """Return an order of elimination, one connected component after the other.
 
-    ``trial`` from 0 to 7 begins each component elsewhere.
+    Each begins far from its first vertex; where its tables would be large, the best of
+    some other beginnings is taken. A component's order does not depend on the others.
     """
     vertices = len(graph.starts) - 1
-    degree = np.diff(graph.starts)
-    edges = len(graph.others) // 2
     plan = Plan(
         np.empty(vertices, np.int64),
         np.empty(vertices, np.int64),
         np.empty(vertices, np.int64),
         np.empty(vertices, np.int64),
         np.zeros(vertices + 1, np.int64),
-        np.empty((edges, 2), np.int64),
-        np.empty(edges),
+        np.empty((len(graph.others) // 2, 2), np.int64),
+        np.empty(len(graph.others) // 2),
     )
-    state = np.zeros(vertices, np.int64)
-    fresh = degree.copy()
-    frontier = np.empty(vertices, np.int64)
-    members = np.empty(vertices, np.int64)
-    mark = np.zeros(vertices, np.int64)
+    work = Work(
+        np.zeros(vertices, np.int64),
+        np.diff(graph.starts),
+        np.empty(vertices, np.int64),
+        np.empty(vertices, np.int64),
+        np.full(vertices, -1),
+    )
+    found = np.empty(vertices, np.int64)
     step = 0
     for seed in range(vertices):
-        if state[seed] == OUT or degree[seed] == 0:
+        if work.state[seed] == OUT or graph.starts[seed] == graph.starts[seed + 1]:
             continue
-        # The last found is far from the seed: a good place to begin.
-        size = _breadth_first(graph, seed, members, mark, 2 * seed + 1)
-        root = members[(size - 1) * (TRIALS - trial) // TRIALS]
-        _breadth_first(graph, root, members, mark, 2 * seed + 2)
-        width = 0
-        for _ in range(size):
-            vertex = _cheapest(graph, members[:size], state, fresh)
-            width = _take_out(graph, vertex, state, fresh, frontier, width, plan, step)
-            step += 1
+        size = _breadth_first(graph, seed, found, work.mark, vertices + seed)
+        best, fewest = 0, np.inf
+        for trial in range(TRIALS + 1):
+            # The last found is far from the seed. After all trials the best is done again.
+            chosen = trial if trial < TRIALS else best
+            root = found[(size - 1) * (TRIALS - chosen) // TRIALS]
+            total = _plan_component(graph, root, size, plan, step, work, trial)
+            if trial == 0 and total <= SMALL:
+                break
+            if total < fewest:
+                best, fewest = chosen, total
+        step += size
     return Plan(
         plan.vertex[:step],
         plan.bit[:step],
@@ -155,6 +170,27 @@ def _plan_from(graph: Graph, trial: int) -> Plan:
         plan.edges,
         plan.weights,
     )
+
+
+@njit(cache=True)
+def _plan_component(
+    graph: Graph, root: int, size: int, plan: Plan, step: int, work: Work, trial: int
+) -> float:
+    """Write the order of a root's component from ``step`` on; return the states it needs."""
+    members = work.members[:size]
+    stamp = (1 + trial) * 2 * len(work.mark) + root  # below are the stamps of seeds
+    _breadth_first(graph, root, members, work.mark, stamp)
+    for vertex in members:
+        work.state[vertex] = UNTOUCHED
+        work.fresh[vertex] = graph.starts[vertex + 1] - graph.starts[vertex]
+    width, total = 0, 1.0
+    for k in range(size):
+        vertex = _cheapest(graph, members, work.state, work.fresh)
+        width = _take_out(
+            graph, vertex, work.state, work.fresh, work.frontier, width, plan, step + k
+        )
+        total += 2.0**width
+    return total
 
 
 @njit(cache=True)
@@ -215,16 +251,3 @@ def states(plan: Plan) -> float:
         if width == 0:
             total = 1.0
     return most
-
-
-@njit(cache=True)
-def make_plan(graph: Graph) -> Plan:
-    """Return an order of elimination, the best of some where the tables would be large."""
-    best = _plan_from(graph, 0)
-    fewest = states(best)
-    if fewest > SMALL:
-        for trial in range(1, TRIALS):
-            plan = _plan_from(graph, trial)
-            if states(plan) < fewest:
-                best, fewest = plan, states(plan)
-    return best

@@ -115,13 +115,15 @@ def _factors(log_likelihood: Any, log_nonassignment: Any) -> Any:
     """
     tracks, detections = log_likelihood.shape
     best, row_price, column_price, stuck = assign(-log_likelihood, -log_nonassignment)
-    pairs = np.empty((tracks, detections))
+    pairs = np.zeros((tracks, detections))
     alone = np.empty(tracks + detections)
     for track in range(tracks):
         alone[track] = np.exp(min(0.0, log_nonassignment[track] + row_price[track]))
         for detection in range(detections):
-            log = log_likelihood[track, detection] + row_price[track] + column_price[detection]
-            pairs[track, detection] = np.exp(min(0.0, log))
+            log = log_likelihood[track, detection]
+            if log > -np.inf:
+                log += row_price[track] + column_price[detection]
+                pairs[track, detection] = np.exp(min(0.0, log))
     alone[tracks:] = np.exp(column_price)
     return pairs, alone, best, stuck
 
