@@ -44,6 +44,11 @@ association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 a
 matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
+motion          how a particle moves: constant velocity, constant acceleration
+kalman          predict and update of all tracks at once
+gating          which detections a track may take: the 2.5D gate, Eq. 4.8
+tracklist       which tracks are alive, Eq. 4.14
+tracking        detections -> tracks: predict, gate, associate, update, start, stop
 scores          detections against the truth: precision, recall, F1
 reference       published values and claims: load, compare, verdict
 errata          the published tables recomputed

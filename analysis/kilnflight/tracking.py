@@ -1,0 +1,215 @@
+"""From detections to tracks: predict, gate, associate, update, start, stop (thesis, 4.1).
+
+One loop over frames serves every associator and every motion model; within a frame all
+tracks are arrays. What is linked is the detections themselves: the filter decides, but no
+filtered position is ever handed on (section 5.2.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from numba import njit
+
+from kilnflight import kalman
+from kilnflight.association import GNN, Associator, Pairs
+from kilnflight.checks import InputError, check_columns
+from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight.motion import ConstantVelocity, Motion
+from kilnflight.tables import DETECTIONS, Table
+from kilnflight.tracklist import Management, Tracks, born, joined, living, seen
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+__all__ = ["Management", "Step", "Tracks", "steps", "track"]
+
+NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
+
+
+class Step(NamedTuple):
+    """What happened in one frame, for whoever wants to look (Figs 4.2 and 2.20 to 2.22)."""
+
+    frame: int
+    rows: Integers  # (m,), rows of the table, by position; the m detections in this order
+    predicted: Tracks  # the n tracks after prediction, before update
+    residual_covariance: Array  # (n, 2, 2), S: ellipses of the gates
+    pairs: Pairs
+    weights: Array  # (n, 1 + m)
+    particle: Integers  # (m,), the track each detection went to or started
+
+
+_GNN = GNN()
+_MOTION = ConstantVelocity()
+_GATE = Gate()
+_MANAGEMENT = Management()
+
+
+def track(
+    detections: pd.DataFrame,
+    associator: Associator = _GNN,
+    motion: Motion = _MOTION,
+    gate: Gate = _GATE,
+    management: Management = _MANAGEMENT,
+) -> pd.DataFrame:
+    """Return ``detections`` with a column ``particle``: 0, 1, ... in order of birth.
+
+    Parameters
+    ----------
+    detections
+        Columns frame (int), row, col (px); z (mm) and points are used where present. NaN
+        in z, and NaN or 0 in points, mean unknown. Other columns are carried along.
+    associator, motion, gate, management
+        Who gets what, how particles move, what is possible, when tracks end.
+
+    Returns
+    -------
+    table
+        The same rows in the same order, with the same index. Every detection is in exactly
+        one track; one that no other follows is a track of its own. Rows that already have
+        ``particle`` -1 stay so and are left out; any other particle is overwritten.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, frames are not integers, or a position is not finite; the
+        message names the row.
+
+    Notes
+    -----
+    Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
+    depend on the order of the table; rows equal in all of these are taken as they stand.
+    """
+    left_out = np.zeros(len(detections), dtype=bool)
+    if isinstance(detections, pd.DataFrame) and "particle" in detections.columns:
+        left_out = (detections["particle"] == -1).to_numpy()
+    particle = np.full(len(detections), -1, dtype=np.int64)
+    wanted = np.flatnonzero(~left_out)
+    for step in steps(detections[~left_out], associator, motion, gate, management):
+        particle[wanted[step.rows]] = step.particle
+    return detections.assign(particle=particle)
+
+
+def steps(
+    detections: pd.DataFrame,
+    associator: Associator = _GNN,
+    motion: Motion = _MOTION,
+    gate: Gate = _GATE,
+    management: Management = _MANAGEMENT,
+) -> Iterator[Step]:
+    """Yield what `track` does in each frame that has detections; same arguments."""
+    frames, rows, found = _read(detections)
+    if not len(frames):
+        return
+    starts = np.flatnonzero(np.diff(frames, prepend=frames[:1] - 1))
+    measurement, noise = motion.measurement(), motion.measurement_noise()
+    tracks, started = born(motion, 0, 0, _take(found, slice(0, 0))), 0
+    before, gap = int(frames[0]), -1
+    for start, stop in zip(starts, np.append(starts[1:], len(frames)), strict=True):
+        frame, here = int(frames[start]), _take(found, slice(start, stop))
+        old = living(tracks, management, frame - 1)
+        if frame - before != gap:
+            gap = frame - before
+            moves = motion.transition(float(gap)), motion.process_noise(float(gap))
+        state, covariance = kalman.predict(old.state, old.covariance, *moves)
+        old = old._replace(state=state, covariance=covariance)
+        residual = kalman.residual_covariance(covariance, measurement, noise)
+        predicted = Predicted(state @ measurement.T, residual, old.depth_mm, old.points)
+        pairs = gate(predicted, here)
+        weights = associator(pairs) if _any_inside(pairs) else _missed(pairs)
+        state, covariance = kalman.update(
+            state, covariance, here.positions, weights, measurement, noise
+        )
+        owner = _record(weights)
+        particle = _named(owner, old.particle, started)
+        new = born(motion, frame, started, _take(here, owner < 0))
+        yield Step(frame, rows[start:stop], old, residual, pairs, weights, particle)
+        tracks = joined(seen(old, state, covariance, here, owner, frame), new)
+        started, before = started + len(new.particle), frame
+
+
+def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
+    """Return frames, rows by position, and detections, sorted by frame and place."""
+    check_columns(table, NEEDED.names, NEEDED.name)
+    needed = NEEDED.check(table[NEEDED.names]) if len(table) else table[NEEDED.names]
+    frames = needed["frame"].to_numpy(dtype=np.int64)
+    positions = needed[["row", "col"]].to_numpy(dtype=np.float64)
+    depth, points = _optional(table, "z"), _optional(table, "points")
+    points = np.where(points > 0, points, np.nan)
+    extra = [values for values in (points, depth) if not np.isnan(values).all()]
+    rows = np.lexsort((*extra, positions[:, 1], positions[:, 0], frames))
+    found = Detected(np.ascontiguousarray(positions[rows]), depth[rows], points[rows])
+    return frames[rows], rows, found
+
+
+def _optional(table: pd.DataFrame, name: str) -> Array:
+    """Return a column as floats, NaN where nothing is known."""
+    if name not in table.columns:
+        return np.full(len(table), np.nan)
+    try:
+        values = table[name].to_numpy(dtype=np.float64, na_value=np.nan)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{NEEDED.name}: column {name} is not made of numbers.") from error
+    if np.isinf(values).any():
+        where = table.index[int(np.argmax(np.isinf(values)))]
+        raise InputError(f"{NEEDED.name}: {name} is infinite in row {where}; use NaN for unknown.")
+    return values
+
+
+def _take(found: Detected, which: Any) -> Detected:
+    return Detected(found.positions[which], found.depth_mm[which], found.points[which])
+
+
+def _any_inside(pairs: Pairs) -> bool:
+    return bool(np.isfinite(pairs.distance_squared).any())
+
+
+def _missed(pairs: Pairs) -> Array:
+    """Return the weights where no gate holds a detection: there is nothing to associate."""
+    tracks, detections = pairs.distance_squared.shape
+    return np.eye(1, 1 + detections).repeat(tracks, axis=0)
+
+
+@njit(cache=True)
+def _record(weights: Any) -> Any:
+    """Return the track (m,) that each detection is recorded for, -1: none.
+
+    Pairs whose weight beats the track's own "missed", largest weight first; a track or a
+    detection that is taken is passed over. Of equal weights the older track's, and of
+    these the first detection's, comes first. Rows of 0 and 1 are read off as they are.
+    """
+    tracks, detections = weights.shape[0], weights.shape[1] - 1
+    owner, free = np.full(detections, -1, np.int64), np.ones(tracks, np.bool_)
+    pairs = np.empty((tracks * detections, 2), np.int64)
+    count = 0
+    for i in range(tracks):
+        for j in range(detections):
+            if weights[i, j + 1] > weights[i, 0]:
+                pairs[count, 0], pairs[count, 1] = i, j
+                count += 1
+    value = np.empty(count)
+    for p in range(count):
+        value[p] = -weights[pairs[p, 0], pairs[p, 1] + 1]
+    for p in np.argsort(value, kind="mergesort"):
+        i, j = pairs[p]
+        if free[i] and owner[j] < 0:
+            owner[j] = i
+            free[i] = False
+    return owner
+
+
+@njit(cache=True)
+def _named(owner: Any, particle: Any, started: int) -> Any:
+    """Return the particle of each detection; those of no track get the next ids."""
+    names = np.empty(len(owner), np.int64)
+    for j in range(len(owner)):
+        if owner[j] >= 0:
+            names[j] = particle[owner[j]]
+        else:
+            names[j] = started
+            started += 1
+    return names

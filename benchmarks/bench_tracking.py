@@ -1,0 +1,169 @@
+"""Tracking of an easy recording, 60 detections per frame, against three other trackers.
+
+Each tracker's links are held against the truth before anything is timed: on this recording
+each finds nearly all of them, so each does the same work. Stone Soup takes the same motion
+model, noise and gate as ours; trackpy and laptrack take a largest step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+
+import laptrack
+import numpy as np
+import pandas as pd
+import trackpy
+from measure import Row, compare
+from scipy.spatial.distance import cdist
+from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
+from stonesoup.hypothesiser.distance import DistanceHypothesiser
+from stonesoup.measures import Mahalanobis
+from stonesoup.models.measurement.linear import LinearGaussian
+from stonesoup.models.transition.linear import (
+    CombinedLinearGaussianTransitionModel,
+    ConstantVelocity,
+)
+from stonesoup.predictor.kalman import KalmanPredictor
+from stonesoup.types.detection import Detection
+from stonesoup.types.state import GaussianState
+from stonesoup.types.track import Track
+from stonesoup.updater.kalman import KalmanUpdater
+
+from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight.tracking import track
+
+LONGEST_STEP = 14.0  # px: speeds are 3 to 10 px/frame, jitter 0.5 px
+PER_FRAME = 60
+RIGHT = 0.99  # share of the true links that a tracker must find to be timed
+LIFE = 50  # frames
+FRAMES = (100, 300, 1000)
+GATED = (60, 300, 1000)  # tracks and as many detections
+
+
+def recording(frames: int) -> pd.DataFrame:
+    """Return straight flights of 50 frames each, about 60 in every frame."""
+    rng = np.random.default_rng(frames)
+    count = PER_FRAME * (frames + LIFE) // LIFE
+    start = np.linspace(-LIFE, frames, count).astype(int)[:, None] + np.arange(LIFE)
+    angle, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(3, 10, count)
+    velocity = speed * np.array([np.sin(angle), np.cos(angle)])
+    place = rng.uniform(0, 1, (2, count)) * np.array([[1536], [2048]])
+    path = place[:, :, None] + velocity[:, :, None] * np.arange(LIFE)
+    row, col = path + rng.normal(0, 0.5, path.shape)
+    truth = np.repeat(np.arange(count), LIFE)
+    table = pd.DataFrame({"frame": start.ravel(), "row": row.ravel(), "col": col.ravel()})
+    table = table.assign(truth=truth)[(start >= 0).ravel() & (start < frames).ravel()]
+    return table.sort_values(["frame", "row"], ignore_index=True)
+
+
+def with_trackpy(table: pd.DataFrame) -> np.ndarray:
+    """Return the particle of each detection."""
+    linked = trackpy.link(table, LONGEST_STEP, pos_columns=["row", "col"])
+    return linked["particle"].to_numpy()
+
+
+def with_laptrack(table: pd.DataFrame) -> np.ndarray:
+    """Return the particle of each detection."""
+    tracker = laptrack.LapTrack(cutoff=LONGEST_STEP**2, gap_closing_cutoff=False)
+    linked = tracker.predict_dataframe(table, ["row", "col"], only_coordinate_cols=False)[0]
+    linked = linked.rename(columns={"frame_y": "frame"}).reset_index(drop=True)
+    keys = ["frame", "row", "col"]
+    return table.merge(linked[[*keys, "track_id"]], on=keys)["track_id"].to_numpy()
+
+
+def with_stone_soup(table: pd.DataFrame) -> np.ndarray:
+    """Return the particle of each detection; every detection left over starts a track.
+
+    No track is given up: it would not be before the few frames are over.
+    """
+    motion = CombinedLinearGaussianTransitionModel([ConstantVelocity(1.0)] * 2)
+    sensor = LinearGaussian(4, (0, 2), np.diag([4.0, 4.0]))
+    predictor, updater = KalmanPredictor(motion), KalmanUpdater(sensor)
+    hypothesiser = DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.0)
+    associator = GNNWith2DAssignment(hypothesiser)
+    start, tracks, particle = datetime(2023, 1, 1), [], np.empty(len(table), dtype=int)
+    spread = np.diag([4.0, 225.0, 4.0, 225.0])
+    for frame, seen in table.groupby("frame"):
+        now = start + timedelta(seconds=int(frame))
+        places = seen[["row", "col"]].to_numpy()
+        found = [
+            Detection(place[:, None], now, metadata={"at": at}, measurement_model=sensor)
+            for at, place in zip(seen.index, places, strict=True)
+        ]
+        alone = set(found)
+        for one, hypothesis in associator.associate(set(tracks), alone.copy(), now).items():
+            if hypothesis:
+                one.append(updater.update(hypothesis))
+                alone.discard(hypothesis.measurement)
+                particle[hypothesis.measurement.metadata["at"]] = tracks.index(one)
+            else:
+                one.append(hypothesis.prediction)
+        for detection in sorted(alone, key=lambda one: one.metadata["at"]):
+            row, col = detection.state_vector[:, 0]
+            state = GaussianState(np.array([[row], [0.0], [col], [0.0]]), spread, now)
+            particle[detection.metadata["at"]] = len(tracks)
+            tracks.append(Track([state]))
+    return particle
+
+
+def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:
+    """Return the share of the true links among those found or true (Jaccard)."""
+    found = []
+    for label in (table["truth"].to_numpy(), particle):
+        order = np.lexsort((table["frame"], label))
+        same = np.diff(label[order]) == 0
+        found.append(set(zip(order[:-1][same], order[1:][same], strict=True)))
+    return len(found[0] & found[1]) / len(found[0] | found[1])
+
+
+def with_ours(table: pd.DataFrame) -> np.ndarray:
+    """Return the particle of each detection."""
+    return track(table)["particle"].to_numpy()
+
+
+def against(name: str, peer: Callable, frames: int, repeats: int = 3) -> Row:
+    """Return one comparison, the links of both checked to be right."""
+    table = recording(frames)
+    for tracker in (with_ours, peer):
+        share = share_of_links(table, tracker(table))
+        if share < RIGHT:
+            raise ValueError(f"{tracker.__name__}: {share} of the links are right, too few.")
+    what = ("GNN tracking, 60 detections per frame", "frames", frames, name)
+    return compare(what, lambda: with_ours(table), lambda: peer(table), repeats)
+
+
+def gating(tracks: int) -> Row:
+    """Return the gate's comparison with scipy's distances, one call per track."""
+    rng = np.random.default_rng(tracks)
+    where, seen = rng.uniform(0, 1500, (2, tracks, 2))
+    residual = np.tile([[30.0, 5.0], [5.0, 20.0]], (tracks, 1, 1))
+    unknown = np.full(tracks, np.nan)
+    predicted, detected = (
+        Predicted(where, residual, unknown, unknown),
+        Detected(seen, *[unknown] * 2),
+    )
+
+    def by_scipy() -> np.ndarray:
+        inverse = np.linalg.inv(residual)
+        distance = [
+            cdist(where[i : i + 1], seen, "mahalanobis", VI=inverse[i])[0] for i in range(tracks)
+        ]
+        return np.square(distance)
+
+    found, expected = Gate()(predicted, detected).distance_squared, by_scipy()
+    np.testing.assert_array_equal(np.isfinite(found), expected < 16.0)
+    np.testing.assert_allclose(found[expected < 16.0], expected[expected < 16.0])
+    what = ("gate, Eqs 4.7 and 4.8", "tracks and detections", tracks, "scipy.cdist per track")
+    return compare(what, lambda: Gate()(predicted, detected), by_scipy)
+
+
+def rows() -> list[Row]:
+    """Return every comparison; the slower the peer, the fewer the frames."""
+    trackpy.quiet()
+    return [
+        *(gating(tracks) for tracks in GATED),
+        *(against("trackpy.link", with_trackpy, frames) for frames in FRAMES),
+        against("laptrack", with_laptrack, 100),
+        against("Stone Soup, GNNWith2DAssignment", with_stone_soup, 20, repeats=2),
+    ]
