@@ -15,6 +15,7 @@ from kilnflight.checks import InputError, check_columns, check_finite
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,14 @@ class Tracks:
         """Frames from first to last, with those in which there is no row."""
         return self.last - self.first + 1
 
+    def beyond(self, row: Indices, other: Tracks, col: Indices) -> Integers:
+        """Return in how many frames tracks ``col`` of another set lie before or after ``row``.
+
+        The tracks of a pair must have a frame in common.
+        """
+        before = np.maximum(self.first[row] - other.first[col], 0)
+        return before + np.maximum(other.last[col] - self.last[row], 0)
+
 
 def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Tracks:
     """Return the tracks of a table; rows of particle -1 are in none."""
@@ -52,12 +61,11 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Trac
         raise InputError(
             f"{where}: particle {particle.min()}; tracks are numbered from 0, -1 is in no track."
         )
-    kept = np.flatnonzero(particle >= 0)
-    frame = _whole(table["frame"], f"{where}, column frame")[kept]
-    points = check_finite(table[list(columns)].to_numpy()[kept], where)
-    particle = particle[kept]
+    frame = _whole(table["frame"], f"{where}, column frame")
     order = np.lexsort((frame, particle))
-    particle, frame, points = particle[order], frame[order], points[order] + 0.0  # no -0.0
+    order = order[np.count_nonzero(particle < 0) :]
+    particle, frame = particle[order], frame[order]
+    points = check_finite(table[list(columns)].to_numpy()[order], where) + 0.0  # no -0.0
     twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
     if len(twice):
         raise InputError(
@@ -70,10 +78,10 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Trac
 
 def _ordered(tracks: Tracks) -> Tracks:
     """Return the tracks in an order that depends on nothing but their frames and positions."""
-    rows = [slice(*ends) for ends in pairwise(tracks.bounds)]
-    keys = [(tracks.frames[one].tobytes(), tracks.points[one].tobytes()) for one in rows]
-    order = sorted(range(len(rows)), key=keys.__getitem__)
-    taken = np.concatenate([np.r_[rows[k]] for k in order] or [np.empty(0, np.intp)])
+    ends = list(pairwise(tracks.bounds.tolist()))
+    keys = [(tracks.frames[a:b].tobytes(), tracks.points[a:b].tobytes()) for a, b in ends]
+    order = sorted(range(len(ends)), key=keys.__getitem__)
+    taken = np.concatenate([np.empty(0, np.intp), *(np.arange(*ends[k]) for k in order)])
     return Tracks(
         tracks.particles[order],
         np.append(0, np.diff(tracks.bounds)[order].cumsum()).astype(np.int64),
@@ -91,56 +99,88 @@ def _whole(values: pd.Series, where: str) -> Integers:
     return numbers.astype(np.int64)
 
 
-@njit(cache=True)
-def gains(
-    bounds: Integers,
-    frames: Integers,
-    points: Array,
-    seen_bounds: Integers,
-    seen_frames: Integers,
-    seen_points: Array,
-    gate: float,
-) -> tuple[Array, Integers]:
+def gains(true: Tracks, seen: Tracks, gate: float) -> tuple[Array, Integers]:
     """Return what each pair saves against the dummy, in gates, and its matches, both (n, m).
 
     The dummy costs the gate per true frame. A match saves gate - distance of it, a frame of the
     candidate beyond the ends of the true track costs a gate more, all else costs the same. So
-    frames without a match need not be visited, nor gaps be filled.
+    only positions that match need to be visited.
     """
-    n, m = len(bounds) - 1, len(seen_bounds) - 1
-    gain, matched = np.zeros((n, m)), np.zeros((n, m), np.int64)
-    for i in range(n):
-        first, last = frames[bounds[i]], frames[bounds[i + 1] - 1]
-        for j in range(m):
-            begin, end = seen_bounds[j], seen_bounds[j + 1]
-            if seen_frames[begin] > last or seen_frames[end - 1] < first:
-                continue
-            k = bounds[i]
-            for s in range(begin, end):
-                if seen_frames[s] < first or seen_frames[s] > last:
-                    continue
-                while frames[k] < seen_frames[s]:
-                    k += 1
-                distance = _distance(frames, points, k, seen_frames[s], seen_points, s)
-                if distance < gate:
-                    gain[i, j] += 1.0 - distance / gate
-                    matched[i, j] += 1
-            gain[i, j] -= max(first - seen_frames[begin], 0) + max(seen_frames[end - 1] - last, 0)
-    return gain, matched
+    shown = np.unique(seen.frames)
+    place = np.searchsorted(shown, seen.frames)
+    at, track, points = _filled(true, shown)
+    order = np.lexsort((points[:, 0], at))
+    starts = np.searchsorted(at[order], np.arange(len(shown) + 1))
+    candidate = np.repeat(np.arange(len(seen.particles)), np.diff(seen.bounds))
+    saved = np.zeros((len(true.particles), len(seen.particles)))
+    matched = np.zeros(saved.shape, dtype=np.int64)
+    ours = (starts, track[order], points[order])
+    _match(*ours, place, candidate, seen.points, float(gate), saved, matched)
+    row, col = np.nonzero(matched)
+    saved[row, col] -= true.beyond(row, seen, col)
+    return saved, matched
+
+
+def _filled(tracks: Tracks, shown: Integers) -> tuple[Integers, Integers, Array]:
+    """Return the tracks in the frames ``shown`` between their ends, gaps filled by straight lines.
+
+    Position in ``shown`` (k,), number of the track (k,) and coordinates (k, dimensions).
+    """
+    begin = np.searchsorted(shown, tracks.first)
+    end = np.searchsorted(shown, tracks.last, side="right")
+    size = end - begin
+    track = np.repeat(np.arange(len(size)), size)
+    at = np.arange(size.sum()) - np.repeat(size.cumsum() - size, size) + begin[track]
+    points = np.empty((len(at), tracks.points.shape[1]))
+    _fill(tracks.bounds, tracks.frames, tracks.points, shown[at], track, points)
+    return at, track, points
 
 
 @njit(cache=True)
-def _distance(
-    frames: Integers, points: Array, k: int, frame: int, seen_points: Array, s: int
-) -> float:
-    """Return the distance of a point from a track, whose first row not before ``frame`` is k."""
-    share = 0.0  # of the way back to the row before, if the track has no row in this frame
-    if frames[k] > frame:
-        share = (frames[k] - frame) / (frames[k] - frames[k - 1])
-    squared = 0.0
-    for d in range(points.shape[1]):
-        place = points[k, d]
-        if share > 0.0:
-            place += share * (points[k - 1, d] - place)
-        squared += (place - seen_points[s, d]) ** 2
-    return float(np.sqrt(squared))
+def _fill(
+    bounds: Integers, frames: Integers, points: Array, wanted: Integers, track: Integers, out: Array
+) -> None:
+    """Write where each track is in the wanted frames, which ascend within a track."""
+    row = 0
+    for s in range(len(wanted)):
+        row = max(row, bounds[track[s]])
+        while frames[row] < wanted[s]:
+            row += 1
+        for d in range(points.shape[1]):
+            out[s, d] = points[row, d]
+            if frames[row] > wanted[s]:
+                share = (frames[row] - wanted[s]) / (frames[row] - frames[row - 1])
+                out[s, d] += share * (points[row - 1, d] - points[row, d])
+
+
+@njit(cache=True)
+def _match(
+    starts: Integers,
+    track: Integers,
+    points: Array,
+    place: Integers,
+    candidate: Integers,
+    seen: Array,
+    gate: float,
+    saved: Array,
+    matched: Integers,
+) -> None:
+    """Add up what the matches of each pair save; points of a frame ascend in coordinate 0."""
+    for s in range(len(seen)):
+        low, end = starts[place[s]], starts[place[s] + 1]
+        high = end
+        while low < high:  # the first point less than the gate below
+            middle = (low + high) // 2
+            if seen[s, 0] - points[middle, 0] < gate:
+                high = middle
+            else:
+                low = middle + 1
+        while low < end and points[low, 0] - seen[s, 0] < gate:
+            squared = 0.0
+            for d in range(points.shape[1]):
+                squared += (points[low, d] - seen[s, d]) ** 2
+            distance = np.sqrt(squared)
+            if distance < gate:
+                saved[track[low], candidate[s]] += 1.0 - distance / gate
+                matched[track[low], candidate[s]] += 1
+            low += 1

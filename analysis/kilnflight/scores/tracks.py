@@ -125,11 +125,7 @@ def score_tracks(
             "score_tracks: truth holds no track, so alpha is 0 / 0. Score only sequences in "
             "which a particle was followed."
         )
-    gain, matched = gains(
-        *(true.bounds, true.frames, true.points),
-        *(seen.bounds, seen.frames, seen.points),
-        float(gate),
-    )
+    gain, matched = gains(true, seen, gate)
     worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy, which is taken then
     row, col = linear_sum_assignment(worth, maximize=True)
     better = worth[row, col] > 0
@@ -150,30 +146,25 @@ def _score(
     spurious = np.setdiff1d(np.arange(len(seen.particles)), col)
     length = int(true.lengths.sum())
     tp = int(matched.sum())
-    beyond = np.maximum(true.first[row] - seen.first[col], 0)
-    beyond += np.maximum(seen.last[col] - true.last[row], 0)
-    inside = 0
-    for k, m in zip(row, col, strict=True):
-        frames = seen.frames[seen.bounds[m] : seen.bounds[m + 1]]
-        inside += int(((frames >= true.first[k]) & (frames <= true.last[k])).sum())
-    of_spurious = int(np.diff(seen.bounds)[spurious].sum())
-    pairs = pd.DataFrame(
-        {
-            "truth": true.particles[row],
-            "candidate": seen.particles[col],
-            "distance": gate * np.maximum(true.lengths[row] - gain, 0.0),
-        }
-    )
+    sizes = np.diff(seen.bounds)
+    begin, end = np.full(len(sizes), 0), np.full(len(sizes), -1)  # of the partner; none: empty
+    begin[col], end[col] = true.first[row], true.last[row]
+    after, before = np.repeat(begin, sizes) <= seen.frames, seen.frames <= np.repeat(end, sizes)
+    inside = int((after & before).sum())
+    of_spurious = int(sizes[spurious].sum())
+    by_truth = np.argsort(true.particles[row])
+    distance = gate * np.maximum(true.lengths[row] - gain, 0.0)
+    names = {"truth": true.particles[row], "candidate": seen.particles[col], "distance": distance}
     total = float(gain.sum())
     return TrackScore(
         alpha=total / length,
         beta=total / (length + int(seen.lengths[spurious].sum())),
         tp=tp,
         fn=length - tp,
-        fp=inside - tp + int(beyond.sum()) + of_spurious,
+        fp=inside - tp + int(true.beyond(row, seen, col).sum()) + of_spurious,
         fp_spurious_only=of_spurious,
         tp_tracks=len(row),
         fn_tracks=len(true.particles) - len(row),
         fp_tracks=len(spurious),
-        pairs=pairs.sort_values("truth", ignore_index=True),
+        pairs=pd.DataFrame({name: values[by_truth] for name, values in names.items()}),
     )
