@@ -38,7 +38,9 @@ mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
-scores          detections against the truth: precision, recall, F1
+scores          detections and tracks against the truth: precision, recall, F1; alpha,
+                beta, JSC
+track_files     tracks as other programs write and read them
 reference       published values and claims: load, compare, verdict
 errata          the published tables recomputed
 figures         the one way to save a figure or table
