@@ -204,7 +204,7 @@ def test_measures_are_in_their_bounds_and_have_no_unit(truth, seen, gate, unit):
         ({"truth": TRUTH[:0]}, "truth holds no track, so alpha is 0 / 0"),
         ({"truth": TRUTH.assign(particle=-1)}, "truth holds no track"),
         ({"truth": TRUTH.assign(particle=-2)}, "truth: particle -2"),
-        ({"truth": TRUTH.assign(row=np.nan)}, r"truth: 10 value\(s\) are not finite"),
+        ({"truth": TRUTH.assign(row=np.nan)}, r"truth, row: 10 value\(s\) are not finite"),
         ({"candidate": TRUTH.drop(columns="col")}, r"candidate: column\(s\) col missing"),
         ({"candidate": TRUTH.assign(frame=0.5)}, "candidate, column frame: 0.5 in row 0"),
         ({"candidate": TRUTH.assign(frame=1e300)}, "candidate, column frame: 1e[+]300"),

@@ -65,7 +65,8 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Trac
     order = np.lexsort((frame, particle))
     order = order[np.count_nonzero(particle < 0) :]
     particle, frame = particle[order], frame[order]
-    points = check_finite(table[list(columns)].to_numpy()[order], where) + 0.0  # no -0.0
+    axes = [check_finite(table[name].to_numpy()[order], f"{where}, {name}") for name in columns]
+    points = np.column_stack(axes) + 0.0  # no -0.0
     twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
     if len(twice):
         raise InputError(
@@ -92,6 +93,8 @@ def _ordered(tracks: Tracks) -> Tracks:
 
 def _whole(values: pd.Series, where: str) -> Integers:
     """Return whole numbers as int64, whatever type holds them, or raise an `InputError`."""
+    if values.dtype == np.int64:
+        return values.to_numpy(np.int64)
     numbers = check_finite(values, where)
     bad = np.flatnonzero((numbers != np.floor(numbers)) | (np.abs(numbers) > 2**53))
     if len(bad):
@@ -109,7 +112,9 @@ def gains(true: Tracks, seen: Tracks, gate: float) -> tuple[Array, Integers]:
     shown = np.unique(seen.frames)
     place = np.searchsorted(shown, seen.frames)
     at, track, points = _filled(true, shown)
-    order = np.lexsort((points[:, 0], at))
+    order = np.argsort(points[:, 0])
+    small = at[order].astype(np.min_scalar_type(len(shown)))  # numpy sorts small integers faster
+    order = order[np.argsort(small, kind="stable")]
     starts = np.searchsorted(at[order], np.arange(len(shown) + 1))
     candidate = np.repeat(np.arange(len(seen.particles)), np.diff(seen.bounds))
     saved = np.zeros((len(true.particles), len(seen.particles)))
