@@ -50,6 +50,9 @@ gating          which detections a track may take: the 2.5D gate, Eq. 4.8
 tracklist       which tracks are alive, Eq. 4.14
 tracking        detections -> tracks: predict, gate, associate, update, start, stop
 scores          detections against the truth: precision, recall, F1
+scores          detections and tracks against the truth: precision, recall, F1; alpha,
+                beta, JSC
+track_files     tracks as other programs write and read them
 reference       published values and claims: load, compare, verdict
 errata          the published tables recomputed
 figures         the one way to save a figure or table

@@ -1,5 +1,4 @@
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,11 +7,8 @@ from kilnflight.checks import InputError
 from kilnflight.scores import (
     FrameScore,
     rates,
-    recall_by_class,
     score_detections,
     score_in_pixels,
-    total,
-    total_in_air,
 )
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
@@ -135,47 +131,6 @@ def test_nothing_scores_nothing():
         assert score.f1 == 0
     assert counts(score_in_pixels(labelled(), [], [(3, 3)])) == (0, 1, 0)
     assert counts(score_in_pixels(labelled(), [4], [])) == (0, 0, 1)
-    assert total([]).loc[0].tolist() == [0, 0, 0, 0.0, 0.0, 0.0]
-    table = recall_by_class([], [])
-    assert table.columns.tolist() == ["label", "tp", "fn", "recall"]
-    assert table.empty
-
-
-def test_frames_add_up():
-    frames = [
-        score_detections([(0, 0), (50, 50)], [(1, 1)]),
-        score_detections([(9, 9)], [(9, 9), (99, 99)]),
-    ]
-    table = total(frames)
-    assert table.columns.tolist() == ["tp", "fp", "fn", "precision", "recall", "f1"]
-    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
-    pd.testing.assert_frame_equal(table[["precision", "recall", "f1"]], rates(2, 1, 1))
-
-
-def test_each_class_has_its_recall():
-    frames = [
-        score_detections([(0, 0), (50, 50), (500, 500)], [(1, 1)], roi=SQUARE),
-        score_detections([(9, 9)], [(9, 9)]),
-    ]
-    table = recall_by_class([[2, 3, 4], [3]], frames)
-    assert table["label"].tolist() == [2, 3]
-    assert table["tp"].tolist() == [1, 1]
-    assert table["fn"].tolist() == [0, 1]
-    assert table["recall"].tolist() == [1.0, 0.5]
-    assert table["tp"].sum() == total(frames).loc[0, "tp"]
-
-
-def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
-    truth = [(0, 0), (0, 100), (100, 0), (100, 100), (200, 200)]
-    flies = [True, True, True, False, False]
-    itself = score_detections(truth, truth)
-    told = [True, False, True, True, False]
-    assert total_in_air([itself], [flies], [told]).loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
-    found = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
-    table = total_in_air([found, itself], [flies, flies], [[True, False, True, True], told])
-    # Not detected or told to be on the wall: two FN; on the wall and nothing at all: two FP.
-    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [1 + 2, 2 + 1, 2 + 1]
-    assert total_in_air([], [], []).loc[0, "tp"] == 0
 
 
 @pytest.mark.parametrize(
@@ -192,10 +147,6 @@ def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
         (lambda: score_in_pixels(labelled(), [4.5], []), "whole numbers"),
         (lambda: score_in_pixels(labelled(), [4, 9], []), "have no pixel, the first is 9"),
         (lambda: score_in_pixels(labelled(), [4], [(np.inf, 0)]), "detected"),
-        (lambda: total_in_air([], [[True]], []), "0 scores, but 1 and 0 frames"),
-        (lambda: total_in_air([score_detections([], [])], [[]], [[True]]), "detected of frame 0"),
-        (lambda: recall_by_class([[2]], []), "1 frames of classes, but 0 scores"),
-        (lambda: recall_by_class([[2]], [score_detections([], [])]), "classes of frame 0"),
     ],
 )
 def test_what_cannot_be_scored_is_told(call, message):

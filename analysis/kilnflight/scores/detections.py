@@ -6,7 +6,6 @@ the pixels of a labelled particle (section 5.1.1).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ import pandas as pd
 from kilnflight.camera import inside
 from kilnflight.checks import InputError, check_finite, check_positive, check_shape
 from kilnflight.matching import pair
+from kilnflight.scores.counts import rates
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -161,86 +161,6 @@ def score_in_pixels(
     return _score(kept, np.stack([found, ranked[first]], axis=1), (len(ids), len(place)))
 
 
-def total(scores: Iterable[FrameScore]) -> pd.DataFrame:
-    """Return the sum of frames: one row with tp, fp, fn and the rates of these sums."""
-    return _row([(one.tp, one.fp, one.fn) for one in scores])
-
-
-def total_in_air(
-    scores: Sequence[FrameScore],
-    truth_in_air: Sequence[npt.ArrayLike],
-    detected_in_air: Sequence[npt.ArrayLike],
-) -> pd.DataFrame:
-    """Return how well detections were told to be in the air, summed over frames.
-
-    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is told to be there;
-    FP any other detection told to be in the air, be it on the wall or nothing; FN any other
-    particle in the air, be it told to be on the wall or not detected. For Table 5.13 hand in
-    the score of the truth against itself.
-
-    Parameters
-    ----------
-    scores
-        Per frame the assignment of detections to particles.
-    truth_in_air, detected_in_air
-        Per frame whether each particle (n,) and each detection (m,) is in the air *and* has
-        3D; those without 3D are False and so "not taken into consideration" (section 5.1.4).
-    """
-    if not len(scores) == len(truth_in_air) == len(detected_in_air):
-        raise InputError(
-            f"{len(scores)} scores, but {len(truth_in_air)} and {len(detected_in_air)} frames of "
-            "truth and detections; give one of each per frame."
-        )
-    counts = []
-    frames = zip(scores, truth_in_air, detected_in_air, strict=True)
-    for frame, (score, *both) in enumerate(frames):
-        flying = [np.asarray(one, dtype=bool) for one in both]
-        for side in range(2):
-            where = f"total_in_air: {('truth', 'detected')[side]} of frame {frame}"
-            check_shape(flying[side], (score.rows[side],), where)
-        there = [flying[side][score.pairs[:, side]] for side in range(2)]
-        tp = int(np.count_nonzero(there[0] & there[1]))
-        fp = int(there[1].sum() + flying[1][score.spurious].sum()) - tp
-        fn = int(there[0].sum() + flying[0][score.missed].sum()) - tp
-        counts.append((tp, fp, fn))
-    return _row(counts)
-
-
-def _row(counts: Sequence[tuple[int, int, int]]) -> pd.DataFrame:
-    tp, fp, fn = np.array(counts, dtype=np.intp).reshape(-1, 3).sum(axis=0)
-    summed = pd.DataFrame({"tp": [tp], "fp": [fp], "fn": [fn]})
-    return pd.concat([summed, rates(tp, fp, fn)], axis=1)
-
-
-def recall_by_class(classes: Sequence[npt.ArrayLike], scores: Sequence[FrameScore]) -> pd.DataFrame:
-    """Return the recall of each class of particles over frames.
-
-    Parameters
-    ----------
-    classes
-        Per frame the classes (n,) of the particles, in the rows of its truth.
-    scores
-        Per frame the score.
-
-    Returns
-    -------
-    DataFrame
-        ``label``, ``tp``, ``fn``, ``recall``, one row per class of a particle that took part.
-        A class has no precision: a false detection is of no class.
-    """
-    if len(classes) != len(scores):
-        raise InputError(f"{len(classes)} frames of classes, but {len(scores)} scores; pair them.")
-    rows = [pd.DataFrame({"label": np.empty(0, np.intp), "tp": np.empty(0, bool)})]
-    for frame, (of_frame, score) in enumerate(zip(classes, scores, strict=True)):
-        labels = np.asarray(of_frame)
-        check_shape(labels, (score.rows[0],), f"recall_by_class: classes of frame {frame}")
-        for index, hit in ((score.pairs[:, 0], True), (score.missed, False)):
-            rows.append(pd.DataFrame({"label": labels[index], "tp": hit}))
-    hits = pd.concat(rows).groupby("label")["tp"].agg(["sum", "count"])
-    table = pd.DataFrame({"tp": hits["sum"], "fn": hits["count"] - hits["sum"]}).reset_index()
-    return table.assign(recall=rates(table["tp"], 0 * table["tp"], table["fn"])["recall"])
-
-
 def _centroids(image: npt.NDArray[np.integer], ids: npt.NDArray[np.generic]) -> Array:
     """Return the mean row, col (n, 2) of each particle's pixels, or raise an `InputError`."""
     unique, row_of = np.unique(ids, return_index=True)
@@ -282,46 +202,3 @@ def _score(kept: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int])
     """Return the score of pairs among the rows that take part."""
     missed, spurious = (np.setdiff1d(one, pairs[:, k]) for k, one in enumerate(kept))
     return FrameScore(pairs[np.argsort(pairs[:, 0])], missed, spurious, rows)
-
-
-def rates(
-    true_positives: npt.ArrayLike, false_positives: npt.ArrayLike, false_negatives: npt.ArrayLike
-) -> pd.DataFrame:
-    """Return precision, recall and F1 of counts.
-
-    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``,
-    ``F1 = 2 TP / (2 TP + FP + FN)``; a ratio without anything below the line is 0,
-    so that a detector that finds nothing has no score rather than no number.
-
-    Parameters
-    ----------
-    true_positives, false_positives, false_negatives
-        Counts, scalars or arrays of one shape (n,), not negative.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``precision``, ``recall``, ``f1``, one row per entry.
-
-    Examples
-    --------
-    >>> rates(3256, 76, 1131).round(4).loc[0].tolist()
-    [0.9772, 0.7422, 0.8436]
-    """
-    tp, fp, fn = (
-        np.atleast_1d(np.asarray(counts, dtype=np.float64))
-        for counts in (true_positives, false_positives, false_negatives)
-    )
-    if not all((counts >= 0).all() for counts in (tp, fp, fn)):
-        raise InputError("counts of detections must be numbers not below 0.")
-
-    def ratio(above: npt.NDArray[np.float64], below: npt.NDArray[np.float64]) -> npt.ArrayLike:
-        return np.divide(above, below, out=np.zeros_like(below), where=below > 0)
-
-    return pd.DataFrame(
-        {
-            "precision": ratio(tp, tp + fp),
-            "recall": ratio(tp, tp + fn),
-            "f1": ratio(2 * tp, 2 * tp + fp + fn),
-        }
-    )

@@ -1,0 +1,96 @@
+"""Eqs 5.1 to 5.7 frame by frame and pair by pair, against the fast way."""
+
+from itertools import permutations
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kilnflight.scores import score_tracks
+
+coordinate = st.integers(-5, 5)
+rows = st.lists(
+    st.tuples(st.integers(0, 9), st.integers(0, 3), coordinate, coordinate, coordinate),
+    min_size=1,
+    max_size=30,
+    unique_by=lambda row: row[:2],
+)
+
+
+def filled(table):
+    """Particle -> frame -> (position, whether there is a row), gaps on straight lines."""
+    found = {}
+    for particle, of_one in table.groupby("particle"):
+        at = {frame: np.array(rest) for frame, _, *rest in of_one.itertuples(index=False)}
+        found[particle] = {}
+        for frame in range(min(at), max(at) + 1):
+            before = max(f for f in at if f <= frame)
+            after = min(f for f in at if f >= frame)
+            share = (frame - before) / max(after - before, 1)
+            place = at[before] + share * (at[after] - at[before])
+            found[particle][frame] = place, frame in at
+    return found
+
+
+def gated(true, seen, frame, gate):
+    """Eq. 5.1 with the rules on what only one track has; 0 where neither is."""
+    if frame not in true or frame not in seen:
+        return gate * ((frame in true) + (frame in seen))
+    distance = float(np.linalg.norm(true[frame][0] - seen[frame][0]))
+    return distance if seen[frame][1] and distance < gate else gate
+
+
+def distance(true, seen, gate):
+    """Eq. 5.2."""
+    return sum(gated(true, seen, frame, gate) for frame in {*true, *seen})
+
+
+def least(truth, candidates, gate):
+    """Eq. 5.3 by trying out every choice; ``None`` is a dummy."""
+    choices = permutations([*candidates.values(), *[{}] * len(truth)], len(truth))
+    return min(
+        sum(distance(t, c, gate) for t, c in zip(truth.values(), choice, strict=True))
+        for choice in choices
+    )
+
+
+def counts(truth, candidates, pairs, gate):
+    """tp, fn, fp and fp of spurious tracks of the given pairs."""
+    tp = fp = 0
+    for t, c in pairs.items():
+        true, seen = truth[t], candidates[c]
+        for frame, (_, real) in seen.items():
+            match = frame in true and gated(true, seen, frame, gate) < gate
+            tp += match
+            fp += not match and (real or frame not in true)
+    rest = [seen for c, seen in candidates.items() if c not in pairs.values()]
+    spurious = sum(real for seen in rest for _, real in seen.values())
+    length = sum(map(len, truth.values()))
+    return tp, length - tp, fp + spurious, spurious
+
+
+@given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
+def test_the_fast_way_is_the_definition(truth, seen, gate, dimensions):
+    names = ["frame", "particle", *["x", "y", "z"][:dimensions]]
+    tables = [
+        pd.DataFrame([row[: len(names)] for row in one], columns=names) for one in (truth, seen)
+    ]
+    score = score_tracks(*tables, gate, columns=names[2:])
+    true, candidates = map(filled, tables)
+    empty = gate * sum(map(len, true.values()))
+    pairs = dict(score.pairs[["truth", "candidate"]].to_numpy().tolist())
+    rest = sum(len(one) for c, one in candidates.items() if c not in pairs.values())
+    best = least(true, candidates, gate)
+    assert score.alpha == pytest.approx(1 - best / empty, abs=1e-9)
+    assert score.beta == pytest.approx((empty - best) / (empty + gate * rest), abs=1e-9)
+    assert counts(true, candidates, pairs, gate) == (
+        score.tp,
+        score.fn,
+        score.fp,
+        score.fp_spurious_only,
+    )
+    for t, c, apart in score.pairs.itertuples(index=False):
+        assert apart == pytest.approx(distance(true[t], candidates[c], gate))
+        assert apart < gate * len(true[t])
