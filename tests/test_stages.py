@@ -7,6 +7,7 @@ import pytest
 from kilnflight import kiln, stages
 from kilnflight.background import Median
 from kilnflight.checks import InputError
+from kilnflight.differences import Differences
 from kilnflight.twin.scenes import open_scene
 
 SCENE = "confetti-4.5-bar@small"
@@ -80,7 +81,7 @@ def test_another_threshold_scene_or_code_is_another_file(wanted, monkeypatch):
 def test_differences_are_sums_over_frames_and_chunks(wanted):
     stages.detections(wanted)
     recording = open_scene(SCENE)
-    sums = stages.Differences(wanted)
+    sums = Differences(wanted)
     assert sums.shape == (recording.attributes.rows, recording.attributes.columns)
     views = dict(kiln.views(recording, range(203, 209), Median()))
     plain = sum(view.foreground[50:90, 20:200].astype(float) for view in views.values())
@@ -94,9 +95,9 @@ def test_lost_differences_are_made_again(wanted):
     folder = wanted.folder(range(204, 208))
     folder.rename(folder.with_name("lost"))
     with pytest.raises(InputError, match="frame differences cannot be read"):
-        stages.Differences(wanted)(204, 205, 0, 0, 5, 5)
+        Differences(wanted)(204, 205, 0, 0, 5, 5)
     stages.detections(wanted)
-    assert stages.Differences(wanted)(204, 205, 0, 0, 5, 5).shape == (5, 5)
+    assert Differences(wanted)(204, 205, 0, 0, 5, 5).shape == (5, 5)
 
 
 def test_a_damaged_table_is_told(wanted):

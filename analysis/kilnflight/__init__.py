@@ -28,8 +28,16 @@ camera          depth calibration, Eq. 2.4 of the thesis, and the fit that leads
 thermography    temperature profile of the wall, Fig. 2.4 of the thesis
 flame           the burner's flame, found and taken out (chapter 3.1)
 combination     pictures against clouds: the five cases of chapter 3.1
+motion          how a particle moves: constant velocity, constant acceleration
+kalman          predict and update of all tracks at once
+gating          which detections a track may take: the 2.5D gate, Eq. 4.8
+association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 and 4.1.3
+tracklist       which tracks are alive, Eq. 4.14
+tracking        detections -> tracks: predict, gate, associate, update, start, stop
+tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, connect, fuse
 kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
+differences     sums of frame differences in small boxes
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters
@@ -39,17 +47,9 @@ evidence        what the grey values of an area say about a detection
 correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
-tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, connect, fuse
-association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 and 4.1.3
 matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
-motion          how a particle moves: constant velocity, constant acceleration
-kalman          predict and update of all tracks at once
-gating          which detections a track may take: the 2.5D gate, Eq. 4.8
-tracklist       which tracks are alive, Eq. 4.14
-tracking        detections -> tracks: predict, gate, associate, update, start, stop
-scores          detections against the truth: precision, recall, F1
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
                 beta, JSC
 track_files     tracks as other programs write and read them

@@ -9,14 +9,12 @@ gallery is made from the PNGs alone. The same input gives the same bytes.
 from __future__ import annotations
 
 import base64
-import fcntl
 import html
 import io
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -29,7 +27,7 @@ from PIL import Image
 from kilnflight import places, reference
 from kilnflight.checks import InputError
 from kilnflight.drawing import style, table_picture
-from kilnflight.files import write_whole
+from kilnflight.files import locked, write_whole
 from kilnflight.gallery import gallery
 from kilnflight.provenance import Provenance
 
@@ -116,7 +114,7 @@ def save(
         ),
     }
     plt.close(drawn)
-    with _locked(folder):
+    with locked(folder):
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
@@ -178,14 +176,3 @@ def _pdf(picture: Figure, identifier: str, caption: str, provenance: Provenance)
     with style():
         picture.savefig(buffer, format="pdf", metadata=metadata)
     return buffer.getvalue()
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Let one process at a time write (make -j runs notebooks side by side)."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -21,7 +20,6 @@ from pathlib import Path
 import cv2
 import joblib
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -33,7 +31,7 @@ from kilnflight import kiln, places
 from kilnflight.checks import InputError
 from kilnflight.combination import Combination
 from kilnflight.detection import DoG
-from kilnflight.files import write_whole
+from kilnflight.files import locked, make_whole, write_whole
 from kilnflight.tables import DETECTIONS
 from kilnflight.twin import truth
 from kilnflight.twin.scene import Twin
@@ -82,20 +80,25 @@ def kept(
         Called if there is no such file.
     """
     path = place(name, went_in)
-    if not path.is_file():
-        table = pa.Table.from_pandas(make(), preserve_index=False)
-        said = json.dumps(dict(went_in), sort_keys=True, default=repr).encode()
-        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
-        buffer = io.BytesIO()
-        pq.write_table(table, buffer)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, buffer.getvalue())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with locked(path.with_suffix(".lock")):
+        if not path.is_file():
+            _keep(path, went_in, make())
     try:
         return pd.read_parquet(path)
     except (OSError, pa.ArrowException) as error:
         raise InputError(
             f"{path}: cannot be read ({error}). Delete it; it is made again."
         ) from error
+
+
+def _keep(path: Path, went_in: Mapping[str, object], made: pd.DataFrame) -> None:
+    table = pa.Table.from_pandas(made, preserve_index=False)
+    said = json.dumps(dict(went_in), sort_keys=True, default=repr).encode()
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer)
+    write_whole(path, buffer.getvalue())
 
 
 @dataclass(frozen=True)
@@ -178,72 +181,31 @@ def _chunk(wanted: Stretch, frames: range) -> pd.DataFrame:
 def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
     """Detect in a chunk, and keep the differences: first these, then the table is whole."""
     cv2.setNumThreads(1)
-    recording = _scene(wanted.scene, wanted.seed)
+    recording = scene_of(wanted.scene, wanted.seed)
     known = recording.attributes
-    target = wanted.folder(frames)
-    part = target.with_name(f".{target.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
     image = (known.rows, known.columns)
-    store = zarr.create_array(
-        part,
-        shape=(len(frames), *image),
-        chunks=(1, *(min(a, b) for a, b in zip(TILE, image, strict=True))),
-        dtype="uint8",
-        compressors=ZstdCodec(level=1),
-    )
     found = [DETECTIONS.empty()]
-    for k, (t, view) in enumerate(kiln.views(recording, frames)):
-        store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
-        found.append(wanted.detector(view, known.roi, t))
-    shutil.rmtree(target, ignore_errors=True)
-    part.rename(target)
+
+    def write(part: Path) -> None:
+        store = zarr.create_array(
+            part,
+            shape=(len(frames), *image),
+            chunks=(1, *(min(a, b) for a, b in zip(TILE, image, strict=True))),
+            dtype="uint8",
+            compressors=ZstdCodec(level=1),
+        )
+        for k, (t, view) in enumerate(kiln.views(recording, frames)):
+            store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
+            found.append(wanted.detector(view, known.roi, t))
+
+    make_whole(wanted.folder(frames), write)
     return pd.concat(found, ignore_index=True)
 
 
-@dataclass(frozen=True)
-class Differences:
-    """Sums of the differences to the background that `detections` has kept.
-
-    Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
-    most, less than the noise there.
-    """
-
-    wanted: Stretch
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames."""
-        known = _scene(self.wanted.scene, self.wanted.seed).attributes
-        return known.rows, known.columns
-
-    def __call__(
-        self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
-    ) -> npt.NDArray[np.float64]:
-        """Return the sum over the frames first to last, both counted, in a box."""
-        total = np.zeros((bottom - top, right - left))
-        for frames in self.wanted.chunks:
-            some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
-            if some:
-                store = _opened(self.wanted.folder(frames))
-                cut = slice(some.start - frames.start, some.stop - frames.start)
-                roots = np.asarray(store[cut, top:bottom, left:right], dtype=np.float64)
-                total += np.sum(roots**2, axis=0)
-        return total
-
-
 @lru_cache(maxsize=2)
-def _scene(name: str, seed: int) -> Twin:
+def scene_of(name: str, seed: int) -> Twin:
     """Return a scene; its flights are worked out once for all chunks of a process."""
     return open_scene(name, seed)
-
-
-def _opened(folder: Path) -> zarr.Array:
-    try:
-        return zarr.open_array(folder, mode="r")
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{folder}: frame differences cannot be read ({error}). Run `stages.detections` first."
-        ) from error
 
 
 def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) -> pd.DataFrame:
@@ -265,7 +227,7 @@ def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) ->
     went_in = {"scene": scene, "seed": seed, "frames": [frames.start, frames.stop]}
 
     def make() -> pd.DataFrame:
-        twin = _scene(scene, seed)
+        twin = scene_of(scene, seed)
         return truth.marked(twin, tqdm(frames, desc=f"truth of {scene}", disable=None))
 
     marked = kept("truth", went_in, make)

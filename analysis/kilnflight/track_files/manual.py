@@ -18,11 +18,11 @@ from kilnflight.checks import InputError
 from kilnflight.track_files.rows import (
     Row,
     in_tracks,
+    make_beside,
     make_tracks,
     number,
     read_text,
     whole,
-    write_whole,
 )
 
 
@@ -73,7 +73,7 @@ def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
         raise InputError(f"{folder}: exists already. Delete it or choose another folder.")
     if table.empty:
         raise InputError("write_manual: tracks holds no track, and a folder without files is none.")
-    write_whole(folder, lambda part: _write(table, part))
+    make_beside(folder, lambda part: _write(table, part))
 
 
 def _write(table: pd.DataFrame, folder: Path) -> None:

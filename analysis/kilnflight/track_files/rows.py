@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.checks import InputError, check_columns, check_finite
+from kilnflight.files import make_whole
 
 # A reader's row: frame, particle, row, col and, with a third axis, plane.
 Row = tuple[int, int, float, float] | tuple[int, int, float, float, float]
@@ -128,28 +128,13 @@ def csv_text(table: pd.DataFrame) -> str:
     return "\n".join(lines + [",".join(fields) for fields in zip(*columns, strict=True)]) + "\n"
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file or folder under a temporary name, then give it its own.
-
-    Raises
-    ------
-    InputError
-        If the folder it shall stand in is missing.
-    """
+def make_beside(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` make a file or folder that is then there whole, in a folder there is."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder does not exist. Make it first.")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        write(part)
-        part.replace(path)
-    finally:
-        if part.is_dir():
-            for left in part.iterdir():
-                left.unlink()
-            part.rmdir()
-        part.unlink(missing_ok=True)
+    make_whole(path, write)
 
 
 def write_lines(path: Path, lines: Iterable[str]) -> None:
     """Write a text file; it is there whole or not at all."""
-    write_whole(path, lambda part: part.write_text("".join(lines), encoding="utf-8", newline="\n"))
+    make_beside(path, lambda part: part.write_text("".join(lines), encoding="utf-8", newline="\n"))
