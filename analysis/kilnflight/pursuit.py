@@ -1,0 +1,134 @@
+"""Trackers on stretches of the campaigns, scored as section 5.2.2 scores: the tracking experiment.
+
+scene -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
+
+The trackers run on the windows of Table 5.15. What the thesis does not print about them is
+set on other stretches of the same campaigns (`others`), which share no frame with those.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from kilnflight import stages, tracklets
+from kilnflight.differences import Differences
+from kilnflight.lessons import Learned
+from kilnflight.scores import score_tracks
+from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import WINDOWS, tracking_window
+
+# The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
+GATE_PX = 10.0
+MARGIN = 150  # frames between a window and the stretch for settings: no shared background
+# Frames of a window and of the stretch for settings, by scale; 0: as long as Table 5.15's.
+LENGTHS = {"quick": (12, 12), "standard": (60, 40), "full": (0, 100)}
+FEWER = ("wood chip", "paper shred")  # fractions of a smoke run
+MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
+Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
+
+
+class Window(NamedTuple):
+    """A stretch of a campaign: what was found in it, and what is true."""
+
+    fraction: str
+    scene: str
+    frames: range
+    detections: pd.DataFrame  # in the air, or without depth
+    truth: pd.DataFrame  # `kilnflight.stages.trajectories`
+    differences: Differences
+
+
+def busiest(twin: Twin, starts: Iterable[int], length: int) -> range:
+    """Return the stretch of some length, among first frames, in which most particles fly."""
+    first = np.asarray(list(starts), dtype=np.intp)
+    table, rate = twin.life.table, twin.scene.frame_rate_hz
+    released = table["release_s"].to_numpy() * rate
+    ended = released + table["end_s"].to_numpy() * rate
+    number = (released < first[:, None] + length) & (ended > first[:, None])
+    start = int(first[number.sum(axis=1).argmax()])
+    return range(start, start + length)
+
+
+def scored(twin: Twin, scale: str) -> range:
+    """Return the window of Table 5.15, or the busiest part of it."""
+    window = tracking_window(twin)
+    length = LENGTHS[scale][0] or len(window)
+    return busiest(twin, range(window.start, window.stop - length + 1), length)
+
+
+def other(twin: Twin, scale: str) -> range:
+    """Return the busiest stretch that is far from the window, for the choice of settings."""
+    window, length = tracking_window(twin), LENGTHS[scale][1]
+    before = range(0, window.start - MARGIN - length + 1, 10)
+    after = range(window.stop + MARGIN, len(twin) - length + 1, 10)
+    return busiest(twin, [*before, *after], length)
+
+
+def windows(
+    scale: str, learned: Learned, seed: int = 0, *, others: bool = False, jobs: int = 1
+) -> list[Window]:
+    """Return the windows of all fractions at 4.5 bar, detected (kept on disk).
+
+    Parameters
+    ----------
+    scale
+        "quick" (two fractions, few frames), "standard" or "full".
+    learned
+        Threshold and wall, from the labelled frames.
+    seed
+        Of the scenes.
+    others
+        The stretches for settings in place of the windows.
+    jobs
+        Processes.
+    """
+    found = []
+    for fraction in FEWER if scale == "quick" else WINDOWS:
+        name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
+        frames = (other if others else scored)(stages.scene_of(name, seed), scale)
+        stretch = stages.stretch(name, frames, learned.threshold, seed)
+        seen = learned.in_air(stages.detections(stretch, jobs))
+        true = stages.trajectories(name, frames, seed)
+        found.append(Window(fraction, name, frames, seen, true, Differences(stretch)))
+    return found
+
+
+def quality(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
+    """Return the four measures, JSC in the thesis's narrower wording, and counts of tracks."""
+    score = score_tracks(truth, tracks, GATE_PX)
+    row = {name: float(getattr(score, name)) for name in MEASURES}
+    names = ("jsc_spurious_only", "tp_tracks", "fn_tracks", "fp_tracks")
+    return row | {name: float(getattr(score, name)) for name in names}
+
+
+def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
+    """Return the measures of every tracker on every window, without and with post-processing.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``tracker``, ``postprocessing``, the columns of `quality`, and
+        ``seconds``: of the tracking, or of the post-processing after it.
+    """
+    rows = []
+    for window in windows:
+        for name, tracker in trackers.items():
+            for stage, table, seconds in followed(window, tracker):
+                row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
+                rows.append(row | quality(window.truth, table) | {"seconds": seconds})
+    return pd.DataFrame(rows)
+
+
+def followed(window: Window, tracker: Tracker) -> Iterator[tuple[str, pd.DataFrame, float]]:
+    """Yield the tracks of a window "without" and "with" post-processing, and the seconds."""
+    begin = time.perf_counter()
+    tracks = tracker(window.detections)
+    yield "without", tracks, time.perf_counter() - begin
+    begin = time.perf_counter()
+    done = tracklets.postprocess(tracks, window.differences)
+    yield "with", done, time.perf_counter() - begin
