@@ -114,6 +114,14 @@ def circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
     axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
 
 
+def tracks(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw tracks, ``particle``, ``frame``, ``row``, ``col``: neighbours differ in look."""
+    ordered = table.sort_values(["particle", "frame"])
+    for k, (_, one) in enumerate(ordered.groupby("particle")):
+        color, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        axes.plot(one["col"], one["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
+
+
 def boxes(
     axes: Axes,
     summary: pd.DataFrame,

@@ -13,9 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import stages, tracklets
+from kilnflight.checks import InputError
 from kilnflight.differences import Differences
 from kilnflight.lessons import Learned
 from kilnflight.scores import score_tracks
@@ -29,6 +31,9 @@ MARGIN = 150  # frames between a window and the stretch for settings: no shared 
 LENGTHS = {"quick": (12, 12), "standard": (60, 40), "full": (0, 100)}
 FEWER = ("wood chip", "paper shred")  # fractions of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
+BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
+SPAN = 10  # frames that such a window sums
+Array = npt.NDArray[np.float64]
 Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
 
 
@@ -43,30 +48,41 @@ class Window(NamedTuple):
     differences: Differences
 
 
-def busiest(twin: Twin, starts: Iterable[int], length: int) -> range:
-    """Return the stretch of some length, among first frames, in which most particles fly."""
+def flying(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
+    """Return how many particles fly in the stretches of some length at these first frames."""
     first = np.asarray(list(starts), dtype=np.intp)
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
     number = (released < first[:, None] + length) & (ended > first[:, None])
-    start = int(first[number.sum(axis=1).argmax()])
+    return np.asarray(number.sum(axis=1), dtype=np.intp)
+
+
+def busiest(twin: Twin, within: range, length: int) -> range:
+    """Return the part of a stretch, of some length, in which most particles fly."""
+    starts = range(within.start, within.stop - length + 1)
+    start = starts[int(flying(twin, starts, length).argmax())]
     return range(start, start + length)
 
 
 def scored(twin: Twin, scale: str) -> range:
     """Return the window of Table 5.15, or the busiest part of it."""
     window = tracking_window(twin)
-    length = LENGTHS[scale][0] or len(window)
-    return busiest(twin, range(window.start, window.stop - length + 1), length)
+    return busiest(twin, window, LENGTHS[scale][0] or len(window))
 
 
 def other(twin: Twin, scale: str) -> range:
-    """Return the busiest stretch that is far from the window, for the choice of settings."""
-    window, length = tracking_window(twin), LENGTHS[scale][1]
-    before = range(0, window.start - MARGIN - length + 1, 10)
-    after = range(window.stop + MARGIN, len(twin) - length + 1, 10)
-    return busiest(twin, [*before, *after], length)
+    """Return the busiest part of another stretch like the window, for the choice of settings.
+
+    Like: as long, with as near to as many particles as Table 5.15 counts, and far away.
+    """
+    window = tracking_window(twin)
+    before = range(0, window.start - MARGIN - len(window) + 1, 10)
+    after = range(window.stop + MARGIN, len(twin) - len(window) + 1, 10)
+    starts = [*before, *after]
+    off = np.abs(flying(twin, starts, len(window)) - WINDOWS[str(twin.scene.fraction)][0])
+    start = starts[int(off.argmin())]
+    return busiest(twin, range(start, start + len(window)), LENGTHS[scale][1])
 
 
 def windows(
@@ -132,3 +148,56 @@ def followed(window: Window, tracker: Tracker) -> Iterator[tuple[str, pd.DataFra
     begin = time.perf_counter()
     done = tracklets.postprocess(tracks, window.differences)
     yield "with", done, time.perf_counter() - begin
+
+
+def texture_windows(
+    window: Window, count: int, generator: np.random.Generator
+) -> tuple[list[Array], list[Array]]:
+    """Return sums of frame differences with and without a track in them (Fig. 4.13).
+
+    Parameters
+    ----------
+    window
+        Its true trajectories are looked at.
+    count
+        How many of each.
+    generator
+        Of the places.
+
+    Returns
+    -------
+    with_track, without : list of ndarray
+        `BOX` pixels, over `SPAN` frames: around a true position, and in the same frames where
+        no true position is within three boxes.
+    """
+    streaks: list[Array] = []
+    empty: list[Array] = []
+    for _ in range(count):
+        one = window.truth.iloc[int(generator.integers(len(window.truth)))]
+        frames = (int(one["frame"]) - SPAN // 2, int(one["frame"]) + SPAN // 2)
+        streaks.append(_summed(window, frames, (one["row"], one["col"])))
+        empty.append(_summed(window, frames, _bare(window, frames, generator)))
+    return streaks, empty
+
+
+def _bare(
+    window: Window, frames: tuple[int, int], generator: np.random.Generator
+) -> tuple[float, float]:
+    """Return a place that no true trajectory is near to in these frames."""
+    rows, cols = window.differences.shape
+    now = window.truth[window.truth["frame"].between(*frames)]
+    for _ in range(1000):
+        row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
+        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * max(BOX):
+            return float(row), float(col)
+    raise InputError(f"{window.scene}: no place without a track in frames {frames}.")
+
+
+def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float]) -> Array:
+    """Return the sum of differences in the box around a place, moved into the image."""
+    corner = [
+        min(max(round(at) - size // 2, 0), edge - size)
+        for at, size, edge in zip(place, BOX, window.differences.shape, strict=True)
+    ]
+    top, left = corner
+    return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
