@@ -20,6 +20,7 @@ from kilnflight import stages, tracklets
 from kilnflight.checks import InputError
 from kilnflight.differences import Differences
 from kilnflight.lessons import Learned
+from kilnflight.matching import pair
 from kilnflight.scores import score_tracks
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
@@ -148,6 +149,35 @@ def followed(window: Window, tracker: Tracker) -> Iterator[tuple[str, pd.DataFra
     begin = time.perf_counter()
     done = tracklets.postprocess(tracks, window.differences)
     yield "with", done, time.perf_counter() - begin
+
+
+def linked_by_truth(window: Window) -> pd.DataFrame:
+    """Return the detections with the true particle they belong to: links without a mistake.
+
+    In each frame true positions and detections are paired within `GATE_PX` at the least
+    distance; what is in no pair is in no track (-1).
+    """
+    seen = window.detections
+    particle = np.full(len(seen), -1, dtype=np.int64)
+    rows = seen.groupby("frame").indices
+    for frame, true in window.truth.groupby("frame"):
+        here = rows.get(frame, np.empty(0, np.intp))
+        places = seen[["row", "col"]].to_numpy()[here]
+        found = pair(true[["row", "col"]].to_numpy(), places, GATE_PX)
+        particle[here[found[:, 1]]] = true["particle"].to_numpy()[found[:, 0]]
+    return seen.assign(particle=particle)
+
+
+def without_clutter(window: Window) -> Window:
+    """Return the window with only the detections that belong to a true trajectory."""
+    linked = linked_by_truth(window)
+    kept = linked[linked["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
+    return window._replace(detections=kept)
+
+
+def fully_detected(window: Window) -> Window:
+    """Return the window with the true positions, and depths, as its detections."""
+    return window._replace(detections=window.truth[["frame", "row", "col", "x", "y", "z"]])
 
 
 def texture_windows(
