@@ -120,3 +120,28 @@ def test_the_module_runs_as_a_command(tmp_path):
     assert ended.returncode == 1
     assert ended.stderr.startswith("kilnflight info: ")
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_a_recording_is_detected_and_tracked(small, tmp_path, capsys):
+    folder, table, tracks = tmp_path / "a.zarr", tmp_path / "d.csv", tmp_path / "t.csv"
+    write_recording(small, folder)
+    assert main(["detect", str(folder), str(table), "--threshold", "200"]) == 0
+    found = pd.read_csv(table)
+    assert f"{len(found)} detections in 5 frames" in capsys.readouterr().out
+    for extra in ([], ["--raw"], ["--jpda", "--raw"]):
+        assert main(["track", str(table), str(tracks), *extra]) == 0
+        linked = pd.read_csv(tracks)
+        assert len(linked) == len(found)
+        assert list(linked.columns) == [*found.columns, "particle"]
+    assert main(["track", str(table), str(tmp_path / "t.xml"), "--format", "challenge"]) == 0
+    assert "<particle>" in (tmp_path / "t.xml").read_text()
+
+
+def test_a_table_that_is_none_is_one_line(tmp_path, capsys):
+    (tmp_path / "d.csv").write_text("row,col\n1,2\n")
+    assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 1
+    assert "frame missing" in capsys.readouterr().err
+    (tmp_path / "d.csv").write_bytes(b"\xff\xfe\x00")
+    assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 1
+    assert "is no CSV table" in capsys.readouterr().err
+    assert not (tmp_path / "t.csv").exists()

@@ -20,7 +20,7 @@ importing       your own recordings, by a manifest
 sources         the kinds of files a manifest names
 readers         one file of any format -> one array
 report          what a recording holds, in numbers
-__main__        the command line: import, export, info
+__main__        the command line: import, export, info, detect, track
 twin            a kiln whose truth is known: flights, combustion, camera, scenes
 background      six background models, section 2.2.1 of the thesis: what moves stays
 detection       a foreground or a cloud -> particles: Otsu, DoG; DBSCAN, MO, QCC

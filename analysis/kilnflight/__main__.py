@@ -1,4 +1,4 @@
-"""The command line: bring recordings in, write the twin's out, look at one."""
+"""The command line: bring recordings in or out, look at one, detect and track in one."""
 
 from __future__ import annotations
 
@@ -7,14 +7,32 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
+from tqdm import tqdm
+
+from kilnflight import kiln, track_files
+from kilnflight.association import GNN, JPDA
 from kilnflight.checks import InputError
+from kilnflight.combination import Combination
+from kilnflight.detection import DoG
+from kilnflight.files import write_whole
 from kilnflight.importing import import_recording
 from kilnflight.recording import open_recording, write_recording
 from kilnflight.report import summarise
+from kilnflight.tables import DETECTIONS
+from kilnflight.tracking import track
+from kilnflight.tracklets import postprocess, tracked
+
+FORMATS = {
+    "challenge": track_files.write_challenge,
+    "napari": track_files.write_napari,
+    "trackmate": track_files.write_trackmate,
+    "trackpy": track_files.write_trackpy,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Import your own recordings, export the twin's, say what one holds."""
+    """Import your own recordings, export the twin's, say what one holds, detect, track."""
     options = _parser().parse_args(arguments)
     try:
         if options.command == "import":
@@ -23,6 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"imported as {target}")
         elif options.command == "export":
             _export(options.scene, options.folder, options.frames, options.seed)
+        elif options.command == "detect":
+            _detect(options.folder, options.table, options.threshold)
+        elif options.command == "track":
+            _track(options)
         else:
             print(summarise(open_recording(options.folder)).text())
     except (InputError, OSError) as error:  # OSError: a full disk, a folder without permission
@@ -41,6 +63,37 @@ def _export(scene: str, folder: Path, part: str | None, seed: int | None) -> Non
     frames = _frames(part, len(recording)) if part else None
     stored = write_recording(recording, folder, frames, truth.tables(recording, frames))
     print(f"exported {len(stored)} frames of {stored.attributes.name} to {folder}")
+
+
+def _detect(folder: Path, target: Path, threshold: float) -> None:
+    recording, detector = open_recording(folder), Combination(DoG(threshold))
+    roi, wanted = recording.attributes.roi, range(len(recording))
+    frames = tqdm(kiln.views(recording, wanted), total=len(wanted), unit="frame", disable=None)
+    parts = [detector(view, roi, t) for t, view in frames]
+    found = pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
+    write_whole(target, found.to_csv(index=False).encode())
+    print(
+        f"{len(found)} detections in {len(wanted)} frames of {recording.attributes.name}: {target}"
+    )
+
+
+def _track(options: argparse.Namespace) -> None:
+    try:
+        detections = pd.read_csv(options.detections)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(f"{options.detections}: is no CSV table ({error}).") from error
+    tracks = track(detections, JPDA() if options.jpda else GNN())
+    if not options.raw:
+        tracks = postprocess(tracks)
+    if options.format == "csv":
+        write_whole(options.tracks, tracks.to_csv(index=False).encode())
+    else:
+        FORMATS[options.format](tracks, options.tracks)
+    kept = tracked(tracks)
+    print(
+        f"{kept['particle'].nunique()} tracks with {len(kept)} of {len(tracks)} detections: "
+        f"{options.tracks}"
+    )
 
 
 def _frames(text: str, length: int) -> range:
@@ -80,6 +133,18 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--seed", type=int, help="default: the scene's own")
     command = commands.add_parser("info", help="read every frame and say what a recording holds")
     command.add_argument("folder", type=Path, metavar="DIR")
+    command = commands.add_parser("detect", help="detect particles in a recording, into a CSV")
+    command.add_argument("folder", type=Path, metavar="DIR")
+    command.add_argument("table", type=Path, metavar="CSV")
+    command.add_argument(
+        "--threshold", type=float, required=True, help="of DoG in grey values; depends on exposure"
+    )
+    command = commands.add_parser("track", help="link detections to tracks")
+    command.add_argument("detections", type=Path, metavar="CSV", help="frame, row, col, maybe z")
+    command.add_argument("tracks", type=Path, metavar="FILE")
+    command.add_argument("--jpda", action="store_true", help="JPDA in place of GNN")
+    command.add_argument("--raw", action="store_true", help="no post-processing (chapter 4.2)")
+    command.add_argument("--format", choices=["csv", *FORMATS], default="csv")
     return parser
 
 
