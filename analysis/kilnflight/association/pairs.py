@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from kilnflight.checks import InputError
 
@@ -29,7 +30,9 @@ class Pairs(NamedTuple):
 
 def check_pairs(pairs: Pairs) -> Pairs:
     """Return the pairs as float64 arrays, or raise an `InputError` that names the bad field."""
-    distance, determinant, size, area = (np.asarray(a, dtype=np.float64) for a in pairs[:4])
+    distance, determinant, size, area = (
+        np.asarray(field, dtype=np.float64, order="C") for field in pairs[:4]
+    )
     if distance.ndim != 2:
         raise InputError(
             f"pairs: distance_squared has shape {distance.shape}, expected (tracks, detections)."
@@ -42,15 +45,32 @@ def check_pairs(pairs: Pairs) -> Pairs:
     ):
         if array.shape != shape:
             raise InputError(f"pairs: {name} has shape {array.shape}, expected {shape}.")
+    if not _sound(distance, determinant, size, area):  # the quick look first
+        _refuse_numbers(distance, determinant, size, area)
+    if not 0 < pairs.gate_probability <= 1:
+        raise InputError(f"pairs: gate_probability is {pairs.gate_probability}, expected (0, 1].")
+    return Pairs(distance, determinant, size, area, float(pairs.gate_probability))
+
+
+@njit(cache=True)
+def _sound(distance: Any, determinant: Any, size: Any, area: Any) -> bool:
+    """Return whether every number is good, the area of an empty gate included."""
+    bad = False
+    for i in range(len(distance)):
+        bad |= not (np.isfinite(determinant[i]) and 0.0 < area[i] < np.inf)
+        for j in range(distance.shape[1]):  # no early way out: entries go side by side
+            bad |= (not distance[i, j] >= 0.0) | (not size[i, j] >= 0.0) | (size[i, j] == np.inf)
+    return not bad
+
+
+def _refuse_numbers(distance: Array, determinant: Array, size: Array, area: Array) -> None:
+    """Raise an `InputError` that names the first number that is none of its kind."""
     inside = np.isfinite(distance)
     _refuse(~(distance >= 0), distance, "distance_squared", "0 or more, inf outside the gate")
     _refuse(~np.isfinite(determinant), determinant, "log_determinant", "finite")
     _refuse(~((size >= 0) & np.isfinite(size)), size, "size_difference", "finite, 0 or more")
     narrow = inside.any(axis=1) & ~((area > 0) & np.isfinite(area))
     _refuse(narrow, area, "gate_area", "finite and above 0 where the gate holds a detection")
-    if not 0 < pairs.gate_probability <= 1:
-        raise InputError(f"pairs: gate_probability is {pairs.gate_probability}, expected (0, 1].")
-    return Pairs(distance, determinant, size, area, float(pairs.gate_probability))
 
 
 def _refuse(bad: npt.NDArray[np.bool_], array: Array, name: str, wanted: str) -> None:

@@ -1,94 +1,16 @@
-"""Linear Kalman filter of all tracks at once (thesis, sections 2.3.1 and 2.3.3).
-
-A state is one row of an (n, k) array, its covariance one (k, k) slice of an (n, k, k)
-array. The update takes association weights, so one function serves the textbook filter
-(rows of 0 and 1) and probabilistic data association (rows of probabilities).
-"""
+"""States of all tracks after the measurements of a frame (thesis, Eqs 2.46-2.48, 2.52-2.56)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.kalman.matrices import Array, check_state, factor, mirror, residual_covariance
 
-Array = npt.NDArray[np.float64]
-
-_SINGULAR = 1e-13  # a pivot below this share of its diagonal is rounding, not a variance
 _ROW_SUM = 1e-6  # how far weights of one track may be from summing to 1
-
-
-def predict(
-    state: Array, covariance: Array, transition: Array, process_noise: Array
-) -> tuple[Array, Array]:
-    """Return state (n, k) and covariance (n, k, k) of all tracks one step later.
-
-    Parameters
-    ----------
-    state, covariance
-        Of n tracks, (n, k) and (n, k, k); covariances symmetric.
-    transition, process_noise
-        F and Q, (k, k), the same for all tracks.
-
-    Raises
-    ------
-    InputError
-        If a shape does not fit.
-
-    Notes
-    -----
-    Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right,
-    but the text below it says posterior, and so does Eq. 4.6; that is what is taken.
-    One half is computed and mirrored, so a covariance stays exactly symmetric.
-    """
-    k = _check_state(state, covariance)
-    check_shape(transition, (k, k), "transition")
-    check_shape(process_noise, (k, k), "process_noise")
-    # Most of F is nought; where it is not is looked up here, since numba compiles that slowly.
-    return _predict(state, covariance, transition, process_noise, *np.nonzero(transition))
-
-
-def _check_state(state: Array, covariance: Array) -> int:
-    """Return k, or raise an `InputError` unless the shapes are (n, k) and (n, k, k)."""
-    k = state.shape[-1] if state.ndim else 0
-    if covariance.shape != (*state.shape, k) or state.ndim != 2:
-        check_shape(state, (None, k), "state")
-        check_shape(covariance, (len(state), k, k), "covariance")
-    return k
-
-
-@njit(cache=True)
-def _predict(
-    state: Any, covariance: Any, transition: Any, noise: Any, rows: Any, columns: Any
-) -> Any:
-    moved, spread = np.zeros(state.shape), np.empty(covariance.shape)
-    half = np.empty(transition.shape)
-    for i in range(len(state)):
-        half[:] = 0.0
-        for a in range(len(half)):
-            for b in range(a + 1):
-                spread[i, a, b] = noise[a, b]
-        for e in range(len(rows)):
-            a, c, share = rows[e], columns[e], transition[rows[e], columns[e]]
-            moved[i, a] += share * state[i, c]
-            for b in range(len(half)):
-                half[b, a] += share * covariance[i, b, c]
-        for e in range(len(rows)):
-            a, c, share = rows[e], columns[e], transition[rows[e], columns[e]]
-            for b in range(a + 1):
-                spread[i, a, b] += share * half[c, b]
-        _mirror(spread[i])
-    return moved, spread
-
-
-@njit(cache=True)
-def _mirror(matrix: Any) -> None:
-    for a in range(len(matrix)):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
 
 
 def update(
@@ -128,7 +50,7 @@ def update(
     computed as the scatter of the innovations about their mean, "missed" counting as an
     innovation of nought: the printed term, as a sum of what cannot be negative.
     """
-    k, d = _check_state(state, covariance), len(measurement)
+    k, d = check_state(state, covariance), len(measurement)
     check_shape(measurement, (d, k), "measurement")
     check_shape(noise, (d, d), "noise")
     check_shape(measurements, (None, d), "measurements")
@@ -155,44 +77,6 @@ def _refuse(code: int, weights: Array) -> None:
             f"update: weights of track {-code - 1} are negative, not finite, or do not sum to 1 "
             f"(sum {row.sum()}, least {row.min()}). Divide each row by its sum."
         )
-
-
-@njit(cache=True)
-def factor(matrix: Any, lower: Any) -> bool:
-    """Fill ``lower`` with Cholesky's factor of a small matrix; return whether there is one."""
-    for a in range(matrix.shape[0]):
-        for b in range(a + 1):
-            rest = matrix[a, b]
-            for c in range(b):
-                rest -= lower[a, c] * lower[b, c]
-            if a > b:
-                lower[a, b] = rest / lower[b, b]
-            elif rest > _SINGULAR * matrix[a, a]:  # false for NaN, too
-                lower[a, a] = np.sqrt(rest)
-            else:
-                return False
-    return True
-
-
-@njit(cache=True)
-def residual_covariance(covariance: Any, measurement: Any, noise: Any) -> Any:
-    """Return S = H P H' + R, (n, d, d), of covariances (n, k, k)."""
-    d, k = measurement.shape
-    residual, half = np.empty((len(covariance), d, d)), np.empty(k)
-    for i in range(len(covariance)):
-        for a in range(d):
-            half[:] = 0.0
-            for c in range(k):
-                if measurement[a, c] != 0.0:
-                    for e in range(k):
-                        half[e] += measurement[a, c] * covariance[i, c, e]
-            for b in range(a, d):
-                value = noise[a, b]
-                for e in range(k):
-                    value += half[e] * measurement[b, e]
-                residual[i, a, b] = value
-                residual[i, b, a] = value
-    return residual
 
 
 @njit(cache=True)
@@ -229,7 +113,7 @@ def _update(
         if used > 1:
             _scatter(expected, positions, weights, i, lower, mean, scatter)
             _add_sandwich(root, scatter, spread[i])  # Eq. 2.56
-        _mirror(spread[i])
+        mirror(spread[i])
     return moved, spread, 0
 
 
