@@ -134,7 +134,11 @@ def test_a_recording_is_detected_and_tracked(small, tmp_path, capsys):
         assert len(linked) == len(found)
         assert list(linked.columns) == [*found.columns, "particle"]
     assert main(["track", str(table), str(tmp_path / "t.xml"), "--format", "challenge"]) == 0
-    assert "<particle>" in (tmp_path / "t.xml").read_text()
+    assert "TrackContestISBI2012" in (tmp_path / "t.xml").read_text()
+    flight = pd.DataFrame({"frame": range(6), "row": np.arange(6) * 9.0, "col": 40.0})
+    flight.to_csv(table, index=False)
+    assert main(["track", str(table), str(tracks)]) == 0
+    assert "1 tracks with 6 of 6 detections" in capsys.readouterr().out
 
 
 def test_a_table_that_is_none_is_one_line(tmp_path, capsys):

@@ -82,6 +82,9 @@ def _track(options: argparse.Namespace) -> None:
         detections = pd.read_csv(options.detections)
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(f"{options.detections}: is no CSV table ({error}).") from error
+    if detections.empty:  # a CSV without rows has columns of no kind
+        kinds = {column.name: column.kind for column in DETECTIONS.columns}
+        detections = detections.astype({name: kinds.get(name, float) for name in detections})
     tracks = track(detections, JPDA() if options.jpda else GNN())
     if not options.raw:
         tracks = postprocess(tracks)
