@@ -38,6 +38,7 @@ tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, con
 kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
 differences     sums of frame differences in small boxes
+contest         settings that are not printed, found on stretches that are not scored
 pursuit         trackers on stretches of campaigns, scored
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted

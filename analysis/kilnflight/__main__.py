@@ -83,8 +83,8 @@ def _track(options: argparse.Namespace) -> None:
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(f"{options.detections}: is no CSV table ({error}).") from error
     if detections.empty:  # a CSV without rows has columns of no kind
-        kinds = {column.name: column.kind for column in DETECTIONS.columns}
-        detections = detections.astype({name: kinds.get(name, float) for name in detections})
+        whole = [name for name in ("frame", "points") if name in detections]
+        detections = detections.astype(float).astype(dict.fromkeys(whole, int))
     tracks = track(detections, JPDA() if options.jpda else GNN())
     if not options.raw:
         tracks = postprocess(tracks)

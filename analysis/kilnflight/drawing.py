@@ -122,6 +122,31 @@ def tracks(axes: Axes, table: pd.DataFrame) -> None:
         axes.plot(one["col"], one["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 
+def before_after(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw values without and with a treatment, ours above the published ones.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    table
+        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``here`` and
+        ``published``.
+    """
+    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
+    wide = wide[["here", "published"]].iloc[::-1]
+    for source, color, shift in (("here", "black", 0.15), ("published", "#D55E00", -0.15)):
+        for place, (_, one) in enumerate(wide[source].iterrows()):
+            axes.plot([one["without"], one["with"]], [place + shift] * 2, "-", color=color, lw=0.7)
+        for stage, face in (("without", "white"), ("with", color)):
+            places = np.arange(len(wide)) + shift
+            label = f"{source}, {stage}"
+            axes.plot(wide[source][stage], places, "o", color=color, mfc=face, label=label)
+    axes.set_yticks(
+        range(len(wide)), [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
+    )
+
+
 def boxes(
     axes: Axes,
     summary: pd.DataFrame,
