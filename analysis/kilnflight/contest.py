@@ -21,7 +21,7 @@ from kilnflight.tracking import Management, track
 # Tried for both of ours: standard deviations of the gate, px/frame^1.5, and frames.
 GATES = (2.0, 3.0, 4.0, 6.0)
 NOISES = (0.5, 1.0, 2.0)
-INVISIBLE = (3, 5, 8)
+INVISIBLE = (3, 5, 8, 12)
 
 
 def ours(associators: Mapping[str, Associator] | None = None) -> dict[str, dict[str, Tracker]]:

@@ -81,6 +81,12 @@ def track(
 
     Notes
     -----
+    The thesis does not say which detection a probabilistic track is recorded with. Here: one
+    whose weight beats the track's own "missed"; and one that more probably belongs to some
+    track than to none goes to the track it weighs most for. Otherwise several tracks that
+    share a particle would each call it missed, and it would start one more. Largest weight
+    first; a track or detection that is taken is passed over.
+
     Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
     depend on the order of the table; rows equal in all of these are taken as they stand.
     """
@@ -178,17 +184,23 @@ def _missed(pairs: Pairs) -> Array:
 def _record(weights: Any) -> Any:
     """Return the track (m,) that each detection is recorded for, -1: none.
 
-    Pairs whose weight beats the track's own "missed", largest weight first; a track or a
-    detection that is taken is passed over. Of equal weights the older track's, and of
-    these the first detection's, comes first. Rows of 0 and 1 are read off as they are.
+    See `track`. Of equal weights the older track's, and of these the first detection's,
+    comes first. Rows of 0 and 1 are read off as they are.
     """
     tracks, detections = weights.shape[0], weights.shape[1] - 1
+    first, total = np.full(detections, -1, np.int64), np.zeros(detections)
+    for i in range(tracks):
+        for j in range(detections):
+            total[j] += weights[i, j + 1]
+            if first[j] < 0 or weights[i, j + 1] > weights[first[j], j + 1]:
+                first[j] = i
     owner, free = np.full(detections, -1, np.int64), np.ones(tracks, np.bool_)
     pairs = np.empty((tracks * detections, 2), np.int64)
     count = 0
     for i in range(tracks):
         for j in range(detections):
-            if weights[i, j + 1] > weights[i, 0]:
+            sure = total[j] > 0.5 and first[j] == i
+            if sure or weights[i, j + 1] > weights[i, 0]:
                 pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
     value = np.empty(count)
