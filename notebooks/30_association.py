@@ -138,7 +138,7 @@ pd.Series(sketches, name="comes out").to_frame()
 
 # %%
 spread = np.tile(16.0 * np.eye(2), (2, 1, 1))
-places = np.array([[0.0, 0], [14, 0]]), np.array([[-6.0, 0], [7, -4], [20, 3], [20, -7]])
+places = np.array([[0.0, 0], [14, 0]]), np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
 omega = association.validation_matrix(gated(*places))
 events = association.feasible_events(omega)
 bound = association.most_events(2, 4)
@@ -288,8 +288,8 @@ _ = deep.legend(loc="upper left", ncols=2)
 # %%
 widest, least = (gates["reach_row_px"].agg(one) for one in ("max", "min"))
 caption = (
-    "The gate of a track from frame 2 on, after Fig. 4.2. Above: the ellipse about the prediction "
-    f"(+; a circle, as noise is the same both ways), reach {least:.0f} px when seen, "
+    "The gate of a track from frame 2 on, after Fig. 4.2. Above, by frame: the ellipse about the "
+    f"prediction (+; a circle, as noise is the same both ways), reach {least:.0f} px when seen, "
     f"{widest:.0f} px in frame 8 after three frames unseen (dashed). Below: the limit of depth, "
     "1.5 m about the last known one; a detection without depth is drawn there."
 )
