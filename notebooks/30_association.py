@@ -94,7 +94,7 @@ for (situation, name), ends in landed.items():
     axes.plot(*tracks.T[::-1], "o", mfc="white", ms=5, label="predicted", **marks)
     axes.plot(*seen[:2].T[::-1], "s", mfc=blue, ms=5, label="detected", **marks)
     axes.plot(*seen[2:].T[::-1], "X", mfc="0.7", ms=6.5, label="clutter", **marks)
-    axes.plot(*ends.T[::-1], "D", mfc=yellow, ms=3.6, label="where the track goes", **marks)
+    axes.plot(*ends.T[::-1], "D", mfc=yellow, ms=3.6, label="weighted mean", **marks)
     for text, place in zip(["D1", "D2", "N1"], seen, strict=False):
         say(axes, text, place, (0, 7) if text == "D1" else (-9, 0))
     axes.set_title(situation if name == "NN" else "")
@@ -112,9 +112,10 @@ caption = (
 figures.save("fig-2-20-associations", table, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]
-# What the thesis' sketches say, asked of the weights. In the crowd D2 is the nearest detection
-# of both tracks; NN gives it to track 1 and leaves track 2 with nothing. "In between" is
-# meant literally: the track goes to a place where nothing was seen.
+# What the sketches of the thesis say, asked of the weights. In the crowd D2 is the nearest
+# detection of both tracks; NN gives it to track 1 and leaves track 2 with nothing. "In between"
+# is meant literally: the track is drawn to a place where nothing was seen. The places were
+# laid out to show this; it says what can happen, not how often.
 
 # %%
 cases = (np.stack([weights[s, name] for name in names]) for s in situations)
