@@ -1,0 +1,311 @@
+# %% [markdown]
+# # Data association explained on small cases
+#
+# **Published** (thesis, sections 2.3.2 to 2.3.4 and 4.1.2; Figs 2.20 to 2.23 and 4.2). In
+# sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not; both
+# take clutter that lies nearer; probabilistic association (PDA, JPDA) lands in between. JPDA
+# sums over joint events, eleven in the example. The gate is an elliptical cylinder.
+#
+# **Here.** The sketches have no scales, so these are cases of our own of the same kind,
+# computed by the functions that also track the recordings. No claim is tested.
+
+# %% tags=["parameters"]
+scale = "standard"  # quick, standard or full: nothing here depends on it
+seed = 0  # of the scatter of the flight in the last figure
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from kilnflight import association, drawing, figures, provenance, tracking
+from kilnflight.gating import Detected, Gate, Predicted
+
+drawing.use_style()
+made = provenance.trace("30_association", {"scale": scale}, seed=seed)
+black, orange, blue, yellow = drawing.COLOURS[:4]
+names, gate = ["NN", "GNN", "PDA", "JPDA"], Gate(distance=3.0)
+
+# %% [markdown]
+# ## Three situations, four associators
+#
+# Two tracks fly to the right. Their next places (row, column, in px) are predicted with
+# standard deviations of 4 px across and 6 px along the flight. D1 belongs to track 1, D2 to
+# track 2, and N1 is clutter.
+
+# %%
+spread = np.tile(np.diag([16.0, 36.0]), (2, 1, 1))
+situations = {  # predictions of T1 and T2; D1, D2 and N1
+    "apart": ([[0.0, 0], [26, 0]], [[-4.0, 8], [30, -7]]),
+    "crowded": ([[0.0, 0], [12, 0]], [[-5.0, 9], [5, -7]]),
+    "clutter": ([[0.0, 0], [26, 0]], [[-5.0, 9], [30, -7], [5, -6]]),
+}
+
+
+def gated(tracks, seen):
+    blank, none = np.full(len(tracks), np.nan), np.full(len(seen), np.nan)
+    predicted = Predicted(np.array(tracks), spread, blank, blank)
+    return gate(predicted, Detected(np.array(seen), none, none))
+
+
+# %%
+weights, landed, rows = {}, {}, []
+for situation, (tracks, seen) in situations.items():
+    for name, associator in zip(names, association.ASSOCIATORS, strict=True):
+        beta = weights[situation, name] = associator(gated(tracks, seen))
+        landed[situation, name] = beta[:, :1] * tracks + beta[:, 1:] @ seen  # as in Eq. 2.53
+        for (i, j), weight in np.ndenumerate(beta):
+            rows.append((situation, name, f"T{i + 1}", ["none", "D1", "D2", "N1"][j], weight))
+table = pd.DataFrame(rows, columns=["situation", "associator", "track", "detection", "weight"])
+
+
+# %% tags=["hide-input"]
+def say(axes, text, place, shift=(0, 6)):
+    where = {"xytext": shift, "textcoords": "offset points", "fontsize": 6.5}
+    axes.annotate(text, place[::-1], ha="center", va="center", **where)
+
+
+def draw_gate(axes, place, covariance, **line):
+    turn = np.linspace(0, 2 * np.pi, 200)
+    edge = gate.distance * np.linalg.cholesky(covariance) @ [np.cos(turn), np.sin(turn)]
+    axes.plot(*(place[:, None] + edge)[::-1], **{"lw": 0.8, "ls": "-", **line})
+
+
+# %% tags=["hide-input"]
+picture, grid = drawing.canvas(4, 3, width_mm=132, height_mm=172, sharex=True, sharey=True)
+for (situation, name), beta in weights.items():
+    tracks, seen = map(np.array, situations[situation])
+    axes = grid[names.index(name), list(situations).index(situation)]
+    for i, place in enumerate(tracks):
+        draw_gate(axes, place, spread[i], color="0.7")
+        axes.plot([-28, place[1]], place[[0, 0]], ":", color="0.4", lw=0.9)
+        say(axes, f"T{i + 1}", np.array([place[0], -25]))
+        for j in np.flatnonzero(beta[i, 1:] > 0.01):
+            path = np.transpose([place, seen[j]])[::-1]
+            axes.plot(*path, "-", color=orange, lw=0.4 + 4 * beta[i, 1 + j])
+    axes.set(aspect="equal", xlim=(-29, 20), ylim=(40, -14))
+plt.close(picture)  # shown when it is whole
+
+# %% tags=["hide-input"]
+marks = {"mec": black, "mew": 0.6, "ls": ""}
+for (situation, name), ends in landed.items():
+    tracks, seen = map(np.array, situations[situation])
+    axes = grid[names.index(name), list(situations).index(situation)]
+    axes.plot(*tracks.T[::-1], "o", mfc="white", ms=5, label="predicted", **marks)
+    axes.plot(*seen[:2].T[::-1], "s", mfc=blue, ms=5, label="detected", **marks)
+    axes.plot(*seen[2:].T[::-1], "X", mfc="0.7", ms=6.5, label="clutter", **marks)
+    axes.plot(*ends.T[::-1], "D", mfc=yellow, ms=3.6, label="weighted mean", **marks)
+    for text, place in zip(["D1", "D2", "N1"], seen, strict=False):
+        say(axes, text, place, (0, 7) if text == "D1" else (-9, 0))
+    axes.set_title(situation if name == "NN" else "")
+    axes.set_ylabel(f"{name}\nrow (px)" if situation == "apart" else "")
+
+# %% tags=["hide-input"]
+for axes in grid[-1]:
+    axes.set_xlabel("column (px)")
+picture.legend(*grid[0, 2].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+caption = (
+    "Two tracks (T1, T2) with their gates in three situations, after Figs 2.20 to 2.22, and what "
+    "four associators make of them. Lines are as wide as their weights; diamonds mark the "
+    "predictions and detections averaged by their weights. A track without line stays."
+)
+figures.save("fig-2-20-associations", table, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# What the sketches of the thesis say, asked of the weights. In the crowd D2 is the nearest
+# detection of both tracks; NN gives it to track 1 and leaves track 2 with nothing. "In between"
+# is meant literally: the track is drawn to a place where nothing was seen. The places were
+# laid out to show this; it says what can happen, not how often.
+
+# %%
+cases = (np.stack([weights[s, name] for name in names]) for s in situations)
+apart, crowd, mixed = cases  # (associator, track, none and detections)
+sketches = {
+    "apart: all mostly take their own": (apart[:, [0, 1], [1, 2]] > 0.5).all(),
+    "crowded: NN takes D2 for T1, none for T2": crowd[0, [0, 1], [2, 0]].all(),
+    "crowded: GNN gives each its own": crowd[1, [0, 1], [1, 2]].all(),
+    "crowded: PDA shares T1 out, most to D2": 0.1 < crowd[2, 0, 1] < crowd[2, 0, 2],
+    "clutter: NN and GNN take N1": (mixed[:2, 0, 3] == 1).all(),
+    "clutter: PDA and JPDA between D1 and N1": (mixed[2:, 0, [1, 3]] > 0.1).all(),
+}
+pd.Series(sketches, name="comes out").to_frame()
+
+# %% [markdown]
+# ## Joint events
+#
+# The example of Fig. 2.23: D1 and D2 lie in the gate of track 1; D2, D3 and D4 in that of
+# track 2. Eq. 2.62 bounds the number of feasibility matrices by that of a matrix of ones. With
+# equal likelihoods each of them is equally probable, and $\beta$ (Eq. 2.64) is their mean.
+
+# %%
+spread = np.tile(16.0 * np.eye(2), (2, 1, 1))
+places = np.array([[0.0, 0], [14, 0]]), np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
+omega = association.validation_matrix(gated(*places))
+events = association.feasible_events(omega)
+bound = association.most_events(2, 4)
+missed = 1 - events[:, :, 1:].sum(axis=1, keepdims=True)
+of_tracks = np.concatenate([missed, events[:, :, 1:]], axis=1)  # (events, none and D, T)
+summed, inside = of_tracks.mean(axis=0), omega[:, 1:].T
+joint = association.joint_probabilities(inside, np.ones(2)).T
+alone = [association.joint_probabilities(inside[[i]], [1.0])[0] for i in range(2)]
+apart_by = np.abs(joint - summed).max()
+print(omega, f"{len(events)} events of at most {bound}; beta differs by {apart_by:.0e}", sep="\n")
+
+# %%
+table = pd.DataFrame({"track": np.tile(["T1", "T2"], 5)})
+table["detection"] = np.repeat(["none", "D1", "D2", "D3", "D4"], 2)
+shares = {"joint": joint, "sum_over_events": summed, "each_track_alone": np.transpose(alone)}
+shares |= {f"event_{k}": event for k, event in enumerate(of_tracks, 1)}
+table = table.assign(**{name: np.ravel(values) for name, values in shares.items()})
+
+
+# %% tags=["hide-input"]
+def draw_matrix(axes, matrix, title, columns, rows):
+    axes.pcolormesh(matrix, cmap="gray_r", vmin=0, vmax=1, edgecolors="0.6", lw=0.5)
+    axes.set(aspect="equal", title=title, ylim=(len(matrix), 0), anchor="S")
+    axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
+    axes.set_yticks(np.arange(len(rows)) + 0.5, rows)
+
+
+# %% tags=["hide-input"]
+picture, grid = drawing.canvas(3, 5, width_mm=132, height_mm=112)
+first, *rest = grid.ravel()
+draw_gate(first, places[0][0], spread[0], color=black)
+draw_gate(first, places[0][1], spread[1], color=black, ls="--")
+first.plot(*places[0].T[::-1], "o", mfc="white", **marks)
+first.plot(*places[1].T[::-1], "s", mfc=blue, **marks)
+for text, place in zip(["P1", "P2", "D1", "D2", "D3", "D4"], np.vstack(places), strict=True):
+    say(first, text, place, (8, 0))
+first.set(aspect="equal", xlabel="column (px)", ylim=(28, -14))
+first.set_title("row (px)", loc="left", fontsize=7.5)
+picture.suptitle(f"{len(events)} joint events of at most {bound} (Eq. 2.62)", fontsize=8)
+plt.close(picture)  # shown when it is whole
+
+# %% tags=["hide-input"]
+seen = ["D1", "D2", "D3", "D4"]
+draw_matrix(rest[0], omega, "Ω", ["–", "T1", "T2"], seen)
+for k, event in enumerate(events):
+    draw_matrix(rest[1 + k], event, f"Ω{k + 1}", ["–", "T1", "T2"], seen)
+last = {"β, joint": joint, "β, each alone": np.transpose(alone)}
+for axes, (title, matrix) in zip(rest[12:], last.items(), strict=True):
+    draw_matrix(axes, matrix, title, ["T1", "T2"], ["–", *seen])
+    axes.set_aspect("auto")
+    for (i, j), value in np.ndenumerate(matrix):
+        axes.text(j + 0.5, i + 0.55, f"{value:.2f}", fontsize=6, ha="center", va="center")
+
+# %% tags=["hide-input"]
+printed = [[0, 1, 0], [0, 0, 1], [1, 0, 0], [1, 0, 0]]  # D1 to P1, D2 to P2
+third = 1 + int((events == printed).all(axis=(1, 2)).argmax())
+caption = (
+    f"Gates, validation matrix and its {len(events)} feasibility matrices (black: 1; –: none), "
+    f"after Fig. 2.23. Ω{third} is Ω3 of the thesis. Last: each track's probabilities for equal "
+    "likelihoods, over all joint events and for each track alone."
+)
+figures.save("fig-2-23-events", table, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Many tracks in a row
+#
+# In a chain of 40 tracks each shares a detection with its neighbours. The number of events
+# obeys a recursion; that of those in which a given track is missed is the product of the
+# numbers of the two shorter chains beside it. `joint_probabilities` lists none of them.
+
+# %%
+count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
+while len(count) < 41:  # missed, right, left if free: count[-2] events have taken the left one
+    count.append(3 * count[-1] - count[-2])
+chain = np.eye(40, 41) + np.eye(40, 41, 1)
+beta = association.joint_probabilities(chain, np.ones(40))
+exact = [count[k] * count[39 - k] / count[40] for k in range(40)]  # track k missed
+wrong = {
+    "rows sum to 1": np.abs(beta.sum(axis=1) - 1).max(),
+    "the same from either end": np.abs(beta[:, 1:] - beta[::-1, :0:-1]).max(),
+    "missed, against counting": np.abs(beta[:, 0] - exact).max(),
+}
+print(f"{count[40]:.3e} events")
+pd.Series(wrong, name="largest error of a probability").to_frame()
+
+# %% [markdown]
+# ## The gate in flight
+#
+# A particle flies through twelve frames and is not detected in three of them (another one far
+# away keeps the frames coming). In frame 3 clutter lies within the ellipse, but 2.6 m nearer;
+# in frame 10 the particle has no depth. The tracker runs with its defaults.
+
+# %%
+frames, random = np.arange(12), np.random.default_rng(seed)
+flight = pd.DataFrame({"frame": frames, "row": 40.0 + 3 * frames, "col": 20.0 + 26 * frames})
+flight[["row", "col"]] += random.normal(0, 1.0, (12, 2))
+flight["z"] = 5000.0 + 60 * frames + random.normal(0, 200, 12)
+flight.loc[10, "z"] = np.nan
+other = flight.assign(row=flight["row"] + 500, z=5000.0, what="other particle")
+clutter = flight[frames == 3] + [0, 6, -7, -2600]
+found = flight.drop(index=[5, 6, 7]).assign(what="particle")
+found = pd.concat([found, other, clutter.assign(what="clutter")], ignore_index=True)
+
+# %%
+parts, open_gate = [], Gate(depth_mm=np.inf)
+for step in list(tracking.steps(found))[1:]:
+    row, col = step.predicted.state[0, :2]  # of the first track, born in frame 0
+    here, depth = found.iloc[step.rows], step.predicted.depth_mm[:1]
+    one = Predicted(np.array([[row, col]]), step.residual_covariance[:1], depth, depth)
+    seen = Detected(here[["row", "col"]].to_numpy(), *here[["z", "z"]].to_numpy().T)
+    inside = np.isfinite(open_gate(one, seen).distance_squared[0])
+    part = here.assign(expected_row=row, expected_col=col, expected_z=depth[0], in_ellipse=inside)
+    spread = np.sqrt(one.residual_covariance[0].diagonal())
+    part[["reach_row_px", "reach_col_px"]] = Gate().distance * spread
+    parts.append(part.assign(in_gate=np.isfinite(step.pairs.distance_squared[0])))
+table = pd.concat(parts, ignore_index=True)
+table.query("what != 'other particle'").round(1)
+
+# %% tags=["hide-input"]
+gates = table.drop_duplicates("frame").set_index("frame").loc[2:]
+picture, ((flat,), (deep,)) = drawing.canvas(2, height_mm=84, height_ratios=[0.8, 1.2])
+for frame, g in gates.iterrows():
+    place = g[["expected_row", "expected_col"]].to_numpy(float)
+    axes_px = np.diag((g[["reach_row_px", "reach_col_px"]] / gate.distance).astype(float) ** 2)
+    look = {"color": orange, "ls": "--"} if frame in (5, 6, 7) else {"color": "0.5"}
+    draw_gate(flat, place, axes_px, **look)
+    say(flat, str(frame), np.array([24, place[1]]))
+flat.plot(gates["expected_col"], gates["expected_row"], "+", color=black, ms=4)
+flat.set(aspect="equal", ylabel="row (px)", xlabel="column (px)")
+flat.set_ylim(98, 10)
+plt.close(picture)  # shown when it is whole
+
+# %% tags=["hide-input"]
+centre = gates["expected_z"] / 1000
+limits = centre - Gate().depth_mm / 1000, centre + Gate().depth_mm / 1000
+deep.fill_between(gates.index, *limits, step="mid", color="0.88", label="gate")
+near = table.query("frame > 1 and what != 'other particle'")
+known, passed = near["z"].notna(), near["in_gate"]
+kinds = {"taken": known & passed, "refused by depth": ~passed, "no depth: taken": ~known}
+for (kind, which), mark, fill in zip(kinds.items(), "sXv", (blue, "0.7", orange), strict=True):
+    paint = {**marks, "marker": mark, "mfc": fill, "label": kind, "ms": 4}
+    flat.plot(near["col"][which], near["row"][which], **paint)
+    deep.plot(near["frame"][which], near["z"].fillna(near["expected_z"])[which] / 1000, **paint)
+deep.set(xlabel="frame", ylabel="depth z (m)", xticks=gates.index, ylim=(2, 8.6))
+_ = deep.legend(loc="upper left", ncols=2)
+
+# %%
+widest, least = (gates["reach_row_px"].agg(one) for one in ("max", "min"))
+caption = (
+    "The gate of a track from frame 2 on, after Fig. 4.2. Above, by frame: the ellipse about the "
+    f"prediction (+; a circle, as noise is the same both ways), reach {least:.0f} px when seen, "
+    f"{widest:.0f} px in frame 8 after three frames unseen (dashed). Below: the limit of depth, "
+    "1.5 m about the last known one; a detection without depth is drawn there."
+)
+figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Result
+
+# %%
+verdicts = []  # what the thesis says of associators on recordings is asked elsewhere
+own = ", ".join(f"{share:.2f} ({name})" for share, name in zip(crowd[:, 0, 1], names, strict=True))
+result = (
+    f"{sum(map(bool, sketches.values()))} of {len(sketches)} sketched outcomes come out; in the "
+    f"crowd track 1 gives its own detection {own}. Fig. 2.23 has {len(events)} joint "
+    f"events of at most {bound}; a chain of 40 tracks has {count[40]:.1e}, and its "
+    f"probabilities are right to {max(1e-12, *wrong.values()):.0e}."
+)
+figures.conclude(result, verdicts, made)
