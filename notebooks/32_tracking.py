@@ -112,10 +112,10 @@ for one in shown:
     columns[one.fraction] = {"truth": one.truth}
     for name, tracker in trackers.items():
         both = {stage: table for stage, table, _ in pursuit.followed(one, tracker)}
-        columns[one.fraction] |= {f"{name} {stage}": table for stage, table in both.items()}
+        columns[one.fraction] |= {f"{name} {stage} steps": table for stage, table in both.items()}
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(5, len(shown), width_mm=drawing.PAGE_MM, height_mm=220)
+picture, grid = drawing.canvas(5, len(shown), width_mm=130, height_mm=200)
 for one, column in zip(shown, grid.T, strict=True):
     rows, cols = one.differences.shape
     first, last = one.frames.start, one.frames.stop - 1

@@ -61,9 +61,9 @@ picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=80
 for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict=True):
     for name, marker, face in zip(names, "os", ("black", "white"), strict=True):
         axes.plot(mean[name], mean["what"], marker, color="black", mfc=face, label=name)
-    axes.set(xlim=(0, 1), xlabel="mean over the fractions")
+    axes.set(xlim=(-0.02, 1.02), xlabel="mean over the fractions")
     axes.grid(axis="y", lw=0.3)
-    axes.legend(loc="lower left")
+    axes.legend(loc="upper left")
 panels[0].invert_yaxis()
 caption = "What each part costs: measures with true and with real parts, mean over the fractions."
 figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=made)
