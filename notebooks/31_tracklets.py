@@ -33,7 +33,11 @@ from kilnflight import lessons, pursuit, tracking, tracklets
 made = provenance.trace("31_tracklets", {"scale": scale}, seed=seed)
 windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)
 pair = [one for one in windows if one.fraction in ("wood chip", "paper shred")]
+
+# %%
 tracks = {one.fraction: tracking.track(one.detections) for one in pair}
+
+# %%
 for one in pair:
     found = tracks[one.fraction]["particle"].nunique()
     print(f"{one.fraction}: {len(one.frames)} frames, {len(one.detections)} detections in the air,")
@@ -107,7 +111,20 @@ caption = (
     f"Laws' energies in {len(with_track)} windows with a track and as many without: medians, their "
     "ratio, and its 10 and 90 % points over windows; after Fig. 4.13."
 )
-figures.save("fig-4-13-laws", texture, caption=caption, provenance=made)
+figures.save("table-4-13-laws", texture, caption=caption, provenance=made)
+
+# %% tags=["hide-input"]
+picture, (panels,) = drawing.canvas(1, 6, width_mm=drawing.PAGE_MM, height_mm=62)
+for axes, image, name in zip(panels, [*streaks[:5], empty[0]], "abcdef", strict=True):
+    axes.imshow(np.sqrt(image), cmap="gray", vmin=0)
+    axes.set(title=f"({name})", xlabel="column (px)")
+panels[0].set_ylabel("row (px)")
+values = pd.concat([with_track[:5], without[:1]]).assign(window=list("abcdef"))
+caption = (
+    "Sums of frame differences with a track (a to e) and without (f), and their texture energies; "
+    "after Fig. 4.13."
+)
+figures.save("fig-4-13-windows", values, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Dual nearest neighbour or Hungarian method

@@ -121,7 +121,7 @@ for one, column in zip(shown, grid.T, strict=True):
     first, last = one.frames.start, one.frames.stop - 1
     light = one.differences(first, last, 0, 0, rows, cols)
     for axes, (name, table) in zip(column, columns[one.fraction].items(), strict=True):
-        drawing.frame(axes, light, 4)
+        drawing.frame(axes, light, 8)
         drawing.tracks(axes, tracklets.tracked(table))
         axes.set(title=f"{one.fraction}: {name}", ylabel="row (px)", xlabel="")
     column[-1].set_xlabel("column (px)")
