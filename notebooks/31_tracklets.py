@@ -36,8 +36,6 @@ pair = [one for one in windows if one.fraction in ("wood chip", "paper shred")]
 
 # %%
 tracks = {one.fraction: tracking.track(one.detections) for one in pair}
-
-# %%
 for one in pair:
     found = tracks[one.fraction]["particle"].nunique()
     print(f"{one.fraction}: {len(one.frames)} frames, {len(one.detections)} detections in the air,")
@@ -59,6 +57,8 @@ for one in pair:
         row = {"fraction": one.fraction, "after": step, "tracks": kept["particle"].nunique()}
         rows.append(row | {"positions": len(kept)} | pursuit.quality(one.truth, table))
 steps = pd.DataFrame(rows)
+
+# %%
 columns = ["fraction", "after", "tracks", "positions", *pursuit.MEASURES, "jsc_spurious_only"]
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
