@@ -56,10 +56,7 @@ for (name, way), d, n, k in product(ours.items(), (3.0, 4.0), (1.0, 4.0), (5, 8,
     contestants[name][f"gate {d:g}, noise {n:g}, unseen {k}"] = follow
 
 # %%
-steps, soup = (
-    list(product((15.0, 20.0, 25.0), (2, 5))),
-    list(product((3.0, 4.0), (1.0,), (5, 8, 12))),
-)
+steps, soup = list(product((15.0, 20.0, 25.0), (2, 5))), list(product((3.0, 4.0), (1.0,), (5, 8)))
 contestants["trackpy"] = {
     f"step {d:g}, unseen {k}{', predicted' * p}": peers.Trackpy(d, k, p)
     for (d, k), p in product(steps[:4], (False, True))
@@ -122,7 +119,8 @@ for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enume
     drawing.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
-grid[0, 0].legend(loc="lower left")
+handles = grid[0, 0].get_legend_handles_labels()
+picture.legend(*handles, loc="outside lower center", ncols=2, title="post-processing")
 
 # %%
 caption = (
@@ -135,16 +133,25 @@ figures.save("fig-peers", scores[columns], picture=picture, caption=caption, pro
 # ## Result
 
 # %%
-done = scores.dropna(subset="beta").groupby(["postprocessing", "tracker"])["beta"]
-every = done.mean()[done.size() == len(windows)]
-order = {one: every[one].sort_values(ascending=False) for one in ("without", "with")}
-said = [f"{one} post-processing {v.index[0]} ({v.iloc[0]:.3f})" for one, v in order.items()]
-mine = [f"{v[v.index.str.endswith('ours')].max():.3f}" for v in order.values()]
+done = scores.dropna(subset="beta")
+leaders = {}
+for (stage, fraction), here in done.groupby(["postprocessing", "fraction"], sort=False):
+    ranked = here.set_index("tracker")["beta"].sort_values(ascending=False)
+    own = ranked[ranked.index.str.endswith("ours")].max()
+    lead = f"{fraction} {ranked.index[0]} {ranked.iloc[0]:.3f}"
+    lead += "" if ranked.index[0].endswith("ours") else f" (ours {own:.3f})"
+    leaders.setdefault(stage, []).append(lead)
+every = done.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
+every = every.loc[every["size"] == len(windows), "mean"]
+
+# %%
 left = scores.loc[scores["beta"].isna(), "tracker"].unique()
-result = (
-    f"Largest mean beta over {len(windows)} fractions: {'; '.join(said)}; the better of ours "
-    f"{mine[0]} and {mine[1]}."
-    + (f" Not run on every window: {', '.join(left)}." if len(left) else "")
-)
+parts = []
+for stage, found in leaders.items():
+    mean = every[stage].sort_values(ascending=False)
+    means = ", ".join(f"{name} {value:.3f}" for name, value in mean.items())
+    parts.append(f"{stage} post-processing {'; '.join(found)} (means: {means})")
+result = f"Largest beta {'. Largest beta '.join(parts)}."
+result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
 verdicts = []
 figures.conclude(result, verdicts, made)
