@@ -8,28 +8,13 @@ model, noise and gate as ours; trackpy and laptrack take a largest step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import datetime, timedelta
 
-import laptrack
 import numpy as np
 import pandas as pd
-import trackpy
 from measure import Row, compare
 from scipy.spatial.distance import cdist
-from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
-from stonesoup.hypothesiser.distance import DistanceHypothesiser
-from stonesoup.measures import Mahalanobis
-from stonesoup.models.measurement.linear import LinearGaussian
-from stonesoup.models.transition.linear import (
-    CombinedLinearGaussianTransitionModel,
-    ConstantVelocity,
-)
-from stonesoup.predictor.kalman import KalmanPredictor
-from stonesoup.types.detection import Detection
-from stonesoup.types.state import GaussianState
-from stonesoup.types.track import Track
-from stonesoup.updater.kalman import KalmanUpdater
 
+from kilnflight import peers
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.tracking import track
 
@@ -59,52 +44,17 @@ def recording(frames: int) -> pd.DataFrame:
 
 def with_trackpy(table: pd.DataFrame) -> np.ndarray:
     """Return the particle of each detection."""
-    linked = trackpy.link(table, LONGEST_STEP, pos_columns=["row", "col"])
-    return linked["particle"].to_numpy()
+    return peers.Trackpy(LONGEST_STEP)(table)["particle"].to_numpy()
 
 
 def with_laptrack(table: pd.DataFrame) -> np.ndarray:
     """Return the particle of each detection."""
-    tracker = laptrack.LapTrack(cutoff=LONGEST_STEP**2, gap_closing_cutoff=False)
-    linked = tracker.predict_dataframe(table, ["row", "col"], only_coordinate_cols=False)[0]
-    linked = linked.rename(columns={"frame_y": "frame"}).reset_index(drop=True)
-    keys = ["frame", "row", "col"]
-    return table.merge(linked[[*keys, "track_id"]], on=keys)["track_id"].to_numpy()
+    return peers.LapTrack(LONGEST_STEP, 0)(table)["particle"].to_numpy()
 
 
 def with_stone_soup(table: pd.DataFrame) -> np.ndarray:
-    """Return the particle of each detection; every detection left over starts a track.
-
-    No track is given up: it would not be before the few frames are over.
-    """
-    motion = CombinedLinearGaussianTransitionModel([ConstantVelocity(1.0)] * 2)
-    sensor = LinearGaussian(4, (0, 2), np.diag([4.0, 4.0]))
-    predictor, updater = KalmanPredictor(motion), KalmanUpdater(sensor)
-    hypothesiser = DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.0)
-    associator = GNNWith2DAssignment(hypothesiser)
-    start, tracks, particle = datetime(2023, 1, 1), [], np.empty(len(table), dtype=int)
-    spread = np.diag([4.0, 225.0, 4.0, 225.0])
-    for frame, seen in table.groupby("frame"):
-        now = start + timedelta(seconds=int(frame))
-        places = seen[["row", "col"]].to_numpy()
-        found = [
-            Detection(place[:, None], now, metadata={"at": at}, measurement_model=sensor)
-            for at, place in zip(seen.index, places, strict=True)
-        ]
-        alone = set(found)
-        for one, hypothesis in associator.associate(set(tracks), alone.copy(), now).items():
-            if hypothesis:
-                one.append(updater.update(hypothesis))
-                alone.discard(hypothesis.measurement)
-                particle[hypothesis.measurement.metadata["at"]] = tracks.index(one)
-            else:
-                one.append(hypothesis.prediction)
-        for detection in sorted(alone, key=lambda one: one.metadata["at"]):
-            row, col = detection.state_vector[:, 0]
-            state = GaussianState(np.array([[row], [0.0], [col], [0.0]]), spread, now)
-            particle[detection.metadata["at"]] = len(tracks)
-            tracks.append(Track([state]))
-    return particle
+    """Return the particle of each detection."""
+    return peers.StoneSoupGNN()(table)["particle"].to_numpy()
 
 
 def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:
@@ -160,7 +110,6 @@ def gating(tracks: int) -> Row:
 
 def rows() -> list[Row]:
     """Return every comparison; the slower the peer, the fewer the frames."""
-    trackpy.quiet()
     return [
         *(gating(tracks) for tracks in GATED),
         *(against("trackpy.link", with_trackpy, frames) for frames in FRAMES),

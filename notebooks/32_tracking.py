@@ -92,7 +92,7 @@ cells = cells.merge(theirs[[*keys, "measure", "value"]].rename(columns={"value":
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=130, sharex=True)
 for axes, measure in zip(grid.flat, pursuit.MEASURES, strict=True):
-    drawing.before_after(axes, cells[cells["measure"] == measure])
+    drawing.beside_published(axes, cells[cells["measure"] == measure])
     axes.set(title=measure, xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)

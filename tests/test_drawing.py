@@ -98,3 +98,13 @@ def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
     (path,) = axes.collections[0].get_paths()
     assert path.get_extents().get_points().tolist() == [[1.5, 0.5], [4.5, 3.5]]
     drawing.plt.close("all")
+
+
+def test_without_and_with_are_joined_at_the_place_of_their_entry():
+    _, ((axes,),) = drawing.canvas()
+    table = pd.DataFrame({"who": ["b", "b", "a", "a"], "stage": ["without", "with"] * 2})
+    drawing.before_after(axes, table.assign(value=[1.0, 2.0, 3.0, np.nan]), "who", "stage", "value")
+    without, after = axes.lines
+    np.testing.assert_array_equal(without.get_xydata(), [[1, 0], [3, 1]])
+    np.testing.assert_array_equal(after.get_xydata(), [[2, 0], [np.nan, 1]])
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["b", "a"]

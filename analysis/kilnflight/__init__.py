@@ -38,8 +38,8 @@ tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, con
 kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
 differences     sums of frame differences in small boxes
-contest         settings that are not printed, found on stretches that are not scored
 pursuit         trackers on stretches of campaigns, scored
+contest         settings of trackers, tried on stretches of campaigns
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters
@@ -54,6 +54,7 @@ belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
                 beta, JSC
+peers           trackpy, laptrack and Stone Soup, called as our tracker
 track_files     tracks as other programs write and read them
 reference       published values and claims: load, compare, verdict
 errata          the published tables recomputed

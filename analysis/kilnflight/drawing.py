@@ -122,7 +122,7 @@ def tracks(axes: Axes, table: pd.DataFrame) -> None:
         axes.plot(one["col"], one["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 
-def before_after(axes: Axes, table: pd.DataFrame) -> None:
+def beside_published(axes: Axes, table: pd.DataFrame) -> None:
     """Draw values without and with a treatment, ours above the published ones.
 
     Parameters
@@ -235,6 +235,27 @@ def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> N
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="best")
+
+
+def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
+    """Draw what each entry has "without" and "with" something, joined by a line.
+
+    Parameters
+    ----------
+    axes
+        Where to; the first entry of ``along`` is drawn at 0 of the vertical axis.
+    table
+        Long; one row per mark, NaN: no mark.
+    along, stage, value
+        Its columns; ``stage`` is "without" or "with".
+    """
+    names = list(table[along].unique())
+    wide = table.pivot(index=along, columns=stage, values=value).loc[names]
+    place = np.arange(len(names))
+    axes.hlines(place, wide["without"], wide["with"], color="0.6", lw=0.8, linestyle="-")
+    axes.plot(wide["without"], place, "o", mfc="white", color="#0072B2", label="without")
+    axes.plot(wide["with"], place, "s", color="#D55E00", label="with")
+    axes.set(yticks=place, yticklabels=names)
 
 
 def table_picture(table: pd.DataFrame) -> Figure:

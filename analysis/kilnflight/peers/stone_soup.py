@@ -1,0 +1,129 @@
+"""Trackers built from Stone Soup's associators and filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.checks import InputError, check_positive
+from kilnflight.peers.soup import Gated, Parts, Seen, check_filter, followed, largest_group
+from kilnflight.peers.table import named, need
+
+
+@dataclass(frozen=True)
+class StoneSoupGNN:
+    """Global nearest neighbour by Stone Soup; the filter is `kilnflight.motion`'s default."""
+
+    distance: float = 4.0  # standard deviations: gate, and cost of a miss
+    acceleration_noise: float = 1.0  # px/frame^1.5
+    invisible: int = 5  # frames in a row that a track lives on unseen
+    velocity_sd: float = 15.0  # px/frame, of a new track
+    measurement_sd: float = 2.0  # px
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distance and no number of frames."""
+        check_filter(self)
+
+    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
+        """Return ``detections`` with ``particle``; see `kilnflight.tracking.track`."""
+        need("stonesoup")
+        return named(detections, lambda table: followed(table, self, self._associated))
+
+    def _associated(self, parts: Parts, tracks: list[Any], seen: Seen) -> Iterator[Any]:
+        from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
+        from stonesoup.hypothesiser.distance import DistanceHypothesiser
+        from stonesoup.measures import Mahalanobis
+
+        filters = (parts.predictor, parts.updater)
+        costs = DistanceHypothesiser(*filters, Mahalanobis(), missed_distance=self.distance)
+        associator = GNNWith2DAssignment(Gated(costs, parts, seen, self.distance))
+        for one, taken in associator.associate(tracks, seen.detections, seen.time).items():
+            if taken:
+                yield one, parts.updater.update(taken), taken.measurement
+            else:
+                yield one, taken.prediction, None
+
+
+@dataclass(frozen=True)
+class StoneSoupJPDA:
+    """Joint probabilities by Stone Soup; where gates overlap much they take minutes per frame.
+
+    A track is given the detection of its largest probability, if that is above its
+    probability of a miss; the larger probability comes first, as in `kilnflight.tracking`.
+    """
+
+    distance: float = 4.0  # standard deviations: gate
+    acceleration_noise: float = 1.0  # px/frame^1.5
+    invisible: int = 5  # frames in a row that a track lives on unseen
+    velocity_sd: float = 15.0  # px/frame, of a new track
+    measurement_sd: float = 2.0  # px
+    detection_probability: float = 0.9
+    clutter_density: float | None = 1e-5  # per px^2; None: Stone Soup's estimate in each gate
+    most_tracks: int = 15  # that share detections in a frame; with more, the table is refused
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distance, no number of frames and no probability."""
+        check_filter(self)
+        if not 0 < self.detection_probability < 1:
+            raise InputError(
+                "StoneSoupJPDA: detection_probability must be between 0 and 1, got "
+                f"{self.detection_probability}."
+            )
+        if self.clutter_density is not None:
+            check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
+
+    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
+        """Return ``detections`` with ``particle``; see `kilnflight.tracking.track`."""
+        need("stonesoup")
+        return named(detections, lambda table: followed(table, self, self._associated))
+
+    def _associated(self, parts: Parts, tracks: list[Any], seen: Seen) -> Iterator[Any]:
+        from stonesoup.dataassociator.probability import JPDAwithEHM2
+        from stonesoup.hypothesiser.probability import PDAHypothesiser
+        from stonesoup.updater.probability import PDAUpdater
+
+        inside = 1 - np.exp(-(self.distance**2) / 2)  # P_G in two dimensions
+        chances = PDAHypothesiser(
+            parts.predictor,
+            parts.updater,
+            self.clutter_density,
+            prob_detect=self.detection_probability,
+            prob_gate=inside,
+        )
+        associator = JPDAwithEHM2(Gated(chances, parts, seen, self.distance))
+        largest = largest_group(parts, tracks, seen, self.distance)
+        if largest > self.most_tracks:
+            raise InputError(
+                f"StoneSoupJPDA: {largest} tracks share detections in a frame, more than "
+                f"most_tracks {self.most_tracks}. Narrow the gate or lower invisible."
+            )
+        found = associator.associate(tracks, seen.detections, seen.time)
+        given, updater = _given(found), PDAUpdater(parts.sensor)
+        for one, hypotheses in found.items():
+            any_inside = any(bool(single) for single in hypotheses)
+            state = updater.update(hypotheses) if any_inside else hypotheses[0].prediction
+            yield one, state, given.get(id(one))
+
+
+def _given(found: dict[Any, Iterable[Any]]) -> dict[int, Any]:
+    """Return the detection that each track, by `id`, gets; larger probability first."""
+    wishes = []
+    for one, hypotheses in found.items():
+        chance = {id(single): float(single.probability) for single in hypotheses}
+        missed = sum(chance[id(single)] for single in hypotheses if not single)
+        wishes += [
+            (chance[id(single)], one, single.measurement)
+            for single in hypotheses
+            if single and chance[id(single)] > missed
+        ]
+    given: dict[int, Any] = {}
+    taken = set()
+    for _, one, detection in sorted(wishes, key=lambda wish: -wish[0]):
+        if id(one) not in given and id(detection) not in taken:
+            given[id(one)] = detection
+            taken.add(id(detection))
+    return given
