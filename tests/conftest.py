@@ -21,6 +21,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 def own_folders(tmp_path, monkeypatch):
     """Keep every test away from the project's figures and from the caller's settings."""
     monkeypatch.setenv("KILNFLIGHT_FIGURES", str(tmp_path / "figures"))
+    monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "derived"))
     monkeypatch.delenv("KILNFLIGHT_EXTERNAL", raising=False)
     monkeypatch.setenv("KILNFLIGHT_ROOT", str(PROJECT))
 
