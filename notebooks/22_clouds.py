@@ -93,8 +93,8 @@ for name, columns in parameters.items():
     one.loc[one["subset"] != "Total", "f1_published"] = np.nan
     tables[name] = one.drop(columns=["family", "row"]).reset_index(drop=True)
     totals[name] = one[one["subset"] == "Total"].set_index("row").sort_index()
-order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "f1_in_pixels"]
-order += ["seconds_per_image", "f1_published"]
+order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_image"]
+order += ["f1_in_pixels", "f1_published"]
 
 # %%
 caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."

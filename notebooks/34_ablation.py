@@ -5,9 +5,10 @@
 # detection inaccuracies": missing detections, false ones, duplicates. How much each part costs
 # was not measured; on a recording without a known truth it cannot be.
 #
-# **Here.** One part after the other is replaced by the truth, on the windows of Table 5.15.
+# **Here.** One part after the other is replaced by the truth, on windows like those of Table 5.15.
 # True positions in place of the detections leave what the association loses. Detections without
-# the false ones leave what is missed. Links by the truth leave what no tracker can mend.
+# the false ones and duplicates leave what is missed. Links by the truth leave what no tracker
+# can mend.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
@@ -30,7 +31,7 @@ trackers = {"GNN": tracking.track}
 trackers["JPDA"] = lambda seen: tracking.track(seen, association.JPDA())
 given = {
     "true positions": [pursuit.fully_detected(one) for one in windows],
-    "detections, no false ones": [pursuit.without_clutter(one) for one in windows],
+    "right detections only": [pursuit.without_clutter(one) for one in windows],
     "detections": windows,
 }
 
@@ -72,7 +73,7 @@ figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, pr
 alpha = mean.set_index("what")["alpha"]
 result = (
     f"Mean alpha of GNN: {alpha['true positions, GNN']:.2f} with true positions, "
-    f"{alpha['detections, no false ones, GNN']:.2f} with the detections that are right, "
+    f"{alpha['right detections only, GNN']:.2f} with the detections that are right, "
     f"{alpha['detections, GNN']:.2f} with all, {alpha['detections, GNN + steps']:.2f} after the "
     f"steps; links by the truth {alpha['detections, links by the truth']:.2f}. No claim is tested."
 )

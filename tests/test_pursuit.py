@@ -53,11 +53,17 @@ def test_post_processing_and_truth_make_it_better(window):
     assert len(clean.detections) == len(window.detections) - 6
 
 
+def test_the_cost_of_a_tracker(window):
+    seconds, peak = pursuit.cost([window, window], track, repeats=1)
+    assert 0 < seconds < 60
+    assert 0 < peak < 500
+
+
 def test_windows_with_and_without_a_track(window):
     generator = np.random.default_rng(0)
     streaks, empty = pursuit.texture_windows(window, 5, generator)
     assert all(one.shape == pursuit.BOX for one in [*streaks, *empty])
-    assert all((one == pursuit.SPAN + 1).all() for one in streaks)
+    assert all((one == pursuit.SPAN).all() for one in streaks)
     crowded = window._replace(truth=window.truth, differences=Flat())
     crowded.differences.shape = (130, 70)
     with pytest.raises(InputError, match="no place without a track"):

@@ -146,7 +146,11 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("detections", type=Path, metavar="CSV", help="frame, row, col, maybe z")
     command.add_argument("tracks", type=Path, metavar="FILE")
     command.add_argument("--jpda", action="store_true", help="JPDA in place of GNN")
-    command.add_argument("--raw", action="store_true", help="no post-processing (chapter 4.2)")
+    command.add_argument(
+        "--raw",
+        action="store_true",
+        help="no post-processing (chapter 4.2; here without its texture term, which needs pictures)",
+    )
     command.add_argument("--format", choices=["csv", *FORMATS], default="csv")
     return parser
 

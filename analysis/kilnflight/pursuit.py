@@ -9,6 +9,7 @@ set on other stretches of the same campaigns (`others`), which share no frame wi
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -33,7 +34,7 @@ LENGTHS = {"quick": (12, 12), "standard": (60, 40), "full": (0, 100)}
 FEWER = ("wood chip", "paper shred")  # fractions of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
-SPAN = 10  # frames that such a window sums
+SPAN = 11  # frames that such a window sums
 Array = npt.NDArray[np.float64]
 Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
 
@@ -139,6 +140,24 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
                 row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
                 rows.append(row | quality(window.truth, table) | {"seconds": seconds})
     return pd.DataFrame(rows)
+
+
+def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple[float, float]:
+    """Return seconds (best of some runs) and the peak of memory in MiB of tracking, in all."""
+    seconds, peak = 0.0, 0.0
+    for window in windows:
+        tracker(window.detections)  # compiled
+        times = []
+        for _ in range(repeats):
+            begin = time.perf_counter()
+            tracker(window.detections)
+            times.append(time.perf_counter() - begin)
+        tracemalloc.start()
+        tracker(window.detections)
+        peak = max(peak, tracemalloc.get_traced_memory()[1] / 2**20)
+        tracemalloc.stop()
+        seconds += min(times)
+    return seconds, peak
 
 
 def followed(window: Window, tracker: Tracker) -> Iterator[tuple[str, pd.DataFrame, float]]:

@@ -27,16 +27,17 @@ def sums(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     -------
     DataFrame
         ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1`` by the gate of 45 px
-        (section 3.3), ``f1_in_pixels`` by the pixels of a particle (5.1.1), and the median
-        ``seconds_per_image``: one frame that a busy machine delayed does not move it.
+        (section 3.3); the median ``seconds_per_image``, which one frame that a busy machine
+        delayed does not move; and ``f1_in_pixels`` by the pixels of a particle (5.1.1).
     """
     groups = table.groupby(by, sort=False)
     counts = groups[["tp", "fp", "fn"]].sum().reset_index()
     inside = groups[["tp_pixels", "fp_pixels", "fn_pixels"]].sum()
     f1 = rates(*(inside[name] for name in inside.columns))["f1"].to_numpy()
-    together = rates(counts["tp"], counts["fp"], counts["fn"]).assign(f1_in_pixels=f1)
     median = groups["seconds"].median().to_numpy()
-    return pd.concat([counts, together], axis=1).assign(seconds_per_image=median)
+    more = {"seconds_per_image": median, "f1_in_pixels": f1}
+    together = rates(counts["tp"], counts["fp"], counts["fn"]).assign(**more)
+    return pd.concat([counts, together], axis=1)
 
 
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
