@@ -17,6 +17,7 @@ from scipy.spatial.distance import cdist
 from kilnflight import peers
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.tracking import track
+from kilnflight.tracklets import postprocess
 
 LONGEST_STEP = 14.0  # px: speeds are 3 to 10 px/frame, jitter 0.5 px
 PER_FRAME = 60
@@ -108,11 +109,23 @@ def gating(tracks: int) -> Row:
     return compare(what, lambda: Gate()(predicted, detected), by_scipy)
 
 
+def campaign(frames: int = 3000) -> Row:
+    """Return tracking and post-processing of a campaign against trackpy's tracking alone."""
+    table = recording(frames)
+    done = postprocess(track(table))
+    share = share_of_links(table, done["particle"].to_numpy())
+    if share < RIGHT:
+        raise ValueError(f"post-processing: {share} of the links are right, too few.")
+    what = ("GNN tracking and post-processing of a campaign", "frames", frames, "trackpy.link")
+    return compare(what, lambda: postprocess(track(table)), lambda: with_trackpy(table), 2)
+
+
 def rows() -> list[Row]:
     """Return every comparison; the slower the peer, the fewer the frames."""
     return [
         *(gating(tracks) for tracks in GATED),
         *(against("trackpy.link", with_trackpy, frames) for frames in FRAMES),
+        campaign(),
         against("laptrack", with_laptrack, 100),
         against("Stone Soup, GNNWith2DAssignment", with_stone_soup, 20, repeats=2),
     ]

@@ -45,6 +45,8 @@ counted = pd.DataFrame(
         "detections": [len(one.detections) for one in windows],
     }
 )
+
+# %%
 counted["trajectories_published"] = counted["fraction"].map(printed["amount_of_trajectories"])
 caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "

@@ -149,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--raw",
         action="store_true",
-        help="no post-processing (chapter 4.2; here without its texture term, which needs pictures)",
+        help="no post-processing (which here lacks its texture term)",
     )
     command.add_argument("--format", choices=["csv", *FORMATS], default="csv")
     return parser
