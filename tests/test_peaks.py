@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kilnflight.checks import InputError
-from kilnflight.peaks import find_peaks
+from kilnflight.peaks import find_peaks, have_peaks
 
 
 def hill(rows, cols, places, sigma=2.0):
@@ -105,3 +105,17 @@ def test_prominence_is_what_flooding_by_levels_gives(image, prominence):
     _, place = find_peaks(image, np.array([[0, 6, 0, 7]]), float(prominence))
     ours = {(int(r), int(c)): h for r, c, h in place}
     assert ours == by_flooding(image, prominence)
+
+
+def test_whether_there_are_peaks_is_whether_any_are_found():
+    rng = np.random.default_rng(4)
+    image = rng.normal(0, 1, (60, 80))
+    corner = rng.integers(-4, 70, (200, 2))
+    size = rng.integers(1, 12, (200, 2))
+    edges = np.stack([corner, corner + size], axis=2)
+    areas = edges.reshape(200, 4)
+    number, _ = find_peaks(image, areas, 2.0)
+    expected = np.bincount(number, minlength=200) > 0
+    assert 20 < expected.sum() < 180
+    np.testing.assert_array_equal(have_peaks(image, areas, 2.0), expected)
+    assert have_peaks(image, areas[:0], 2.0).shape == (0,)

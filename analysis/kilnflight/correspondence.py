@@ -57,11 +57,18 @@ class Clusters:
     @property
     def extent(self) -> Index:
         """Larger side of each cluster's rectangle in pixels."""
+        top, bottom, left, right = self.rectangles.T
+        return np.maximum(bottom - top, right - left)
+
+    @property
+    def rectangles(self) -> Index:
+        """Rectangle (clusters, 4) of each cluster, as `rectangle` has it of all."""
         if not len(self):
-            return np.empty(0, dtype=np.intp)
-        first = self.start[:-1]
-        high = np.maximum.reduceat(self.pixels, first, axis=0)
-        return (high - np.minimum.reduceat(self.pixels, first, axis=0)).max(axis=1) + 1
+            return np.empty((0, 4), dtype=np.intp)
+        low, high = (
+            edge.reduceat(self.pixels, self.start[:-1], axis=0) for edge in (np.minimum, np.maximum)
+        )
+        return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
 
     def take(self, which: npt.NDArray[np.generic]) -> Clusters:
         """Return some of the clusters (indices or a mask)."""

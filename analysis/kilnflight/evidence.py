@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.checks import InputError
-from kilnflight.peaks import find_peaks
+from kilnflight.peaks import find_peaks, have_peaks
 
 Float32 = npt.NDArray[np.float32]
 SMOOTHING_PX = 1.0  # standard deviation of the Gaussian; smaller than any visible particle
@@ -77,9 +77,13 @@ class Evidence:
         _, found = find_peaks(self.gray, area[None], self.threshold)
         return found[found[:, 2] >= self.share * found[:, 2].max(initial=0.0)]
 
+    def moved(self, areas: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+        """Return in which areas (n, 4) something has changed; nothing else can be `real`."""
+        return have_peaks(self.change, areas, self.change_threshold)
+
     def real(self, area: npt.NDArray[np.integer]) -> bool:
         """Return whether something stands out in the frame and has changed there."""
-        if not len(find_peaks(self.change, area[None], self.change_threshold)[1]):
+        if not self.moved(area[None]).any():
             return False
         inside = _cut(self.gray, area)
         whole = np.array([[0, inside.shape[0], 0, inside.shape[1]]])

@@ -47,17 +47,31 @@ def find_peaks(
     An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among equal
     pixels the first in row order counts as the higher one.
     """
-    check_positive(float(np.min(prominence, initial=1.0)), "find_peaks: prominence")
-    picture = np.ascontiguousarray(image, dtype=np.float32)
-    if picture.ndim != 2:
-        raise InputError(f"find_peaks: the image has {picture.ndim} axes, expected rows, cols.")
-    boxes = np.asarray(areas, dtype=np.int64)
-    check_shape(boxes, (None, 4), "find_peaks: areas")
-    needed = np.broadcast_to(np.asarray(prominence, dtype=np.float64), len(boxes))
+    picture, boxes, needed = _checked(image, areas, prominence)
     found = [_area_peaks(picture, box, need) for box, need in zip(boxes, needed, strict=True)]
     counts = [len(one) for one in found]
     place = np.concatenate([np.empty((0, 3)), *found])
     return np.repeat(np.arange(len(boxes)), counts), place
+
+
+def have_peaks(
+    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
+) -> npt.NDArray[np.bool_]:
+    """Return which areas (n,) hold a peak at all; arguments as `find_peaks`."""
+    return _any_peaks(*_checked(image, areas, prominence))
+
+
+def _checked(
+    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
+) -> tuple[Float32, Index, npt.NDArray[np.float64]]:
+    check_positive(float(np.min(prominence, initial=1.0)), "find_peaks: prominence")
+    picture = np.ascontiguousarray(image, dtype=np.float32)
+    if picture.ndim != 2:
+        raise InputError(f"find_peaks: the image has {picture.ndim} axes, expected rows, cols.")
+    boxes = np.ascontiguousarray(areas, dtype=np.int64)
+    check_shape(boxes, (None, 4), "find_peaks: areas")
+    needed = np.broadcast_to(np.asarray(prominence, dtype=np.float64), len(boxes))
+    return picture, boxes, np.ascontiguousarray(needed)
 
 
 @numba.njit(cache=True)
@@ -100,6 +114,17 @@ def _area_peaks(image: Float32, box: Index, prominence: float) -> npt.NDArray[np
     highest = order[0]
     stands_out[highest] = value[highest] - around
     return _kept(stands_out, order, width, height, top, left, prominence)
+
+
+@numba.njit(cache=True)
+def _any_peaks(
+    image: Float32, boxes: Index, needed: npt.NDArray[np.float64]
+) -> npt.NDArray[np.bool_]:
+    """Return whether each area has a peak."""
+    found = np.zeros(len(boxes), np.bool_)
+    for k in range(len(boxes)):
+        found[k] = len(_area_peaks(image, boxes[k], needed[k])) > 0
+    return found
 
 
 @numba.njit(cache=True)

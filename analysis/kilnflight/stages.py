@@ -43,7 +43,8 @@ TILE = (384, 512)  # of a kept difference, so that a small box is read fast
 CODE = (
     *("background", "camera.py", "combination.py", "correspondence.py", "cylinder.py"),
     *("detection", "evidence.py", "flame.py", "frames.py", "kiln.py", "matching.py"),
-    *("mlesac.py", "peaks.py", "scores", "stages.py", "tables.py", "trial.py", "twin"),
+    *("mlesac.py", "peaks.py", "scores/counts.py", "scores/detections.py", "stages.py"),
+    *("tables.py", "tallies.py", "trial.py", "twin"),
 )
 
 
