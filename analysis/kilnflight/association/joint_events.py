@@ -18,7 +18,7 @@ from kilnflight.association.pairs import Array
 from kilnflight.checks import InputError, check_between, check_count, check_finite, check_shape
 
 # States of all tables of one group, 8 bytes each: 256 MiB. 20 tracks that all share the same
-# 20 detections fit exactly (20 tables of 2^20 states), in 1.6 s; a group at the bound takes 2.4 s.
+# 20 detections fit exactly (20 tables of 2^20 states), in 1.6 s; a group at the bound takes 4 s.
 MOST_STATES = 2**25
 
 
