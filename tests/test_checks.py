@@ -68,3 +68,20 @@ def test_a_half_and_a_truth_value_are_no_counts():
             check_count(value, "count")
     check_count(np.int64(2), "count")
     check_count(2.0, "count")
+
+
+@pytest.mark.parametrize("values", [["1"], [1j], np.array(["2023"], "M8[D]"), [[1], [1, 2]]])
+def test_texts_dates_and_complex_numbers_are_not_numbers(values):
+    with pytest.raises(InputError, match=r"depth: .*not made of numbers"):
+        check_finite(values, "depth")
+
+
+def test_truth_values_are_not_numbers():
+    for check in (check_positive, check_count):
+        with pytest.raises(InputError, match="limit: must be"):
+            check(True, "limit")
+
+
+def test_a_column_that_is_there_twice_is_told():
+    with pytest.raises(InputError, match="here: more than one column x"):
+        check_columns(pd.DataFrame([[1, 2]], columns=["x", "x"]), ["x"], "here")

@@ -86,10 +86,19 @@ def test_a_gate_of_nought_lets_nothing_pass():
     assert pairs.gate_probability == 0.0
 
 
-@pytest.mark.parametrize("bad", [{"distance": -1.0}, {"distance": np.inf}, {"depth_mm": NAN}])
-def test_a_gate_that_is_none_is_told(bad):
-    with pytest.raises(InputError, match=f"Gate: {next(iter(bad))} must be 0 or above"):
-        Gate(**bad)
+@pytest.mark.parametrize("field", ["distance", "depth_mm"])
+@pytest.mark.parametrize("bad", [-1.0, NAN, "4", None, True, [4.0], 1j])
+def test_a_gate_that_is_none_is_told(field, bad):
+    with pytest.raises(InputError, match=f"Gate: {field}: must be 0"):
+        Gate(**{field: bad})
+
+
+def test_no_limit_is_none_for_depth_only():
+    for far in (np.inf, 1e200, 10**400):
+        with pytest.raises(InputError, match=r"Gate: distance: must be 0 to 1e[+]06"):
+            Gate(distance=far)
+    pairs = Gate(1_000_000, np.inf)(tracks([[0, 0]], depth=[1]), found([[9e5, 0]], depth=[1e9]))
+    assert pairs.distance_squared == pytest.approx(8.1e11)
 
 
 def test_tracks_and_detections_that_cannot_be_are_told():

@@ -169,3 +169,14 @@ def test_shapes_and_positions_that_do_not_fit_are_told():
         kalman.update(state, covariance, np.ones((1, 2)), np.ones((2, 1)), h, r)
     with pytest.raises(InputError, match="measurements"):
         kalman.update(state, covariance, np.full((1, 2), np.nan), np.eye(2), h, r)
+
+
+@pytest.mark.parametrize("argument", range(4))
+def test_a_prediction_from_what_is_no_number_is_told(argument):
+    arguments = [np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1)), *of(KILN, 1)[:2]]
+    moved = kalman.predict(*(values.tolist() for values in arguments))
+    np.testing.assert_array_equal(moved[0], kalman.predict(*arguments)[0])
+    names = "state", "covariance", "transition", "process_noise"
+    for bad in (np.full(arguments[argument].shape, np.nan), "a", None):
+        with pytest.raises(InputError, match=f"predict: {names[argument]}"):
+            kalman.predict(*arguments[:argument], bad, *arguments[argument + 1 :])

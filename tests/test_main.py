@@ -149,3 +149,15 @@ def test_a_table_that_is_none_is_one_line(tmp_path, capsys):
     assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 1
     assert "is no CSV table" in capsys.readouterr().err
     assert not (tmp_path / "t.csv").exists()
+
+
+@pytest.mark.parametrize("form", ["csv", "challenge", "napari", "trackmate", "trackpy"])
+def test_whole_frames_may_be_written_as_floats(form, tmp_path, capsys):
+    flight = pd.DataFrame({"frame": np.arange(6.0), "row": np.arange(6) * 9.0, "col": 40.0})
+    flight.to_csv(tmp_path / "d.csv", index=False)
+    command = ["track", str(tmp_path / "d.csv"), str(tmp_path / "t"), "--format", form]
+    assert main(command) == 0
+    assert "1 tracks with 6 of 6 detections" in capsys.readouterr().out
+    flight.assign(frame=flight["frame"] / 2).to_csv(tmp_path / "d.csv", index=False)
+    assert main(command) == 1
+    assert "column frame: 0.5 in row 1 is no whole number" in capsys.readouterr().err

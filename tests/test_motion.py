@@ -68,7 +68,9 @@ def test_three_dimensions_and_a_belt():
 
 
 @pytest.mark.parametrize("model", [ConstantVelocity, ConstantAcceleration])
-@pytest.mark.parametrize("bad", [{"velocity_sd": 0.0}, {"measurement_sd": np.nan}])
+@pytest.mark.parametrize(
+    "bad", [{"velocity_sd": 0.0}, {"measurement_sd": np.nan}, {"velocity_sd": "a"}]
+)
 def test_what_is_no_noise_is_told(model, bad):
     with pytest.raises(InputError, match=f"{model.__name__}: {next(iter(bad))}: must be above 0"):
         model(**bad)
@@ -79,5 +81,28 @@ def test_what_is_no_velocity_is_told():
         ConstantVelocity(velocity=())
     with pytest.raises(InputError, match="not finite"):
         ConstantAcceleration(velocity=(np.nan, 0.0))
+    for bad in (3.0, ((1, 2), (3, 4))):
+        with pytest.raises(InputError, match="velocity, one number per dimension: shape"):
+            ConstantVelocity(velocity=bad)
+    for bad in ("ab", ("1", "2"), None, (1j, 0)):
+        with pytest.raises(InputError, match="velocity"):
+            ConstantVelocity(velocity=bad)
+    with pytest.raises(InputError, match=r"is beyond 1e[+]30"):
+        ConstantVelocity(velocity=(1e200, 0.0))
     with pytest.raises(InputError, match=r"shape \(1, 3\), expected \(n, 2\)"):
         ConstantVelocity().initial(np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize("model", [ConstantVelocity, ConstantAcceleration])
+def test_noise_whose_powers_are_no_numbers_is_told(model):
+    with pytest.raises(InputError, match=r"measurement_sd: must be 0 to 1e[+]30"):
+        model(measurement_sd=1e200)
+
+
+@motions
+@pytest.mark.parametrize("bad", [-1, np.nan, 1e200, "1", None])
+def test_a_time_that_is_none_is_told(motion, bad):
+    with pytest.raises(InputError, match="process_noise: frames: must be 0 to"):
+        motion.process_noise(bad)
+    with pytest.raises(InputError, match="transition: frames: must be 0 to"):
+        motion.transition(bad)

@@ -4,7 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight.association import GNN
 from kilnflight.checks import InputError
+from kilnflight.gating import Gate
+from kilnflight.motion import ConstantVelocity
 from kilnflight.tracking import Management, track
 
 
@@ -28,10 +31,76 @@ def test_columns_that_are_missing_are_told():
         track(np.zeros((3, 3)))
 
 
-@pytest.mark.parametrize("frames", [[0.0, 1.5, 2.0], [0.0, 1.0, 2.0], ["0", "1", "2"]])
-def test_frames_that_are_no_integers_are_told(frames):
-    with pytest.raises(InputError, match="column frame holds"):
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ([0.0, 0.5, 2.0], "column frame: 0.5 in row 1 is no whole number"),
+        ([0.0, np.nan, 2.0], "column frame holds float64 with gaps"),
+        ([0.0, np.inf, 2.0], "column frame: 1 value.* not finite"),
+        ([0.0, 1e300, 2.0], "column frame: 1e[+]300 in row 1"),
+        (["0", "1", "2"], "column frame holds"),
+        ([True, False, True], "column frame holds bool"),
+        (pd.to_datetime(["2023", "2024", "2025"]), "column frame holds datetime64"),
+    ],
+)
+def test_frames_that_are_no_integers_are_told(frames, message):
+    with pytest.raises(InputError, match=message):
         track(table(frame=frames))
+
+
+def test_whole_frames_may_be_held_as_floats():
+    """As a CSV gives them that had a gap; the column comes back as it was."""
+    found = track(table(frame=[0.0, 1.0, 2.0], particle=[np.nan, 4.0, -1.0]))
+    assert found["particle"].tolist() == [0, 0, -1]
+    assert found["frame"].tolist() == [0.0, 1.0, 2.0]
+    assert found["frame"].dtype == float
+    twice = pd.array([0, 1, 2], dtype="Int64")
+    found = track(table(frame=twice, particle=pd.array([1, None, -1], dtype="Int64")))
+    assert found["particle"].tolist() == [0, 0, -1]
+
+
+@pytest.mark.parametrize("bad", [None, [1, 2], {"frame": [1]}, "table"])
+def test_what_is_no_table_is_told(bad):
+    with pytest.raises(InputError, match="is no table"):
+        track(bad)
+
+
+@pytest.mark.parametrize("name", ["frame", "row", "z", "points", "particle"])
+def test_a_column_that_is_there_twice_is_told(name):
+    whole = table(z=1.0, points=2, particle=0)
+    with pytest.raises(InputError, match=f"more than one column {name}"):
+        track(pd.concat([whole, whole[[name]]], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"row": [1j, 2, 3]}, "column row holds complex128"),
+        ({"z": [1j, 2, 3]}, "column z is not made of numbers"),
+        ({"z": pd.to_datetime(["2023", "2024", "2025"])}, "column z is not made of numbers"),
+        ({"z": [True, False, True]}, "column z is not made of numbers"),
+    ],
+)
+def test_what_is_no_real_number_is_told(change, message):
+    with pytest.raises(InputError, match=message):
+        track(table(**change))
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ((GNN,), "associator: GNN is a class; pass an instance"),
+        ((None,), "associator: None cannot be used"),
+        (("GNN",), "associator: 'GNN' cannot be used"),
+        ((GNN(), ConstantVelocity), "motion: ConstantVelocity is a class"),
+        ((GNN(), GNN()), "motion: .* has no transition"),
+        ((GNN(), ConstantVelocity(), 4.0), "gate: 4.0 cannot be used"),
+        ((GNN(), ConstantVelocity(), Gate(), Management), "management: Management is a class"),
+    ],
+)
+def test_parts_that_are_none_are_told(parts, message):
+    with pytest.raises(InputError, match=message):
+        track(table(), *parts)
 
 
 def test_depth_that_is_none_is_told():
@@ -73,10 +142,13 @@ def test_rows_that_are_in_no_track_stay_out_of_all():
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        ({"visibility": 1.5}, "visibility must be 0 to 1"),
-        ({"visibility": np.nan}, "visibility must be 0 to 1"),
-        ({"invisible": -1}, "invisible must be 0 or above"),
-        ({"visibility_age": -1}, "visibility_age must be 0 or above"),
+        ({"visibility": 1.5}, "visibility: must be 0 to 1"),
+        ({"visibility": np.nan}, "visibility: must be 0 to 1"),
+        ({"visibility": "0.4"}, "visibility: must be 0 to 1"),
+        ({"invisible": -1}, "invisible: must be a whole number from 0"),
+        ({"invisible": 2.5}, "invisible: must be a whole number from 0"),
+        ({"invisible": None}, "invisible: must be a whole number from 0"),
+        ({"visibility_age": -1}, "visibility_age: must be a whole number from 0"),
     ],
 )
 def test_management_that_is_none_is_told(bad, message):

@@ -24,6 +24,11 @@ def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> No
             f"{where}: column(s) {', '.join(missing)} missing; it has "
             f"{', '.join(map(str, table.columns)) or 'none'}. Rename or add them."
         )
+    doubled = [name for name in columns if np.sum(table.columns == name) > 1]
+    if doubled:
+        raise InputError(
+            f"{where}: more than one column {', '.join(doubled)}. Leave out or rename the others."
+        )
 
 
 def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], where: str) -> None:
@@ -40,7 +45,10 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     """Return ``values`` as float64, or raise an `InputError` naming the first bad one."""
     try:
-        array = np.asarray(values, dtype=np.float64)
+        given = np.asarray(values)
+        if given.dtype.kind not in "biufO":  # numpy would make numbers of dates and of texts
+            raise TypeError(f"it holds {given.dtype}")
+        array = given.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
     bad = np.argwhere(~np.isfinite(array))
@@ -53,20 +61,105 @@ def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     return array
 
 
+def check_whole(values: pd.Series, where: str) -> npt.NDArray[np.int64]:
+    """Return a column of whole numbers as int64, also where floats hold them.
+
+    A column without rows has no type to speak of.
+
+    Raises
+    ------
+    InputError
+        If the column is not made of numbers, has gaps, or holds a fraction.
+    """
+    if values.dtype == np.int64:
+        return values.to_numpy(np.int64)
+    if not len(values):
+        return np.empty(0, dtype=np.int64)
+    if not is_real(values) or values.isna().any():
+        raise InputError(
+            f"{where} holds {values.dtype}{' with gaps' if values.isna().any() else ''}, expected "
+            "whole numbers without gaps. Convert it first."
+        )
+    numbers = check_finite(values.to_numpy(np.float64), where)
+    bad = np.flatnonzero((numbers != np.floor(numbers)) | (np.abs(numbers) > 2**53))
+    if len(bad):
+        raise InputError(
+            f"{where}: {numbers[bad[0]]} in row {values.index[bad[0]]} is no whole number."
+        )
+    return numbers.astype(np.int64)
+
+
+def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:
+    """Return a column as float64, NaN where nothing is known, or raise an `InputError`."""
+    try:
+        if len(values) and not (is_real(values) or values.dtype == object):
+            raise TypeError(f"it holds {values.dtype}")
+        return values.to_numpy(np.float64, na_value=np.nan)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where} is not made of numbers ({error}).") from error
+
+
+def is_real(values: pd.Series) -> bool:
+    """Return whether a column holds real numbers: no dates, texts, complex or truth values."""
+    types = pd.api.types
+    kind = values.dtype
+    no_real = types.is_bool_dtype(kind) or types.is_complex_dtype(kind)
+    return bool(types.is_numeric_dtype(kind)) and not no_real
+
+
+def is_number(value: object) -> bool:
+    """Return whether ``value`` is one finite real number; a truth value is none."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        return bool(np.isfinite(float(value)))
+    except OverflowError:  # a whole number that no float holds
+        return False
+
+
 def check_positive(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number, finite and above zero."""
-    if not (isinstance(value, Real) and np.isfinite(float(value)) and value > 0):
+    if not (is_number(value) and value > 0):
         raise InputError(f"{where}: must be above 0, got {value!r}.")
 
 
 def check_at_least(value: float, least: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a finite number, ``least`` or above."""
-    if not (isinstance(value, Real) and np.isfinite(float(value)) and value >= least):
+    if not (is_number(value) and value >= least):
         raise InputError(f"{where}: must be {least} or above, got {value!r}.")
+
+
+def check_between(value: float, least: float, most: float, where: str) -> None:
+    """Raise an `InputError` unless ``value`` is a number from ``least`` to ``most``."""
+    if not (is_number(value) and least <= value <= most):
+        raise InputError(f"{where}: must be {least:g} to {most:g}, got {value!r}.")
+
+
+def check_limit(value: float, where: str) -> None:
+    """Raise an `InputError` unless ``value`` is a number, 0 or above; inf is no limit."""
+    endless = isinstance(value, float) and value == np.inf
+    if not (endless or (is_number(value) and value >= 0)):
+        raise InputError(f"{where}: must be 0 or above, got {value!r}.")
 
 
 def check_count(count: float, where: str, least: int = 1) -> None:
     """Raise an `InputError` unless ``count`` is a whole number, ``least`` or above."""
-    number = isinstance(count, Real) and not isinstance(count, bool | np.bool_)
-    if not (number and np.isfinite(float(count)) and count == int(count) and count >= least):
+    if not (is_number(count) and count == int(count) and count >= least):
         raise InputError(f"{where}: must be a whole number from {least}, got {count!r}.")
+
+
+def check_kind(value: object, kind: type, where: str) -> None:
+    """Raise an `InputError` unless ``value`` is of a kind."""
+    if not isinstance(value, kind):
+        raise InputError(f"{where}: must be a {kind.__name__}, got {value!r}.")
+
+
+def check_offers(value: object, methods: Sequence[str], where: str) -> None:
+    """Raise an `InputError` unless ``value`` has the methods; a class is not its instance."""
+    if isinstance(value, type):
+        raise InputError(
+            f"{where}: {value.__name__} is a class; pass an instance, {value.__name__}()."
+        )
+    missing = [name for name in methods if not callable(getattr(value, name, None))]
+    if missing:
+        raise InputError(f"{where}: {value!r} cannot be used; it has no {', '.join(missing)}.")

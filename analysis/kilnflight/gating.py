@@ -16,10 +16,12 @@ from numba import njit
 from scipy.special import gammainc
 
 from kilnflight.association.pairs import Pairs
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.checks import InputError, check_between, check_finite, check_limit, check_shape
 from kilnflight.kalman import factor
 
 Array = npt.NDArray[np.float64]
+
+WIDEST = 1e6  # standard deviations; more lets everything pass and its area is no number
 
 
 class Predicted(NamedTuple):
@@ -63,10 +65,8 @@ class Gate:
 
     def __post_init__(self) -> None:
         """Refuse a gate that is no distance; no limit at all (inf) is none for depth only."""
-        if not 0 <= self.distance < np.inf:
-            raise InputError(f"Gate: distance must be 0 or above, and finite; got {self.distance}.")
-        if not self.depth_mm >= 0:
-            raise InputError(f"Gate: depth_mm must be 0 or above, got {self.depth_mm}.")
+        check_between(self.distance, 0, WIDEST, "Gate: distance")
+        check_limit(self.depth_mm, "Gate: depth_mm")
 
     def __call__(self, predicted: Predicted, detected: Detected) -> Pairs:
         """Return distances, determinants, differences in size, and areas of the gates.
@@ -86,7 +86,7 @@ class Gate:
             if not np.isfinite(places).all():  # the quick look first
                 check_finite(places, f"positions of {name}")
         squares, logs, sizes, singular = _gate(
-            *predicted, *detected, self.distance**2, self.depth_mm
+            *predicted, *detected, float(self.distance) ** 2, float(self.depth_mm)
         )
         if singular >= 0:
             raise InputError(
@@ -95,7 +95,7 @@ class Gate:
             )
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         areas = ball * self.distance**d * np.exp(logs / 2)
-        return Pairs(squares, logs, sizes, areas, float(gammainc(d / 2, self.distance**2 / 2)))
+        return Pairs(squares, logs, sizes, areas, float(gammainc(d / 2, self.distance**2 / 2)), d)
 
 
 @njit(cache=True)

@@ -29,9 +29,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import InputError, check_finite, check_positive, check_shape
+from kilnflight.checks import InputError, check_between, check_finite, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]
+
+LARGEST = 1e30  # px and frames; squares stay numbers, and nothing that is seen comes near
+LONGEST = 2.0**64  # frames, more than lie between any two whole numbers of 8 bytes
 
 
 class Motion(Protocol):
@@ -71,17 +74,18 @@ class ConstantVelocity:
     def __post_init__(self) -> None:
         """Refuse what is no number of px and frames."""
         _check(self.velocity, "ConstantVelocity")
-        check_positive(self.velocity_sd, "ConstantVelocity: velocity_sd")
-        check_positive(self.acceleration_noise, "ConstantVelocity: acceleration_noise")
-        check_positive(self.measurement_sd, "ConstantVelocity: measurement_sd")
+        _check_size(self.velocity_sd, "ConstantVelocity: velocity_sd")
+        _check_size(self.acceleration_noise, "ConstantVelocity: acceleration_noise")
+        _check_size(self.measurement_sd, "ConstantVelocity: measurement_sd")
 
     def transition(self, frames: float) -> Array:
         """Return F of Eq. 4.4 over a number of frames, (2 d, 2 d)."""
-        return _each_axis([[1, frames], [0, 1]], len(self.velocity))
+        t = _span(frames, "transition: frames")
+        return _each_axis([[1, t], [0, 1]], len(self.velocity))
 
     def process_noise(self, frames: float) -> Array:
         """Return Q, the white noise integrated over a number of frames, (2 d, 2 d)."""
-        t = frames
+        t = _span(frames, "process_noise: frames")
         block = [[t**3 / 3, t**2 / 2], [t**2 / 2, t]]
         return self.acceleration_noise**2 * _each_axis(block, len(self.velocity))
 
@@ -114,19 +118,19 @@ class ConstantAcceleration:
     def __post_init__(self) -> None:
         """Refuse what is no number of px and frames."""
         _check(self.velocity, "ConstantAcceleration")
-        check_positive(self.velocity_sd, "ConstantAcceleration: velocity_sd")
-        check_positive(self.acceleration_sd, "ConstantAcceleration: acceleration_sd")
-        check_positive(self.jerk_noise, "ConstantAcceleration: jerk_noise")
-        check_positive(self.measurement_sd, "ConstantAcceleration: measurement_sd")
+        _check_size(self.velocity_sd, "ConstantAcceleration: velocity_sd")
+        _check_size(self.acceleration_sd, "ConstantAcceleration: acceleration_sd")
+        _check_size(self.jerk_noise, "ConstantAcceleration: jerk_noise")
+        _check_size(self.measurement_sd, "ConstantAcceleration: measurement_sd")
 
     def transition(self, frames: float) -> Array:
         """Return F over a number of frames, (3 d, 3 d)."""
-        t = frames
+        t = _span(frames, "transition: frames")
         return _each_axis([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]], len(self.velocity))
 
     def process_noise(self, frames: float) -> Array:
         """Return Q, the white noise integrated over a number of frames, (3 d, 3 d)."""
-        t = frames
+        t = _span(frames, "process_noise: frames")
         block = [
             [t**5 / 20, t**4 / 8, t**3 / 6],
             [t**4 / 8, t**3 / 3, t**2 / 2],
@@ -149,8 +153,23 @@ class ConstantAcceleration:
 
 
 def _check(velocity: tuple[float, ...], where: str) -> None:
-    if not len(check_finite(velocity, f"{where}: velocity")):
+    numbers = check_finite(velocity, f"{where}: velocity")
+    check_shape(numbers, (None,), f"{where}: velocity, one number per dimension")
+    if not len(numbers):
         raise InputError(f"{where}: velocity is empty; give one number per dimension.")
+    if np.abs(numbers).max() > LARGEST:
+        raise InputError(f"{where}: velocity {velocity!r} is beyond {LARGEST:g} px/frame.")
+
+
+def _check_size(value: float, where: str) -> None:
+    check_positive(value, where)
+    check_between(value, 0, LARGEST, where)
+
+
+def _span(frames: float, where: str) -> float:
+    """Return a number of frames whose powers are numbers, too."""
+    check_between(frames, 0, LONGEST, where)
+    return float(frames)
 
 
 def _each_axis(block: list[list[float]], dimensions: int) -> Array:

@@ -17,7 +17,14 @@ from numba import njit
 
 from kilnflight import kalman
 from kilnflight.association import GNN, Associator, Pairs
-from kilnflight.checks import InputError, check_columns
+from kilnflight.checks import (
+    InputError,
+    check_columns,
+    check_offers,
+    check_whole,
+    is_real,
+    known_numbers,
+)
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.motion import ConstantVelocity, Motion
 from kilnflight.tables import DETECTIONS, Table
@@ -61,8 +68,9 @@ def track(
     Parameters
     ----------
     detections
-        Columns frame (int), row, col (px); z (mm) and points are used where present. NaN
-        in z, and NaN or 0 in points, mean unknown. Other columns are carried along.
+        Columns frame (whole numbers, which floats may hold), row, col (px); z (mm) and points
+        are used where present. NaN in z, and NaN or 0 in points, mean unknown. Other columns
+        are carried along.
     associator, motion, gate, management
         Who gets what, how particles move, what is possible, when tracks end.
 
@@ -76,7 +84,8 @@ def track(
     Raises
     ------
     InputError
-        If a column is missing, frames are not integers, or a position is not finite; the
+        If a column is missing or there twice, a frame is no whole number, a position is not
+        finite, or an associator and the like is none (a class, say); the
         message names the row.
 
     Notes
@@ -90,9 +99,11 @@ def track(
     Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
     depend on the order of the table; rows equal in all of these are taken as they stand.
     """
+    check_columns(detections, NEEDED.names, NEEDED.name)
     left_out = np.zeros(len(detections), dtype=bool)
-    if isinstance(detections, pd.DataFrame) and "particle" in detections.columns:
-        left_out = (detections["particle"] == -1).to_numpy()
+    if "particle" in detections.columns:
+        check_columns(detections, ["particle"], NEEDED.name)
+        left_out = (detections["particle"] == -1).to_numpy(dtype=bool, na_value=False)
     particle = np.full(len(detections), -1, dtype=np.int64)
     wanted = np.flatnonzero(~left_out)
     for step in steps(detections[~left_out], associator, motion, gate, management):
@@ -108,6 +119,7 @@ def steps(
     management: Management = _MANAGEMENT,
 ) -> Iterator[Step]:
     """Yield what `track` does in each frame that has detections; same arguments."""
+    _check_parts(associator, motion, gate, management)
     frames, rows, found = _read(detections)
     if not len(frames):
         return
@@ -138,12 +150,28 @@ def steps(
         started, before = started + len(new.particle), frame
 
 
+def _check_parts(
+    associator: Associator, motion: Motion, gate: Gate, management: Management
+) -> None:
+    """Refuse what is none of the four, such as a class in place of its instance."""
+    moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
+    check_offers(associator, ("__call__",), "track: associator")
+    check_offers(motion, moves, "track: motion")
+    check_offers(gate, ("__call__",), "track: gate")
+    check_offers(management, ("keeps",), "track: management")
+
+
 def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
     """Return frames, rows by position, and detections, sorted by frame and place."""
     check_columns(table, NEEDED.names, NEEDED.name)
-    needed = NEEDED.check(table[NEEDED.names]) if len(table) else table[NEEDED.names]
-    frames = needed["frame"].to_numpy(dtype=np.int64)
-    positions = needed[["row", "col"]].to_numpy(dtype=np.float64)
+    frames = check_whole(table["frame"], f"{NEEDED.name}: column frame")
+    needed = table[NEEDED.names].assign(frame=frames)
+    for name in NEEDED.names[1:]:
+        if len(table) and not is_real(table[name]):
+            raise InputError(
+                f"{NEEDED.name}: column {name} holds {table[name].dtype}, not numbers."
+            )
+    positions = (NEEDED.check(needed) if len(table) else needed)[["row", "col"]].to_numpy(float)
     depth, points = _optional(table, "z"), _optional(table, "points")
     points = np.where(points > 0, points, np.nan)
     extra = [values for values in (points, depth) if not np.isnan(values).all()]
@@ -156,10 +184,8 @@ def _optional(table: pd.DataFrame, name: str) -> Array:
     """Return a column as floats, NaN where nothing is known."""
     if name not in table.columns:
         return np.full(len(table), np.nan)
-    try:
-        values = table[name].to_numpy(dtype=np.float64, na_value=np.nan)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{NEEDED.name}: column {name} is not made of numbers.") from error
+    check_columns(table, [name], NEEDED.name)
+    values = known_numbers(table[name], f"{NEEDED.name}: column {name}")
     if np.isinf(values).any():
         where = table.index[int(np.argmax(np.isinf(values)))]
         raise InputError(f"{NEEDED.name}: {name} is infinite in row {where}; use NaN for unknown.")

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_between, check_count
 from kilnflight.gating import Detected
 from kilnflight.motion import Motion
 
@@ -41,11 +41,9 @@ class Management:
 
     def __post_init__(self) -> None:
         """Refuse what is no share and no number of frames."""
-        if not 0 <= self.visibility <= 1:
-            raise InputError(f"Management: visibility must be 0 to 1, got {self.visibility}.")
-        for name in ("invisible", "visibility_age"):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"Management: {name} must be 0 or above; {getattr(self, name)}.")
+        check_between(self.visibility, 0, 1, "Management: visibility")
+        check_count(self.invisible, "Management: invisible", least=0)
+        check_count(self.visibility_age, "Management: visibility_age", least=0)
 
     def keeps(self, seen: Integers, age: Integers, missed: Integers) -> npt.NDArray[np.bool_]:
         """Return which tracks live on, by times seen, frames of life, frames since last seen."""

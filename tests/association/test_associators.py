@@ -5,6 +5,7 @@ import pytest
 
 from kilnflight.association import ASSOCIATORS, GNN, JPDA, PDA, NearestNeighbor
 from kilnflight.checks import InputError
+from kilnflight.gating import Detected, Gate, Predicted
 
 every = pytest.mark.parametrize("associator", ASSOCIATORS, ids=lambda a: type(a).__name__)
 SHARING = (PDA,)  # PDA alone lets tracks share a detection
@@ -101,31 +102,57 @@ def test_bad_shapes_and_probabilities_are_refused(associator, crowd):
             associator(pairs._replace(**{field: getattr(pairs, field)[:-1]}))
     with pytest.raises(InputError, match="tracks, detections"):
         associator(pairs._replace(distance_squared=np.zeros(3)))
-    for probability in (0.0, 1.1, np.nan):
+    for probability in (-0.1, 1.1, np.nan, None, "1"):
         with pytest.raises(InputError, match="gate_probability"):
             associator(pairs._replace(gate_probability=probability))
 
 
 @pytest.mark.parametrize("kind", [PDA, JPDA])
-@pytest.mark.parametrize("value", [0.0, 1.0, -0.1, np.nan])
+@pytest.mark.parametrize("value", [0.0, 1.0, -0.1, np.nan, "0.9", None])
 def test_a_detection_probability_that_is_none(kind, value):
     with pytest.raises(InputError, match="detection_probability"):
         kind(detection_probability=value)
 
 
 @pytest.mark.parametrize("kind", [NearestNeighbor, GNN, PDA, JPDA])
-@pytest.mark.parametrize("value", [-1.0, np.inf, np.nan])
+@pytest.mark.parametrize("value", [-1.0, np.inf, np.nan, "a", None])
 def test_a_size_weight_that_is_none(kind, value):
     with pytest.raises(InputError, match="size_weight"):
         kind(size_weight=value)
 
 
 @pytest.mark.parametrize("kind", [NearestNeighbor, GNN])
-def test_a_cost_that_is_none(kind):
+@pytest.mark.parametrize("value", [np.inf, np.nan, "a", None])
+def test_a_cost_that_is_none(kind, value):
     with pytest.raises(InputError, match="nonassignment_cost"):
-        kind(nonassignment_cost=np.inf)
+        kind(nonassignment_cost=value)
 
 
 def test_tables_that_hold_nothing():
-    with pytest.raises(InputError, match="most_states"):
-        JPDA(most_states=3)
+    for bad in (3, 4.5, "a", None, True, 2**33):
+        with pytest.raises(InputError, match="most_states"):
+            JPDA(most_states=bad)
+
+
+@pytest.mark.parametrize("kind", [PDA, JPDA])
+def test_a_choice_that_is_none(kind):
+    with pytest.raises(InputError, match="printed_determinant: must be a bool, got 'no'"):
+        kind(printed_determinant="no")
+
+
+@every
+def test_a_gate_of_nought_leaves_every_track_missed(associator):
+    at = np.zeros((2, 2))
+    unknown = np.full(2, np.nan)
+    predicted = Predicted(at, np.tile(np.eye(2), (2, 1, 1)), unknown, unknown)
+    pairs = Gate(distance=0)(predicted, Detected(at, unknown, unknown))
+    assert pairs.gate_probability == 0.0
+    assert associator(pairs).tolist() == [[1, 0, 0]] * 2
+
+
+@every
+def test_what_are_no_pairs(associator, crowd):
+    with pytest.raises(InputError, match="must be a Pairs"):
+        associator(None)
+    with pytest.raises(InputError, match="pairs: dimensions"):
+        associator(crowd(0)._replace(dimensions=0))

@@ -61,6 +61,7 @@ def test_matrices_that_are_none(matrix, message):
         feasible_events(matrix)
 
 
-def test_numbers_that_are_none():
-    with pytest.raises(InputError, match="expected 0 or more"):
-        most_events(-1, 2)
+@pytest.mark.parametrize("numbers", [(-1, 2), (2, -1), (1.5, 2), ("a", 2), (2, None)])
+def test_numbers_that_are_none(numbers):
+    with pytest.raises(InputError, match="must be a whole number from 0"):
+        most_events(*numbers)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import block_diag
 
-from kilnflight.association import JPDA, PDA, joint_probabilities
+from kilnflight.association import JPDA, PDA, Pairs, joint_probabilities
 from kilnflight.association.elimination import graph_of, make_plan, states
 from kilnflight.checks import InputError
 
@@ -149,6 +149,21 @@ def test_a_track_that_must_have_a_detection(plain_probabilities):
 def test_what_cannot_be_used(likelihood, missed, message):
     with pytest.raises(InputError, match=message):
         joint_probabilities(likelihood, missed)
+
+
+@pytest.mark.parametrize("bad", ["a", None, 3, 4.5])
+def test_a_bound_that_is_none(bad):
+    with pytest.raises(InputError, match="joint probabilities: most_states"):
+        joint_probabilities([[1.0]], [1.0], most_states=bad)
+
+
+def test_the_tracker_gives_up_being_exact_before_the_function_does():
+    """18 tracks that all share 18 detections: 2^22 states."""
+    crowded = Pairs(np.zeros((18, 18)), np.zeros(18), np.zeros((18, 18)), np.ones(18), 0.99)
+    with pytest.warns(UserWarning, match="18 tracks share detections too densely"):
+        weights = JPDA()(crowded)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    joint_probabilities(np.ones((18, 18)), np.ones(18))  # warnings are errors here
 
 
 def test_empty_is_normal():

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from kilnflight.association import PDA
+from kilnflight.association import JPDA, PDA
+from kilnflight.gating import Detected, Gate, Predicted
 
 
 def equations_in_plain_code(distance, size, sigma, area, p_g, p_d, a_0, printed):
@@ -52,3 +53,17 @@ def test_tracks_do_not_see_each_other(make_pairs):
 def test_likelihoods_too_small_for_a_float(make_pairs):
     pairs = make_pairs([[0, 0]], [[0, 1], [0, 2]], size=[[1e7, 1e7]])
     np.testing.assert_allclose(PDA()(pairs), [[1.0, 0.0, 0.0]])
+
+
+def test_in_three_dimensions_by_hand():
+    """Eq. 4.12 with |2 pi S|^(1/2) = (2 pi)^(3/2) 8 for S = 4 I, and a ball of four sigmas."""
+    predicted = Predicted(np.zeros((1, 3)), 4.0 * np.eye(3)[None], *np.full((2, 1), np.nan))
+    detected = Detected(np.array([[2.0, 0.0, 0.0]]), *np.full((2, 1), np.nan))
+    pairs = Gate(4.0)(predicted, detected)
+    assert pairs.dimensions == 3
+    p_g = math.erf(4 / math.sqrt(2)) - math.sqrt(2 / math.pi) * 4 * math.exp(-8)  # chi, 3 degrees
+    density = 1 / (4 / 3 * math.pi * (4 * 2) ** 3)
+    b = density * (2 * math.pi) ** 1.5 * 8 * (1 - 0.9 * p_g) / 0.9
+    e = math.exp(-0.5)
+    np.testing.assert_allclose(PDA()(pairs), [[b / (b + e), e / (b + e)]], rtol=1e-12)
+    np.testing.assert_allclose(JPDA()(pairs), [[b / (b + e), e / (b + e)]], rtol=1e-12)

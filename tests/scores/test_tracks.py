@@ -206,17 +206,29 @@ def test_measures_are_in_their_bounds_and_have_no_unit(truth, seen, gate, unit):
         ({"truth": TRUTH.assign(particle=-2)}, "truth: particle -2"),
         ({"truth": TRUTH.assign(row=np.nan)}, r"truth, row: 10 value\(s\) are not finite"),
         ({"candidate": TRUTH.drop(columns="col")}, r"candidate: column\(s\) col missing"),
-        ({"candidate": TRUTH.assign(frame=0.5)}, "candidate, column frame: 0.5 in row 0"),
-        ({"candidate": TRUTH.assign(frame=1e300)}, "candidate, column frame: 1e[+]300"),
-        ({"candidate": TRUTH.assign(particle=np.nan)}, "candidate, column particle"),
-        ({"candidate": TRUTH.assign(particle="a")}, "not made of numbers"),
+        ({"candidate": TRUTH.assign(frame=0.5)}, "candidate: column frame: 0.5 in row 0"),
+        ({"candidate": TRUTH.assign(frame=1e300)}, "candidate: column frame: 1e[+]300"),
+        ({"candidate": TRUTH.assign(particle=np.nan)}, "candidate: column particle"),
+        ({"candidate": TRUTH.assign(particle="a")}, "candidate: column particle holds"),
+        ({"candidate": TRUTH.assign(row=1j)}, "not made of numbers"),
+        ({"truth": pd.concat([TRUTH, TRUTH["row"]], axis=1)}, "truth: more than one column row"),
         ({"candidate": join(TRUTH, TRUTH[3:4])}, "particle 0 has two rows in frame 3"),
         ({"candidate": [1, 2]}, "list is no table"),
         ({"gate": 0.0}, "gate: must be above 0"),
         ({"gate": np.nan}, "gate: must be above 0"),
+        ({"gate": True}, "gate: must be above 0"),
         ({"columns": ()}, "no columns to measure"),
+        ({"columns": ("row", "row")}, "name one twice"),
+        ({"columns": "row"}, "pass a list of names"),
+        ({"columns": None}, "pass a list of names"),
     ],
 )
 def test_what_cannot_be_scored_is_told(change, message):
     with pytest.raises(InputError, match=message):
         score_tracks(**{"truth": TRUTH, "candidate": TRUTH, "gate": 5.0, **change})
+
+
+@pytest.mark.parametrize("kind", [list, np.array, pd.Index])
+def test_columns_in_any_list(kind):
+    score = score_tracks(TRUTH, TRUTH, gate=5.0, columns=kind(["row", "col"]))
+    assert score.alpha == 1.0

@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.scores import score_tracks
@@ -71,6 +71,7 @@ def counts(truth, candidates, pairs, gate):
     return tp, length - tp, fp + spurious, spurious
 
 
+@settings(deadline=None)  # the first call compiles
 @given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
 def test_the_fast_way_is_the_definition(truth, seen, gate, dimensions):
     names = ["frame", "particle", *["x", "y", "z"][:dimensions]]

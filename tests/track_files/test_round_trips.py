@@ -99,8 +99,8 @@ def test_the_order_of_rows_and_other_columns_do_not_matter(name):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"frame": 0.5}, "column frame holds float64"),
-        ({"particle": 1.0}, "column particle holds float64"),
+        ({"frame": 0.5}, "column frame: 0.5 in row 0 is no whole number"),
+        ({"particle": "1"}, "column particle holds"),
         ({"particle": -2}, "numbered from 0"),
         ({"row": np.nan}, "not finite"),
         ({"col": "a"}, "not made of numbers"),

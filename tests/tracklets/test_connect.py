@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.tracklets import Connection, Costs, Hungarian, tracked
+from kilnflight.tracklets import Connection, Costs, Fusion, Hungarian, tracked
 from kilnflight.tracklets.criteria import Limits, Pool, Weights, candidates
 from kilnflight.tracklets.paths import read_paths
 
@@ -147,9 +147,33 @@ def test_it_is_the_plain_definition(flights, plain, same_tracks, seed, count, di
     same_tracks(Connection()(tracks), plain.join(plain.tracklets_of(tracks)))
 
 
-def test_what_is_no_limit_is_refused():
-    for wrong in ({"gap": -1.0}, {"overlap": np.nan}, {"depth": -5.0}):
-        with pytest.raises(InputError, match="negative or not a number"):
-            Connection(**wrong)
-    with pytest.raises(InputError, match="negative or not a number"):
-        Costs(feature=-1.0)
+@pytest.mark.parametrize("bad", [-1.0, np.nan, "a", None, True])
+def test_what_is_no_limit_is_refused(bad):
+    for field in ("gap", "overlap", "depth"):
+        with pytest.raises(InputError, match=f"Connection: {field}: must be 0 or above"):
+            Connection(**{field: bad})
+    for field in Costs.__dataclass_fields__:
+        with pytest.raises(InputError, match=f"Costs: {field}: must be 0 or above"):
+            Costs(**{field: bad})
+
+
+def test_a_weight_without_end_is_refused():
+    with pytest.raises(InputError, match="Costs: angle"):
+        Costs(angle=np.inf)
+
+
+@pytest.mark.parametrize("step", [Connection, Fusion])
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"outliers": 3}, "outliers: must be a OutlierRemoval, got 3"),
+        ({"costs": 3}, "costs: must be a Costs, got 3"),
+        ({"false": None}, "false: must be a Elimination, got None"),
+        ({"matching": "dnn"}, "matching: 'dnn' cannot be used"),
+        ({"matching": Hungarian}, "matching: Hungarian is a class"),
+        ({"feature": 1.0}, "feature: 1.0 cannot be used"),
+    ],
+)
+def test_parts_of_another_kind_are_refused(step, wrong, message):
+    with pytest.raises(InputError, match=f"{step.__name__}: {message}"):
+        step(**wrong)

@@ -70,5 +70,15 @@ def test_it_is_the_plain_definition(flights, plain, same_tracks, seed):
 def test_limits_are_fields(table):
     tracks = table((T, 1.0 * T, 0.0))
     assert (replace(Elimination(), speed=0.9)(tracks)["particle"] == 0).all()
-    with pytest.raises(InputError, match="not a number"):
-        Elimination(regularity=np.nan)
+
+
+@pytest.mark.parametrize("field", ["duration", "speed", "regularity"])
+@pytest.mark.parametrize("bad", [np.nan, -3, "a", None, True])
+def test_what_is_no_limit_is_refused(field, bad):
+    with pytest.raises(InputError, match=f"Elimination: {field}: must be"):
+        Elimination(**{field: bad})
+
+
+def test_a_correlation_above_one_is_refused():
+    with pytest.raises(InputError, match="regularity: must be -1 to 1, got 5"):
+        Elimination(regularity=5)

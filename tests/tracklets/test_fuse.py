@@ -49,5 +49,6 @@ def test_it_is_the_plain_definition(table, plain, same_tracks, seed):
 
 
 def test_what_is_no_limit_is_refused():
-    with pytest.raises(InputError, match="negative or not a number"):
-        Fusion(distance=-1.0)
+    for bad in (-1.0, np.nan, "a", None):
+        with pytest.raises(InputError, match="Fusion: distance: must be 0 or above"):
+            Fusion(distance=bad)

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from kilnflight.tracklets import DualNearest, Hungarian, listed
+from kilnflight.checks import InputError
+from kilnflight.tracklets import DualNearest, Hungarian, Pairs, listed
 
 C = np.inf
 MATCHINGS = (DualNearest(), Hungarian())
@@ -73,3 +74,26 @@ def test_hungarian_costs_what_scipy_costs(matrix):
     found = chosen(Hungarian(), matrix)
     assert len(found) == np.isfinite(costs).sum()
     assert sum(matrix[i, k] for i, k in found) == pytest.approx(costs[np.isfinite(costs)].sum())
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([1, 2], "cost matrix: shape"),
+        (np.zeros((2, 3)), "cost matrix: shape"),
+        ([["a"]], "cost matrix: it holds"),
+        ([[C, -1.0], [C, C]], "tracklets 0 and 1 cost -1.0"),
+        ([[C, np.nan], [C, C]], "tracklets 0 and 1 cost nan"),
+        (-np.ones((2, 2)) * C, "cost -inf"),
+    ],
+)
+def test_costs_that_are_none(matrix, message):
+    with pytest.raises(InputError, match=message):
+        listed(matrix)
+
+
+@pytest.mark.parametrize("matching", MATCHINGS)
+@pytest.mark.parametrize("cost", [-1.0, np.nan, C])
+def test_a_list_with_costs_that_are_none(matching, cost):
+    with pytest.raises(InputError, match="tracklets 3 and 4 cost"):
+        matching(Pairs(np.array([3]), np.array([4]), np.array([cost])))

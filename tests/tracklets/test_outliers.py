@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -77,6 +78,14 @@ def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter):
     same_tracks(OutlierRemoval()(tracks), expected)
 
 
-def test_a_limit_that_is_no_number_is_refused():
-    with pytest.raises(InputError, match="not a number"):
-        OutlierRemoval(angle_deg=np.nan)
+@pytest.mark.parametrize("field", ["angle_deg", "change"])
+@pytest.mark.parametrize("bad", [np.nan, -3, "a", None, True])
+def test_what_is_no_limit_is_refused(field, bad):
+    with pytest.raises(InputError, match=f"OutlierRemoval: {field}: must be 0 or above"):
+        OutlierRemoval(**{field: bad})
+
+
+def test_no_angle_at_all_is_a_limit(table):
+    """Every change of direction counts then; without a change of speed it is still none."""
+    tracks = table((T[:6], 5.0 * T[:6], 0.1 * T[:6]))
+    pd.testing.assert_frame_equal(OutlierRemoval(angle_deg=0, change=1)(tracks), tracks)

@@ -103,7 +103,10 @@ def test_x_and_y_follow_the_depth_and_whole_pixels_become_floats(table):
         (lambda t: t.assign(col=[1.0, np.nan, 2.0]), "column col is nan in row 1"),
         (lambda t: t.assign(row=[1.0, 2.0, np.inf]), "column row is inf in row 2"),
         (lambda t: t.assign(z=[1.0, np.nan, -np.inf]), "column z is -inf in row 2"),
-        (lambda t: t.assign(frame=[0.0, 1.0, 2.0]), "column frame holds float64"),
+        (lambda t: t.assign(frame=[0.0, 0.5, 2.0]), "column frame: 0.5 in row 1"),
+        (lambda t: t.assign(particle=-7), "particle -7; tracks are numbered from 0"),
+        (lambda t: t.assign(row=1j), "column row is not made of numbers"),
+        (lambda t: pd.concat([t, t["row"]], axis=1), "more than one column row"),
         (lambda t: t.assign(particle="a"), "column particle holds"),
         (lambda t: t.assign(row="a"), "column row is not made of numbers"),
         (lambda t: t.assign(frame=[0, 1, 1]), "particle 0 has two rows in frame 1"),
@@ -122,3 +125,11 @@ def test_two_rows_of_no_track_in_one_frame_are_normal(table):
     clutter = tracks.assign(particle=-1)
     both = pd.concat([tracks, clutter, clutter], ignore_index=True)
     assert postprocess(both)["particle"].tolist() == [0] * 3 + [-1] * 6
+
+
+@EVERY
+def test_whole_frames_may_be_held_as_floats(flights, step):
+    tracks = flights(2, 6)
+    floats = tracks.astype({"frame": float, "particle": float})
+    expected = step(tracks)
+    pd.testing.assert_frame_equal(step(floats), expected.astype({"frame": float}))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.association.pairs import Pairs, check_pairs
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_count
 
 MOST_EVENTS = 2**20
 
@@ -85,7 +85,7 @@ def most_events(tracks: int, detections: int) -> int:
     >>> most_events(2, 4)
     21
     """
-    if tracks < 0 or detections < 0:
-        raise InputError(f"{tracks} tracks and {detections} detections: expected 0 or more.")
-    n, m = tracks, detections
+    check_count(tracks, "most_events: tracks", least=0)
+    check_count(detections, "most_events: detections", least=0)
+    n, m = int(tracks), int(detections)
     return 1 + sum(comb(n, i) * perm(m, n - i) for i in range(n))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kilnflight.association.pairs import Array, Pairs, check_size_weight
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_kind, is_number
 
 
 def log_likelihoods(
@@ -24,16 +24,20 @@ def log_likelihoods(
     some = m > 0
     log_b = np.zeros(len(m))
     log_density = np.log(m[some] / pairs.gate_area[some])
-    log_spread = np.log(2 * np.pi) + 0.5 * pairs.log_determinant[some]  # ln |2 pi S|^(1/2)
+    d = pairs.dimensions
+    log_spread = 0.5 * (d * np.log(2 * np.pi) + pairs.log_determinant[some])  # ln |2 pi S|^(1/2)
     log_b[some] = log_density + log_spread + np.log((1 - p_d * p_g) / p_d)
     return log_e, log_b
 
 
-def check_probabilities(detection_probability: float, size_weight: float, where: str) -> None:
+def check_probabilities(
+    detection_probability: float, size_weight: float, printed_determinant: bool, where: str
+) -> None:
     """Raise an `InputError` unless P_D lies between 0 and 1 and a_0 is a weight."""
     check_size_weight(size_weight, where)
-    if not 0 < detection_probability < 1:
+    check_kind(printed_determinant, bool, f"{where}: printed_determinant")
+    if not (is_number(detection_probability) and 0 < detection_probability < 1):
         raise InputError(
-            f"{where}: detection_probability is {detection_probability}, expected between 0 and "
+            f"{where}: detection_probability is {detection_probability!r}, expected between 0 and "
             "1, both excluded: a track can always be missed, and never only missed."
         )

@@ -8,7 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import InputError
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_between,
+    check_count,
+    check_kind,
+    is_number,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -25,11 +32,14 @@ class Pairs(NamedTuple):
     gate_area: Array
     """(n,) V(i), area of the elliptical gate in px^2 (Eq. 4.13)."""
     gate_probability: float
-    """P_G, probability that a particle's detection lies in its elliptical gate."""
+    """P_G, probability that a particle's detection lies in its elliptical gate; 0: gate of 0."""
+    dimensions: int = 2
+    """d, of the positions; S is (d, d) and V(i) a volume where d is 3."""
 
 
 def check_pairs(pairs: Pairs) -> Pairs:
     """Return the pairs as float64 arrays, or raise an `InputError` that names the bad field."""
+    check_kind(pairs, Pairs, "pairs")
     distance, determinant, size, area = (
         np.asarray(field, dtype=np.float64, order="C") for field in pairs[:4]
     )
@@ -47,9 +57,10 @@ def check_pairs(pairs: Pairs) -> Pairs:
             raise InputError(f"pairs: {name} has shape {array.shape}, expected {shape}.")
     if not _sound(distance, determinant, size, area):  # the quick look first
         _refuse_numbers(distance, determinant, size, area)
-    if not 0 < pairs.gate_probability <= 1:
-        raise InputError(f"pairs: gate_probability is {pairs.gate_probability}, expected (0, 1].")
-    return Pairs(distance, determinant, size, area, float(pairs.gate_probability))
+    check_between(pairs.gate_probability, 0, 1, "pairs: gate_probability")
+    check_count(pairs.dimensions, "pairs: dimensions")
+    numbers = float(pairs.gate_probability), int(pairs.dimensions)
+    return Pairs(distance, determinant, size, area, *numbers)
 
 
 @njit(cache=True)
@@ -83,14 +94,13 @@ def _refuse(bad: npt.NDArray[np.bool_], array: Array, name: str, wanted: str) ->
 def check_costs(size_weight: float, nonassignment_cost: float, where: str) -> None:
     """Raise an `InputError` unless the parameters of Eq. 4.9 and C_NA can be used."""
     check_size_weight(size_weight, where)
-    if not np.isfinite(nonassignment_cost):
-        raise InputError(f"{where}: nonassignment_cost is {nonassignment_cost}, expected finite.")
+    if not is_number(nonassignment_cost):
+        raise InputError(f"{where}: nonassignment_cost is {nonassignment_cost!r}, expected finite.")
 
 
 def check_size_weight(size_weight: float, where: str) -> None:
     """Raise an `InputError` unless a_0 of Eq. 4.9 is finite and not negative."""
-    if not (np.isfinite(size_weight) and size_weight >= 0):
-        raise InputError(f"{where}: size_weight is {size_weight}, expected finite, 0 or more.")
+    check_at_least(size_weight, 0, f"{where}: size_weight")
 
 
 def cost(pairs: Pairs, size_weight: float) -> Array:

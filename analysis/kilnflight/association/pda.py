@@ -47,7 +47,9 @@ class PDA:
 
     def __post_init__(self) -> None:
         """Refuse parameters that are no probabilities."""
-        check_probabilities(self.detection_probability, self.size_weight, "PDA")
+        check_probabilities(
+            self.detection_probability, self.size_weight, self.printed_determinant, "PDA"
+        )
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return weights (n, 1 + m); rows sum to 1, column 0 = missed.

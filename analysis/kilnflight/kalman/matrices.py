@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import check_shape
+from kilnflight.checks import check_finite, check_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -22,6 +22,15 @@ def check_state(state: Array, covariance: Array) -> int:
         check_shape(state, (None, k), "state")
         check_shape(covariance, (len(state), k, k), "covariance")
     return k
+
+
+def numbers(values: npt.ArrayLike, where: str) -> Array:
+    """Return an array of finite float64, as it is if it is one already."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        ready: Array = values
+        if np.isfinite(ready).all():  # the quick look first
+            return ready
+    return check_finite(values, where)
 
 
 @njit(cache=True)

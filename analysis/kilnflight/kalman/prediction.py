@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from kilnflight.checks import check_shape
-from kilnflight.kalman.matrices import Array, check_state, mirror
+from kilnflight.kalman.matrices import Array, check_state, mirror, numbers
 
 
 def predict(
@@ -26,7 +26,7 @@ def predict(
     Raises
     ------
     InputError
-        If a shape does not fit.
+        If a shape does not fit or a number is not finite.
 
     Notes
     -----
@@ -34,6 +34,9 @@ def predict(
     but the text below it says posterior, and so does Eq. 4.6; that is what is taken.
     One half is computed and mirrored, so a covariance stays exactly symmetric.
     """
+    state, covariance = numbers(state, "predict: state"), numbers(covariance, "predict: covariance")
+    transition = numbers(transition, "predict: transition")
+    process_noise = numbers(process_noise, "predict: process_noise")
     k = check_state(state, covariance)
     check_shape(transition, (k, k), "transition")
     check_shape(process_noise, (k, k), "process_noise")

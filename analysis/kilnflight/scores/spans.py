@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 from numba import njit
 
-from kilnflight.checks import InputError, check_columns, check_finite
+from kilnflight.checks import InputError, check_columns, check_finite, check_whole
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -53,15 +53,13 @@ class Tracks:
 
 def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Tracks:
     """Return the tracks of a table; rows of particle -1 are in none."""
-    if not columns:
-        raise InputError(f"{where}: no columns to measure distances in; name at least one.")
     check_columns(table, ["frame", "particle", *columns], where)
-    particle = _whole(table["particle"], f"{where}, column particle")
+    particle = check_whole(table["particle"], f"{where}: column particle")
     if (particle < -1).any():
         raise InputError(
             f"{where}: particle {particle.min()}; tracks are numbered from 0, -1 is in no track."
         )
-    frame = _whole(table["frame"], f"{where}, column frame")
+    frame = check_whole(table["frame"], f"{where}: column frame")
     order = np.lexsort((frame, particle))
     order = order[np.count_nonzero(particle < 0) :]
     particle, frame = particle[order], frame[order]
@@ -89,17 +87,6 @@ def _ordered(tracks: Tracks) -> Tracks:
         tracks.frames[taken],
         tracks.points[taken],
     )
-
-
-def _whole(values: pd.Series, where: str) -> Integers:
-    """Return whole numbers as int64, whatever type holds them, or raise an `InputError`."""
-    if values.dtype == np.int64:
-        return values.to_numpy(np.int64)
-    numbers = check_finite(values, where)
-    bad = np.flatnonzero((numbers != np.floor(numbers)) | (np.abs(numbers) > 2**53))
-    if len(bad):
-        raise InputError(f"{where}: {numbers[bad[0]]} in row {bad[0]} is no whole number.")
-    return numbers.astype(np.int64)
 
 
 def gains(true: Tracks, seen: Tracks, gate: float) -> tuple[Array, Integers]:

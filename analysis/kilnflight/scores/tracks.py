@@ -7,7 +7,7 @@ counted as the challenge counts them. This module and `spans` need nothing of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,9 +94,10 @@ def score_tracks(
     Raises
     ------
     InputError
-        If a column is missing, a frame or particle is no whole number, a particle is below -1,
-        a position is not finite, a track has two positions in a frame, the gate is not above 0,
-        or the truth holds no track (alpha would be 0 / 0). No candidate tracks is a normal case:
+        If a column is missing or there twice, a frame or particle is no whole number, a
+        particle is below -1, a position is not finite, a track has two positions in a frame,
+        the gate is not above 0, ``columns`` is no list of names or names one twice, or the
+        truth holds no track (alpha would be 0 / 0). No candidate tracks is a normal case:
         all four measures are 0.
 
     Notes
@@ -118,8 +119,9 @@ def score_tracks(
     (0.375, 0.375, 0.75, 1.0)
     """
     check_positive(gate, "score_tracks: gate")
-    true = read_tracks(truth, columns, "score_tracks: truth")
-    seen = read_tracks(candidate, columns, "score_tracks: candidate")
+    axes = _axes(columns)
+    true = read_tracks(truth, axes, "score_tracks: truth")
+    seen = read_tracks(candidate, axes, "score_tracks: candidate")
     if not len(true.particles):
         raise InputError(
             "score_tracks: truth holds no track, so alpha is 0 / 0. Score only sequences in "
@@ -131,6 +133,18 @@ def score_tracks(
     better = worth[row, col] > 0
     row, col = row[better], col[better]
     return _score(true, seen, (row, col), gain[row, col], matched[row, col], gate)
+
+
+def _axes(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the coordinates, each once."""
+    if isinstance(columns, str) or not isinstance(columns, Iterable):
+        raise InputError(f"score_tracks: columns {columns!r}; pass a list of names.")
+    axes = tuple(columns)
+    if not axes:
+        raise InputError("score_tracks: no columns to measure distances in; name at least one.")
+    if len(set(axes)) < len(axes):
+        raise InputError(f"score_tracks: columns {axes} name one twice; it would count double.")
+    return axes
 
 
 def _score(

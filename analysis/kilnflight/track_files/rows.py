@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_finite
+from kilnflight.checks import InputError, check_columns, check_finite, check_whole
 from kilnflight.files import make_whole
 
 # A reader's row: frame, particle, row, col and, with a third axis, plane.
@@ -31,12 +31,8 @@ def check_tracks(tracks: pd.DataFrame, where: str) -> pd.DataFrame:
     """Return the table's own columns, sorted by particle and frame, or raise an `InputError`."""
     check_columns(tracks, NAMES[:4], where)
     names = [name for name in NAMES if name in tracks.columns]
-    for name in NAMES[:2]:
-        if not pd.api.types.is_integer_dtype(tracks[name]):
-            raise InputError(
-                f"{where}: column {name} holds {tracks[name].dtype}, expected whole numbers. "
-                "Convert it first."
-            )
+    whole = {name: check_whole(tracks[name], f"{where}: column {name}") for name in NAMES[:2]}
+    tracks = tracks.assign(**whole)
     check_finite(tracks[names].to_numpy(), f"{where}, columns {', '.join(names)}")
     if (tracks["particle"] < -1).any():
         raise InputError(f"{where}: particles are numbered from 0, -1 is in no track.")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from kilnflight.checks import check_at_least, check_kind, check_limit
 from kilnflight.tracklets.criteria import Limits, Weights
 from kilnflight.tracklets.eliminate import Elimination
 from kilnflight.tracklets.joining import Feature, join, refuse
@@ -27,8 +28,9 @@ class Costs:
     feature: float = 1e11  # grey values, f, Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse negative weights."""
-        refuse(self, (self.angle, self.change, self.depth, self.gap, self.overlap, self.feature))
+        """Refuse weights that are negative or not finite."""
+        for name in ("angle", "change", "depth", "gap", "overlap", "feature"):
+            check_at_least(getattr(self, name), 0, f"Costs: {name}")
 
     def weights(self) -> Weights:
         """Return a to e, the weights of what needs no picture."""
@@ -72,8 +74,11 @@ class Connection:
     matching: Matching = field(default_factory=DualNearest)
 
     def __post_init__(self) -> None:
-        """Refuse negative limits."""
-        refuse(self, (self.gap, self.overlap, self.depth))
+        """Refuse negative limits, and parts that are of another kind."""
+        for name in ("gap", "overlap", "depth"):
+            check_limit(getattr(self, name), f"Connection: {name}")
+        check_kind(self.costs, Costs, "Connection: costs")
+        refuse(self, self.outliers, self.false, self.feature, self.matching)
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numba import njit
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_between, check_limit
 from kilnflight.tracklets.kinematics import mean_speed, regularity
 from kilnflight.tracklets.laws import Differences
 from kilnflight.tracklets.paths import LOST, read_paths, write_paths
@@ -37,9 +37,10 @@ class Elimination:
     regularity: float = 0.9  # R_eps, Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not numbers."""
-        if any(np.isnan([self.duration, self.speed, self.regularity])):
-            raise InputError(f"{self}: a limit is not a number.")
+        """Refuse limits that nothing can be held against."""
+        check_limit(self.duration, "Elimination: duration")
+        check_limit(self.speed, "Elimination: speed")
+        check_between(self.regularity, -1, 1, "Elimination: regularity")
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None

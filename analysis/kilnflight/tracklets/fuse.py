@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from kilnflight.checks import check_kind, check_limit
 from kilnflight.tracklets.connect import Costs
 from kilnflight.tracklets.criteria import Limits
 from kilnflight.tracklets.eliminate import Elimination
@@ -45,8 +46,11 @@ class Fusion:
     matching: Matching = field(default_factory=DualNearest)
 
     def __post_init__(self) -> None:
-        """Refuse negative limits."""
-        refuse(self, (self.distance, self.depth))
+        """Refuse negative limits, and parts that are of another kind."""
+        check_limit(self.distance, "Fusion: distance")
+        check_limit(self.depth, "Fusion: depth")
+        check_kind(self.costs, Costs, "Fusion: costs")
+        refuse(self, self.outliers, self.false, self.feature, self.matching)
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None

@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_kind, check_offers
 from kilnflight.tracklets.criteria import Limits, Pool, Weights, candidates, merged
+from kilnflight.tracklets.eliminate import Elimination
 from kilnflight.tracklets.laws import Differences, LevelEdge
 from kilnflight.tracklets.matching import Matching, Pairs
+from kilnflight.tracklets.outliers import OutlierRemoval
 from kilnflight.tracklets.paths import Paths, read_paths, write_paths
 
 
@@ -23,10 +25,15 @@ class Feature(NamedTuple):
     differences: Differences | None
 
 
-def refuse(step: object, values: tuple[float, ...]) -> None:
-    """Raise an `InputError` if a limit or weight of a step is not a number or negative."""
-    if not all(value >= 0 for value in values):
-        raise InputError(f"{step}: a limit or weight is negative or not a number.")
+def refuse(
+    step: object, outliers: object, false: object, feature: object, matching: object
+) -> None:
+    """Raise an `InputError` if a part of a step is of another kind than its field."""
+    name = type(step).__name__
+    check_kind(outliers, OutlierRemoval, f"{name}: outliers")
+    check_kind(false, Elimination, f"{name}: false")
+    check_offers(feature, ("__call__",), f"{name}: feature")
+    check_offers(matching, ("__call__",), f"{name}: matching")
 
 
 def join(

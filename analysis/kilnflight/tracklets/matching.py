@@ -10,6 +10,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
+from kilnflight.checks import InputError, check_shape
+
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -36,10 +38,35 @@ def listed(matrix: npt.ArrayLike) -> Pairs:
     """Return the pairs of a square cost matrix, infinite where a pair is impossible.
 
     Entry [i, k] is the cost of tracklet i followed by tracklet k.
+
+    Raises
+    ------
+    InputError
+        If the matrix is not square, or a cost is negative or not a number.
     """
-    cost = np.asarray(matrix, dtype=np.float64)
-    one, other = np.nonzero(np.isfinite(cost))
-    return Pairs(one, other, cost[one, other])
+    cost = np.asarray(matrix)
+    if cost.dtype.kind not in "iuf":
+        raise InputError(f"cost matrix: it holds {cost.dtype}, expected numbers.")
+    check_shape(cost, (None, None), "cost matrix")
+    check_shape(cost, (len(cost), len(cost)), "cost matrix")
+    one, other = np.nonzero(cost != np.inf)
+    return check_pairs(Pairs(one, other, cost[one, other].astype(np.float64)))
+
+
+def check_pairs(pairs: Pairs) -> Pairs:
+    """Return the pairs, or raise an `InputError` if a cost is negative or not finite.
+
+    A cost below 0 would make it cheaper to join than to do nothing, which no term of
+    Eq. 4.24 does.
+    """
+    bad = np.flatnonzero(~((pairs.cost >= 0) & (pairs.cost < np.inf)))
+    if len(bad):
+        one, other, cost = (values[bad[0]] for values in pairs)
+        raise InputError(
+            f"pairs: tracklets {one} and {other} cost {cost}; expected 0 or above and finite, "
+            "inf in a matrix where a pair is impossible."
+        )
+    return pairs
 
 
 class Matching(Protocol):
@@ -63,7 +90,7 @@ class DualNearest:
 
     def __call__(self, pairs: Pairs) -> Indices:
         """Return which of the pairs to join, as positions in the list, ascending."""
-        size = len(pairs.cost)
+        size = len(check_pairs(pairs).cost)
         tracklet = np.append(pairs.one, pairs.other)
         neighbour = np.append(pairs.other, pairs.one)
         number = np.tile(np.arange(size), 2)
@@ -82,7 +109,7 @@ class Hungarian:
 
     def __call__(self, pairs: Pairs) -> Indices:
         """Return which of the pairs to join, as positions in the list, ascending."""
-        if not len(pairs.cost):
+        if not len(check_pairs(pairs).cost):
             return np.empty(0, dtype=np.int64)
         rows, row = np.unique(pairs.one, return_inverse=True)
         columns, column = np.unique(pairs.other, return_inverse=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numba import njit
 
-from kilnflight.checks import InputError
+from kilnflight.checks import check_limit
 from kilnflight.tracklets.kinematics import turn, velocity
 from kilnflight.tracklets.laws import Differences
 from kilnflight.tracklets.paths import LOST, read_paths, write_paths
@@ -39,9 +39,9 @@ class OutlierRemoval:
     change: float = 18.0  # px/frame, Delta V_eps, Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse limits that are not numbers."""
-        if np.isnan(self.angle_deg) or np.isnan(self.change):
-            raise InputError(f"{self}: a limit is not a number.")
+        """Refuse limits that are below 0 or no numbers."""
+        check_limit(self.angle_deg, "OutlierRemoval: angle_deg")
+        check_limit(self.change, "OutlierRemoval: change")
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
@@ -55,7 +55,8 @@ class OutlierRemoval:
         """
         paths = read_paths(tracks, "OutlierRemoval: tracks")
         kept = np.ones(len(paths.rows), dtype=np.bool_)
-        _scan_all(paths.frame, paths.place, paths.starts, (self.angle_deg, self.change), kept)
+        limits = float(self.angle_deg), float(self.change)
+        _scan_all(paths.frame, paths.place, paths.starts, limits, kept)
         return write_paths(tracks, paths, np.where(kept, paths.names(), LOST))
 
 

@@ -1,6 +1,6 @@
 """Track tables as arrays and back: tracklets one after the other, each by ascending frame.
 
-A row whose ``particle`` is below 0 belongs to no track. It stays in the table, so that no
+A row whose ``particle`` is -1 belongs to no track. It stays in the table, so that no
 step loses a detection; `tracked` leaves such rows out.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns
+from kilnflight.checks import InputError, check_columns, check_whole, known_numbers
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -82,14 +82,17 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
 def _columns(tracks: pd.DataFrame, where: str) -> tuple[Integers, Integers, Floats]:
     """Return frame, particle and place of every row, checked."""
     check_columns(tracks, ("frame", "particle", *PIXELS), where)
-    whole = [_whole(tracks, name, where) for name in ("frame", "particle")]
     names = _places(tracks)
+    check_columns(tracks, names, where)
+    whole = [check_whole(tracks[name], f"{where}: column {name}") for name in ("frame", "particle")]
+    below = whole[1][whole[1] < LOST]
+    if len(below):
+        raise InputError(
+            f"{where}: particle {below[0]}; tracks are numbered from 0, -1 is in no track."
+        )
     place = np.full((len(tracks), max(3, len(names))), np.nan)
     for column, name in enumerate(names):
-        try:
-            place[:, column] = tracks[name].to_numpy(np.float64, na_value=np.nan)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{where}: column {name} is not made of numbers ({error}).") from error
+        place[:, column] = known_numbers(tracks[name], f"{where}: column {name}")
         unknown = np.isnan(place[:, column]) & (column >= len(PIXELS))
         bad = np.flatnonzero(~(unknown | (np.abs(place[:, column]) <= FARTHEST)))
         if len(bad):
@@ -105,19 +108,6 @@ def _places(tracks: pd.DataFrame) -> list[str]:
     """Return the columns that hold places; x and y without a z are none."""
     depths = DEPTHS if "z" in tracks.columns else ()
     return [*PIXELS, *(name for name in depths if name in tracks.columns)]
-
-
-def _whole(tracks: pd.DataFrame, name: str, where: str) -> Integers:
-    """Return a column of whole numbers; a table without rows has no types to speak of."""
-    if len(tracks) == 0:
-        return np.empty(0, dtype=np.int64)
-    column = tracks[name]
-    if not pd.api.types.is_integer_dtype(column.dtype) or column.isna().any():
-        raise InputError(
-            f"{where}: column {name} holds {column.dtype}, expected whole numbers without gaps. "
-            "Convert it first."
-        )
-    return column.to_numpy(np.int64)
 
 
 def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataFrame:
@@ -142,4 +132,4 @@ def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataF
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track."""
     check_columns(tracks, ("particle",), "tracks")
-    return tracks[tracks["particle"].to_numpy() >= 0]
+    return tracks[check_whole(tracks["particle"], "tracks: column particle") >= 0]
