@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 import tracemalloc
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -110,7 +111,9 @@ def windows(
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
         frames = (other if others else scored)(stages.scene_of(name, seed), scale)
         stretch = stages.stretch(name, frames, learned.threshold, seed)
-        seen = learned.in_air(stages.detections(stretch, jobs))
+        with warnings.catch_warnings():  # joblib renews a process that has grown, and tells
+            warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+            seen = learned.in_air(stages.detections(stretch, jobs))
         true = stages.trajectories(name, frames, seed)
         found.append(Window(fraction, name, frames, seen, true, Differences(stretch)))
     return found
