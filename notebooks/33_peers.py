@@ -107,7 +107,7 @@ for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enume
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
 handles = grid[0, 0].get_legend_handles_labels()
-picture.legend(*handles, loc="outside lower center", ncols=2, title="post-processing")
+_ = picture.legend(*handles, loc="outside lower center", ncols=2, title="post-processing")
 
 # %%
 caption = (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
@@ -23,9 +25,12 @@ def available() -> tuple[str, ...]:
 
 
 def need(package: str) -> None:
-    """Raise an `InputError` if a package is not installed."""
+    """Import a package, or raise an `InputError` if it is not installed."""
     if package not in available():
         raise InputError(f"{package} is not installed: pip install kilnflight[peer]")
+    with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
+        warnings.simplefilter("ignore")
+        import_module(package)
 
 
 def named(detections: pd.DataFrame, link: Callable[[pd.DataFrame], Any]) -> pd.DataFrame:
