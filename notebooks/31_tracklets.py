@@ -134,6 +134,21 @@ figures.save("fig-4-13-windows", values, picture=picture, caption=caption, prove
 # The same framework with either way to choose pairs in each iteration (Fig. 4.14).
 
 # %%
+costs = np.full((4, 4), np.inf)  # rows: earlier tracklet; columns: later one; inf: no pair
+costs[0, 2], costs[0, 3], costs[1, 2], costs[1, 3] = 4.0, 2.0, 9.0, 3.0
+possible = tracklets.listed(costs)
+instance = pd.DataFrame(possible._asdict()).rename(columns={"one": "earlier", "other": "later"})
+instance[["earlier", "later"]] += 1
+first_iteration = {"dual_nearest": tracklets.DualNearest(), "hungarian": tracklets.Hungarian()}
+for name, matching in first_iteration.items():
+    instance[name] = np.isin(np.arange(len(instance)), matching(possible))
+caption = (
+    "Which of four possible pairs are joined first, on a made-up instance like that of Fig. 4.14: "
+    "the Hungarian method gives up the cheapest pair for the least sum."
+)
+figures.save("fig-4-14-instance", instance, caption=caption, provenance=made)
+
+# %%
 ways = {"dual nearest neighbour": tracklets.DualNearest(), "Hungarian": tracklets.Hungarian()}
 rows = []
 for way, matching in ways.items():
