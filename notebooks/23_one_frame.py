@@ -80,7 +80,7 @@ print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} poten
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=135)
-drawing.frame(axes, view.gray)
+drawing.frame(axes, view.gray, 4)
 spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
 axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[drawing.COLOURS[k] for k in spread])
 drawing.circles(axes, keypoints, "#E69F00")

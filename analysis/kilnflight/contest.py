@@ -28,9 +28,9 @@ NOISES = (0.5, 1.0, 2.0)
 INVISIBLE = (3, 5, 8, 12)
 
 
-def ours(associators: Mapping[str, Associator] | None = None) -> dict[str, dict[str, Tracker]]:
+def ours() -> dict[str, dict[str, Tracker]]:
     """Return GNN and JPDA with every setting that is tried, by name and by setting."""
-    associators = associators or {"GNN": GNN(), "JPDA": JPDA()}
+    associators: dict[str, Associator] = {"GNN": GNN(), "JPDA": JPDA()}
     tried: dict[str, dict[str, Tracker]] = {name: {} for name in associators}
     for name, associator in associators.items():
         for gate, noise, lost in product(GATES, NOISES, INVISIBLE):

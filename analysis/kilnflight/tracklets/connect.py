@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.checks import check_at_least, check_kind, check_limit
-from kilnflight.tracklets.criteria import Limits, Weights
+from kilnflight.tracklets.criteria import Weights
 from kilnflight.tracklets.eliminate import Elimination
-from kilnflight.tracklets.joining import Feature, join, refuse
+from kilnflight.tracklets.joining import Feature, join, limits_of, refuse
 from kilnflight.tracklets.laws import Differences, LevelEdge
 from kilnflight.tracklets.matching import DualNearest, Matching
 from kilnflight.tracklets.outliers import OutlierRemoval
@@ -91,16 +91,6 @@ class Connection:
             If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`), or
             ``differences`` returns no finite numbers.
         """
-        limits = Limits(
-            gap=float(self.gap),
-            overlap=float(self.overlap),
-            distance=np.inf,
-            nested=0.0,
-            angle=float(self.outliers.angle_deg),
-            change=float(self.outliers.change),
-            speed=float(self.false.speed),
-            regularity=float(self.false.regularity),
-            depth=float(self.depth),
-        )
+        limits = limits_of(self, gap=self.gap, overlap=self.overlap, distance=np.inf, nested=False)
         feature = Feature(self.costs.feature, self.feature, differences)
         return join(tracks, limits, self.costs.weights(), feature, self.matching)

@@ -9,9 +9,8 @@ import pandas as pd
 
 from kilnflight.checks import check_kind, check_limit
 from kilnflight.tracklets.connect import Costs
-from kilnflight.tracklets.criteria import Limits
 from kilnflight.tracklets.eliminate import Elimination
-from kilnflight.tracklets.joining import Feature, join, refuse
+from kilnflight.tracklets.joining import Feature, join, limits_of, refuse
 from kilnflight.tracklets.laws import Differences, LevelEdge
 from kilnflight.tracklets.matching import DualNearest, Matching
 from kilnflight.tracklets.outliers import OutlierRemoval
@@ -63,16 +62,6 @@ class Fusion:
             If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`), or
             ``differences`` returns no finite numbers.
         """
-        limits = Limits(
-            gap=0.0,
-            overlap=np.inf,
-            distance=float(self.distance),
-            nested=1.0,
-            angle=float(self.outliers.angle_deg),
-            change=float(self.outliers.change),
-            speed=float(self.false.speed),
-            regularity=float(self.false.regularity),
-            depth=float(self.depth),
-        )
+        limits = limits_of(self, gap=0.0, overlap=np.inf, distance=self.distance, nested=True)
         feature = Feature(self.costs.feature, self.feature, differences)
         return join(tracks, limits, self.costs.weights(), feature, self.matching)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,39 @@ def refuse(
     check_kind(false, Elimination, f"{name}: false")
     check_offers(feature, ("__call__",), f"{name}: feature")
     check_offers(matching, ("__call__",), f"{name}: matching")
+
+
+class Joining(Protocol):
+    """What `Connection` and `Fusion` have in common, as far as limits go."""
+
+    @property
+    def depth(self) -> float:
+        """Change of depth, mm/frame (Eq. 4.22)."""
+
+    @property
+    def outliers(self) -> OutlierRemoval:
+        """Eq. 4.18, for the connected part."""
+
+    @property
+    def false(self) -> Elimination:
+        """Eq. 4.15 without duration, for the connected part."""
+
+
+def limits_of(
+    step: Joining, *, gap: float, overlap: float, distance: float, nested: bool
+) -> Limits:
+    """Return what a pair must keep to: where two steps differ, and what they share."""
+    return Limits(
+        gap=float(gap),
+        overlap=float(overlap),
+        distance=float(distance),
+        nested=float(nested),
+        angle=float(step.outliers.angle_deg),
+        change=float(step.outliers.change),
+        speed=float(step.false.speed),
+        regularity=float(step.false.regularity),
+        depth=float(step.depth),
+    )
 
 
 def join(
