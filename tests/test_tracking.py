@@ -218,8 +218,8 @@ def test_probabilities_move_the_filter_but_never_a_position():
 
 def test_a_detection_that_several_tracks_share_is_recorded_for_the_likeliest():
     shared = np.array([[0.55, 0.45], [0.6, 0.4], [1.0, 0.0]])  # 0.85 that it is of a track
-    assert tracking._record(shared).tolist() == [0]
+    assert tracking.record(shared).tolist() == [0]
     doubtful = np.array([[0.8, 0.2], [0.75, 0.25]])  # 0.45: of none, rather
-    assert tracking._record(doubtful).tolist() == [-1]
+    assert tracking.record(doubtful).tolist() == [-1]
     taken = np.array([[0.1, 0.5, 0.4], [0.9, 0.0, 0.1]])  # its track has a likelier one
-    assert tracking._record(taken).tolist() == [0, -1]
+    assert tracking.record(taken).tolist() == [0, -1]

@@ -33,7 +33,7 @@ from kilnflight.tracklist import Management, Tracks, born, joined, living, seen
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-__all__ = ["Management", "Step", "Tracks", "steps", "track"]
+__all__ = ["Management", "Step", "Tracks", "record", "steps", "track"]
 
 NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
 
@@ -142,7 +142,7 @@ def steps(
         state, covariance = kalman.update(
             state, covariance, here.positions, weights, measurement, noise
         )
-        owner = _record(weights)
+        owner = record(weights)
         particle = _named(owner, old.particle, started)
         new = born(motion, frame, started, _take(here, owner < 0))
         yield Step(frame, rows[start:stop], old, residual, pairs, weights, particle)
@@ -207,7 +207,7 @@ def _missed(pairs: Pairs) -> Array:
 
 
 @njit(cache=True)
-def _record(weights: Any) -> Any:
+def record(weights: Any) -> Any:
     """Return the track (m,) that each detection is recorded for, -1: none.
 
     See `track`. Of equal weights the older track's, and of these the first detection's,

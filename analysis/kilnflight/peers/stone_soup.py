@@ -12,6 +12,7 @@ import pandas as pd
 from kilnflight.checks import InputError, check_positive
 from kilnflight.peers.soup import Gated, Parts, Seen, check_filter, followed, largest_group
 from kilnflight.peers.table import named, need
+from kilnflight.tracking import record
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,8 @@ class StoneSoupGNN:
 class StoneSoupJPDA:
     """Joint probabilities by Stone Soup; where gates overlap much they take minutes per frame.
 
-    A track is given the detection of its largest probability, if that is above its
-    probability of a miss; the larger probability comes first, as in `kilnflight.tracking`.
+    Which detection a track is recorded with is not Stone Soup's affair; the rule is that of
+    our own tracker, `kilnflight.tracking.record`.
     """
 
     distance: float = 4.0  # standard deviations: gate
@@ -62,7 +63,9 @@ class StoneSoupJPDA:
     velocity_sd: float = 15.0  # px/frame, of a new track
     measurement_sd: float = 2.0  # px
     detection_probability: float = 0.9
-    clutter_density: float | None = 1e-5  # per px^2; None: Stone Soup's estimate in each gate
+    # Per px^2; None: Stone Soup's estimate in each gate. Picked by hand on two of the stretches
+    # for settings (notebook 33); ten false detections in a frame of 1536 x 2048 are 3e-6.
+    clutter_density: float | None = 1e-5
     most_tracks: int = 15  # that share detections in a frame; with more, the table is refused
 
     def __post_init__(self) -> None:
@@ -102,28 +105,21 @@ class StoneSoupJPDA:
                 f"most_tracks {self.most_tracks}. Narrow the gate or lower invisible."
             )
         found = associator.associate(tracks, seen.detections, seen.time)
-        given, updater = _given(found), PDAUpdater(parts.sensor)
+        given, updater = _given(found, seen), PDAUpdater(parts.sensor)
         for one, hypotheses in found.items():
             any_inside = any(bool(single) for single in hypotheses)
             state = updater.update(hypotheses) if any_inside else hypotheses[0].prediction
             yield one, state, given.get(id(one))
 
 
-def _given(found: dict[Any, Iterable[Any]]) -> dict[int, Any]:
-    """Return the detection that each track, by `id`, gets; larger probability first."""
-    wishes = []
-    for one, hypotheses in found.items():
-        chance = {id(single): float(single.probability) for single in hypotheses}
-        missed = sum(chance[id(single)] for single in hypotheses if not single)
-        wishes += [
-            (chance[id(single)], one, single.measurement)
-            for single in hypotheses
-            if single and chance[id(single)] > missed
-        ]
-    given: dict[int, Any] = {}
-    taken = set()
-    for _, one, detection in sorted(wishes, key=lambda wish: -wish[0]):
-        if id(one) not in given and id(detection) not in taken:
-            given[id(one)] = detection
-            taken.add(id(detection))
-    return given
+def _given(found: dict[Any, Iterable[Any]], seen: Seen) -> dict[int, Any]:
+    """Return the detection that each track, by `id`, gets, by the rule of our own tracker."""
+    place = {id(one): k for k, one in enumerate(seen.detections)}
+    tracks = list(found)
+    weights = np.zeros((len(tracks), 1 + len(place)))
+    for row, one in zip(weights, tracks, strict=True):
+        for single in found[one]:
+            column = 1 + place[id(single.measurement)] if single else 0
+            row[column] += float(single.probability)
+    owners = record(weights)
+    return {id(tracks[i]): seen.detections[j] for j, i in enumerate(owners) if i >= 0}
