@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -119,3 +120,15 @@ def test_whether_there_are_peaks_is_whether_any_are_found():
     assert 20 < expected.sum() < 180
     np.testing.assert_array_equal(have_peaks(image, areas, 2.0), expected)
     assert have_peaks(image, areas[:0], 2.0).shape == (0,)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whether_there_is_a_peak_is_told_as_by_finding_it(seed):
+    generator = np.random.default_rng(seed)
+    image = cv2.GaussianBlur(generator.normal(size=(60, 80)), (0, 0), generator.uniform(0.3, 4))
+    image = np.round(20 * image) if seed % 3 == 0 else image
+    rows, cols = (np.sort(generator.integers(-3, n, (30, 2)), axis=1) for n in (64, 84))
+    areas = np.hstack([rows, cols])
+    prominence = max(float(image.std()), 0.1) * generator.uniform(0.3, 4)
+    found = np.isin(np.arange(30), find_peaks(image, areas, prominence)[0])
+    assert have_peaks(image, areas, prominence).tolist() == found.tolist()

@@ -19,7 +19,7 @@ from kilnflight.peaks import find_peaks, have_peaks
 
 Float32 = npt.NDArray[np.float32]
 SMOOTHING_PX = 1.0  # standard deviation of the Gaussian; smaller than any visible particle
-EVERY = 7  # of the pixels, enough for the noise: 450,000 of a full frame
+SAMPLES = 140_000  # pixels that measure the noise, to 0.3 % of it
 LEAST_NOISE = 0.5  # grey values; rounding to whole ones leaves so much
 
 
@@ -65,7 +65,7 @@ class Evidence:
             )
         now = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), SMOOTHING_PX)
         change = now - cv2.GaussianBlur(previous.astype(np.float32), (0, 0), SMOOTHING_PX)
-        some = change.reshape(-1)[::EVERY]
+        some = change.reshape(-1)[:: max(change.size // SAMPLES, 1) | 1]  # odd: no column twice
         spread = float(np.median(np.abs(some - np.median(some))))
         noise = max(1.4826 * spread, LEAST_NOISE)
         needed = prominence * noise

@@ -17,6 +17,7 @@ from kilnflight.checks import InputError, check_positive, check_shape
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
+NEAR_PX = 12  # how far a higher pixel is looked for before the whole area is sorted
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
 
 
@@ -123,8 +124,63 @@ def _any_peaks(
     """Return whether each area has a peak."""
     found = np.zeros(len(boxes), np.bool_)
     for k in range(len(boxes)):
-        found[k] = len(_area_peaks(image, boxes[k], needed[k])) > 0
+        if _may_have_peaks(image, boxes[k], needed[k]):
+            found[k] = len(_area_peaks(image, boxes[k], needed[k])) > 0
     return found
+
+
+@numba.njit(cache=True)
+def _may_have_peaks(image: Float32, box: Index, prominence: float) -> bool:
+    """Tell whether some inner pixel may stand out so far; a fast bound, never too low."""
+    top, bottom = max(box[0], 0), min(box[1], image.shape[0])
+    left, right = max(box[2], 0), min(box[3], image.shape[1])
+    if bottom - top < 3 or right - left < 3:
+        return False
+    area = image[top:bottom, left:right]
+    least, most = area[0, 0], area[0, 0]
+    for row in range(bottom - top):
+        line = area[row]
+        for col in range(right - left):
+            least, most = min(least, line[col]), max(most, line[col])
+    around = _around(area)
+    if most - min(least, around) < prominence:
+        return False
+    low_summit = most - around < prominence and np.sum(area == most) == 1
+    for row in range(1, bottom - top - 1):
+        for col in range(1, right - left - 1):
+            value = area[row, col]
+            if value - least < prominence or (low_summit and value == most):
+                continue
+            if value < area[row, col - 1] or value < area[row, col + 1]:
+                continue
+            if _may_stand_out(area, row, col, prominence):
+                return True
+    return False
+
+
+@numba.njit(cache=True)
+def _may_stand_out(area: Float32, row: int, col: int, prominence: float) -> bool:
+    """Tell whether no higher pixel is near without a descent by the prominence."""
+    value, side = area[row, col], 2 * NEAR_PX + 1
+    seen = np.zeros((side, side), np.bool_)
+    stack = np.empty((side * side, 2), np.int64)
+    stack[0], count = (row, col), 1
+    seen[NEAR_PX, NEAR_PX] = True
+    while count:
+        count -= 1
+        at_row, at_col = stack[count]
+        for i in range(max(at_row - 1, 0), min(at_row + 2, area.shape[0])):
+            for j in range(max(at_col - 1, 0), min(at_col + 2, area.shape[1])):
+                if area[i, j] > value:
+                    return False
+                down, across = i - row + NEAR_PX, j - col + NEAR_PX
+                if not (0 <= down < side and 0 <= across < side):
+                    return True  # too wide to tell
+                if not seen[down, across] and value - area[i, j] < prominence:
+                    seen[down, across] = True
+                    stack[count] = (i, j)
+                    count += 1
+    return True
 
 
 @numba.njit(cache=True)

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from kilnflight.checks import InputError, check_positive
 from kilnflight.frames import Attributes, Frame, check_position
@@ -195,10 +197,8 @@ class Twin:
         """Return the picture with noise as grey values."""
         generator = self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
-        noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
-        noisy = cv2.add(picture, cv2.multiply(noise, self._sigma))
-        np.clip(noisy, 0.0, FULL_SCALE, out=noisy)
-        return noisy.astype(np.uint16)
+        noise = self._noise[offset : offset + picture.size]
+        return _noisy(picture, noise, self._sigma)
 
     def _random(self, t: int, stream: int) -> np.random.Generator:
         """Return random numbers that depend on seed, frame and stream only."""
@@ -331,6 +331,16 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     )
     biased = true * (1 + depth.static_bias * slow.reshape(-1)[index])
     return _Wall(index, biased, depth.wall_scale(true), patch, int(patch.max()) + 1)
+
+
+@njit(cache=True)
+def _noisy(picture: Any, noise: Any, sigma: Any) -> Any:
+    """Return grey values: the picture and noise times sigma, within what the camera can tell."""
+    flat, level, spread = np.empty(picture.size, np.uint16), picture.ravel(), sigma.ravel()
+    full = np.float32(FULL_SCALE)
+    for x in range(flat.size):
+        flat[x] = np.uint16(min(max(level[x] + noise[x] * spread[x], np.float32(0.0)), full))
+    return flat.reshape(picture.shape)
 
 
 def _broadly(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
