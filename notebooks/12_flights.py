@@ -5,7 +5,7 @@
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import drawing, figures, provenance
+from kilnflight import drawing, figures, findings, provenance
 from kilnflight.twin import calibration, outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.fractions import FRACTIONS
@@ -121,7 +121,7 @@ figures.save("twin-flights-agreement", table, caption=caption, provenance=made)
 
 # %% tags=["hide-input"]
 keys = ["version", "pressure_bar", "quantity", "fraction"]
-parts = {version: outcomes.along(one) for version, one in rows.items()}
+parts = {version: findings.along(one) for version, one in rows.items()}
 way = pd.concat(parts, names=["version"]).reset_index(0).set_index(keys).sort_index()
 printed = statements.along(said).set_index(keys[1:]).sort_index()
 tops = {"velocity": 18.0, "remaining": 105.0}
@@ -164,7 +164,12 @@ figures.save("fig-5-21-true-velocity", data, picture=picture, caption=caption, p
 
 # %% tags=["hide-input"]
 boxes = pd.DataFrame(
-    {"version": version, "fraction": name, "pressure_bar": bar, **outcomes.dwell_box(one)}
+    {
+        "version": version,
+        "fraction": name,
+        "pressure_bar": bar,
+        **findings.box(outcomes.dwell_times(one)),
+    }
     for version, cells in flown.items()
     for (name, bar), one in cells.items()
 )
@@ -195,7 +200,7 @@ picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=100, sh
 bins = {}
 for axes, (name, bar) in zip(grid.flat, keys, strict=True):
     for k, (version, cells) in enumerate(flown.items()):
-        one = bins[version, name, bar] = outcomes.ignition_histogram(cells[name, bar])
+        one = bins[version, name, bar] = findings.ignition_histogram(cells[name, bar].ignition_s)
         bars = {"hatch": drawing.HATCHES[1 - k], "color": ("0.85", drawing.COLOURS[2])[k]}
         place = one["from_s"] + 0.03 + 0.04 * k
         axes.bar(place, one["percent"], 0.04, ec="black", lw=0.5, label=version, **bars)

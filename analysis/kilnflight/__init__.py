@@ -52,6 +52,7 @@ mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
 belt            the sorter of the 2020 paper: tracks, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
+findings        what many flights come to: the numbers of section 5.3
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
                 beta, JSC
 peers           trackpy, laptrack and Stone Soup, called as our tracker

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kilnflight import findings
 from kilnflight.twin import outcomes
 from kilnflight.twin.flight import ENDS, Flight, Flights
 from kilnflight.twin.gas import Gas
@@ -51,10 +52,10 @@ def test_velocities_are_one_metre_over_the_time_between_crossings():
 
 
 def test_medians_are_over_those_that_passed_the_metre():
-    medians = outcomes.median_velocities(FOUR)
+    medians = findings.median_velocities(outcomes.velocities(FOUR))
     np.testing.assert_allclose(medians, [8, 9, 10, np.nan, np.nan], rtol=1e-4)
-    np.testing.assert_allclose(outcomes.remaining(FOUR), [75, 50, 25, 0, 0])
-    assert outcomes.last_velocity(FOUR) == pytest.approx(10, rel=1e-4)
+    np.testing.assert_allclose(findings.remaining(outcomes.velocities(FOUR)), [75, 50, 25, 0, 0])
+    assert findings.last_velocity(outcomes.velocities(FOUR)) == pytest.approx(10, rel=1e-4)
 
 
 def test_a_slowing_particle_has_the_speed_of_each_metre():
@@ -67,22 +68,22 @@ def test_a_slowing_particle_has_the_speed_of_each_metre():
 def test_dwell_ends_by_landing_or_burning_out():
     ends = ["landed", "burnt out", "left the kiln", "still flying", "landed"]
     flights = straight([5.0] * 5, [0.3, 0.5, 1.0, 2.5, 0.4], ends)
-    np.testing.assert_allclose(outcomes.dwell_quartiles(flights), [0.35, 0.4, 0.45])
-    assert outcomes.dwell_share(flights, 0.3, 0.4) == pytest.approx(200 / 3)
-    assert outcomes.outcomes(flights)["dwell longest (s)"] == 0.5
+    np.testing.assert_allclose(findings.quartiles(outcomes.dwell_times(flights)), [0.35, 0.4, 0.45])
+    assert findings.share_within(outcomes.dwell_times(flights), 0.3, 0.4) == pytest.approx(200 / 3)
+    assert findings.outcomes(outcomes.findings(flights))["dwell longest (s)"] == 0.5
 
 
 def test_ignition_is_counted_among_all_or_among_the_ignited():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.05, 0.15, 0.25, np.nan])
-    assert outcomes.ignited(flights) == 75.0
-    assert outcomes.ignited(flights, 0.1) == 25.0
-    assert outcomes.share_of_ignited(flights, 0.0, 0.2) == pytest.approx(200 / 3)
-    assert outcomes.median_ignition(flights) == 0.15
+    assert findings.ignited(flights.ignition_s) == 75.0
+    assert findings.ignited(flights.ignition_s, 0.1) == 25.0
+    assert findings.share_of_ignited(flights.ignition_s, 0.0, 0.2) == pytest.approx(200 / 3)
+    assert findings.median_ignition(flights.ignition_s) == 0.15
 
 
 def test_what_never_happens_has_no_value_and_no_warning():
     short = straight([1.0, 1.0], [0.1, 0.1], ["still flying"] * 2)
-    found = outcomes.outcomes(short)
+    found = findings.outcomes(outcomes.findings(short))
     names = ["velocity 0-1 m (m/s)", "velocity last (m/s)", "dwell median (s)"]
     assert found[[*names, "ignition median (s)"]].isna().all()
     assert found["ignited (%)"] == 0.0
@@ -99,20 +100,26 @@ def test_the_same_seed_releases_the_same_particles_and_the_table_has_a_row_per_c
 
 def test_boxes_leave_outliers_out_and_count_them():
     ends = ["landed"] * 5 + ["left the kiln"]
-    box = outcomes.dwell_box(straight([1.0] * 6, [0.3, 0.31, 0.32, 0.33, 1.5, 0.4], ends))
+    flights = straight([1.0] * 6, [0.3, 0.31, 0.32, 0.33, 1.5, 0.4], ends)
+    box = findings.box(outcomes.dwell_times(flights))
     assert (box["whisker_low"], box["whisker_high"]) == (0.3, 0.33)
-    assert (box["outliers"], box["without_dwell"]) == (1, 1)
+    assert box["outliers"] == 1
 
 
 def test_the_histogram_counts_each_ignition_once_in_per_cent_of_all():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.1, 0.15, 2.0, np.nan])
-    bins = outcomes.ignition_histogram(flights)
+    bins = findings.ignition_histogram(flights.ignition_s)
     np.testing.assert_allclose(bins["percent"], [25, 25, 0, 0, 0, 0, 0, 25])
 
 
 def test_along_the_way_every_cell_has_five_velocities_and_five_shares():
-    rows = outcomes.along(outcomes.table({("confetti", 4.5): FOUR}))
+    rows = findings.along(outcomes.table({("confetti", 4.5): FOUR}))
     assert len(rows) == 10
     share = rows[rows["quantity"] == "remaining"].set_index("distance_m")["value"]
     np.testing.assert_allclose(share.loc[[1.0, 2.0, 3.0]], [75, 50, 25])
     assert set(rows.loc[rows["quantity"] == "velocity", "distance_m"]) == {0.5, 1.5, 2.5, 3.5, 4.5}
+
+
+def test_of_no_particle_nothing_is_known_and_nothing_warns():
+    nobody = findings.Findings(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
+    assert findings.outcomes(nobody).isna().all()

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import reference
+from kilnflight import findings, reference
 from kilnflight.twin import outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -17,7 +17,9 @@ def test_every_number_about_flight_and_ignition_is_expressed():
 
 def test_every_statement_names_an_outcome():
     flights = outcomes.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
-    assert set(statements.statements()["outcome"]) <= set(outcomes.outcomes(flights).index)
+    assert set(statements.statements()["outcome"]) <= set(
+        findings.outcomes(outcomes.findings(flights)).index
+    )
 
 
 def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
