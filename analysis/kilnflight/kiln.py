@@ -55,16 +55,19 @@ def views(
     """
     wanted = list(wanted)
     model = background if background is not None else Median()
+    before, gray = -1, np.empty((0, 0), dtype=np.uint16)
     for t, foreground in zip(wanted, model(Pictures(recording), wanted), strict=True):
         frame = recording.frame(t)
         beside = t - 1 if t > 0 else min(1, len(recording) - 1)
+        previous = gray if beside == before else recording.gray(beside)
         pixels, xyz = frame.pixels, calibrate_points(frame.xyz)
         if recording.attributes.flame_roi is not None:
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
             foreground = flame.cover(foreground)
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels[keep], xyz[keep]
-        yield t, View(frame.gray, recording.gray(beside), foreground, pixels, xyz)
+        before, gray = t, frame.gray
+        yield t, View(gray, previous, foreground, pixels, xyz)
 
 
 def detect(

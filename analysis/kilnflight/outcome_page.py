@@ -6,15 +6,17 @@ import base64
 import html
 import io
 from collections.abc import Callable
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import __version__, drawing
+from kilnflight.files import write_whole
 from kilnflight.flight import remaining
 from kilnflight.frames import PictureRecording
+from kilnflight.keeping import parquet
 from kilnflight.outcome import Outcome, summary
 from kilnflight.tracklets import tracked
 
@@ -45,6 +47,19 @@ def page(found: Outcome, recording: PictureRecording) -> str:
         + "<p>In brackets: 95 % bootstrap intervals over particles.</p>"
         + f"<h2>Figures</h2>{figures}<p>kilnflight {__version__}</p></body></html>\n"
     )
+
+
+def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
+    """Write the tables, the summary and the report; return the report.
+
+    Each file is there whole or not at all; what ``parts`` holds lets a run go on.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in ("detections", "tracks", "trajectories", "flights", "slices"):
+        write_whole(folder / f"{name}.parquet", parquet(getattr(found, name)))
+    write_whole(folder / "summary.csv", summary(found).to_csv(index=False).encode())
+    write_whole(folder / "report.html", page(found, recording).encode())
+    return folder / "report.html"
 
 
 Drawing = Callable[[Outcome, PictureRecording], Figure]
@@ -133,9 +148,3 @@ def ignition_figure(found: Outcome, _: PictureRecording) -> Figure:
     axes[0, 0].bar(edges[:-1], share, BIN_S, align="edge", color="0.7", edgecolor="black")
     axes[0, 0].set(xlabel="ignition after leaving the lance (s)", ylabel="flights (%)")
     return picture
-
-
-def table_files(found: Outcome) -> dict[str, pd.DataFrame]:
-    """Return the tables by the name of the file that holds each."""
-    names = ("detections", "tracks", "trajectories", "flights", "slices")
-    return {name: getattr(found, name) for name in names}
