@@ -35,6 +35,13 @@ association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 a
 tracklist       which tracks are alive, Eq. 4.14
 tracking        detections -> tracks: predict, gate, associate, update, start, stop
 tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, connect, fuse
+slicing         space-sliced velocity, Eq. 5.8: how fast over each metre from the lance
+landing         when a trajectory meets the wall
+ignition        when a particle ignites: an abrupt, lasting rise of its grey values
+ignition_power  how probably such a rise is seen
+steps           one step in a course of values, and whether chance makes it
+flight          tracks and trajectories -> flights: start, ending, dwell time, section 5.3
+intervals       confidence intervals: bootstrap over particles, shares
 kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
 differences     sums of frame differences in small boxes
