@@ -9,7 +9,8 @@ import pandas as pd
 
 from kilnflight import pipeline, stages
 from kilnflight.flight import remaining
-from kilnflight.intervals import Bootstrap
+from kilnflight.ignition import BEFORE, SEEN
+from kilnflight.intervals import Bootstrap, Interval, median, share
 from kilnflight.pipeline import Passage
 from kilnflight.tracklets import tracked
 
@@ -52,7 +53,8 @@ def outcome(passage: Passage, notes: tuple[str, ...] = ()) -> Outcome:
 def summary(found: Outcome) -> pd.DataFrame:
     """Return the outcome in rows of ``what`` and ``value``, both texts.
 
-    Intervals are 95 % bootstrap intervals over particles.
+    In brackets: 95 % intervals, by bootstrap over particles and of shares by Wilson; none of
+    fewer than six.
     """
     linked = tracked(found.tracks)
     rows = [
@@ -83,15 +85,18 @@ def _flown(found: Outcome) -> list[tuple[str, str]]:
     rows += [(f"flights {ending}", str(n)) for ending, n in endings.items()]
     if counted.empty:
         return rows
-    boot = Bootstrap()
-    dwell = boot.median(counted["dwell_s"], np.random.default_rng(SEED))
-    lit = counted["ignition"].isin(["seen", "before seen"])
-    share = boot.share(lit, np.random.default_rng(SEED))
-    return [
-        *rows,
-        ("dwell time, median", f"{dwell.value:.3f} s [{dwell.low:.3f}, {dwell.high:.3f}]"),
-        ("ignited", f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"),
-    ]
+    dwell = Bootstrap()(median, [counted["dwell_s"]], np.random.default_rng(SEED))
+    rows.append(("dwell time, median", f"{_said(dwell, 3)} s"))
+    for what, outcomes in (("ignition seen", [SEEN]), ("ignited", [SEEN, BEFORE])):
+        lit = share(int(counted["ignition"].isin(outcomes).sum()), len(counted))
+        rows.append((what, f"{_said(lit, 0, 100)} %"))
+    return rows
+
+
+def _said(interval: Interval, digits: int, factor: float = 1.0) -> str:
+    """Return an estimate with its interval, or without one if the sample is too small."""
+    estimate, low, high = (f"{factor * value:.{digits}f}" for value in interval[:3])
+    return f"{estimate} [{low}, {high}]" if np.isfinite(interval[1:3]).all() else estimate
 
 
 def _velocities(found: Outcome) -> list[tuple[str, str]]:

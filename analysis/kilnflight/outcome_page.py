@@ -44,7 +44,7 @@ def page(found: Outcome, recording: PictureRecording) -> str:
         f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1>"
         + (f"<h2>To know</h2><ul>{notes}</ul>" if notes else "")
         + f"<h2>Summary</h2><table>{rows}</table>"
-        + "<p>In brackets: 95 % bootstrap intervals over particles.</p>"
+        + "<p>In brackets: 95 % intervals over particles; none of fewer than six.</p>"
         + f"<h2>Figures</h2>{figures}<p>kilnflight {__version__}</p></body></html>\n"
     )
 

@@ -32,10 +32,10 @@ TRACKING = (
     *("association", "cylinder.py", "gating.py", "kalman", "keeping.py", "mlesac.py"),
     *("motion.py", "pipeline.py", "tables.py", "tracking.py", "tracklets", "tracklist.py"),
 )
-REGRESSION = ("keeping.py", "pipeline.py", "regression.py", "tables.py")
+REGRESSION = ("keeping.py", "pipeline.py", "regression", "tables.py")
 FLIGHT = (
-    *("cylinder.py", "flight.py", "ignition.py", "keeping.py", "mlesac.py", "pipeline.py"),
-    *("regression.py", "tables.py"),
+    *("cylinder.py", "flight.py", "ignition.py", "keeping.py", "landing.py", "mlesac.py"),
+    *("pipeline.py", "regression", "slicing.py", "steps.py", "tables.py"),
 )
 Vector = tuple[float, float, float]
 
@@ -58,6 +58,8 @@ class Passage:
         Makes one track of each particle's detections.
     regression
         How three polynomials are fitted to a track.
+    rules
+        What makes a flight of a track.
     """
 
     stretch: Stretch
@@ -66,6 +68,7 @@ class Passage:
     in_air: InAir = field(default_factory=InAir)
     tracker: GNN = field(default_factory=GNN)
     regression: Regression = field(default_factory=Regression)
+    rules: flight.Rules = field(default_factory=flight.Rules)
 
     @property
     def frame_rate_hz(self) -> float:
@@ -174,9 +177,17 @@ def _regress(passage: Passage) -> pd.DataFrame:
 def _fly(passage: Passage) -> pd.DataFrame:
     if passage.wall is None:
         return FLIGHTS.empty()
-    linked, fitted = tracked(tracks(passage)), trajectories(passage)
-    rate = passage.frame_rate_hz
-    return flight.flights(linked, fitted, passage.wall, passage.in_air, rate)
+    stretch = passage.stretch
+    roi = stretch.origin.recording().attributes.roi
+    return flight.flights(
+        tracked(tracks(passage)),
+        regression.fits(trajectories(passage)),
+        passage.wall,
+        passage.in_air,
+        passage.frame_rate_hz,
+        passage.rules,
+        flight.View(roi, range(stretch.start, stretch.stop)),
+    )
 
 
 def _slice(passage: Passage) -> pd.DataFrame:
@@ -199,6 +210,10 @@ def _detected(passage: Passage) -> dict[str, object]:
     return {"detections": chunks, **{name: repr(value) for name, value in fields.items()}}
 
 
+def _fitted(passage: Passage) -> dict[str, object]:
+    return _before("tracks", "trajectories")(passage) | {"rules": repr(passage.rules)}
+
+
 def _tracked(passage: Passage) -> dict[str, object]:
     fields = {"exit_point_mm": passage.exit_point_mm, "regression": passage.regression}
     return _before("tracks")(passage) | {name: repr(value) for name, value in fields.items()}
@@ -207,6 +222,6 @@ def _tracked(passage: Passage) -> dict[str, object]:
 STEPS: dict[str, Step] = {
     "tracks": Step(_track, _detected, TRACKING),
     "trajectories": Step(_regress, _tracked, REGRESSION),
-    "flights": Step(_fly, _before("tracks", "trajectories"), FLIGHT),
+    "flights": Step(_fly, _fitted, FLIGHT),
     "slices": Step(_slice, _before("trajectories", "flights"), FLIGHT),
 }

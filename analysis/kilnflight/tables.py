@@ -18,7 +18,7 @@ from kilnflight.checks import InputError, check_columns
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, kind (``int``, ``float`` or ``str``), unit and meaning.
+    """One column: its name, kind (``int``, ``float``, ``bool``, ``str``), unit and meaning.
 
     A column that may be ``missing`` holds NaN where nothing was measured.
     """
@@ -84,6 +84,8 @@ def _holds(values: pd.Series, kind: type) -> bool:
     types = pd.api.types
     if kind is str:
         return types.is_string_dtype(values) and not values.isna().any()
+    if kind is bool:
+        return types.is_bool_dtype(values)
     number = types.is_numeric_dtype(values) and not types.is_bool_dtype(values)
     return number and (kind is float or types.is_integer_dtype(values))
 
@@ -177,5 +179,33 @@ TRAJECTORIES = Table(
         *_per_axis("mape_{}_percent", float, "%", "Eq. 4.31"),
         *_per_axis("r2_{}", float, "1", "Eq. 4.32"),
         *_per_axis("r2_adjusted_{}", float, "1", "Eq. 4.33"),
+    ),
+)
+
+FLIGHTS = Table(
+    "flights",
+    (
+        Column("particle", int, "1", "track that the flight was worked out from"),
+        Column("t0_s", float, "s", "when it left the lance, on the recording's clock"),
+        Column("first_s", float, "s", "first detection"),
+        Column("last_s", float, "s", "last detection"),
+        Column("end_s", float, "s", "end of the flight, on the recording's clock"),
+        Column("dwell_s", float, "s", "end_s - t0_s; a lower bound if it was lost"),
+        Column("ending", str, "1", "landed, burnt out or lost"),
+        Column("from_lance", bool, "1", "whether it starts at the lance"),
+        Column("start_mm", float, "mm", "distance of its first positions from the lance"),
+        Column("ignition", str, "1", "seen, before seen, none or too few points"),
+        Column("ignition_s", float, "s", "after t0_s; NaN unless ignition was seen", missing=True),
+        Column("rise_gray", float, "1", "grey values between both levels, 0 without a step"),
+        Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
+    ),
+)
+
+SLICES = Table(
+    "space-sliced velocities",
+    (
+        Column("particle", int, "1", "track"),
+        Column("slice_m", float, "m", "far end of the slice from the lance; below 0: behind it"),
+        Column("velocity_m_s", float, "m/s", "V_n of Eq. 5.8; below 0: away from the camera"),
     ),
 )
