@@ -4,11 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import kiln, stages
+from kilnflight import keeping, kiln, stages
 from kilnflight.background import Median
 from kilnflight.checks import InputError
 from kilnflight.differences import Differences
 from kilnflight.twin.scenes import open_scene
+from kilnflight.workers import Workers
 
 SCENE = "confetti-4.5-bar@small"
 
@@ -42,7 +43,7 @@ def test_a_stretch_is_detected_as_its_frames_are_and_once(wanted, monkeypatch):
 def test_two_processes_find_the_same(wanted, monkeypatch, tmp_path):
     one = stages.detections(wanted)
     monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "two"))
-    pd.testing.assert_frame_equal(stages.detections(wanted, jobs=2), one)
+    pd.testing.assert_frame_equal(stages.detections(wanted, Workers(2)), one)
 
 
 def test_after_a_kill_only_what_is_missing_is_made(wanted, monkeypatch):
@@ -73,7 +74,7 @@ def test_another_threshold_scene_or_code_is_another_file(wanted, monkeypatch):
         stages.stretch("confetti-5.0-bar@small", frames, 300.0),
     ):
         names.add(stages.place("detections", other.went_in(frames)))
-    monkeypatch.setattr(stages, "CODE", ["kiln.py"])
+    monkeypatch.setattr(keeping, "CODE", ["kiln.py"])
     names.add(stages.place("detections", wanted.went_in(frames)))
     assert len(names) == 5
 
@@ -92,7 +93,7 @@ def test_differences_are_sums_over_frames_and_chunks(wanted):
 
 def test_lost_differences_are_made_again(wanted):
     stages.detections(wanted)
-    folder = wanted.folder(range(204, 208))
+    folder = wanted.differences_of(range(204, 208))
     folder.rename(folder.with_name("lost"))
     with pytest.raises(InputError, match="frame differences cannot be read"):
         Differences(wanted)(204, 205, 0, 0, 5, 5)

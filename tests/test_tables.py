@@ -3,10 +3,18 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS, DETECTIONS
+from kilnflight.tables import (
+    BELT_ARRIVAL,
+    BELT_LAST,
+    BELT_TRACKS,
+    DETECTIONS,
+    TRAJECTORIES,
+    Column,
+    Table,
+)
 
 
-@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS])
+@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES])
 def test_an_empty_table_passes_its_own_check(table):
     assert list(table.check(table.empty()).columns) == table.names
 
@@ -39,3 +47,11 @@ def test_a_detection_may_lack_its_place_in_space_but_nothing_else():
         DETECTIONS.check(table.assign(z=np.inf))
     with pytest.raises(InputError, match="column gray is not finite"):
         DETECTIONS.check(table.assign(gray=np.nan))
+
+
+def test_a_column_of_words_holds_words():
+    words = Table("endings", (Column("ending", str, "1", "how it ended"),))
+    assert len(words.check(pd.DataFrame({"ending": ["landed", "lost"]}))) == 2
+    for no_words in ([1, 2], ["landed", None]):
+        with pytest.raises(InputError, match="column ending holds .*expected str"):
+            words.check(pd.DataFrame({"ending": no_words}))

@@ -20,7 +20,7 @@ importing       your own recordings, by a manifest
 sources         the kinds of files a manifest names
 readers         one file of any format -> one array
 report          what a recording holds, in numbers
-__main__        the command line: import, export, info, detect, track
+__main__        the command line: import, export, info, detect, track, run
 twin            a kiln whose truth is known: flights, combustion, camera, scenes
 background      six background models, section 2.2.1 of the thesis: what moves stays
 detection       a foreground or a cloud -> particles: Otsu, DoG; DBSCAN, MO, QCC
@@ -35,8 +35,24 @@ association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 a
 tracklist       which tracks are alive, Eq. 4.14
 tracking        detections -> tracks: predict, gate, associate, update, start, stop
 tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, connect, fuse
+regression      trajectories -> polynomials through the lance's exit at one t0, chapter 4.3
+slicing         space-sliced velocity, Eq. 5.8: how fast over each metre from the lance
+landing         when a trajectory meets the wall
+ignition        when a particle ignites: an abrupt, lasting rise of its grey values
+ignition_power  how probably such a rise is seen
+steps           one step in a course of values, and whether chance makes it
+flight          tracks and trajectories -> flights: start, ending, dwell time, section 5.3
+intervals       confidence intervals: bootstrap over particles, shares
 kiln            the whole life of a frame, written out once
-stages          what is made once and kept: detections of long recordings
+keeping         tables that are made once and kept, under the hash of what went in
+origins         where a recording comes from: the twin, a folder
+workers         processes of this machine, or a Dask cluster
+stages          detections of long recordings, chunk by chunk
+pipeline        a whole recording from its detections to its flights
+campaigns       the thesis's eight campaigns on the twin
+own             a recording of one's own, made ready for the whole way
+outcome         what came out of it, in a short table
+outcome_page    and as a page
 differences     sums of frame differences in small boxes
 pursuit         trackers on stretches of campaigns, scored
 contest         settings of trackers, tried on stretches of campaigns

@@ -1,4 +1,4 @@
-"""The command line: bring recordings in or out, look at one, detect and track in one."""
+"""The command line: bring recordings in or out, look at one, detect, track, or do it all."""
 
 from __future__ import annotations
 
@@ -32,8 +32,12 @@ FORMATS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Import your own recordings, export the twin's, say what one holds, detect, track."""
-    options = _parser().parse_args(arguments)
+    """Import your own recordings, export the twin's, say what one holds, detect, track, or all."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if "--exit-point" in given[:-1]:  # argparse takes -77,250,6828 for an option
+        k = given.index("--exit-point")
+        given[k : k + 2] = [f"--exit-point={given[k + 1]}"]
+    options = _parser().parse_args(given)
     try:
         if options.command == "import":
             target = options.to or options.manifest.with_suffix(".zarr")
@@ -45,6 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _detect(options.folder, options.table, options.threshold)
         elif options.command == "track":
             _track(options)
+        elif options.command == "run":
+            _run(options)
         else:
             print(summarise(open_recording(options.folder)).text())
     except (InputError, OSError) as error:  # OSError: a full disk, a folder without permission
@@ -97,6 +103,24 @@ def _track(options: argparse.Namespace) -> None:
         f"{kept['particle'].nunique()} tracks with {len(kept)} of {len(tracks)} detections: "
         f"{options.tracks}"
     )
+
+
+def _run(options: argparse.Namespace) -> None:
+    from kilnflight import outcome_page, own, pipeline  # here: it takes time to load them
+    from kilnflight.outcome import outcome, summary, text
+    from kilnflight.workers import Workers
+
+    lance = own.point(options.exit_point) if options.exit_point else None
+    wishes = own.Wishes(options.threshold, lance, options.in_air)
+    workers = Workers(options.jobs, options.scheduler)
+    prepared = own.prepare(options.folder, options.to, wishes)
+    for note in prepared.notes:
+        print(f"note: {note}")
+    pipeline.run([prepared.passage], workers)
+    found = outcome(prepared.passage, prepared.notes)
+    report = outcome_page.publish(found, open_recording(options.folder), options.to)
+    print(text(summary(found)))
+    print(f"tables and report: {report}")
 
 
 def _frames(text: str, length: int) -> range:
@@ -152,7 +176,28 @@ def _parser() -> argparse.ArgumentParser:
         help="no post-processing (which here lacks its texture term)",
     )
     command.add_argument("--format", choices=["csv", *FORMATS], default="csv")
+    _add_run(commands.add_parser("run", help="all steps from a recording to flights, and a report"))
     return parser
+
+
+def _add_run(command: argparse.ArgumentParser) -> None:
+    command.add_argument("folder", type=Path, metavar="RECORDING")
+    command.add_argument(
+        "--to", type=Path, metavar="FOLDER", required=True, help="a killed run goes on there"
+    )
+    command.add_argument("--threshold", type=float, help="of DoG; default: five times the noise")
+    command.add_argument(
+        "--exit-point", metavar="x,y,z", help="where the lance ends, mm; default: as recorded"
+    )
+    command.add_argument(
+        "--in-air",
+        type=float,
+        default=800.0,
+        metavar="MM",
+        help="largest distance from the kiln's axis of what is in the air (default: 800)",
+    )
+    command.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that detects")
 
 
 if __name__ == "__main__":

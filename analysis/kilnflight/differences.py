@@ -10,7 +10,7 @@ import numpy.typing as npt
 import zarr
 
 from kilnflight.checks import InputError
-from kilnflight.stages import Stretch, scene_of
+from kilnflight.stages import Stretch
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Differences:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the frames."""
-        known = scene_of(self.wanted.scene, self.wanted.seed).attributes
+        known = self.wanted.origin.recording().attributes
         return known.rows, known.columns
 
     def __call__(
@@ -37,7 +37,7 @@ class Differences:
         for frames in self.wanted.chunks:
             some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
             if some:
-                store = _opened(self.wanted.folder(frames))
+                store = _opened(self.wanted.differences_of(frames))
                 cut = slice(some.start - frames.start, some.stop - frames.start)
                 roots = np.asarray(store[cut, top:bottom, left:right], dtype=np.float64)
                 total += np.sum(roots**2, axis=0)

@@ -29,6 +29,15 @@ def make_whole(path: Path, write: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
+def clear_parts(path: Path) -> None:
+    """Remove what killed processes have left of a file or folder; call it `locked`."""
+    for part in path.parent.glob(f".{path.name}.*.part"):
+        if part.is_dir():
+            shutil.rmtree(part)
+        else:
+            part.unlink(missing_ok=True)
+
+
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
     """Let one process at a time work on a file or folder; the others wait (make -j)."""

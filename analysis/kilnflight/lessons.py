@@ -14,7 +14,7 @@ from kilnflight.combination import Combination
 from kilnflight.contenders import PASSES, THRESHOLDS
 from kilnflight.cylinder import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
 from kilnflight.detection import DoG
-from kilnflight.stages import kept
+from kilnflight.keeping import CODE, kept
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,12 @@ class Learned:
 def learned(scale: str, seed: int = 0, frames: int = 0) -> Learned:
     """Return threshold, wall and limit from the five subsets; see `kilnflight.trial`."""
     went_in = {"scale": scale, "seed": seed, "frames": frames, "thresholds": THRESHOLDS}
-    one = kept("learned", went_in, partial(_learn, scale, seed, frames)).iloc[0]
+    one = kept(
+        "learned",
+        went_in,
+        partial(_learn, scale, seed, frames),
+        code=(*CODE, "contenders.py", "lessons.py"),
+    ).iloc[0]
     centre, direction = (
         (float(one[f"{name}_x"]), float(one[f"{name}_y"]), float(one[f"{name}_z"]))
         for name in ("centre", "direction")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from kilnflight.matching import pair
 from kilnflight.scores import score_tracks
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
+from kilnflight.workers import Workers
 
 # The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
 GATE_PX = 10.0
@@ -111,9 +111,7 @@ def windows(
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
         frames = (other if others else scored)(stages.scene_of(name, seed), scale)
         stretch = stages.stretch(name, frames, learned.threshold, seed)
-        with warnings.catch_warnings():  # joblib renews a process that has grown, and tells
-            warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-            seen = learned.in_air(stages.detections(stretch, jobs))
+        seen = learned.in_air(stages.detections(stretch, Workers(jobs)))
         true = stages.trajectories(name, frames, seed)
         found.append(Window(fraction, name, frames, seen, true, Differences(stretch)))
     return found

@@ -1,212 +1,213 @@
-"""What is made once and kept: tables under data/derived, under the hash of what went in.
+"""Detection in long recordings, chunk by chunk, kept on disk; what comes first of all steps.
 
-scene -> detections and frame differences, chunk by chunk -> tracking
+recording -> detections and, if wanted, frame differences
 
-A table that is there and whole is not made again; a killed run goes on with the first chunk
-that is missing. The hash covers the arguments and the code that a table depends on, so a
-change of either gives another file; old ones go with `make clean`.
+A chunk that is there and whole is not made again; a killed run goes on with the first one
+that is missing. `kilnflight.pipeline` makes tracks and flights of them.
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
-import joblib
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import zarr
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight import kiln, places
 from kilnflight.checks import InputError
-from kilnflight.combination import Combination
+from kilnflight.combination import Combination, View
 from kilnflight.detection import DoG
-from kilnflight.files import locked, make_whole, write_whole
+from kilnflight.files import clear_parts, make_whole
+from kilnflight.frames import PictureRecording
+from kilnflight.keeping import fingerprint, kept, place
+from kilnflight.origins import OfTwin, Origin, scene_of
 from kilnflight.tables import DETECTIONS
 from kilnflight.twin import truth
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import open_scene
+from kilnflight.workers import Workers
 
 CHUNK = 100  # frames; the median's window, 150 frames, is read anew by every chunk
+LONG_CHUNK = 500  # frames, where no differences are kept: the window costs less
 TILE = (384, 512)  # of a kept difference, so that a small box is read fast
-# Code that the tables depend on, within the package; a folder stands for all of its files.
-CODE = (
-    *("background", "camera.py", "combination.py", "correspondence.py", "cylinder.py"),
-    *("detection", "evidence.py", "flame.py", "frames.py", "kiln.py", "matching.py"),
-    *("mlesac.py", "peaks.py", "scores/counts.py", "scores/detections.py", "stages.py"),
-    *("tables.py", "tallies.py", "trial.py", "twin"),
-)
-
-
-def fingerprint(content: object) -> str:
-    """Return twelve digits that stand for the arguments and the code."""
-    package = Path(__file__).parent
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode())
-    for name in CODE:
-        one = package / name
-        files = sorted(one.rglob("*")) if one.is_dir() else [one]
-        for file in files:
-            if file.suffix in (".py", ".json"):
-                digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def place(name: str, went_in: Mapping[str, object]) -> Path:
-    """Return the file that a table is kept in."""
-    return places.derived() / f"{name}-{fingerprint([name, dict(went_in)])}.parquet"
-
-
-def kept(
-    name: str, went_in: Mapping[str, object], make: Callable[[], pd.DataFrame]
-) -> pd.DataFrame:
-    """Return a table from data/derived, or make it and keep it there.
-
-    Parameters
-    ----------
-    name
-        Of the kind of table, the first part of the file's name.
-    went_in
-        All that it depends on besides the code; kept in the file.
-    make
-        Called if there is no such file.
-    """
-    path = place(name, went_in)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with locked(path.with_suffix(".lock")):
-        if not path.is_file():
-            _keep(path, went_in, make())
-    try:
-        return pd.read_parquet(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(
-            f"{path}: cannot be read ({error}). Delete it; it is made again."
-        ) from error
-
-
-def _keep(path: Path, went_in: Mapping[str, object], made: pd.DataFrame) -> None:
-    table = pa.Table.from_pandas(made, preserve_index=False)
-    said = json.dumps(dict(went_in), sort_keys=True, default=repr).encode()
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer)
-    write_whole(path, buffer.getvalue())
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive frames of a scene and the detector that looks at them.
+    """Consecutive frames of a recording and the detector that looks at them.
 
     Parameters
     ----------
-    scene
-        Name for `kilnflight.twin.scenes.open_scene`.
-    seed
-        Of the scene.
+    origin
+        Of the recording.
     start, stop
         First frame, and the one after the last.
     detector
         The combined detector; SIFT with DBSCAN unless told otherwise.
+    chunk
+        Frames that are worked on at once.
+    differences
+        Whether differences to the background are kept beside: 2.8 MB a frame.
+    folder
+        Where all is kept; data/derived if None.
     """
 
-    scene: str
-    seed: int
+    origin: Origin
     start: int
     stop: int
     detector: Combination
+    chunk: int = CHUNK
+    differences: bool = True
+    folder: Path | None = None
 
     @property
     def chunks(self) -> list[range]:
-        """The frames in pieces of `CHUNK`, cut at its multiples."""
-        cuts = [self.start, *range(self.start // CHUNK * CHUNK + CHUNK, self.stop, CHUNK)]
+        """The frames in pieces of ``chunk``, cut at its multiples."""
+        size = self.chunk
+        cuts = [self.start, *range(self.start // size * size + size, self.stop, size)]
         return [range(a, b) for a, b in zip(cuts, [*cuts[1:], self.stop], strict=True) if a < b]
 
     def went_in(self, frames: range) -> dict[str, object]:
         """Return what the detections of some of the frames depend on."""
         detector = repr(self.detector)  # classes and parameters of all its parts
         span = [frames.start, frames.stop]
-        return {"scene": self.scene, "seed": self.seed, "frames": span, "detector": detector}
+        return {**self.origin.went_in(), "frames": span, "detector": detector}
 
-    def folder(self, frames: range) -> Path:
+    def table(self, frames: range) -> Path:
+        """Return where the detections of a chunk are kept."""
+        return place("detections", self.went_in(frames), self.folder)
+
+    def differences_of(self, frames: range) -> Path:
         """Return where the frame differences of a chunk are kept."""
         number = fingerprint(["differences", self.went_in(frames)])
-        return places.derived() / f"differences-{number}.zarr"
+        return (self.folder or places.derived()) / f"differences-{number}.zarr"
+
+    def has_differences(self, frames: range) -> bool:
+        """Return whether the differences of a chunk are there, or not wanted."""
+        return not self.differences or self.differences_of(frames).is_dir()
+
+    def has(self, frames: range) -> bool:
+        """Return whether a chunk is there: a table without its differences is not whole."""
+        return self.table(frames).is_file() and self.has_differences(frames)
+
+    def keep(self, frames: range) -> pd.DataFrame:
+        """Return the detections of a chunk, made if they are not there."""
+        return kept(
+            "detections",
+            self.went_in(frames),
+            partial(_detect, self, frames),
+            self.folder,
+            whole=partial(self.has_differences, frames),
+        )
 
 
 def stretch(scene: str, frames: range, threshold: float, seed: int = 0) -> Stretch:
-    """Return a stretch for the combined SIFT and DBSCAN with a threshold of DoG."""
-    return Stretch(scene, seed, frames.start, frames.stop, Combination(DoG(threshold)))
+    """Return a stretch of a scene for the combined SIFT and DBSCAN with a threshold of DoG."""
+    detector = Combination(DoG(threshold))
+    return Stretch(OfTwin(scene, seed), frames.start, frames.stop, detector, CHUNK)
 
 
-def detections(wanted: Stretch, jobs: int = 1) -> pd.DataFrame:
-    """Return what the detector finds (`kilnflight.tables.DETECTIONS`), with progress.
+def detections(wanted: Stretch, workers: Workers | None = None) -> pd.DataFrame:
+    """Return what the detector finds (`kilnflight.tables.DETECTIONS`); see `detect`."""
+    detect([wanted], workers, f"detection in {wanted.origin.name}")
+    parts = [wanted.keep(frames) for frames in wanted.chunks]
+    return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
-    The differences to the background are kept beside, for `Differences`.
+
+def detect(
+    stretches: Sequence[Stretch], workers: Workers | None = None, label: str = "detection"
+) -> None:
+    """Detect where that has not been done, with progress; all stretches in one go.
 
     Parameters
     ----------
-    wanted
-        Scene, frames and detector.
-    jobs
-        Processes on this machine; the result does not depend on it. For a cluster, call this
-        within ``joblib.parallel_config(backend="dask")``.
+    stretches
+        Recordings, frames and detectors.
+    workers
+        One process if None; what is found does not depend on them.
+    label
+        Of the progress.
+
+    Raises
+    ------
+    InputError
+        If something cannot be read or written, or a worker keeps things elsewhere.
     """
-    one = joblib.delayed(partial(_chunk, wanted))
-    run = joblib.Parallel(n_jobs=min(jobs, len(wanted.chunks)) or 1, return_as="generator")
-    bar = tqdm(
-        run(one(frames) for frames in wanted.chunks),
-        desc=f"detection in {wanted.scene}",
-        total=len(wanted.chunks),
-        unit="chunk",
-        disable=None,
-    )
-    return pd.concat([DETECTIONS.empty(), *bar], ignore_index=True)
+    # workers elsewhere do not know the folder of this project
+    pieces = [
+        (replace(one, folder=(one.folder or places.derived()).absolute()), frames)
+        for one in stretches
+        for frames in one.chunks
+    ]
+    missing = [piece for piece in pieces if not piece[0].has(piece[1])]
+    sizes = [len(frames) for _, frames in missing]
+    before = sum(len(frames) for _, frames in pieces) - sum(sizes)
+    run = workers if workers is not None else Workers()
+    expected = [(*piece, piece[0].table(piece[1])) for piece in missing]
+    run(_chunk, expected, sizes, label, before)
+    lost = [table for *_, table in expected if not table.is_file()]
+    if lost:
+        raise InputError(
+            f"{lost[0]}: a worker has made this, but not here. Give the workers the same folder "
+            "under the same name."
+        )
 
 
-def _chunk(wanted: Stretch, frames: range) -> pd.DataFrame:
-    went_in = wanted.went_in(frames)
-    if not wanted.folder(frames).is_dir():  # a table without its differences is not whole
-        place("detections", went_in).unlink(missing_ok=True)
-    return kept("detections", went_in, partial(_detect, wanted, frames))
+def _chunk(piece: tuple[Stretch, range, Path]) -> None:
+    wanted, frames, expected = piece
+    if wanted.table(frames) != expected:
+        raise InputError(
+            f"{wanted.origin.name}: this worker has another version of kilnflight than who asks "
+            f"({wanted.table(frames).name}, expected {expected.name}). Install the same one."
+        )
+    wanted.keep(frames)
 
 
 def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
     """Detect in a chunk, and keep the differences: first these, then the table is whole."""
     cv2.setNumThreads(1)
-    recording = scene_of(wanted.scene, wanted.seed)
-    known = recording.attributes
-    image = (known.rows, known.columns)
-    found = [DETECTIONS.empty()]
+    recording = wanted.origin.recording()
+    seen = kiln.views(recording, frames)
+    if not wanted.differences:
+        return _found(wanted, recording, seen)
+    path, found = wanted.differences_of(frames), [DETECTIONS.empty()]
+    clear_parts(path)
+    image = (recording.attributes.rows, recording.attributes.columns)
 
     def write(part: Path) -> None:
-        store = zarr.create_array(
-            part,
-            shape=(len(frames), *image),
-            chunks=(1, *(min(a, b) for a, b in zip(TILE, image, strict=True))),
-            dtype="uint8",
-            compressors=ZstdCodec(level=1),
-        )
-        for k, (t, view) in enumerate(kiln.views(recording, frames)):
-            store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
-            found.append(wanted.detector(view, known.roi, t))
+        found.append(_found(wanted, recording, _keeping(seen, part, len(frames), image)))
 
-    make_whole(wanted.folder(frames), write)
-    return pd.concat(found, ignore_index=True)
+    make_whole(path, write)
+    return found[-1]
 
 
-@lru_cache(maxsize=2)
-def scene_of(name: str, seed: int) -> Twin:
-    """Return a scene; its flights are worked out once for all chunks of a process."""
-    return open_scene(name, seed)
+def _found(
+    wanted: Stretch, recording: PictureRecording, seen: Iterator[tuple[int, View]]
+) -> pd.DataFrame:
+    roi = recording.attributes.roi
+    found = [wanted.detector(view, roi, t) for t, view in seen]
+    return pd.concat([DETECTIONS.empty(), *found], ignore_index=True)
+
+
+def _keeping(
+    seen: Iterator[tuple[int, View]], part: Path, length: int, image: tuple[int, int]
+) -> Iterator[tuple[int, View]]:
+    """Yield the views and keep the roots of their foregrounds."""
+    store = zarr.create_array(
+        part,
+        shape=(length, *image),
+        chunks=(1, *(min(a, b) for a, b in zip(TILE, image, strict=True))),
+        dtype="uint8",
+        compressors=ZstdCodec(level=1),
+    )
+    for k, (t, view) in enumerate(seen):
+        store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
+        yield t, view
 
 
 def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) -> pd.DataFrame:
@@ -235,3 +236,18 @@ def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) ->
     flying = marked[marked["label"] != 4]
     long = flying.groupby("particle")["frame"].transform("size") >= shortest
     return flying[long].reset_index(drop=True)
+
+
+__all__ = [
+    "CHUNK",
+    "LONG_CHUNK",
+    "Stretch",
+    "detect",
+    "detections",
+    "fingerprint",
+    "kept",
+    "place",
+    "scene_of",
+    "stretch",
+    "trajectories",
+]

@@ -18,7 +18,7 @@ from kilnflight.checks import InputError, check_columns
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, kind (``int`` or ``float``), unit and meaning.
+    """One column: its name, kind (``int``, ``float``, ``bool``, ``str``), unit and meaning.
 
     A column that may be ``missing`` holds NaN where nothing was measured.
     """
@@ -52,31 +52,42 @@ class Table:
         Raises
         ------
         InputError
-            If a column is missing, not a number, or holds a value that is not finite.
+            If a column is missing, not of its kind, or holds a value that is not finite.
         """
         where = where or self.name
         if not isinstance(table, pd.DataFrame) or list(table.columns) != self.names:
             check_columns(table, self.names, where)
             table = table[self.names]
         for column, kind in zip(self.columns, table.dtypes, strict=True):
-            number = pd.api.types.is_numeric_dtype(kind) and not pd.api.types.is_bool_dtype(kind)
-            whole = column.kind is float or pd.api.types.is_integer_dtype(kind)
-            if not (number and whole):
+            if not _holds(table[column.name], column.kind):
                 raise InputError(
                     f"{where}: column {column.name} holds {kind}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."
                 )
-        numbers = table.to_numpy(dtype=np.float64)
-        may_miss = np.array([column.missing for column in self.columns])
+        counted = [column for column in self.columns if column.kind is not str]
+        names = [column.name for column in counted]
+        numbers = table[names].to_numpy(dtype=np.float64)
+        may_miss = np.array([column.missing for column in counted], dtype=np.bool_)
         finite = np.isfinite(numbers) | (np.isnan(numbers) & may_miss)
         if not finite.all():
             row, column_number = np.argwhere(~finite)[0]
             raise InputError(
-                f"{where}: column {self.names[column_number]} is not finite in row "
+                f"{where}: column {names[column_number]} is not finite in row "
                 f"{table.index[row]}. Leave rows without a measurement out; this column has no "
                 "place-holders."
             )
         return table
+
+
+def _holds(values: pd.Series, kind: type) -> bool:
+    """Return whether a column is of a kind; whole numbers also serve as float."""
+    types = pd.api.types
+    if kind is str:
+        return types.is_string_dtype(values) and not values.isna().any()
+    if kind is bool:
+        return types.is_bool_dtype(values)
+    number = types.is_numeric_dtype(values) and not types.is_bool_dtype(values)
+    return number and (kind is float or types.is_integer_dtype(values))
 
 
 BELT_TRACKS = Table(
@@ -127,5 +138,74 @@ DETECTIONS = Table(
         Column("z", float, "mm", "likewise, after Eq. 2.4", missing=True),
         Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
         Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
+    ),
+)
+
+
+AXES = ("x", "y", "z")
+HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
+
+
+def _per_axis(name: str, kind: type, unit: str, meaning: str) -> tuple[Column, ...]:
+    """Return one column per axis; ``{}`` in the name stands for it."""
+    return tuple(
+        Column(name.format(axis), kind, unit, f"{meaning}, {axis}", missing=kind is float)
+        for axis in AXES
+    )
+
+
+TRAJECTORIES = Table(
+    "regressed trajectories",
+    (
+        Column("particle", int, "1", "identity of the track"),
+        Column("outcome", str, "1", "fitted, or in a few words why not"),
+        Column("points", int, "1", "number of its detections with depth"),
+        Column("first_s", float, "s", "time of the first of them", missing=True),
+        Column("last_s", float, "s", "time of the last of them", missing=True),
+        Column("t0_s", float, "s", "time at the lance's exit", missing=True),
+        Column("t0_earliest_s", float, "s", "where the range of t0 begins", missing=True),
+        Column("t0_latest_s", float, "s", "where the range of t0 ends", missing=True),
+        Column("t0_at_bound", int, "1", "-1: t0 is the earliest, 1: the latest, 0: between"),
+        *_per_axis("exit_{}", float, "mm", "the lance's exit"),
+        *_per_axis("order_{}", int, "1", "order of the polynomial, 0: none"),
+        *(
+            column
+            for k in range(1, HIGHEST_ORDER + 1)
+            for column in _per_axis(
+                f"coefficient_{{}}_{k}", float, f"mm/s^{k}", f"factor of (t - t0)^{k}"
+            )
+        ),
+        *_per_axis("rmse_{}_mm", float, "mm", "Eq. 4.30, thesis"),
+        *_per_axis("mape_{}_percent", float, "%", "Eq. 4.31"),
+        *_per_axis("r2_{}", float, "1", "Eq. 4.32"),
+        *_per_axis("r2_adjusted_{}", float, "1", "Eq. 4.33"),
+    ),
+)
+
+FLIGHTS = Table(
+    "flights",
+    (
+        Column("particle", int, "1", "track that the flight was worked out from"),
+        Column("t0_s", float, "s", "when it left the lance, on the recording's clock"),
+        Column("first_s", float, "s", "first detection"),
+        Column("last_s", float, "s", "last detection"),
+        Column("end_s", float, "s", "end of the flight, on the recording's clock"),
+        Column("dwell_s", float, "s", "end_s - t0_s; a lower bound if it was lost"),
+        Column("ending", str, "1", "landed, burnt out or lost"),
+        Column("from_lance", bool, "1", "whether it starts at the lance"),
+        Column("start_mm", float, "mm", "distance of its first positions from the lance"),
+        Column("ignition", str, "1", "seen, before seen, none or too few points"),
+        Column("ignition_s", float, "s", "after t0_s; NaN unless ignition was seen", missing=True),
+        Column("rise_gray", float, "1", "grey values between both levels, 0 without a step"),
+        Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
+    ),
+)
+
+SLICES = Table(
+    "space-sliced velocities",
+    (
+        Column("particle", int, "1", "track"),
+        Column("slice_m", float, "m", "far end of the slice from the lance; below 0: behind it"),
+        Column("velocity_m_s", float, "m/s", "V_n of Eq. 5.8; below 0: away from the camera"),
     ),
 )

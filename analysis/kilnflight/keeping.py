@@ -1,0 +1,120 @@
+"""Tables that are made once and kept, under the hash of what went in.
+
+A table that is there and whole is not made again. The hash covers the arguments and the
+code that a table depends on, so a change of either gives another file; what a later step
+makes counts the names, and so the hashes, of what it was made from among its arguments.
+Old files go with `make clean`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from kilnflight import places
+from kilnflight.checks import InputError
+from kilnflight.files import clear_parts, locked, write_whole
+
+# Code that detections depend on, within the package; a folder stands for all of its files.
+CODE: Sequence[str] = (
+    *("background", "camera.py", "combination.py", "correspondence.py", "cylinder.py"),
+    *("detection", "evidence.py", "flame.py", "frames.py", "keeping.py", "kiln.py"),
+    *("matching.py", "mlesac.py", "peaks.py", "scores/counts.py", "scores/detections.py"),
+    *("stages.py", "tables.py", "tallies.py", "trial.py", "twin"),
+)
+
+
+def fingerprint(content: object, code: Sequence[str] | None = None) -> str:
+    """Return twelve digits that stand for the arguments and the code (`CODE` if None)."""
+    package = Path(__file__).parent
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode())
+    for name in CODE if code is None else code:
+        one = package / name
+        files = sorted(one.rglob("*")) if one.is_dir() else [one]
+        for file in files:
+            if file.suffix in (".py", ".json"):
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def place(
+    name: str,
+    went_in: Mapping[str, object],
+    folder: Path | None = None,
+    code: Sequence[str] | None = None,
+) -> Path:
+    """Return the file that a table is kept in, in data/derived unless told otherwise."""
+    number = fingerprint([name, dict(went_in)], code)
+    return (folder or places.derived()) / f"{name}-{number}.parquet"
+
+
+def kept(
+    name: str,
+    went_in: Mapping[str, object],
+    make: Callable[[], pd.DataFrame],
+    folder: Path | None = None,
+    code: Sequence[str] | None = None,
+    whole: Callable[[], bool] = lambda: True,
+) -> pd.DataFrame:
+    """Return a table that is kept, or make it and keep it.
+
+    Parameters
+    ----------
+    name
+        Of the kind of table, the first part of the file's name.
+    went_in
+        All that it depends on besides the code; kept in the file.
+    make
+        Called if there is no such file.
+    folder
+        data/derived if None.
+    code
+        Files of the package that the table depends on; `CODE` if None.
+    whole
+        Whether what ``make`` keeps beside the table is there; else both are made again.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, as on a full disk, or not be read.
+    """
+    path = place(name, went_in, folder, code)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with locked(path.with_suffix(".lock")):
+        if not (path.is_file() and whole()):
+            clear_parts(path)
+            _keep(path, went_in, make())
+    try:
+        return pd.read_parquet(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(
+            f"{path}: cannot be read ({error}). Delete it; it is made again."
+        ) from error
+
+
+def parquet(made: pd.DataFrame, went_in: Mapping[str, object] | None = None) -> bytes:
+    """Return a table as the bytes of a Parquet file; the same table gives the same bytes."""
+    table = pa.Table.from_pandas(made, preserve_index=False)
+    said = json.dumps(dict(went_in or {}), sort_keys=True, default=repr).encode()
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer)
+    return buffer.getvalue()
+
+
+def _keep(path: Path, went_in: Mapping[str, object], made: pd.DataFrame) -> None:
+    content = parquet(made, went_in)
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}). What was finished before is "
+            "kept: make room and run it again; it goes on from there."
+        ) from error
