@@ -55,32 +55,19 @@ def views(
     """
     wanted = list(wanted)
     model = background if background is not None else Median()
-<<<<<<< HEAD
-    last: tuple[int, npt.NDArray[np.uint16]] | None = None  # most frames follow each other
-    for t, foreground in zip(wanted, model(Pictures(recording), wanted), strict=True):
-        frame = recording.frame(t)
-        beside = t - 1 if t > 0 else min(1, len(recording) - 1)
-        previous = last[1] if last and last[0] == beside else recording.gray(beside)
-        last = t, frame.gray
-=======
     before, gray = -1, np.empty((0, 0), dtype=np.uint16)
     for t, foreground in zip(wanted, model(Pictures(recording), wanted), strict=True):
         frame = recording.frame(t)
         beside = t - 1 if t > 0 else min(1, len(recording) - 1)
         previous = gray if beside == before else recording.gray(beside)
->>>>>>> 389782d37823c96ff32da9c64b546f788a95585b
         pixels, xyz = frame.pixels, calibrate_points(frame.xyz)
         if recording.attributes.flame_roi is not None:
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
             foreground = flame.cover(foreground)
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels[keep], xyz[keep]
-<<<<<<< HEAD
-        yield t, View(frame.gray, previous, foreground, pixels, xyz)
-=======
         before, gray = t, frame.gray
         yield t, View(gray, previous, foreground, pixels, xyz)
->>>>>>> 389782d37823c96ff32da9c64b546f788a95585b
 
 
 def detect(
