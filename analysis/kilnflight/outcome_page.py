@@ -115,9 +115,7 @@ def dwell_figure(found: Outcome, _: PictureRecording) -> Figure:
     for k, (ending, some) in enumerate(counted.groupby("ending")):
         number = np.histogram(some["dwell_s"], edges)[0]
         look = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
-        axes[0, 0].bar(
-            edges[:-1], number, BIN_S / 2, low, align="edge", label=str(ending), **look
-        )
+        axes[0, 0].bar(edges[:-1], number, BIN_S / 2, low, align="edge", label=str(ending), **look)
         low += number
     axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
     axes[0, 0].legend()

@@ -135,7 +135,7 @@ def order_measures(
         for one in fixed
         for axis, *values in _measured(one(path.time_s, path.places_mm, exit_point))
     ]
-    kinds = {name: float for name in names} | {"particle": int, "order": int, "axis": str}
+    kinds = dict.fromkeys(names, float) | {"particle": int, "order": int, "axis": str}
     return pd.DataFrame(rows, columns=names).astype(kinds)
 
 

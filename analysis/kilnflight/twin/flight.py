@@ -130,6 +130,10 @@ class Flights(NamedTuple):
         short = {name: getattr(self, name)[:, :count] for name in SAMPLED}
         return self._replace(age_s=self.age_s[:count], **short)
 
+    def only(self, rows: npt.NDArray[np.generic]) -> Flights:
+        """Return the flights of some particles, by a mask or their numbers."""
+        return Flights(self.age_s, *(field[rows] for field in self[1:]))
+
 
 def sample_steps(settings: Flight) -> int:
     """Return how many steps lie between two samples."""

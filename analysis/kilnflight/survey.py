@@ -1,0 +1,139 @@
+"""What the measured flights of campaigns come to, cell by cell, beside what is printed and true.
+
+A cell is a fraction at a pressure. Only flights that start at the lance count (Fig. 4.21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from kilnflight import intervals, regression
+from kilnflight.campaigns import Campaign, Measured
+from kilnflight.checks import InputError
+from kilnflight.findings import METRES, Findings, outcomes
+from kilnflight.intervals import Bootstrap, Interval
+from kilnflight.twin import outcomes as true_outcomes
+from kilnflight.twin import statements
+from kilnflight.twin.scene import Twin
+
+Cell = tuple[str, float]
+CELL = ["fraction", "pressure_bar"]
+
+
+def of_cell(table: pd.DataFrame, cell: Cell) -> pd.DataFrame:
+    """Return the rows of a cell."""
+    return table[(table["fraction"] == cell[0]) & (table["pressure_bar"] == cell[1])]
+
+
+def cells(measured: Measured) -> dict[Cell, Findings]:
+    """Return what the flights of each cell come to; `findings_of` each."""
+    keys = measured.tracks[CELL].drop_duplicates().itertuples(index=False, name=None)
+    return {cell: findings_of(*(of_cell(one, cell) for one in measured[1:])) for cell in keys}
+
+
+def findings_of(
+    trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
+) -> Findings:
+    """Return dwell times, velocities by metre, ignition and reach of the flights that count.
+
+    Dwell times of flights that were lost are in, as the thesis has them in (appendix A.1);
+    they are lower bounds. Slices behind the lance are not.
+    """
+    counted = flights[flights["from_lance"]]
+    wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
+    wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
+    fits = regression.fits(trajectories[regression.TRAJECTORIES.names])
+    ends = zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
+    reached = [fits[name].exit_point_mm[2] - fits[name](end)[0, 2] for name, end in ends]
+    return Findings(
+        counted["dwell_s"].to_numpy(np.float64),
+        wide.to_numpy(np.float64),
+        counted["ignition_s"].to_numpy(np.float64),
+        np.array(reached, dtype=np.float64) / 1000.0,
+    )
+
+
+def twin_of(campaign: Campaign) -> Twin:
+    """Return the recording of a campaign, with its truth."""
+    recording = campaign.passage.stretch.origin.recording()
+    if not isinstance(recording, Twin):
+        raise InputError(f"{recording.attributes.name}: nothing is known to be true of it.")
+    return recording
+
+
+def true_cells(wanted: Sequence[Campaign]) -> dict[Cell, Findings]:
+    """Return what the flights in the same frames truly come to, seen or not.
+
+    A flight counts if it begins after the first frame and is over by the last.
+    """
+    found = {}
+    for one in wanted:
+        twin = twin_of(one)
+        flights, release = twin.life.flights, twin.life.release_s * twin.scene.frame_rate_hz
+        over = release + flights.end_s * twin.scene.frame_rate_hz
+        inside = (release >= one.frames.start) & (over < one.frames.stop)
+        found[one.fraction, one.pressure_bar] = true_outcomes.findings(flights.only(inside))
+    return found
+
+
+def table(found: Mapping[Cell, Findings]) -> pd.DataFrame:
+    """Return the named numbers of `kilnflight.findings.outcomes`, one row per cell."""
+    rows = [
+        {"fraction": name, "pressure_bar": bar, "particles": len(one.ignition_s)}
+        | outcomes(one).to_dict()
+        for (name, bar), one in found.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def beside_published(
+    measured: Mapping[Cell, Findings], true: Mapping[Cell, Findings], quantities: Sequence[str]
+) -> pd.DataFrame:
+    """Return every printed number of some quantities with truth and measurement beside it.
+
+    Parameters
+    ----------
+    measured, true
+        By cell.
+    quantities
+        First words of the outcomes, such as "dwell".
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``outcome``, ``printed``, ``low``, ``high``, ``true``,
+        ``measured``, and what the calibration saw (``use``).
+    """
+    said = statements.statements()
+    there = [cell in measured for cell in zip(said["fraction"], said["pressure_bar"], strict=True)]
+    said = said[there & said["outcome"].str.split(" ").str[0].isin(quantities)]
+    said = said.drop_duplicates(["fraction", "pressure_bar", "outcome", "printed"])
+    both = {"true": true, "measured": measured}
+    answers = {name: statements.answer(said, table(found)) for name, found in both.items()}
+    return said.drop(columns=["source", "use"]).assign(**answers, use=said["use"])
+
+
+def medians(
+    found: Mapping[Cell, Findings], quantity: str, generator: np.random.Generator
+) -> pd.DataFrame:
+    """Return the median of a field of `Findings` by cell with its 95 % interval."""
+    rows = []
+    for (name, bar), one in found.items():
+        values = getattr(one, quantity)
+        interval = Bootstrap()(intervals.median, [values[np.isfinite(values)]], generator)
+        rows.append({"fraction": name, "pressure_bar": bar, **named(interval)})
+    return pd.DataFrame(rows)
+
+
+def named(interval: Interval) -> dict[str, float]:
+    """Return an interval as columns; what is infinite stays empty."""
+    bounds = [np.nan if np.isinf(edge) else edge for edge in (interval.low, interval.high)]
+    return {
+        "number": sum(interval.numbers),
+        "estimate": interval.estimate,
+        "low": bounds[0],
+        "high": bounds[1],
+    }

@@ -1,0 +1,279 @@
+"""How far measured flights are from the true ones, and at which step of the chain they part.
+
+true positions, true links -> regression -> flights      what regression and definitions cost
+our detections, true links -> regression -> flights      and what detection costs on top
+true positions, our tracks -> regression -> flights      or tracking
+our tracks at the true depth -> regression -> flights    our chain with a camera without scatter
+the whole chain
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import flight, intervals, regression, stages
+from kilnflight.campaigns import Campaign, Measured
+from kilnflight.findings import METRES
+from kilnflight.matching import pair
+from kilnflight.pipeline import Passage
+from kilnflight.pursuit import GATE_PX
+from kilnflight.survey import CELL, named, of_cell, twin_of
+from kilnflight.tracking import track
+from kilnflight.tracklets import postprocess, tracked
+from kilnflight.twin.outcomes import velocities
+from kilnflight.workers import Workers
+
+UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
+QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
+STEPS = (
+    "true positions and links",
+    "true links",
+    "true positions",
+    "true depth",
+    "whole chain",
+)
+
+
+class Flown(NamedTuple):
+    """Flights that were worked out in one way."""
+
+    flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
+    slices: pd.DataFrame  # `kilnflight.tables.SLICES`
+    owners: pd.Series  # true particle by track; -1: none
+
+
+def true_flights(campaign: Campaign) -> pd.DataFrame:
+    """Return what is true of every particle that flies in the frames of a campaign.
+
+    Returns
+    -------
+    DataFrame
+        ``particle``; ``dwell_s`` (NaN if the flight ends neither on the wall nor by burning
+        out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
+        (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
+        by a person at five positions or more (`kilnflight.stages.trajectories`).
+    """
+    twin, frames = twin_of(campaign), campaign.frames
+    flights, rate = twin.life.flights, twin.scene.frame_rate_hz
+    release = twin.life.release_s * rate
+    over = release + flights.end_s * rate
+    each = velocities(flights)
+    table = pd.DataFrame({"particle": twin.life.table["particle"]})
+    ended = twin.life.table["end"].isin(["landed", "burnt out"]).to_numpy()
+    table["dwell_s"] = np.where(ended, flights.end_s, np.nan)
+    table["velocity_m_s"] = each[:, 0]
+    for k, metre in enumerate(METRES):
+        table[f"velocity_{metre}_m_s"] = each[:, k]
+    table["ignition_s"] = flights.ignition_s
+    table["whole"] = (release >= frames.start) & (over < frames.stop)
+    seen = sightings(campaign)["particle"].unique()
+    table["measurable"] = table["particle"].isin(seen)
+    return table[(release < frames.stop) & (over > frames.start)].reset_index(drop=True)
+
+
+def sightings(campaign: Campaign) -> pd.DataFrame:
+    """Return where a person would see which particle in the air, kept."""
+    twin = twin_of(campaign)
+    return stages.trajectories(twin.scene.name, campaign.frames, _seed(campaign))
+
+
+def prepare(wanted: Sequence[Campaign], workers: Workers) -> None:
+    """Make the `sightings` of all campaigns, several at a time."""
+    lengths = [len(one.frames) for one in wanted]
+    workers(_sightings, list(wanted), lengths, "truth")
+
+
+def _sightings(campaign: Campaign) -> None:
+    sightings(campaign)
+
+
+def _seed(campaign: Campaign) -> int:
+    return int(str(campaign.passage.stretch.origin.went_in()["seed"]))
+
+
+def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
+    """Return the true particle that each detection belongs to, (n,); -1: none.
+
+    In each frame detections and true positions are paired within `GATE_PX`.
+    """
+    owner = np.full(len(table), -1, dtype=np.int64)
+    rows = table.groupby("frame").indices
+    places = table[["row", "col"]].to_numpy(np.float64)
+    for frame, part in true.groupby("frame"):
+        here = rows.get(frame, np.empty(0, np.intp))
+        found = pair(part[["row", "col"]].to_numpy(np.float64), places[here], GATE_PX)
+        owner[here[found[:, 1]]] = part["particle"].to_numpy()[found[:, 0]]
+    return owner
+
+
+def owners(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
+    """Return the true particle by track: whose most of its detections are, and at least half."""
+    table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
+    table = table[table["particle"] >= 0]
+    count = table.groupby(["particle", "owner"]).size().reset_index(name="number")
+    count["of"] = count.groupby("particle")["number"].transform("sum")
+    best = count.sort_values(["particle", "number"]).drop_duplicates("particle", keep="last")
+    known = best["number"] * 2 >= best["of"]
+    return best["owner"].where(known, -1).set_axis(best["particle"].to_numpy())
+
+
+def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]]:
+    """Yield the flights with one step after the other replaced by the truth; `STEPS`.
+
+    Parameters
+    ----------
+    campaign
+        Of the twin.
+    tracks
+        Its detections in the air with ``particle``, as measured.
+    """
+    true, passage = sightings(campaign), campaign.passage
+    lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
+    positions = true.assign(gray=lit)
+    owner = owned(tracks, true)
+    known = tracks.assign(particle=owner)
+    followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
+    tables = (positions, known, followed, deepened(tracks, owner, true), tracks)
+    for name, table in zip(STEPS, tables, strict=True):
+        belongs = owner if name in ("true links", "true depth", "whole chain") else None
+        belongs = owned(table, true) if belongs is None else belongs
+        yield name, flown(passage, table, owners(table, belongs))
+
+
+def deepened(
+    tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
+) -> pd.DataFrame:
+    """Return the tracks with the true place in space wherever a detection belongs to someone."""
+    place = true.set_index(["frame", "particle"])[["x", "y", "z"]]
+    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
+    found = place.reindex(index).to_numpy(np.float64)
+    measured = tracks[["x", "y", "z"]].to_numpy(np.float64)
+    better = np.where(np.isnan(found), measured, found)
+    return tracks.assign(**{axis: better[:, k] for k, axis in enumerate("xyz")})
+
+
+def flown(passage: Passage, table: pd.DataFrame, belongs: pd.Series) -> Flown:
+    """Return the flights of tracks that did not come from the chain's own tables."""
+    linked, recording = tracked(table), passage.stretch.origin.recording()
+    assert passage.exit_point_mm is not None
+    assert passage.wall is not None
+    rate = passage.frame_rate_hz
+    fitted = regression.regress_all(linked, passage.exit_point_mm, rate, passage.regression)
+    fits = regression.fits(fitted)
+    view = flight.View(recording.attributes.roi, range(passage.stretch.start, passage.stretch.stop))
+    flights = flight.flights(linked, fits, passage.wall, passage.in_air, rate, passage.rules, view)
+    counted = flights[flights["from_lance"]]
+    ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
+    return Flown(flights, flight.slices({name: fits[name] for name in ends}, ends), belongs)
+
+
+def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
+    """Return measured beside true, one row per true particle that is measurable and whole.
+
+    Of several tracks of a particle the one that was followed for longest counts; what starts
+    at the lance and belongs to nobody comes last, without truth.
+
+    Returns
+    -------
+    DataFrame
+        ``particle`` (-1: nobody's), ``track`` (-1: none), and ``measured_`` and ``true_`` of
+        `QUANTITIES`.
+    """
+    counted = way.flights[way.flights["from_lance"]]
+    first = way.slices[way.slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
+    table = pd.DataFrame(
+        {
+            "track": counted["particle"],
+            "particle": counted["particle"].map(way.owners).fillna(-1).astype(np.int64),
+            "measured_dwell_s": counted["dwell_s"],
+            "measured_velocity_m_s": counted["particle"].map(first),
+            "measured_ignition_s": counted["ignition_s"],
+            "seen_s": counted["last_s"] - counted["first_s"],
+        }
+    )
+    mine = table[table["particle"] >= 0].sort_values("seen_s", kind="stable")
+    mine = mine.drop_duplicates("particle", keep="last")
+    wanted = true[true["whole"] & true["measurable"]]
+    there = wanted.rename(columns={name: f"true_{name}" for name in QUANTITIES})
+    there = there[["particle", *(f"true_{name}" for name in QUANTITIES)]]
+    both = there.merge(mine.drop(columns="seen_s"), how="left", on="particle")
+    spurious = table[table["particle"] < 0].drop(columns="seen_s")
+    both = pd.concat([both, spurious], ignore_index=True)
+    return both.assign(track=both["track"].fillna(-1).astype(np.int64))
+
+
+def errors(both: pd.DataFrame) -> dict[str, float]:
+    """Return number, bias and spread of each quantity, and how ignition was told.
+
+    Bias is the median of measured minus true, spread half the range that holds 68 % of it,
+    over particles of which both are known.
+    """
+    real = both[both["particle"] >= 0]
+    found = real["track"] >= 0
+    row = {
+        "true": float(len(real)),
+        "found": float(found.sum()),
+        "spurious": float((both["particle"] < 0).sum()),
+    }
+    for name in QUANTITIES:
+        off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
+        low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
+        row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
+        row |= {f"{name}_spread": (high - low) / 2}
+    lit = real["true_ignition_s"].notna()
+    told = real["measured_ignition_s"].notna()
+    row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}
+    row |= {"unlit": float((found & ~lit).sum()), "unlit_told": float((found & ~lit & told).sum())}
+    return row
+
+
+def budget(
+    wanted: Sequence[Campaign], measured: Measured
+) -> tuple[pd.DataFrame, dict[tuple[str, float], pd.DataFrame]]:
+    """Return `errors` of every cell and way, and `compared` of the whole chain by cell."""
+    rows, chains = [], {}
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        true = true_flights(one)
+        tracks = of_cell(measured.tracks, cell).drop(columns=CELL).reset_index(drop=True)
+        for name, way in ways(one, tracks):
+            both = compared(way, true)
+            rows.append({"fraction": cell[0], "pressure_bar": cell[1], "way": name} | errors(both))
+        chains[cell] = both
+    return pd.DataFrame(rows), chains
+
+
+def told_apart(
+    groups: Mapping[str, npt.NDArray[np.float64]],
+    pairs: Sequence[tuple[str, str]],
+    generator: np.random.Generator,
+    sizes: Mapping[str, int] | None = None,
+) -> pd.DataFrame:
+    """Return differences of medians with their interval, and whether they are resolved.
+
+    Parameters
+    ----------
+    groups
+        Values by name; NaN are left out.
+    pairs
+        Names of first and second.
+    generator
+        Of the bootstrap.
+    sizes
+        How many particles to reckon with, if not with all.
+    """
+    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
+    rows = []
+    for first, second in pairs:
+        wanted = None if sizes is None else (sizes[first], sizes[second])
+        found = intervals.Bootstrap()(
+            intervals.difference_of_medians, (known[first], known[second]), generator, wanted
+        )
+        row = {"first": first, "second": second, **named(found)}
+        rows.append(row | {"resolved": found.resolves()})
+    return pd.DataFrame(rows)
