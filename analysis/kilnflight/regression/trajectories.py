@@ -61,9 +61,10 @@ def regress(
         than one particle, or values that are no numbers.
     """
     parameters = Regression() if parameters is None else parameters
-    alone = track.assign(particle=0) if isinstance(track, pd.DataFrame) else track
-    if alone is not track and "particle" in track.columns and track["particle"].nunique() > 1:
+    check_columns(track, AXES, "track")
+    if "particle" in track.columns and len(track["particle"].unique()) > 1:
         raise InputError("track: more than one particle; call regress_all.")
+    alone = track.assign(particle=0)
     for path in _paths(alone, frame_rate_hz, "track"):
         if len(path.time_s) == 0:
             raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
@@ -135,7 +136,7 @@ def order_measures(
         for one in fixed
         for axis, *values in _measured(one(path.time_s, path.places_mm, exit_point))
     ]
-    kinds = {name: float for name in names} | {"particle": int, "order": int, "axis": str}
+    kinds = dict.fromkeys(names, float) | {"particle": int, "order": int, "axis": str}
     return pd.DataFrame(rows, columns=names).astype(kinds)
 
 
