@@ -87,7 +87,8 @@ def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, fl
     there = places != 0
     relative = np.abs((places[there] - fitted[there]) / places[there])
     mape = float(100 * relative.mean()) if there.any() else np.nan
-    if places.min() == places.max():  # Eq. 4.32 divides by the scatter about the mean
+    about_mean = float(np.sum((places - places.mean()) ** 2))
+    if places.min() == places.max() or about_mean == 0:  # Eq. 4.32 divides by it
         return rmse, mape, np.nan, np.nan
-    r2 = 1 - squares / float(np.sum((places - places.mean()) ** 2))
+    r2 = 1 - squares / about_mean
     return rmse, mape, r2, r2 - (1 - r2) * k / (n - (k + 1))
