@@ -10,13 +10,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from kilnflight import intervals, regression
+from kilnflight import intervals, reference, regression
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.checks import InputError
 from kilnflight.findings import METRES, Findings, outcomes
 from kilnflight.intervals import Bootstrap, Interval
+from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import outcomes as true_outcomes
 from kilnflight.twin import statements
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.outcomes import PRESSURES_BAR
 from kilnflight.twin.scene import Twin
 
 Cell = tuple[str, float]
@@ -45,7 +48,7 @@ def findings_of(
     counted = flights[flights["from_lance"]]
     wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
     wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
-    fits = regression.fits(trajectories[regression.TRAJECTORIES.names])
+    fits = regression.fits(trajectories[TRAJECTORIES.names])
     ends = zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
     reached = [fits[name].exit_point_mm[2] - fits[name](end)[0, 2] for name, end in ends]
     return Findings(
@@ -108,8 +111,9 @@ def beside_published(
         ``measured``, and what the calibration saw (``use``).
     """
     said = statements.statements()
-    there = [cell in measured for cell in zip(said["fraction"], said["pressure_bar"], strict=True)]
-    said = said[there & said["outcome"].str.split(" ").str[0].isin(quantities)]
+    cells = zip(said["fraction"], said["pressure_bar"], strict=True)
+    said = said[np.array([cell in measured for cell in cells])]
+    said = said[said["outcome"].str.split(" ").str[0].isin(quantities)]
     said = said.drop_duplicates(["fraction", "pressure_bar", "outcome", "printed"])
     both = {"true": true, "measured": measured}
     answers = {name: statements.answer(said, table(found)) for name, found in both.items()}
@@ -137,3 +141,31 @@ def named(interval: Interval) -> dict[str, float]:
         "low": bounds[0],
         "high": bounds[1],
     }
+
+
+LEAST = 6  # flights in a cell, below which nothing is said about it
+
+
+def decided(
+    measured: Measured,
+    given: Mapping[str, float | pd.Series | Mapping[str, bool]],
+    note: str = "",
+) -> list[reference.Verdict]:
+    """Return verdicts on claims about all eight cells; "not decidable" where flights are missing.
+
+    Parameters
+    ----------
+    measured
+        The campaigns.
+    given
+        By claim: what `kilnflight.reference.judge` asks for.
+    note
+        What a reader must know beside the verdicts.
+    """
+    counted = measured.flights[measured.flights["from_lance"]].groupby(CELL).size()
+    few = counted[counted < LEAST]
+    missing = len(FRACTIONS) * len(PRESSURES_BAR) - len(counted) + len(few)
+    if missing:
+        reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
+        return [reference.undecidable(name, reason) for name in given]
+    return [reference.judge(name, value, note=note) for name, value in given.items()]

@@ -1,4 +1,4 @@
-"""How far measured flights are from the true ones, and at which step of the chain they part.
+"""Flights with one step of the chain after the other replaced by the truth.
 
 true positions, true links -> regression -> flights      what regression and definitions cost
 our detections, true links -> regression -> flights      and what detection costs on top
@@ -9,27 +9,26 @@ the whole chain
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import flight, intervals, regression, stages
-from kilnflight.campaigns import Campaign, Measured
+from kilnflight import flight, regression, stages
+from kilnflight.campaigns import Campaign
 from kilnflight.findings import METRES
 from kilnflight.matching import pair
 from kilnflight.pipeline import Passage
 from kilnflight.pursuit import GATE_PX
-from kilnflight.survey import CELL, named, of_cell, twin_of
+from kilnflight.survey import twin_of
 from kilnflight.tracking import track
 from kilnflight.tracklets import postprocess, tracked
 from kilnflight.twin.outcomes import velocities
 from kilnflight.workers import Workers
 
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
-QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 STEPS = (
     "true positions and links",
     "true links",
@@ -170,110 +169,3 @@ def flown(passage: Passage, table: pd.DataFrame, belongs: pd.Series) -> Flown:
     counted = flights[flights["from_lance"]]
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return Flown(flights, flight.slices({name: fits[name] for name in ends}, ends), belongs)
-
-
-def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
-    """Return measured beside true, one row per true particle that is measurable and whole.
-
-    Of several tracks of a particle the one that was followed for longest counts; what starts
-    at the lance and belongs to nobody comes last, without truth.
-
-    Returns
-    -------
-    DataFrame
-        ``particle`` (-1: nobody's), ``track`` (-1: none), and ``measured_`` and ``true_`` of
-        `QUANTITIES`.
-    """
-    counted = way.flights[way.flights["from_lance"]]
-    first = way.slices[way.slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
-    table = pd.DataFrame(
-        {
-            "track": counted["particle"],
-            "particle": counted["particle"].map(way.owners).fillna(-1).astype(np.int64),
-            "measured_dwell_s": counted["dwell_s"],
-            "measured_velocity_m_s": counted["particle"].map(first),
-            "measured_ignition_s": counted["ignition_s"],
-            "seen_s": counted["last_s"] - counted["first_s"],
-        }
-    )
-    mine = table[table["particle"] >= 0].sort_values("seen_s", kind="stable")
-    mine = mine.drop_duplicates("particle", keep="last")
-    wanted = true[true["whole"] & true["measurable"]]
-    there = wanted.rename(columns={name: f"true_{name}" for name in QUANTITIES})
-    there = there[["particle", *(f"true_{name}" for name in QUANTITIES)]]
-    both = there.merge(mine.drop(columns="seen_s"), how="left", on="particle")
-    spurious = table[table["particle"] < 0].drop(columns="seen_s")
-    both = pd.concat([both, spurious], ignore_index=True)
-    return both.assign(track=both["track"].fillna(-1).astype(np.int64))
-
-
-def errors(both: pd.DataFrame) -> dict[str, float]:
-    """Return number, bias and spread of each quantity, and how ignition was told.
-
-    Bias is the median of measured minus true, spread half the range that holds 68 % of it,
-    over particles of which both are known.
-    """
-    real = both[both["particle"] >= 0]
-    found = real["track"] >= 0
-    row = {
-        "true": float(len(real)),
-        "found": float(found.sum()),
-        "spurious": float((both["particle"] < 0).sum()),
-    }
-    for name in QUANTITIES:
-        off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
-        low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
-        row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
-        row |= {f"{name}_spread": (high - low) / 2}
-    lit = real["true_ignition_s"].notna()
-    told = real["measured_ignition_s"].notna()
-    row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}
-    row |= {"unlit": float((found & ~lit).sum()), "unlit_told": float((found & ~lit & told).sum())}
-    return row
-
-
-def budget(
-    wanted: Sequence[Campaign], measured: Measured
-) -> tuple[pd.DataFrame, dict[tuple[str, float], pd.DataFrame]]:
-    """Return `errors` of every cell and way, and `compared` of the whole chain by cell."""
-    rows, chains = [], {}
-    for one in wanted:
-        cell = (one.fraction, one.pressure_bar)
-        true = true_flights(one)
-        tracks = of_cell(measured.tracks, cell).drop(columns=CELL).reset_index(drop=True)
-        for name, way in ways(one, tracks):
-            both = compared(way, true)
-            rows.append({"fraction": cell[0], "pressure_bar": cell[1], "way": name} | errors(both))
-        chains[cell] = both
-    return pd.DataFrame(rows), chains
-
-
-def told_apart(
-    groups: Mapping[str, npt.NDArray[np.float64]],
-    pairs: Sequence[tuple[str, str]],
-    generator: np.random.Generator,
-    sizes: Mapping[str, int] | None = None,
-) -> pd.DataFrame:
-    """Return differences of medians with their interval, and whether they are resolved.
-
-    Parameters
-    ----------
-    groups
-        Values by name; NaN are left out.
-    pairs
-        Names of first and second.
-    generator
-        Of the bootstrap.
-    sizes
-        How many particles to reckon with, if not with all.
-    """
-    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
-    rows = []
-    for first, second in pairs:
-        wanted = None if sizes is None else (sizes[first], sizes[second])
-        found = intervals.Bootstrap()(
-            intervals.difference_of_medians, (known[first], known[second]), generator, wanted
-        )
-        row = {"first": first, "second": second, **named(found)}
-        rows.append(row | {"resolved": found.resolves()})
-    return pd.DataFrame(rows)

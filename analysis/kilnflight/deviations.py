@@ -1,0 +1,142 @@
+"""How far measured flights are from the true ones: bias, spread, what was found and resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import intervals
+from kilnflight.campaigns import Campaign, Measured
+from kilnflight.survey import CELL, named, of_cell
+from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
+
+QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
+
+
+def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
+    """Return measured beside true, one row per true particle whose whole flight is recorded.
+
+    Of several tracks of a particle the one that was followed for longest counts; what starts
+    at the lance and belongs to nobody comes last, without truth.
+
+    Parameters
+    ----------
+    way
+        Flights that were worked out in one way.
+    true
+        `kilnflight.trust.true_flights`.
+
+    Returns
+    -------
+    DataFrame
+        ``particle`` (-1: nobody's), ``measurable`` (whether a person could have followed
+        it), ``track`` (-1: none), ``ending``, and ``measured_`` and ``true_`` of `QUANTITIES`.
+    """
+    counted = way.flights[way.flights["from_lance"]]
+    first = way.slices[way.slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
+    table = pd.DataFrame(
+        {
+            "track": counted["particle"],
+            "particle": counted["particle"].map(way.owners).fillna(-1).astype(np.int64),
+            "ending": counted["ending"],
+            "measured_dwell_s": counted["dwell_s"],
+            "measured_velocity_m_s": counted["particle"].map(first).astype(np.float64),
+            "measured_ignition_s": counted["ignition_s"],
+            "seen_s": counted["last_s"] - counted["first_s"],
+        }
+    )
+    mine = table[table["particle"] >= 0].sort_values("seen_s", kind="stable")
+    mine = mine.drop_duplicates("particle", keep="last").drop(columns="seen_s")
+    there = true[true["whole"]].rename(columns={name: f"true_{name}" for name in QUANTITIES})
+    there = there[["particle", "measurable", *(f"true_{name}" for name in QUANTITIES)]]
+    spurious = table[table["particle"] < 0].drop(columns="seen_s").assign(measurable=False)
+    both = pd.concat([there.merge(mine, how="left", on="particle"), spurious], ignore_index=True)
+    return both.assign(
+        track=both["track"].fillna(-1).astype(np.int64), ending=both["ending"].fillna("")
+    )
+
+
+def whole_chain(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+    """Return `compared` of the measurement as it is, with fraction and pressure in front."""
+    parts = []
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        tracks, _, flights, slices = (of_cell(table, cell) for table in measured)
+        belongs = owners(tracks, owned(tracks.reset_index(drop=True), sightings(one)))
+        both = compared(Flown(flights, slices, belongs), true_flights(one))
+        both.insert(0, "fraction", cell[0])
+        both.insert(1, "pressure_bar", cell[1])
+        parts.append(both)
+    return pd.concat(parts, ignore_index=True)
+
+
+def errors(both: pd.DataFrame) -> dict[str, float]:
+    """Return number, bias and spread of each quantity, and how ignition was told.
+
+    Bias is the median of measured minus true, spread half the range that holds 68 % of it,
+    over particles of which both are known.
+    """
+    real = both[(both["particle"] >= 0) & both["measurable"]]
+    found = real["track"] >= 0
+    row = {
+        "true": float(len(real)),
+        "found": float(found.sum()),
+        "spurious": float((both["particle"] < 0).sum()),
+    }
+    for name in QUANTITIES:
+        off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
+        low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
+        row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
+        row |= {f"{name}_spread": (high - low) / 2}
+    lit = real["true_ignition_s"].notna()
+    told = real["measured_ignition_s"].notna()
+    row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}
+    row |= {"unlit": float((found & ~lit).sum()), "unlit_told": float((found & ~lit & told).sum())}
+    return row
+
+
+def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+    """Return `errors` of every cell and way of `kilnflight.trust.ways`."""
+    rows = []
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        true = true_flights(one)
+        tracks = of_cell(measured.tracks, cell).drop(columns=CELL).reset_index(drop=True)
+        for name, way in ways(one, tracks):
+            row = {"fraction": cell[0], "pressure_bar": cell[1], "way": name}
+            rows.append(row | errors(compared(way, true)))
+    return pd.DataFrame(rows)
+
+
+def told_apart(
+    groups: Mapping[str, npt.NDArray[np.float64]],
+    pairs: Sequence[tuple[str, str]],
+    generator: np.random.Generator,
+    sizes: Mapping[str, int] | None = None,
+) -> pd.DataFrame:
+    """Return differences of medians with their interval, and whether they are resolved.
+
+    Parameters
+    ----------
+    groups
+        Values by name; NaN are left out.
+    pairs
+        Names of first and second.
+    generator
+        Of the bootstrap.
+    sizes
+        How many particles to reckon with, if not with all.
+    """
+    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
+    rows = []
+    for first, second in pairs:
+        wanted = None if sizes is None else (sizes[first], sizes[second])
+        found = intervals.Bootstrap()(
+            intervals.difference_of_medians, (known[first], known[second]), generator, wanted
+        )
+        row = {"first": first, "second": second, **named(found)}
+        rows.append(row | {"resolved": found.resolves()})
+    return pd.DataFrame(rows)
