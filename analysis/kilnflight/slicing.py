@@ -17,6 +17,7 @@ from kilnflight.tables import SLICES
 Array = npt.NDArray[np.float64]
 
 MOST = 10_000  # slices of one flight
+EPSILON = 1e-14  # share of the largest term below which another one moves nothing
 
 
 class Flown(Protocol):
@@ -177,9 +178,11 @@ def _path(fit: Flown, end_s: float) -> tuple[Array, Array]:
             f"space_sliced_velocity: the flight ends at {end_s} s, but leaves the lance at "
             f"{fit.t0_s} s. Check the trajectory."
         )
-    slope = powers * np.arange(1, len(powers) + 1)
     end = end_s - fit.t0_s
-    age = np.concatenate([[0.0, end], np.roots(slope[::-1]).real])
+    slope = powers * np.arange(1, len(powers) + 1) * end ** np.arange(len(powers))
+    slope[np.abs(slope) <= EPSILON * np.abs(slope).max(initial=0.0)] = 0.0
+    turns = end * np.roots(slope[::-1]).real
+    age = np.concatenate([[0.0, end], turns])
     return powers, np.unique(age[(age >= 0.0) & (age <= end)])
 
 
