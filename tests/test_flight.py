@@ -136,6 +136,14 @@ def test_dwell_does_not_depend_on_the_clock(polynomials, shift, fall):
     assert after["ending"] == before["ending"]
 
 
+def test_detections_without_depth_lengthen_a_flight_that_does_not_land(polynomials):
+    fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    tail = {"z": np.nan, "x": np.nan, "y": np.nan, "frame": 110}
+    track = seen(fit)
+    flight = one(pd.concat([track, track[-1:].assign(**tail)]), fit)
+    assert flight["end_s"] == flight["last_s"] == pytest.approx(110 / RATE)
+
+
 def test_the_order_of_rows_and_other_tracks_change_nothing(polynomials):
     fit = polynomials(FALLING, first_s=0.05)
     track = seen(fit, ignites_s=0.2)

@@ -3,10 +3,22 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS, DETECTIONS
+from kilnflight.tables import (
+    BELT_ARRIVAL,
+    BELT_LAST,
+    BELT_TRACKS,
+    DETECTIONS,
+    FLIGHTS,
+    SLICES,
+    TRAJECTORIES,
+    Column,
+    Table,
+)
+
+TABLES = [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES, FLIGHTS, SLICES]
 
 
-@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS])
+@pytest.mark.parametrize("table", TABLES)
 def test_an_empty_table_passes_its_own_check(table):
     assert list(table.check(table.empty()).columns) == table.names
 
@@ -39,3 +51,18 @@ def test_a_detection_may_lack_its_place_in_space_but_nothing_else():
         DETECTIONS.check(table.assign(z=np.inf))
     with pytest.raises(InputError, match="column gray is not finite"):
         DETECTIONS.check(table.assign(gray=np.nan))
+
+
+def test_a_column_of_words_holds_words():
+    words = Table("endings", (Column("ending", str, "1", "how it ended"),))
+    assert len(words.check(pd.DataFrame({"ending": ["landed", "lost"]}))) == 2
+    for no_words in ([1, 2], ["landed", None]):
+        with pytest.raises(InputError, match=r"column ending holds .*expected str"):
+            words.check(pd.DataFrame({"ending": no_words}))
+
+
+def test_a_column_of_truth_values_holds_nothing_else():
+    truths = Table("flights", (Column("from_lance", bool, "1", "whether it starts there"),))
+    assert len(truths.check(pd.DataFrame({"from_lance": [True, False]}))) == 2
+    with pytest.raises(InputError, match=r"column from_lance holds .*expected bool"):
+        truths.check(pd.DataFrame({"from_lance": [0, 1]}))

@@ -35,6 +35,7 @@ association     gated pairs -> weights: NN, GNN, PDA, exact JPDA, sections 2.3 a
 tracklist       which tracks are alive, Eq. 4.14
 tracking        detections -> tracks: predict, gate, associate, update, start, stop
 tracklets       tracklets -> trajectories, chapter 4.2: eliminate, outliers, connect, fuse
+regression      trajectories -> polynomials through the lance's exit at one t0, chapter 4.3
 slicing         space-sliced velocity, Eq. 5.8: how fast over each metre from the lance
 landing         when a trajectory meets the wall
 ignition        when a particle ignites: an abrupt, lasting rise of its grey values

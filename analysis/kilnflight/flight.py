@@ -172,13 +172,15 @@ def _flight(
     from_lance, start_mm = rules.start(places, fit)
     landed, end_s, wall_mm = rules.landing(fit, wall, in_air)
     time = track["frame"].to_numpy(np.float64) / frame_rate_hz
+    if not landed:  # the last detections may have no depth, which the fit does not know of
+        end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
     lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying])
     burning = lit.outcome in (SEEN, BEFORE)
     return {
         "t0_s": float(fit.t0_s),
-        "first_s": float(fit.first_s),
-        "last_s": float(fit.last_s),
+        "first_s": min(float(fit.first_s), float(time[0])),
+        "last_s": max(float(fit.last_s), float(time[-1])),
         "end_s": end_s,
         "dwell_s": end_s - float(fit.t0_s),
         "ending": LANDED if landed else BURNT_OUT if burning else LOST,
