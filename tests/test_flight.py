@@ -82,6 +82,17 @@ def test_a_rise_after_the_landing_is_no_ignition_in_flight(polynomials):
     assert one(seen(fit, ignites_s=0.42), fit)["ignition"] == "none"
 
 
+def test_ignition_may_be_looked_for_above_the_background(polynomials):
+    fit = polynomials(FALLING, first_s=0.05)
+    track = seen(fit, ignites_s=0.2)
+    track["background"] = track["gray"] - 1000 - 100 * np.sin(track["frame"])
+    assert one(track, fit)["ignition"] == "seen"
+    above = Rules(above_background=True)
+    assert one(track, fit, above)["ignition"] == "none"
+    with pytest.raises(InputError, match="background missing"):
+        one(track.drop(columns="background"), fit, above)
+
+
 def test_a_burning_particle_may_be_lost_at_the_border_of_what_was_seen(polynomials):
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
     track = seen(fit, ignites_s=0.2)

@@ -63,6 +63,20 @@ def test_bright_from_the_first_detection_on():
     assert Ignition(bright=8000.0)(TIME, course()).outcome == "seen"
 
 
+def test_a_background_that_brightens_is_no_ignition():
+    behind = np.where(np.arange(60) < 40, 2000.0, 6000.0)
+    unlit = course(high=3000.0) + behind
+    assert LOOK(TIME, unlit).time_s == pytest.approx(39.5 / 330)  # as published
+    assert LOOK(TIME, unlit, behind).outcome == "none"
+    lit = course(high=8000.0) + behind
+    found = LOOK(TIME, lit, behind)
+    assert found.time_s == pytest.approx(24.5 / 330)
+    assert (found.before, found.after) == pytest.approx((3000, 8000), abs=60)
+    table = pd.DataFrame({"frame": np.arange(60), "particle": 0, "gray": unlit})
+    assert list(ignitions(table, 330.0)["outcome"]) == ["seen"]
+    assert list(ignitions(table.assign(background=behind), 330.0)["outcome"]) == ["none"]
+
+
 def test_too_few_detections_to_judge():
     for length in (0, 1, 5, 11):
         values = np.where(np.arange(length) < length // 2, 1.0, 100.0)

@@ -79,6 +79,13 @@ def test_only_what_was_observed_counts(polynomials):
     assert not space_sliced_velocity(slow)["reached"].any()
 
 
+def test_a_slice_that_was_passed_before_the_first_detection_is_told(polynomials):
+    fit = polynomials(((), (), (-10_000.0,)), first_s=0.15, last_s=0.35)
+    table = space_sliced_velocity(fit)
+    assert list(table["reached"]) == 3 * [True] + 3 * [False]
+    assert list(table["observed"]) == [False, True, True, False, False, False]
+
+
 def test_many_flights_and_who_remains(polynomials):
     fits = {
         4: polynomials(((), (), (-10_000.0,)), last_s=0.35),
