@@ -51,11 +51,11 @@ def check(data: list[tuple]) -> None:
     """Raise unless both find the same minimum."""
     for unit, moved, limits, first in data:
         starts, costs = combinations(unit, moved, 2, np.full(3, 6), 0, limits, first)
-        for orders in TRIED[:2]:
+        for orders in TRIED:
             found = plain_regression.solve(unit, moved.T, np.zeros(3), orders, first, limits)
             place = tuple(k - 2 for k in orders)
             np.testing.assert_allclose(costs[place].sum(), 2 * found.cost, rtol=1e-6)
-            np.testing.assert_allclose(starts[place], found.x[-1], atol=1e-3)
+            np.testing.assert_allclose(starts[place], found.x[-1], atol=1e-4)
 
 
 def plainly(data: list[tuple], combinations_tried: list[tuple[int, int, int]]) -> None:

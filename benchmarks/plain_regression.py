@@ -15,8 +15,12 @@ def residuals(unknown, time, places, exit_point, orders):
 
 
 def solve(time, places, exit_point, orders, start, limits, **more):
-    """Return scipy's result by trust region, from t0 = ``start`` and no motion."""
-    first = np.append(np.zeros(sum(orders)), start)
+    """Return scipy's result by trust region, from t0 = ``start`` and the best motion for it."""
+    motion = [
+        np.linalg.lstsq((time - start)[:, None] ** np.arange(1, order + 1), moved)[0]
+        for order, moved in zip(orders, (places - exit_point).T, strict=True)
+    ]
+    first = np.append(np.concatenate(motion), start)
     bounds = np.full((2, len(first)), [[-np.inf], [np.inf]])
     bounds[:, -1] = limits
     return least_squares(

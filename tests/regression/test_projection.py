@@ -74,8 +74,8 @@ def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
     limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
     starts, costs = combinations(time, moved, 2, np.array(orders), int(loss), limits, first)
     theirs = plain.solve(time, places, exit_point, orders, first, limits, loss=NAMES[loss])
-    assert costs[-1, -1, -1].sum() == pytest.approx(2 * theirs.cost, rel=1e-6)
-    assert starts[-1, -1, -1] == pytest.approx(theirs.x[-1], abs=2e-4)
+    assert costs[-1, -1, -1].sum() == pytest.approx(2 * theirs.cost, rel=1e-9)
+    assert starts[-1, -1, -1] == pytest.approx(theirs.x[-1], abs=1e-4)
 
 
 def test_orders_go_up_while_the_gain_is_one_per_cent():

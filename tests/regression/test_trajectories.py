@@ -189,3 +189,18 @@ def test_one_time_is_one_place(flight):
     assert isinstance(fit, Fit)
     assert fit(0.3).shape == fit.velocity(0.3).shape == (1, 3)
     assert fit([]).shape == (0, 3)
+
+
+@pytest.mark.parametrize("step", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e99])
+def test_no_scale_of_time_or_space_breaks_it(step, size):
+    places = size * np.random.default_rng(0).normal(size=(9, 3))
+    fit = Regression()(1e3 * step + step * np.arange(9), places, EXIT)
+    assert fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
+    assert np.isfinite(fit.rmse_mm).all()
+
+
+def test_two_times_next_to_each_other_are_two():
+    time = [0.0, 1e-12, 1.0, 2.0, 3.0]
+    places = np.random.default_rng(0).normal(size=(5, 3))
+    assert np.isfinite(Regression()(time, places, EXIT).rmse_mm).all()

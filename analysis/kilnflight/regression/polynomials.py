@@ -42,7 +42,9 @@ class Regression:
     from `draws` times three random points (`kilnflight.regression.search.range_of_start`);
     where depth scatters the range is all that `longest_s` allows. The minimum found is the
     one downhill of the first guess, as by any trust region; it need not be the least of
-    all. A t0 at an end of its range is told, not hidden.
+    all. A t0 at an end of its range is told, not hidden: at the latest end the first
+    detection is as near the exit as its scatter can tell, which is common for particles
+    seen from the exit on; at the earliest end the track does not lead back to the exit.
     (3) "Stopped if the optimization of the measures is less than 1% for each order of
     enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
     counts the coefficients) falls most by one order more gets it, until none falls by 1 %.

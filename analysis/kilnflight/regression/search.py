@@ -114,7 +114,7 @@ def range_of_start(
     as a few draws do not reach its ends, and by at least a step between detections, is
     that of t0; it ends before the first detection.
     """
-    widest = np.array([-longest, -SHORTEST])
+    widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
     triples = np.argsort(generator.random((draws, len(time))), axis=1)[:, :3]
     found = solve_draws(time, places, np.sort(triples, axis=1), widest)
     margin = max(float(np.ptp(found)), float(np.diff(time).min()))
