@@ -82,9 +82,7 @@ def _campaign(
     detector = Combination(DoG(learned.threshold))
     stretch = Stretch(origin, first, stop, detector, LONG_CHUNK, differences=False)
     lance = exit_point(twin.attributes)
-    return Campaign(
-        fraction, bar, Passage(stretch, lance, learned.wall, InAir(learned.in_air_mm))
-    )
+    return Campaign(fraction, bar, Passage(stretch, lance, learned.wall, InAir(learned.in_air_mm)))
 
 
 def exit_point(attributes: Attributes) -> Vector | None:
@@ -114,9 +112,7 @@ def measured(wanted: Sequence[Campaign], workers: Workers | None = None) -> Meas
     return Measured(*(_together(step, wanted) for step in steps))
 
 
-def _together(
-    step: Callable[[Passage], pd.DataFrame], wanted: Sequence[Campaign]
-) -> pd.DataFrame:
+def _together(step: Callable[[Passage], pd.DataFrame], wanted: Sequence[Campaign]) -> pd.DataFrame:
     parts = []
     for one in wanted:
         table = step(one.passage)

@@ -36,7 +36,7 @@ def page(found: Outcome, recording: PictureRecording) -> str:
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in found.notes)
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
-        for what, value in summary(found).itertuples(index=False)
+        for what, value in summary(found).to_numpy().tolist()
     )
     figures = "".join(_figure(draw(found, recording), caption) for draw, caption in _wanted(found))
     return (
@@ -115,9 +115,7 @@ def dwell_figure(found: Outcome, _: PictureRecording) -> Figure:
     for k, (ending, some) in enumerate(counted.groupby("ending")):
         number = np.histogram(some["dwell_s"], edges)[0]
         look = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
-        axes[0, 0].bar(
-            edges[:-1], number, BIN_S / 2, low, align="edge", label=str(ending), **look
-        )
+        axes[0, 0].bar(edges[:-1], number, BIN_S / 2, low, align="edge", label=str(ending), **look)
         low += number
     axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
     axes[0, 0].legend()
