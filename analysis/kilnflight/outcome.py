@@ -103,14 +103,14 @@ def _velocities(found: Outcome) -> list[tuple[str, str]]:
     table = remaining(found.slices, len(found.counted))
     return [
         (
-            f"velocity up to {one.slice_m:g} m",
-            f"median {one.median_m_s:.1f} m/s, {100 * one.share:.0f} % of the flights",
+            f"velocity in the metre up to {far:g} m",
+            f"median {median:.1f} m/s, {100 * share:.0f} % of the flights",
         )
-        for one in table.itertuples()
+        for far, median, share in table[["slice_m", "median_m_s", "share"]].to_numpy()
     ]
 
 
 def text(table: pd.DataFrame) -> str:
     """Return a summary as lines of two columns."""
     width = int(table["what"].str.len().max())
-    return "\n".join(f"{what:<{width}}  {value}" for what, value in table.itertuples(index=False))
+    return "\n".join(f"{what:<{width}}  {value}" for what, value in table.to_numpy().tolist())

@@ -36,7 +36,7 @@ def page(found: Outcome, recording: PictureRecording) -> str:
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in found.notes)
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
-        for what, value in summary(found).itertuples(index=False)
+        for what, value in summary(found).to_numpy().tolist()
     )
     figures = "".join(_figure(draw(found, recording), caption) for draw, caption in _wanted(found))
     return (

@@ -6,6 +6,7 @@ threshold from its noise, the kiln's wall from a cloud of its own.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +28,7 @@ from kilnflight.recording import StoredRecording, open_recording
 from kilnflight.stages import LONG_CHUNK, Stretch
 
 NOISE_FRAMES = 5  # spread over the first 150, the median's window
+WALL_FRAMES = 5  # spread over the recording
 BLOCK_PX = 32  # side of the blocks in which noise is looked for
 NOISY_SHARE = 0.9  # of the blocks are quieter: noise grows with light, particles are few
 TIMES_NOISE = 5.0  # as `Combination.prominence`: what stands out of the noise
@@ -165,21 +167,25 @@ def _exit_point(recording: PictureRecording, wishes: Wishes) -> Vector:
 
 
 def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
-    """Return the kiln, from the first frame with points; a note and None where it fails."""
-    first = int(np.argmax(recording.per_frame["points"] > 0))
+    """Return the kiln, from a few frames with points; a note and None where it fails."""
+    known = np.flatnonzero(recording.per_frame["points"])
+    some = np.unique(np.linspace(0, len(known) - 1, WALL_FRAMES).round().astype(int))
     try:
-        return fitted_wall(recording, first)
+        return fitted_wall(recording, known[some].tolist())
     except InputError as error:
         notes.append(
-            f"The kiln's wall was not found in frame {first} ({error}) What lies on it was "
-            "tracked like what flies, and dwell times and velocities were not made."
+            f"The kiln's wall was not found ({error}) What lies on it was tracked like what "
+            "flies; dwell times, velocities and ignition were not made."
         )
         return None
 
 
-def fitted_wall(recording: PictureRecording, t: int) -> Cylinder:
-    """Return the cylinder of the largest cluster of a frame (sections 3.1 and 3.2)."""
-    points = calibrate_points(recording.frame(t).xyz)
+def fitted_wall(recording: PictureRecording, frames: Iterable[int]) -> Cylinder:
+    """Return the cylinder of the largest cluster in some frames (sections 3.1 and 3.2).
+
+    The clouds of the frames are put together: a still wall is denser so, what flies is not.
+    """
+    points = np.concatenate([calibrate_points(recording.frame(t).xyz) for t in frames])
     labels = DBSCAN(eps=50.0, min_points=10)(points)
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")

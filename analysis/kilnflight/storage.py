@@ -145,11 +145,11 @@ def content(folder: Path, frames: int) -> str:
         for t in range(frames):
             here = folder / name / "c" / str(t)  # a missing one is told when it is read
             for path in sorted(one for one in here.rglob("*") if one.is_file()):
-                with path.open("rb") as file:
-                    end = file.seek(0, os.SEEK_END)
-                    file.seek(max(end - 4, 0))
+                with path.open("rb") as opened:
+                    end = opened.seek(0, os.SEEK_END)
+                    opened.seek(max(end - 4, 0))
                     label = f"{path.relative_to(folder).as_posix()} {end} "
-                    digest.update(label.encode() + file.read())
+                    digest.update(label.encode() + opened.read())
     return digest.hexdigest()[:12]
 
 
