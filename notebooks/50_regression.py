@@ -62,7 +62,10 @@ columns = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
 columns |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
 rows = [
     {"fraction": name, "axis": axis, "tracks": int((fitted["fraction"] == name).sum())}
-    | {to: fitted.loc[fitted["fraction"] == name, of.format(axis)].median() for of, to in columns.items()}
+    | {
+        to: fitted.loc[fitted["fraction"] == name, of.format(axis)].median()
+        for of, to in columns.items()
+    }
     for name in names
     for axis in "xyz"
 ]
@@ -70,7 +73,9 @@ ours = pd.DataFrame(rows)
 order = ["fraction", "axis", *columns.values(), "tracks"]
 
 # %%
-said = reference.published("table_5.18").pivot(index=["fraction", "axis"], columns="measure", values="value")
+said = reference.published("table_5.18").pivot(
+    index=["fraction", "axis"], columns="measure", values="value"
+)
 said.columns = [str(name).lower() for name in said.columns]
 plural = {"wood chip": "Wood chips", "confetti": "Confetti"}
 plural |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
@@ -104,10 +109,17 @@ by_order = orders.groupby(["order", "axis"])[list(columns.values())].median().re
 
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=100, sharex=True)
-titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)", "r2": "R2", "r2_adjusted": "adjusted R2"}
+titles = {
+    "rmse_mm": "RMSE (mm)",
+    "mape_percent": "MAPE (%)",
+    "r2": "R2",
+    "r2_adjusted": "adjusted R2",
+}
 for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
     for k, (axis, one) in enumerate(by_order.groupby("axis")):
-        axes.plot(one["order"], one[name], ls=drawing.LINES[k], marker=drawing.MARKERS[k], label=axis)
+        axes.plot(
+            one["order"], one[name], ls=drawing.LINES[k], marker=drawing.MARKERS[k], label=axis
+        )
     axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
 _ = [axes.set_xlabel("order of the polynomials") for axes in grid[1]]
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), title="axis")
@@ -121,7 +133,9 @@ figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, prov
 # ## Trajectories in space
 
 # %%
-shown = [one for one in wanted if one.pressure_bar == 4.5 and one.fraction in ("wood chip", "confetti")]
+shown = [
+    one for one in wanted if one.pressure_bar == 4.5 and one.fraction in ("wood chip", "confetti")
+]
 shown = shown if len(shown) == 2 else wanted[:2]
 samples = []
 for one in shown:
@@ -163,7 +177,11 @@ figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, pr
 cell = (shown[-1].fraction, shown[-1].pressure_bar)
 parts = [survey.of_cell(table, cell) for table in (trajectories, flights, tracks)]
 counted = parts[1].loc[parts[1]["from_lance"], "particle"].head(25).tolist()
-fits = {name: fit for name, fit in regression.fits(parts[0].drop(columns=keys)).items() if name in counted}
+fits = {
+    name: fit
+    for name, fit in regression.fits(parts[0].drop(columns=keys)).items()
+    if name in counted
+}
 HTML(flight_drawing.turning(fits, parts[2], f"{cell[0]}, {cell[1]} bar: {len(fits)} trajectories"))
 
 # %% [markdown]
@@ -173,7 +191,9 @@ HTML(flight_drawing.turning(fits, parts[2], f"{cell[0]}, {cell[1]} bar: {len(fit
 wide = ours.pivot(index="fraction", columns="axis").reindex(names)
 rmse, mape, r2 = wide["rmse_mm"], wide["mape_percent"], wide["r2"]
 ratio = (rmse["z"] / rmse[["x", "y"]].max(axis=1)).rename("ratio")
-lowest = {f"{n} z {mape.z[n]:.3g} %": bool(mape.z[n] < mape[["x", "y"]].loc[n].min()) for n in names}
+lowest = {
+    f"{n} z {mape.z[n]:.3g} %": bool(mape.z[n] < mape[["x", "y"]].loc[n].min()) for n in names
+}
 least = {f"{n} z {r2.z[n]:.2g}": bool(r2.z[n] < r2[["x", "y"]].loc[n].min()) for n in names}
 least[f"lowest {r2['z'].idxmin() if r2['z'].notna().any() else 'none'}"] = bool(
     r2["z"].notna().any() and r2["z"].idxmin() == "paper shred"

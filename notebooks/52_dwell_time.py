@@ -60,7 +60,9 @@ figures.save("fig-5-18-endings", ends, caption=caption, provenance=made)
 # ## Dwell times, measured and true
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(1, max(len(bars), 2), width_mm=drawing.PAGE_MM, height_mm=80, sharey=True)
+picture, grid = drawing.canvas(
+    1, max(len(bars), 2), width_mm=drawing.PAGE_MM, height_mm=80, sharey=True
+)
 for axes, bar in zip(grid[0], bars, strict=False):
     cells = [both[(both["fraction"] == name) & (both["pressure_bar"] == bar)] for name in names]
     groups = {"true, all": [one["true_dwell_s"].to_numpy() for one in cells]}
@@ -110,13 +112,19 @@ figures.save("dwell-published", said.round(3), caption=caption, provenance=made)
 # %%
 median = rows.set_index(keys)["measured_s"]
 first, change = median.xs(bars[0], level=1), {}
-ranks = {f"{bar} bar: {one.idxmin()}": one.idxmin() == "wood chip" for bar, one in median.groupby("pressure_bar") for one in [one.droplevel(1)]}
+ranks = {
+    f"{bar} bar: {one.idxmin()}": one.idxmin() == "wood chip"
+    for bar, one in median.groupby("pressure_bar")
+    for one in [one.droplevel(1)]
+}
 longest = first.idxmax() if first.notna().any() else "none"
 drop = median.get(("PE granule", 5.0), np.nan) / median.get(("PE granule", 4.5), np.nan)
 fly = {f"longest at 4.5 bar {longest}": longest == "PE granule"}
 fly[f"PE at 5 bar {drop:.2f} of that"] = bool(drop < 0.9)
 shares = {
-    (cell[0], limits): float(np.mean((one.dwell_s >= limits[0]) & (one.dwell_s <= limits[1]))) if len(one.dwell_s) else np.nan
+    (cell[0], limits): float(np.mean((one.dwell_s >= limits[0]) & (one.dwell_s <= limits[1])))
+    if len(one.dwell_s)
+    else np.nan
     for cell, one in found.items()
     if cell[1] == 5.0
     for limits in ((0.3, 0.4), (0.4, np.inf))
@@ -124,7 +132,9 @@ shares = {
 
 # %%
 most = {
-    f"{name} {100 * shares.get((name, limits), np.nan):.0f} %": bool(shares.get((name, limits), 0) > 0.5)
+    f"{name} {100 * shares.get((name, limits), np.nan):.0f} %": bool(
+        shares.get((name, limits), 0) > 0.5
+    )
     for name, limits in zip(
         ("wood chip", "PE granule", "confetti", "paper shred"),
         2 * [(0.3, 0.4)] + 2 * [(0.4, np.inf)],

@@ -55,6 +55,10 @@ outcome         what came out of it, in a short table
 outcome_page    and as a page
 differences     sums of frame differences in small boxes
 pursuit         trackers on stretches of campaigns, scored
+survey          what campaigns come to, beside printed and true numbers
+trust           flights with one step after the other replaced by the truth
+deviations      measured minus true: bias, spread, what is found and resolved
+flight_drawing  boxes, velocity by metre, curves in space
 contest         settings of trackers, tried on stretches of campaigns
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
