@@ -110,37 +110,21 @@ figures.save("dwell-published", said.round(3), caption=caption, provenance=made)
 # ## Verdicts
 
 # %%
-median = rows.set_index(keys)["measured_s"]
-first, change = median.xs(bars[0], level=1), {}
-ranks = {
-    f"{bar} bar: {one.idxmin()}": one.idxmin() == "wood chip"
-    for bar, one in median.groupby("pressure_bar")
-    for one in [one.droplevel(1)]
-}
-longest = first.idxmax() if first.notna().any() else "none"
-drop = median.get(("PE granule", 5.0), np.nan) / median.get(("PE granule", 4.5), np.nan)
-fly = {f"longest at 4.5 bar {longest}": longest == "PE granule"}
-fly[f"PE at 5 bar {drop:.2f} of that"] = bool(drop < 0.9)
-shares = {
-    (cell[0], limits): float(np.mean((one.dwell_s >= limits[0]) & (one.dwell_s <= limits[1])))
-    if len(one.dwell_s)
-    else np.nan
-    for cell, one in found.items()
-    if cell[1] == 5.0
-    for limits in ((0.3, 0.4), (0.4, np.inf))
-}
+median = rows.set_index(keys)["measured_s"].unstack("pressure_bar")
+first, ranks = median[bars[0]], {}
+for bar in bars:
+    quickest = median[bar].dropna().sort_values().index[:1].tolist()
+    ranks[f"{bar} bar: {quickest}"] = quickest == ["wood chip"]
+longest = first.dropna().sort_values().index[-1:].tolist()
+shorter = median.loc[names[-1], bars[-1]] / median.loc[names[-1], bars[0]]
+fly = {f"longest at 4.5 bar: {longest}": longest == ["PE granule"]}
+fly[f"{names[-1]} at 5 bar {shorter:.2f} of that"] = bool(shorter < 0.9)
 
 # %%
-most = {
-    f"{name} {100 * shares.get((name, limits), np.nan):.0f} %": bool(
-        shares.get((name, limits), 0) > 0.5
-    )
-    for name, limits in zip(
-        ("wood chip", "PE granule", "confetti", "paper shred"),
-        2 * [(0.3, 0.4)] + 2 * [(0.4, np.inf)],
-        strict=True,
-    )
-}
+numbers, most = survey.table(found).set_index(keys), {}
+for name, limits in zip(names, ["0.3-0.4", "> 0.4", "> 0.4", "0.3-0.4"], strict=False):
+    share = numbers[f"dwell {limits} s (%)"].get((name, 5.0), np.nan)
+    most[f"{name} {limits} s {share:.0f} %"] = bool(share > 50)
 given = {"dwell-1": first, "dwell-2": ranks, "dwell-3": fly, "dwell-4": most}
 note = "measured on the twin; lost flights count with the time they were seen"
 verdicts = survey.decided(measured, given, note)

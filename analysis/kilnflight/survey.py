@@ -59,6 +59,17 @@ def findings_of(
     )
 
 
+def fits_of(
+    measured: Measured, cell: Cell, most: int
+) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
+    """Return the first trajectories from the lance of a cell, and their detections."""
+    flights = of_cell(measured.flights, cell)
+    names = flights.loc[flights["from_lance"], "particle"].sort_values().head(most).tolist()
+    every = regression.fits(of_cell(measured.trajectories, cell)[TRAJECTORIES.names])
+    tracks = of_cell(measured.tracks, cell)
+    return {name: every[name] for name in names}, tracks[tracks["particle"].isin(names)]
+
+
 def twin_of(campaign: Campaign) -> Twin:
     """Return the recording of a campaign, with its truth."""
     recording = campaign.passage.stretch.origin.recording()
@@ -169,3 +180,39 @@ def decided(
         reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
         return [reference.undecidable(name, reason) for name in given]
     return [reference.judge(name, value, note=note) for name, value in given.items()]
+
+
+FITTED = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
+FITTED |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
+PLURALS = {"wood chip": "Wood chips", "confetti": "Confetti"}
+PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
+
+
+def regression_table(measured: Measured) -> pd.DataFrame:
+    """Return medians over the trajectories from the lance beside Table 5.18.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``axis``, ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``,
+        ``tracks``, and the four published ones.
+    """
+    keys = [*CELL, "particle"]
+    table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
+    table = table[table["from_lance"]]
+    rows = [
+        {"fraction": name, "axis": axis}
+        | {to: one[of.format(axis)].median() for of, to in FITTED.items()}
+        | {"tracks": len(one)}
+        for name in measured.trajectories["fraction"].unique()
+        for one in [table[table["fraction"] == name]]
+        for axis in "xyz"
+    ]
+    ours = pd.DataFrame(rows)
+    said = reference.published("table_5.18")
+    said = said.pivot(index=["fraction", "axis"], columns="measure", values="value")
+    said = said.rename(columns=str.lower)
+    place = [(PLURALS[str(one.fraction)], one.axis) for one in ours.itertuples()]
+    for name in FITTED.values():
+        ours[f"{name}_published"] = said[name].reindex(place).to_numpy()
+    return ours
