@@ -101,17 +101,10 @@ def space_sliced_velocity(
     there from the lance, which ``observed`` tells.
     (4) The distance is the difference of depths, not the path.
     """
-    check_positive(slice_m, "space_sliced_velocity: slice_m")
-    if math.isnan(until_s):
-        raise InputError("space_sliced_velocity: until_s is NaN; leave it out if not known.")
-    powers, age = _path(fit, min(fit.last_s, until_s))
-    lance = float(np.asarray(fit.exit_point_mm, dtype=np.float64)[2])
-    count = int(max(lance, 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
-    if count > MOST:
-        raise InputError(f"space_sliced_velocity: {count} slices of {slice_m} m; take longer ones.")
-    forth, back = (_reached(powers, age, sign * 1000.0 * slice_m) for sign in (1, -1))
-    behind = _rows(fit, back, -slice_m, len(back)).iloc[::-1]
-    return pd.concat([behind, _rows(fit, forth, slice_m, count)], ignore_index=True)
+    forth, back, count = _both_ways(fit, slice_m, until_s)
+    behind = pd.DataFrame(_rows(fit, back, -slice_m, len(back))).iloc[::-1]
+    front = pd.DataFrame(_rows(fit, forth, slice_m, count))
+    return pd.concat([behind, front], ignore_index=True)
 
 
 def slices(
@@ -133,13 +126,17 @@ def slices(
     DataFrame
         Only slices that were reached.
     """
-    parts = []
+    parts: list[dict[str, npt.NDArray[np.generic]]] = []
     for particle, fit in fits.items():
         end = math.inf if ends_s is None else ends_s.get(particle, math.inf)
-        one = space_sliced_velocity(fit, slice_m, end)
-        parts.append(one[one["reached"]].assign(particle=particle)[SLICES.names])
-    table = pd.concat([SLICES.empty(), *parts], ignore_index=True) if parts else SLICES.empty()
-    return SLICES.check(table)
+        forth, back, _ = _both_ways(fit, slice_m, end)
+        for length, times in ((-slice_m, back), (slice_m, forth)):
+            one = _rows(fit, times, length, len(times))
+            parts.append(one | {"particle": np.full(len(times), particle)})
+    if not parts:
+        return SLICES.empty()
+    joined = {name: np.concatenate([one[name] for one in parts]) for name in SLICES.names}
+    return SLICES.check(pd.DataFrame(joined))
 
 
 def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
@@ -167,6 +164,20 @@ def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
     share = number / max(counted, 1)
     named = {"number": number, "share": share, "median_m_s": groups["velocity_m_s"].median()}
     return pd.DataFrame(named).reset_index()
+
+
+def _both_ways(fit: Flown, slice_m: float, until_s: float) -> tuple[list[float], list[float], int]:
+    """Return ages at the marks in front and behind, and how many are before the camera."""
+    check_positive(slice_m, "space_sliced_velocity: slice_m")
+    if math.isnan(until_s):
+        raise InputError("space_sliced_velocity: until_s is NaN; leave it out if not known.")
+    powers, age = _path(fit, min(fit.last_s, until_s))
+    lance = float(np.asarray(fit.exit_point_mm, dtype=np.float64)[2])
+    count = int(max(lance, 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
+    if count > MOST:
+        raise InputError(f"space_sliced_velocity: {count} slices of {slice_m} m; take longer ones.")
+    forth, back = (_reached(powers, age, sign * 1000.0 * slice_m) for sign in (1, -1))
+    return forth[:count], back, count
 
 
 def _path(fit: Flown, end_s: float) -> tuple[Array, Array]:
@@ -205,18 +216,18 @@ def _reached(powers: Array, age: Array, step: float) -> list[float]:
     return found
 
 
-def _rows(fit: Flown, reached: list[float], slice_m: float, count: int) -> pd.DataFrame:
-    """Return one row per slice in one direction; those not reached hold NaN."""
+def _rows(
+    fit: Flown, reached: list[float], slice_m: float, count: int
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the columns of the slices in one direction; those not reached hold NaN."""
     times = np.full(count + 1, np.nan)
-    times[: len(reached) + 1] = [0.0, *reached][: count + 1]
+    times[: len(reached) + 1] = [0.0, *reached]
     number = np.arange(1, count + 1)
-    return pd.DataFrame(
-        {
-            "slice_m": number * slice_m,
-            "start_s": fit.t0_s + times[:-1],
-            "end_s": fit.t0_s + times[1:],
-            "velocity_m_s": slice_m / np.diff(times),
-            "reached": number <= len(reached),
-            "observed": fit.t0_s + times[1:] >= fit.first_s,
-        }
-    )
+    return {
+        "slice_m": number * slice_m,
+        "start_s": fit.t0_s + times[:-1],
+        "end_s": fit.t0_s + times[1:],
+        "velocity_m_s": slice_m / np.diff(times),
+        "reached": number <= len(reached),
+        "observed": fit.t0_s + times[1:] >= fit.first_s,
+    }
