@@ -95,6 +95,8 @@ for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
             one["order"], one[name], ls=drawing.LINES[k], marker=drawing.MARKERS[k], label=axis
         )
     axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
+
+# %%
 _ = [axes.set_xlabel("order of the polynomials") for axes in grid[1]]
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), title="axis")
 caption = (
@@ -172,8 +174,9 @@ note = "trajectories from the lance; the scatter of the depth is an input"
 given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": gain}
 verdicts = survey.decided(measured, given, note)
 deep = ", ".join(f"{name} {value:.0f}" for name, value in rmse["z"].items())
+counted = int(flights["from_lance"].sum())
 result = (
-    f"{int(flights['from_lance'].sum())} trajectories from the lance; median RMSE in depth (mm): {deep}. From order 6 "
-    f"to 7 adjusted R2 changes by {gain:.4f}."
+    f"{counted} trajectories from the lance; median RMSE in depth (mm): {deep}. From order 6 to 7 "
+    f"adjusted R2 changes by {gain:.4f}."
 )
 figures.conclude(result, verdicts, made)

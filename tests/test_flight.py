@@ -118,6 +118,8 @@ def test_only_trajectories_that_start_at_the_lance_count(polynomials):
     bound = replace(near, t0_at_bound=-1)
     assert not one(seen(bound), bound)["from_lance"]
     assert one(seen(bound), bound, Rules(start=StartsAtLance(at_bound=True)))["from_lance"]
+    at_first = replace(near, t0_at_bound=1)  # seen from the exit on
+    assert one(seen(at_first), at_first)["from_lance"]
 
 
 def test_one_wrong_depth_and_missing_ones_do_not_decide(polynomials):

@@ -49,13 +49,15 @@ class StartsAtLance:
     -----
     The thesis prints no criterion. Here the median distance of the first positions with
     depth from the exit point is within one slice of Eq. 5.8, so that the first slice was
-    observed; and the regression's t0 is not at the end of its range, which would say that the
-    polynomials found no way back to the lance. The median of three bears one wrong depth.
+    observed; and the regression's t0 is not the earliest of its range, which would say that the
+    polynomials found no way back to the lance. The latest of the range, at the first detection,
+    is where it lies if a particle was seen from the exit on. The median of three bears one
+    wrong depth.
     """
 
     within_mm: float = 1000.0  # one slice; not printed
     points: int = 3  # first positions with depth; not printed
-    at_bound: bool = False  # whether a t0 at the end of its range counts
+    at_bound: bool = False  # whether a t0 at the early end of its range counts
 
     def __post_init__(self) -> None:
         """Refuse parameters out of range."""
@@ -69,7 +71,7 @@ class StartsAtLance:
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
         exit_point = np.asarray(fit.exit_point_mm, dtype=np.float64)
         distance = float(np.median(np.linalg.norm(known - exit_point, axis=1)))
-        return distance <= self.within_mm and (self.at_bound or not fit.t0_at_bound), distance
+        return distance <= self.within_mm and (self.at_bound or fit.t0_at_bound >= 0), distance
 
 
 @dataclass(frozen=True)

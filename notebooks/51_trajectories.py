@@ -1,0 +1,94 @@
+# %% [markdown]
+# # Trajectories of all campaigns in the image
+#
+# **Published** (thesis, Fig. 5.17 and appendix A.1, Figs A.1 to A.4). Sums of frame differences
+# over whole sequences, the "optical ground truth", beside the trajectories that GNN and the
+# post-processing found in them: wood chips and granules in smooth arcs, papers in tangles.
+#
+# **Here.** The same of the twin's eight campaigns. The sums are over every few frames (the caption
+# says how many), for a look only; nothing is measured in them. The tracks are made without the
+# texture term of Eq. 4.24: its frame differences of eight campaigns would take 68 GB.
+
+# %% tags=["parameters"]
+scale = "standard"  # quick (two campaigns, few frames), standard (400 frames each) or full
+seed = 0  # of the scenes
+jobs = 2  # processes
+pictures = 0  # frames in each sum; 0: 5, 40 or 120 by scale
+
+# %%
+import pandas as pd
+
+from kilnflight import drawing, figures, provenance, survey
+
+drawing.use_style()
+
+# %%
+from kilnflight import campaigns, lessons
+from kilnflight.workers import Workers
+
+pictures = pictures or {"quick": 5, "standard": 40, "full": 120}[scale]
+made = provenance.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
+wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
+measured = campaigns.measured(wanted, Workers(jobs))
+
+# %% [markdown]
+# ## How many
+
+# %%
+keys = ["fraction", "pressure_bar"]
+rows = []
+for one in wanted:
+    cell = (one.fraction, one.pressure_bar)
+    parts = [survey.of_cell(table, cell) for table in (measured.tracks, measured.flights)]
+    linked = parts[0][parts[0]["particle"] >= 0]
+    row = {"fraction": cell[0], "pressure_bar": cell[1], "frames": len(one.frames)}
+    row |= {"seconds": len(one.frames) / one.passage.frame_rate_hz}
+    row |= {"detections_in_air": len(parts[0]), "tracked": len(linked)}
+    row |= {"tracks": linked["particle"].nunique()}
+    rows.append(row | {"from_lance": int(parts[1]["from_lance"].sum())})
+count = pd.DataFrame(rows)
+caption = (
+    "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
+    "after post-processing, and tracks that start at the lance."
+)
+figures.save("campaign-tracks", count, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Optical ground truth and tracks
+
+# %% tags=["hide-input"]
+shown, sums = {}, {}
+for one in wanted:
+    cell = (one.fraction, one.pressure_bar)
+    steps = one.frames[:: max(len(one.frames) // pictures, 1)][:pictures]
+    sums[cell] = survey.summed_changes(survey.twin_of(one), steps)
+    tracks = survey.of_cell(measured.tracks, cell)
+    flights = survey.of_cell(measured.flights, cell)
+    good = flights.loc[flights["from_lance"], "particle"]
+    shown[cell] = tracks[tracks["particle"].isin(good)]
+
+# %% tags=["hide-input"]
+def sketch(fraction, letter):
+    """Save one figure of appendix A.1."""
+    return survey.tracks_picture(fraction, sums, shown, f"fig-a-{letter}-tracks", made)
+
+
+names = list(dict.fromkeys(one.fraction for one in wanted))
+sketch(names[0], 1)
+
+# %%
+sketch(names[1], 2)
+
+# %%
+sketch(names[2], 3) if len(names) > 2 else None
+
+# %%
+sketch(names[3], 4) if len(names) > 3 else None
+
+# %% [markdown]
+# ## Result
+
+# %%
+parts = [f"{one.fraction} {one.pressure_bar} bar {one.from_lance}" for one in count.itertuples()]
+result = f"Trajectories from the lance: {', '.join(parts)}."
+figures.conclude(result, [], made)
