@@ -18,7 +18,7 @@ pictures = 0  # frames in each sum; 0: 5, 40 or 120 by scale
 # %%
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, survey
+from kilnflight import drawing, figures, flight_drawing, provenance, survey
 
 drawing.use_style()
 
@@ -46,6 +46,8 @@ for one in wanted:
     row |= {"detections_in_air": len(parts[0]), "tracked": len(linked)}
     row |= {"tracks": linked["particle"].nunique()}
     rows.append(row | {"from_lance": int(parts[1]["from_lance"].sum())})
+
+# %%
 count = pd.DataFrame(rows)
 caption = (
     "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
@@ -61,29 +63,41 @@ shown, sums = {}, {}
 for one in wanted:
     cell = (one.fraction, one.pressure_bar)
     steps = one.frames[:: max(len(one.frames) // pictures, 1)][:pictures]
-    sums[cell] = survey.summed_changes(survey.twin_of(one), steps)
+    sums[cell] = flight_drawing.summed_changes(survey.twin_of(one), steps)
     tracks = survey.of_cell(measured.tracks, cell)
     flights = survey.of_cell(measured.flights, cell)
     good = flights.loc[flights["from_lance"], "particle"]
     shown[cell] = tracks[tracks["particle"].isin(good)]
 
-# %% tags=["hide-input"]
-def sketch(fraction, letter):
-    """Save one figure of appendix A.1."""
-    return survey.tracks_picture(fraction, sums, shown, f"fig-a-{letter}-tracks", made)
 
-
+# %%
 names = list(dict.fromkeys(one.fraction for one in wanted))
-sketch(names[0], 1)
+captions = {
+    name: f"{name.capitalize()}s at each pressure: sum of {pictures} frame differences spread over "
+    f"the recording, and the trajectories from the lance; after Fig. A.{k + 1}."
+    for k, name in enumerate(names)
+}
+drawn = {name: flight_drawing.sums_and_tracks(name, sums, shown) for name in names}
+columns = ["fraction", "pressure_bar", "particle", "frame", "row", "col"]
+data = pd.concat(shown.values(), ignore_index=True)[columns]
+data = data.groupby("fraction")
 
 # %%
-sketch(names[1], 2)
+saved = []
+for k, name in enumerate(names):
+    one = {"picture": drawn[name], "caption": captions[name], "provenance": made}
+    table = data.get_group(name) if name in data.groups else data.obj.head(0)
+    saved.append(figures.save(f"fig-a-{k + 1}-tracks", table, **one))
+saved[0]
 
 # %%
-sketch(names[2], 3) if len(names) > 2 else None
+saved[1]
 
 # %%
-sketch(names[3], 4) if len(names) > 3 else None
+saved[min(2, len(saved) - 1)]
+
+# %%
+saved[-1]
 
 # %% [markdown]
 # ## Result

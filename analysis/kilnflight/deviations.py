@@ -10,7 +10,8 @@ import pandas as pd
 
 from kilnflight import intervals
 from kilnflight.campaigns import Campaign, Measured
-from kilnflight.survey import CELL, named, of_cell
+from kilnflight.findings import METRES
+from kilnflight.survey import CELL, Cell, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
 
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
@@ -73,6 +74,33 @@ def whole_chain(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+    """Return the velocity in each metre, measured and true, one row per particle and metre.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``particle`` (-1: nobody's), ``slice_m``,
+        ``measured_m_s``, ``true_m_s`` (NaN where there is none).
+    """
+    parts = []
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        tracks, _, _, slices = (of_cell(table, cell) for table in measured)
+        belongs = owners(tracks, owned(tracks.reset_index(drop=True), sightings(one)))
+        seen = slices[["particle", "slice_m", "velocity_m_s"]].copy()
+        seen["particle"] = seen["particle"].map(belongs).fillna(-1).astype(np.int64)
+        seen = seen.rename(columns={"velocity_m_s": "measured_m_s"})
+        true = true_flights(one)
+        columns = {f"velocity_{metre}_m_s": float(metre) for metre in METRES}
+        wide = true[true["whole"]].rename(columns=columns)
+        tall = wide.melt("particle", list(columns.values()), "slice_m", "true_m_s").dropna()
+        tall = tall.astype({"slice_m": np.float64})
+        both = seen.merge(tall, how="outer", on=["particle", "slice_m"])
+        parts.append(both.assign(fraction=cell[0], pressure_bar=cell[1]))
+    return pd.concat(parts, ignore_index=True)
+
+
 def errors(both: pd.DataFrame) -> dict[str, float]:
     """Return number, bias and spread of each quantity, and how ignition was told.
 
@@ -112,19 +140,19 @@ def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
 
 
 def told_apart(
-    groups: Mapping[str, npt.NDArray[np.float64]],
-    pairs: Sequence[tuple[str, str]],
+    groups: Mapping[Cell, npt.NDArray[np.float64]],
+    pairs: Sequence[tuple[Cell, Cell]],
     generator: np.random.Generator,
-    sizes: Mapping[str, int] | None = None,
+    sizes: Mapping[Cell, int] | None = None,
 ) -> pd.DataFrame:
     """Return differences of medians with their interval, and whether they are resolved.
 
     Parameters
     ----------
     groups
-        Values by name; NaN are left out.
+        Values by cell; NaN are left out.
     pairs
-        Names of first and second.
+        First and second.
     generator
         Of the bootstrap.
     sizes

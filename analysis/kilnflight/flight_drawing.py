@@ -9,11 +9,16 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from kilnflight.drawing import COLOURS, HATCHES
+from kilnflight.drawing import COLOURS, HATCHES, PAGE_MM, canvas, frame
+from kilnflight.drawing import tracks as draw_tracks
+from kilnflight.frames import PictureRecording
 from kilnflight.regression import Fit
+from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
+Cell = tuple[str, float]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 MOMENTS = 60  # of a fitted curve
 
@@ -113,6 +118,49 @@ def curves(
         x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
         axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
     axes.set(xlabel="depth z (m)", ylabel="x (m)", zlabel="up, -y (m)")
+
+
+def flown_paths(axes: Any, flights: Flights, most: int) -> None:
+    """Draw simulated flights in space, with a dot for every metre in depth (Fig. A.5)."""
+    for k in range(min(most, len(flights.end))):
+        path = flights.position_m[k]
+        path = path[np.isfinite(path).all(axis=1)].astype(np.float64)
+        axes.plot(*path.T, color=COLOURS[1 + k % 6], lw=0.6, ls="-")
+        marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
+        axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
+    axes.set(xlabel="from the lance (m)", ylabel="across (m)", zlabel="up (m)")
+
+
+def summed_changes(recording: PictureRecording, frames: Sequence[int]) -> Array:
+    """Return the sum (rows, cols) of absolute differences of frames to the ones before."""
+    total = np.zeros((recording.attributes.rows, recording.attributes.columns))
+    for t in frames:
+        if t > 0:
+            total += np.abs(recording.gray(t).astype(np.float64) - recording.gray(t - 1))
+    return total
+
+
+def sums_and_tracks(
+    fraction: str, sums: Mapping[Cell, Array], tracks: Mapping[Cell, pd.DataFrame]
+) -> Figure:
+    """Return summed frame differences above the tracks in the same frames, by pressure."""
+    cells = [cell for cell in sums if cell[0] == fraction]
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 125}
+    picture, grid = canvas(2, max(len(cells), 2), **size)
+    for panels, cell in zip(grid.T, cells, strict=False):
+        total = sums[cell]
+        high = max(float(np.quantile(total, 0.999)), 1.0)
+        frame(panels[0], np.minimum(total / high, 1.0) * 60000.0, 4)
+        draw_tracks(panels[1], tracks[cell])
+        rows, cols = total.shape
+        panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
+        panels[0].set_title(f"{fraction}, {cell[1]} bar: summed frame differences")
+        panels[1].set_title(f"{tracks[cell]['particle'].nunique()} trajectories from the lance")
+    for spare in grid.T[len(cells) :].ravel():
+        spare.set_visible(False)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("row (px)")
+    return picture
 
 
 def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:

@@ -5,6 +5,7 @@ A cell is a fraction at a pressure. Only flights that start at the lance count (
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -131,6 +132,22 @@ def beside_published(
     return said.drop(columns=["source", "use"]).assign(**answers, use=said["use"])
 
 
+def holds(said: pd.DataFrame, cell: Cell) -> dict[str, bool]:
+    """Return whether the measurement agrees with each printed number of a cell.
+
+    Within the printed bounds; where one number is printed, within the unit of
+    `kilnflight.twin.statements.LEAST_UNIT`.
+    """
+    rows = of_cell(said, cell)
+    units = statements.misfits(rows, rows["measured"])
+    found: dict[str, bool] = {}
+    for one, off in zip(rows.to_dict("records"), units, strict=True):
+        allowed = 1.0 if one["low"] == one["high"] else 0.0
+        value = f"{one['measured']:.3g} [{one['low']:g}, {one['high']:g}]"
+        found[f"{one['outcome']} at {cell[1]} bar {value}"] = bool(off <= allowed)
+    return found or {"nothing measured": False}
+
+
 def medians(
     found: Mapping[Cell, Findings], quantity: str, generator: np.random.Generator
 ) -> pd.DataFrame:
@@ -141,6 +158,23 @@ def medians(
         interval = Bootstrap()(intervals.median, [values[np.isfinite(values)]], generator)
         rows.append({"fraction": name, "pressure_bar": bar, **named(interval)})
     return pd.DataFrame(rows)
+
+
+def metre(found: Mapping[Cell, Findings], number: int) -> dict[Cell, Findings]:
+    """Return the findings with the velocity in one metre only, (n,)."""
+    return {
+        cell: one._replace(velocity_m_s=one.velocity_m_s[:, number - 1])
+        for cell, one in found.items()
+    }
+
+
+def pairs(found: Mapping[Cell, Findings]) -> list[tuple[Cell, Cell]]:
+    """Return what is compared: fractions at one pressure, and pressures of one fraction."""
+    return [
+        (one, two)
+        for one, two in itertools.combinations(found, 2)
+        if (one[0] == two[0]) != (one[1] == two[1])
+    ]
 
 
 def named(interval: Interval) -> dict[str, float]:

@@ -9,7 +9,8 @@ the whole chain
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,14 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import flight, regression, stages
-from kilnflight.campaigns import Campaign
+from kilnflight.campaigns import Campaign, Measured
+from kilnflight.checks import InputError
+from kilnflight.correspondence import mean_gray
 from kilnflight.findings import METRES
 from kilnflight.matching import pair
 from kilnflight.pipeline import Passage
 from kilnflight.pursuit import GATE_PX
-from kilnflight.survey import twin_of
+from kilnflight.survey import CELL, of_cell, twin_of
 from kilnflight.tracking import track
 from kilnflight.tracklets import postprocess, tracked
 from kilnflight.twin.outcomes import velocities
@@ -158,14 +161,57 @@ def deepened(
 
 def flown(passage: Passage, table: pd.DataFrame, belongs: pd.Series) -> Flown:
     """Return the flights of tracks that did not come from the chain's own tables."""
-    linked, recording = tracked(table), passage.stretch.origin.recording()
-    assert passage.exit_point_mm is not None
-    assert passage.wall is not None
+    if passage.exit_point_mm is None:
+        raise InputError(f"{passage.stretch.origin.name}: the lance's exit is not known.")
     rate = passage.frame_rate_hz
-    fitted = regression.regress_all(linked, passage.exit_point_mm, rate, passage.regression)
+    fitted = regression.regress_all(tracked(table), passage.exit_point_mm, rate, passage.regression)
     fits = regression.fits(fitted)
-    view = flight.View(recording.attributes.roi, range(passage.stretch.start, passage.stretch.stop))
-    flights = flight.flights(linked, fits, passage.wall, passage.in_air, rate, passage.rules, view)
+    flights = _flights(passage, table, fits)
     counted = flights[flights["from_lance"]]
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return Flown(flights, flight.slices({name: fits[name] for name in ends}, ends), belongs)
+
+
+PICTURES = 21  # frames in the median picture that stands for the background
+
+
+def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+    """Return the flights with ignition read from grey values above the background.
+
+    The background of a detection is the mean, within its disc, of the median of `PICTURES`
+    frames spread over the recording; only pictures are asked, no truth.
+    """
+    parts = []
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        recording = one.passage.stretch.origin.recording()
+        steps = np.linspace(one.frames.start, one.frames.stop - 1, PICTURES).round().astype(int)
+        picture = np.median([recording.gray(int(t)) for t in steps], axis=0)
+        tracks, fitted = (of_cell(table, cell).drop(columns=CELL) for table in measured[:2])
+        behind = mean_gray(picture, tracks[["row", "col", "radius_px"]].to_numpy(np.float64))
+        rules = replace(one.passage.rules, above_background=True)
+        passage = replace(one.passage, rules=rules)
+        found = _flights(passage, tracks.assign(background=behind), regression.fits(fitted))
+        found.insert(0, "fraction", cell[0])
+        found.insert(1, "pressure_bar", cell[1])
+        parts.append(found)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _flights(
+    passage: Passage, table: pd.DataFrame, fits: Mapping[int, regression.Fit]
+) -> pd.DataFrame:
+    """Return the flights of tracks with these fits."""
+    if passage.wall is None:
+        raise InputError(f"{passage.stretch.origin.name}: no wall, so no flights.")
+    attributes = passage.stretch.origin.recording().attributes
+    view = flight.View(attributes.roi, range(passage.stretch.start, passage.stretch.stop))
+    return flight.flights(
+        tracked(table),
+        fits,
+        passage.wall,
+        passage.in_air,
+        passage.frame_rate_hz,
+        passage.rules,
+        view,
+    )
