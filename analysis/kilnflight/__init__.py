@@ -39,7 +39,8 @@ kiln            the whole life of a frame, written out once
 stages          what is made once and kept: detections of long recordings
 differences     sums of frame differences in small boxes
 pursuit         trackers on stretches of campaigns, scored
-contest         settings of trackers, tried on stretches of campaigns
+contest         settings of trackers, chosen on stretches of campaigns
+ladders         values of their parameters that may be tried
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters
