@@ -128,5 +128,8 @@ for stage, found in leaders.items():
     parts.append(f"{stage} post-processing {'; '.join(found)} (means: {means})")
 result = f"Largest beta {'. Largest beta '.join(parts)}."
 result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
+ends = tried[tried["at_end"] != ""]
+at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
+result += f" Settings at the end of a ladder: {at_end or 'none'}."
 verdicts = []
 figures.conclude(result, verdicts, made)
