@@ -52,7 +52,7 @@ for name in [one for one in contestants if package.get(one, one) in missing]:
 
 # %% [markdown]
 # Joint probabilities of Stone Soup take long where many gates overlap, and it refuses a stretch
-# in which more than 15 tracks share detections; such a setting is worth nothing. It climbs by
+# in which more than 20 tracks share detections; such a setting is worth nothing. It climbs by
 # the same rule on the same stretches, but on the first 40 frames of each only.
 
 # %%
