@@ -25,7 +25,7 @@ from kilnflight import drawing, figures, provenance, reference
 drawing.use_style()
 
 # %%
-from kilnflight import contest, lessons, pursuit, tracklets
+from kilnflight import contest, ladders, lessons, pursuit, tracklets
 
 made = provenance.trace("32_tracking", {"scale": scale}, seed=seed)
 learned = lessons.learned(scale, seed)
@@ -58,7 +58,7 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=made)
 # ## Settings that are not printed
 
 # %%
-candidates = contest.ours()
+candidates = ladders.ours()
 tried = contest.best_setting(others, candidates)
 trackers = contest.chosen(tried, candidates)
 spread = tried.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")

@@ -6,8 +6,8 @@
 # each other, not with trackers that anyone can install.
 #
 # **Here.** trackpy, laptrack and Stone Soup (GNN and JPDA) get the same detections of the four
-# windows at 4.5 bar and the same measures. The settings of every tracker, ours too, are those
-# with the largest mean beta on other stretches of the same campaigns, without post-processing,
+# windows at 4.5 bar and the same measures. The settings of every tracker, ours too, are found
+# by one rule on other stretches of the same campaigns, by the mean beta without post-processing,
 # which no peer has. Each is then scored as it is, and with our post-processing after it. Ours
 # alone look at depth and size. No claim rests on this.
 
@@ -21,7 +21,7 @@ from itertools import product
 
 import pandas as pd
 
-from kilnflight import contest, drawing, figures, lessons, peers, provenance, pursuit
+from kilnflight import contest, drawing, figures, ladders, lessons, peers, provenance, pursuit
 
 drawing.use_style()
 made = provenance.trace("33_peers", {"scale": scale}, seed=seed)
@@ -39,47 +39,35 @@ print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 # ## What is tried
 #
 # The gate (px, or standard deviations of the filter), how long a particle may be missed, and
-# either the noise of the acceleration or whether trackpy predicts. laptrack has no filter.
+# the noise of the acceleration, the step over a gap (laptrack), or whether trackpy predicts.
+# Each has a ladder of values. A small grid is tried first, then the neighbours of the best on
+# every ladder, until none is better: the best lies inside of what was tried, or at the end of
+# a ladder, which the table then names.
 
 # %%
-contestants = {f"{name}, ours": some for name, some in contest.ours().items()}
-steps, soup = list(product((15.0, 20.0, 25.0), (2, 5))), list(product((3.0, 4.0), (1.0,), (5, 8)))
-contestants["trackpy"] = {
-    f"step {d:g}, unseen {k}{', predicted' * p}": peers.Trackpy(d, k, p)
-    for (d, k), p in product(steps[:4], (False, True))
-}
-contestants["laptrack"] = {
-    f"step {d:g}, unseen {k}": peers.LapTrack(d, d, k) for d, k in [*steps, (40.0, 2), (40.0, 5)]
-}
-contestants["GNN, Stone Soup"] = {
-    f"gate {d:g}, noise {n:g}, unseen {k}": peers.StoneSoupGNN(d, n, k) for d, n, k in soup
-}
-
-# %% [markdown]
-# Joint probabilities of Stone Soup take minutes per frame where many gates overlap. It is tried
-# with small gates that are left early, on wood chip alone, and it refuses a window
-# in which more than 15 tracks share detections; the tables say so.
-
-# %%
-contestants["JPDA, Stone Soup"] = {
-    f"gate {d:g}, noise 1, unseen {k}": peers.StoneSoupJPDA(d, 1.0, k)
-    for d, k in product((2.0, 2.5, 3.0), (1, 2))
-}
+contestants = {f"{name}, ours": some for name, some in ladders.ours().items()} | ladders.theirs()
 package = {"GNN, Stone Soup": "stonesoup", "JPDA, Stone Soup": "stonesoup"}
 for name in [one for one in contestants if package.get(one, one) in missing]:
     del contestants[name]
 
+# %% [markdown]
+# Joint probabilities of Stone Soup take long where many gates overlap, and it refuses a stretch
+# in which more than 20 tracks share detections; such a setting is worth nothing. It climbs by
+# the same rule on the same stretches, but on the first 40 frames of each only.
+
 # %%
 slow = {name: contestants[name] for name in contestants if name == "JPDA, Stone Soup"}
 rest = {name: contestants[name] for name in contestants if name not in slow}
-tried = contest.best_setting(others, rest).assign(fractions=len(others))
+parts = [contest.best_setting(others, rest).assign(frames=len(others[0].frames))]
 if slow:
-    sparse = contest.best_setting(others[:1], slow).assign(fractions=1)
-    tried = pd.concat([tried, sparse], ignore_index=True)
+    short = [contest.beginning(one, 40) for one in others]
+    parts.append(contest.best_setting(short, slow).assign(frames=len(short[0].frames)))
+tried = pd.concat(parts, ignore_index=True)
 best = contest.chosen(tried, contestants)
 caption = (
-    "Settings that were tried, with the mean measures on stretches of so many fractions that no "
-    "result is taken from, without post-processing; the largest beta is chosen."
+    "Settings that were tried, with the mean measures on stretches of so many frames that no "
+    "result is taken from, without post-processing; the largest beta is chosen, and at_end names "
+    "its parameters that are at the end of what may be tried (none: it lies inside)."
 )
 figures.save("peers-settings", tried, caption=caption, provenance=made)
 
@@ -140,5 +128,8 @@ for stage, found in leaders.items():
     parts.append(f"{stage} post-processing {'; '.join(found)} (means: {means})")
 result = f"Largest beta {'. Largest beta '.join(parts)}."
 result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
+ends = tried[tried["at_end"] != ""]
+at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
+result += f" Settings at the end of a ladder: {at_end or 'none'}."
 verdicts = []
 figures.conclude(result, verdicts, made)

@@ -6,6 +6,7 @@ import pytest
 
 from kilnflight import contest, pursuit
 from kilnflight.checks import InputError
+from kilnflight.ladders import Ladders, ours
 from kilnflight.stages import scene_of
 from kilnflight.tracking import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
@@ -90,9 +91,11 @@ def test_the_setting_with_the_largest_beta_is_chosen(window):
     def blind(seen):
         return seen.assign(particle=np.arange(len(seen)))
 
-    trackers = {"one": {"blind": blind, "seeing": track}, "two": {"blind": blind}}
+    way = {"way": (0.0, 1.0)}
+    one = Ladders(lambda way: (blind, track)[int(way)], way, way)
+    trackers = {"one": one, "two": Ladders(lambda way: blind, way, way)}
     tried = contest.best_setting([window], trackers)
     best = tried[tried["chosen"]].set_index("tracker")["setting"]
-    assert best.to_dict() == {"one": "seeing", "two": "blind"}
+    assert best.to_dict() == {"one": "way 1", "two": "way 0"}
     assert contest.chosen(tried, trackers)["one"] is track
-    assert len(contest.ours()["JPDA"]) == len(contest.ours()["GNN"]) > 10
+    assert len(ours()["JPDA"].first()) == len(ours()["GNN"].first()) > 10

@@ -59,7 +59,8 @@ survey          what campaigns come to, beside printed and true numbers
 trust           flights with one step after the other replaced by the truth
 deviations      measured minus true: bias, spread, what is found and resolved
 flight_drawing  boxes, velocity by metre, curves in space
-contest         settings of trackers, tried on stretches of campaigns
+contest         settings of trackers, chosen on stretches of campaigns
+ladders         values of their parameters that may be tried
 lessons         what the labelled frames teach for recordings without labels
 trial           detectors on labelled frames, counted
 contenders      the detectors that are compared, with their parameters

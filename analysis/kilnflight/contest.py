@@ -1,13 +1,15 @@
-"""Settings of trackers, tried on stretches of campaigns: the same objective for all.
+"""Settings of trackers, tried on stretches of campaigns: the same objective, the same rule.
 
 A setting's worth is its mean beta over the fractions, without post-processing: beta charges
-false tracks, and a tracker of someone else's has no post-processing.
+false tracks, and a tracker of someone else's has no post-processing. Every parameter has a
+ladder of values, in steps of about the same ratio. A small grid is tried in full; then the
+neighbours of the best setting on each ladder, until none is better. So the best lies inside
+of what was tried, or at an end of a ladder, and the table says which.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import partial
 from itertools import product
 from time import perf_counter
 
@@ -15,38 +17,12 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
-from kilnflight.gating import Gate
-from kilnflight.motion import ConstantVelocity
+from kilnflight.ladders import Ladders, Setting
 from kilnflight.pursuit import MEASURES, Tracker, Window, quality, run
-from kilnflight.tracking import Management, track
-
-# Tried for both of ours: standard deviations of the gate, px/frame^1.5, and frames.
-GATES = (2.0, 3.0, 4.0, 6.0)
-NOISES = (0.5, 1.0, 2.0)
-INVISIBLE = (3, 5, 8, 12)
 
 
-def ours() -> dict[str, dict[str, Tracker]]:
-    """Return GNN and JPDA with every setting that is tried, by name and by setting."""
-    associators: dict[str, Associator] = {"GNN": GNN(), "JPDA": JPDA()}
-    tried: dict[str, dict[str, Tracker]] = {name: {} for name in associators}
-    for name, associator in associators.items():
-        for gate, noise, lost in product(GATES, NOISES, INVISIBLE):
-            tried[name][f"gate {gate:g}, noise {noise:g}, lost {lost}"] = partial(
-                track,
-                associator=associator,
-                motion=ConstantVelocity(acceleration_noise=noise),
-                gate=Gate(gate),
-                management=Management(invisible=lost),
-            )
-    return tried
-
-
-def best_setting(
-    windows: Iterable[Window], trackers: Mapping[str, Mapping[str, Tracker]]
-) -> pd.DataFrame:
+def best_setting(windows: Iterable[Window], trackers: Mapping[str, Ladders]) -> pd.DataFrame:
     """Return what each setting of each tracker gives; the best of each tracker is chosen.
 
     Parameters
@@ -54,14 +30,15 @@ def best_setting(
     windows
         Stretches that no result is taken from (`kilnflight.pursuit.windows`, ``others``).
     trackers
-        Name of the tracker -> name of the setting -> the tracker, set.
+        Name of the tracker -> its ladders.
 
     Returns
     -------
     DataFrame
         ``tracker``, ``setting``, the four measures without post-processing, averaged over the
-        windows, ``seconds`` in all, ``chosen`` and ``note``. A tracker that refuses a window
-        (an `InputError`) has no measures for that setting, and the note says why.
+        windows, ``seconds`` in all, ``chosen``, ``at_end`` (of the chosen: its parameters at an
+        end of their ladders, "" if it lies inside) and ``note``. A tracker that refuses a
+        window (an `InputError`) has no measures for that setting, and the note says why.
 
     Raises
     ------
@@ -75,29 +52,52 @@ def best_setting(
     looked_at = list(windows)
     if not looked_at:
         raise InputError("best_setting: no windows to try settings on.")
-    each = [(name, text, one) for name, some in trackers.items() for text, one in some.items()]
-    rows = [
-        {"tracker": name, "setting": setting, **_tried(looked_at, tracker)}
-        for name, setting, tracker in tqdm(each, desc="settings", unit="setting", disable=None)
-    ]
-    names = ["tracker", "setting", *MEASURES, "seconds", "note"]
-    table = pd.DataFrame(rows, columns=names).assign(chosen=False)
-    for name, mine in table.groupby("tracker", sort=False):
-        if mine["beta"].isna().all():
-            raise InputError(f"best_setting: {name} refuses every setting: {mine['note'].iloc[0]}")
-        table.loc[mine["beta"].idxmax(), "chosen"] = True
-    return table
+    parts = [_climbed(looked_at, name, ladders) for name, ladders in trackers.items()]
+    names = ["tracker", "setting", *MEASURES, "seconds", "chosen", "at_end", "note"]
+    return pd.concat(parts, ignore_index=True)[names] if parts else pd.DataFrame(columns=names)
 
 
-def chosen(
-    tried: pd.DataFrame, trackers: Mapping[str, Mapping[str, Tracker]]
-) -> dict[str, Tracker]:
+def beginning(window: Window, frames: int) -> Window:
+    """Return the first frames of a stretch, for trackers that are too slow for all of it."""
+    part = window.frames[:frames]
+    seen, true = (
+        table[table["frame"].isin(part)].reset_index(drop=True)
+        for table in (window.detections, window.truth)
+    )
+    return window._replace(frames=part, detections=seen, truth=true)
+
+
+def _climbed(windows: list[Window], name: str, ladders: Ladders) -> pd.DataFrame:
+    """Try the grid, then the neighbours of the best until none is better."""
+    tried: dict[Setting, dict[str, object]] = {}
+    ahead = ladders.first()
+    with tqdm(desc=name, unit="setting", disable=None) as bar:
+        while ahead:
+            for setting in ahead:
+                row = {"tracker": name, "setting": ladders.text(setting)}
+                tried[setting] = row | _tried(windows, ladders.build(*setting))
+                bar.update()
+            table = pd.DataFrame(tried.values())
+            if table["beta"].isna().all():
+                raise InputError(
+                    f"best_setting: {name} refuses every setting: {table['note'].iloc[0]}"
+                )
+            best = int(table["beta"].argmax())
+            setting = list(tried)[best]
+            ahead = [one for one in ladders.neighbors(setting) if one not in tried]
+    here = np.arange(len(table)) == best
+    return table.assign(chosen=here, at_end=np.where(here, ladders.ends(setting), ""))
+
+
+def chosen(tried: pd.DataFrame, trackers: Mapping[str, Ladders]) -> dict[str, Tracker]:
     """Return each tracker in the setting that `best_setting` chose."""
     best = tried[tried["chosen"]]
-    return {
-        name: trackers[name][setting]
-        for name, setting in zip(best["tracker"], best["setting"], strict=True)
-    }
+    found = {}
+    for name, text in zip(best["tracker"], best["setting"], strict=True):
+        ladders = trackers[name]
+        named = {ladders.text(one): one for one in product(*ladders.rungs.values())}
+        found[name] = ladders.build(*named[text])
+    return found
 
 
 def scored(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:

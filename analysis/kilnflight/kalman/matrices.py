@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import check_finite, check_shape
+from kilnflight.checks import InputError, check_finite, check_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -24,13 +24,32 @@ def check_state(state: Array, covariance: Array) -> int:
     return k
 
 
-def numbers(values: npt.ArrayLike, where: str) -> Array:
-    """Return an array of finite float64, as it is if it is one already."""
+def floats(values: npt.ArrayLike, where: str) -> Array:
+    """Return an array of float64: as it is if it is one already, else checked to be finite."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         ready: Array = values
-        if np.isfinite(ready).all():  # the quick look first
-            return ready
+        return ready
     return check_finite(values, where)
+
+
+def rows(matrix: Array, where: str) -> tuple[tuple[float, ...], ...]:
+    """Return a matrix as a tuple of its rows: the compiler then knows its size.
+
+    What loops over d and k costs per track is mostly not knowing how often; with tuples they
+    are unrolled, once for every pair of sizes that occurs.
+    """
+    if not matrix.size:
+        raise InputError(f"{where} is empty, of shape {matrix.shape}; give it rows and columns.")
+    return tuple(map(tuple, matrix.tolist()))
+
+
+@njit(cache=True, fastmath={"reassoc"})
+def finite(values: Any) -> bool:
+    """Return whether all numbers are finite: nought times any other is none."""
+    total = 0.0
+    for value in values.flat:
+        total += 0.0 * value
+    return total == 0.0
 
 
 @njit(cache=True)
@@ -41,7 +60,7 @@ def mirror(matrix: Any) -> None:
             matrix[b, a] = matrix[a, b]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def factor(matrix: Any, lower: Any) -> bool:
     """Fill ``lower`` with Cholesky's factor of a small matrix; return whether there is one."""
     for a in range(matrix.shape[0]):

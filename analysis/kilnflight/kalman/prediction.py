@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from kilnflight.checks import check_shape
-from kilnflight.kalman.matrices import Array, check_state, mirror, numbers
+from kilnflight.checks import check_finite, check_shape
+from kilnflight.kalman.matrices import Array, check_state, finite, floats, rows
 
 
 def predict(
@@ -34,35 +34,42 @@ def predict(
     but the text below it says posterior, and so does Eq. 4.6; that is what is taken.
     One half is computed and mirrored, so a covariance stays exactly symmetric.
     """
-    state, covariance = numbers(state, "predict: state"), numbers(covariance, "predict: covariance")
-    transition = numbers(transition, "predict: transition")
-    process_noise = numbers(process_noise, "predict: process_noise")
-    k = check_state(state, covariance)
-    check_shape(transition, (k, k), "transition")
-    check_shape(process_noise, (k, k), "process_noise")
-    # Most of F is nought; where it is not is looked up here, since numba compiles that slowly.
-    return _predict(state, covariance, transition, process_noise, *np.nonzero(transition))
+    names = ("state", "covariance", "transition", "process_noise")
+    given = (state, covariance, transition, process_noise)
+    arrays = [floats(one, f"predict: {name}") for one, name in zip(given, names, strict=True)]
+    x, p, f, q = arrays
+    k = check_state(x, p)
+    check_shape(f, (k, k), "transition")
+    check_shape(q, (k, k), "process_noise")
+    moved, spread, sound = _predict(x, p, f, q, rows(f, "transition"))
+    if not sound:
+        for one, name in zip(arrays, names, strict=True):
+            check_finite(one, f"predict: {name}")
+    return moved, spread
 
 
 @njit(cache=True)
-def _predict(
-    state: Any, covariance: Any, transition: Any, noise: Any, rows: Any, columns: Any
-) -> Any:
-    moved, spread = np.zeros(state.shape), np.empty(covariance.shape)
-    half = np.empty(transition.shape)
+def _predict(state: Any, covariance: Any, transition: Any, noise: Any, f: Any) -> Any:
+    """Predict every track by F as rows; the third result is whether all numbers are finite."""
+    k = len(f)
+    moved, spread, half = np.empty(state.shape), np.empty(covariance.shape), np.empty((k, k))
     for i in range(len(state)):
-        half[:] = 0.0
-        for a in range(len(half)):
+        for a in range(k):
+            value = 0.0
+            for c in range(k):
+                value += f[a][c] * state[i, c]  # Eq. 2.44
+            moved[i, a] = value
+            for b in range(k):
+                value = 0.0
+                for c in range(k):
+                    value += f[a][c] * covariance[i, c, b]
+                half[a, b] = value
+        for a in range(k):
             for b in range(a + 1):
-                spread[i, a, b] = noise[a, b]
-        for e in range(len(rows)):
-            a, c, share = rows[e], columns[e], transition[rows[e], columns[e]]
-            moved[i, a] += share * state[i, c]
-            for b in range(len(half)):
-                half[b, a] += share * covariance[i, b, c]
-        for e in range(len(rows)):
-            a, c, share = rows[e], columns[e], transition[rows[e], columns[e]]
-            for b in range(a + 1):
-                spread[i, a, b] += share * half[c, b]
-        mirror(spread[i])
-    return moved, spread
+                value = noise[a, b]
+                for c in range(k):
+                    value += half[a, c] * f[b][c]  # Eq. 2.45
+                spread[i, a, b] = value
+                spread[i, b, a] = value
+    sound = finite(state) and finite(covariance) and finite(transition) and finite(noise)
+    return moved, spread, sound

@@ -66,7 +66,9 @@ class StoneSoupJPDA:
     # Per px^2; None: Stone Soup's estimate in each gate. Picked by hand on two of the stretches
     # for settings (notebook 33); ten false detections in a frame of 1536 x 2048 are 3e-6.
     clutter_density: float | None = 1e-5
-    most_tracks: int = 15  # that share detections in a frame; with more, the table is refused
+    # That share detections in a frame; with more, the table is refused. A bound of effort only:
+    # stretches with 16 and 17 such tracks took seconds, with many more it would be minutes.
+    most_tracks: int = 20
 
     def __post_init__(self) -> None:
         """Refuse what is no distance, no number of frames and no probability."""
