@@ -109,18 +109,12 @@ figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, prov
 # ## Trajectories in space
 
 # %%
-shown = [
-    one for one in wanted if one.pressure_bar == 4.5 and one.fraction in ("wood chip", "confetti")
-]
-shown = shown if len(shown) == 2 else wanted[:2]
+known = [one.fraction for one in wanted if one.pressure_bar == 4.5]
+shown = ["wood chip", "confetti"] if "confetti" in known else known[:2]
 samples = []
-for one in shown:
-    cell = (one.fraction, one.pressure_bar)
-    parts = [survey.of_cell(table, cell) for table in (trajectories, flights, tracks)]
-    counted = parts[1][parts[1]["from_lance"]].sort_values("last_s")["particle"].head(8).tolist()
-    fits = regression.fits(parts[0].drop(columns=keys))
-    found = [parts[2][parts[2]["particle"] == name] for name in counted]
-    samples.append((one.fraction, [fits[name] for name in counted], found))
+for name in shown:
+    fits, found = survey.fits_of(measured, (name, 4.5), 8)
+    samples.append((name, list(fits.values()), [one for _, one in found.groupby("particle")]))
 
 # %% tags=["hide-input"]
 picture = plt.figure(figsize=(drawing.PAGE_MM / 25.4, 150 / 25.4))
