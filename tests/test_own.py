@@ -9,7 +9,6 @@ import pytest
 
 from kilnflight import outcome_page, own, pipeline
 from kilnflight.__main__ import main
-from kilnflight.checks import InputError
 from kilnflight.frames import Frame
 from kilnflight.outcome import outcome, summary
 from kilnflight.recording import open_recording, write_recording
@@ -31,7 +30,12 @@ class Changed:
 
 
 def flat(frame: Frame) -> Frame:
-    return replace(frame, pixels=np.empty((0, 2), np.int32), xyz=np.empty((0, 3), np.float32))
+    """Take the depth away and let one bright blob fly."""
+    row, col = np.ogrid[: frame.gray.shape[0], : frame.gray.shape[1]]
+    far = (row - 150) ** 2 + (col - 60 - 6 * (frame.index - 562)) ** 2
+    gray = np.minimum(frame.gray + 20_000 * np.exp(-far / 18), 65_535).astype(np.uint16)
+    none = {"pixels": np.empty((0, 2), np.int32), "xyz": np.empty((0, 3), np.float32)}
+    return replace(frame, gray=gray, **none)
 
 
 @pytest.fixture
