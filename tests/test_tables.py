@@ -53,5 +53,5 @@ def test_a_column_of_words_holds_words():
     words = Table("endings", (Column("ending", str, "1", "how it ended"),))
     assert len(words.check(pd.DataFrame({"ending": ["landed", "lost"]}))) == 2
     for no_words in ([1, 2], ["landed", None]):
-        with pytest.raises(InputError, match="column ending holds .*expected str"):
+        with pytest.raises(InputError, match=r"column ending holds .*expected str"):
             words.check(pd.DataFrame({"ending": no_words}))

@@ -24,7 +24,7 @@ class Fit:
 
     >>> fit = Fit((0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
     ...           ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60)
-    >>> fit(0.2).tolist()
+    >>> fit(0.2).round(3).tolist()
     [[0.1, -0.049, 5600.0]]
     """
 
@@ -87,7 +87,8 @@ def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, fl
     there = places != 0
     relative = np.abs((places[there] - fitted[there]) / places[there])
     mape = float(100 * relative.mean()) if there.any() else np.nan
-    if places.min() == places.max():  # Eq. 4.32 divides by the scatter about the mean
+    about_mean = float(np.sum((places - places.mean()) ** 2))
+    if places.min() == places.max() or about_mean == 0:  # Eq. 4.32 divides by it
         return rmse, mape, np.nan, np.nan
-    r2 = 1 - squares / float(np.sum((places - places.mean()) ** 2))
+    r2 = 1 - squares / about_mean
     return rmse, mape, r2, r2 - (1 - r2) * k / (n - (k + 1))

@@ -37,11 +37,14 @@ class Regression:
     Notes
     -----
     Readings. (1) For a given t0 the best coefficients are linear and solved for, so the
-    trust region has one unknown, t0. All combinations are solved, each from the best of 65
-    places of t0. The ranges that the thesis sets for the coefficients keep its solver in
-    bounds; here they are not needed. (2) The range of t0 comes from `draws` times three
-    random points (`kilnflight.regression.search.range_of_start`); where depth scatters
-    it is all that `longest_s` allows. A t0 at an end of its range is told, not hidden.
+    trust region has one unknown, t0. The ranges that the thesis sets for the coefficients keep its
+    solver in bounds; here they are not needed. (2) The range of t0 and its first guess come
+    from `draws` times three random points (`kilnflight.regression.search.range_of_start`);
+    where depth scatters the range is all that `longest_s` allows. The minimum found is the
+    one downhill of the first guess, as by any trust region; it need not be the least of
+    all. A t0 at an end of its range is told, not hidden: at the latest end the first
+    detection is as near the exit as its scatter can tell, which is common for particles
+    seen from the exit on; at the earliest end the track does not lead back to the exit.
     (3) "Stopped if the optimization of the measures is less than 1% for each order of
     enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
     counts the coefficients) falls most by one order more gets it, until none falls by 1 %.
@@ -119,9 +122,12 @@ class Regression:
         unit = (time - time[0]) / duration
         scaled = np.ascontiguousarray(((places - exit_point) / self.scale_mm).T)
         generator = np.random.default_rng(self.seed)
-        limits = range_of_start(unit, scaled, self.draws, self.longest_s / duration, generator)
+        longest = self.longest_s / duration
+        limits, first = range_of_start(unit, scaled, self.draws, longest, generator)
         highest = np.full(3, min(self.highest, len(time) - 2))
-        starts, costs = combinations(unit, scaled, self.lowest, highest, int(self.loss), limits)
+        starts, costs = combinations(
+            unit, scaled, self.lowest, highest, int(self.loss), limits, first
+        )
         chosen = self.choose(costs, len(time))
         start = float(starts[chosen])
         x, y, z = chosen
@@ -155,7 +161,7 @@ class Regression:
 
     def choose(self, costs: Array, points: int) -> tuple[int, int, int]:
         """Return the place of the chosen orders in the costs (a, b, c, 3) per axis."""
-        orders = np.stack(np.indices(costs.shape[:3]), axis=-1) + self.lowest
+        orders = np.moveaxis(np.indices(costs.shape[:3]), 0, -1) + self.lowest
         rmse = np.sqrt(costs / (points - (orders + 1)))  # Eq. 4.30
         here = (0, 0, 0)
         while True:

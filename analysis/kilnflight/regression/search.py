@@ -12,7 +12,8 @@ from kilnflight.regression.projection import COST, CURVATURE, SLOPE, profile_at
 
 Array = npt.NDArray[np.float64]
 
-PLACES = 65  # values of t0 at which every combination is tried, to find the right valley
+PLACES = 65  # values of t0 at which a few points are tried, to find the right valley
+RADIUS = 0.1  # of the range of t0; first radius of the trust region
 STEPS = 60  # of the trust region, at most
 SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
 SETTLED = 1e-10  # of the range of t0; a shorter step ends the search
@@ -62,7 +63,7 @@ def _sum(time: Any, places: Any, start: float, orders: Any, loss: int, trial: An
 
 @njit(cache=True)
 def combinations(
-    time: Any, places: Any, lowest: int, highest: Any, loss: int, limits: Any
+    time: Any, places: Any, lowest: int, highest: Any, loss: int, limits: Any, start: float
 ) -> tuple[Any, Any]:
     """Return the best t0 (a, b, c) and the cost per axis (a, b, c, 3) of all combinations.
 
@@ -72,55 +73,50 @@ def combinations(
         (n,) and (3, n), coordinates minus exit over their scale.
     lowest, highest
         orders from ``lowest`` to ``highest`` (3,), in all combinations.
-    limits
-        earliest and latest t0.
+    limits, start
+        earliest and latest t0, and where to begin.
     """
-    grid = np.linspace(limits[0], limits[1], PLACES)
-    low = np.full(3, lowest)
-    profiles = np.zeros((PLACES, 3, highest.max() + 1, 3))
-    for g in range(PLACES):
-        profile_at(time, places, grid[g], low, highest, loss, profiles[g])
     shape = highest - lowest + 1
     best = np.zeros((shape[0], shape[1], shape[2]))
     costs = np.zeros((shape[0], shape[1], shape[2], 3))
+    radius = RADIUS * (limits[1] - limits[0])
     for index in np.ndindex(best.shape):
         orders = np.array(index) + lowest
-        total = np.zeros(PLACES)
-        for axis in range(3):
-            total += profiles[:, axis, orders[axis], COST]
-        start = grid[np.argmin(total)]
-        best[index], costs[index] = descend(
-            time, places, orders, loss, limits, start, grid[1] - grid[0]
-        )
+        best[index], costs[index] = descend(time, places, orders, loss, limits, start, radius)
     return best, costs
 
 
 @njit(cache=True)
 def solve_draws(time: Any, places: Any, draws: Any, limits: Any) -> Any:
     """Return the t0 (draws,) of Eq. 4.29, quadratic, through a few points each (draws, 3)."""
-    highest = np.full(3, 2)
-    found = np.zeros(len(draws))
+    orders = np.full(3, 2)
+    grid = np.linspace(limits[0], limits[1], PLACES)
+    total, found = np.zeros(PLACES), np.zeros(len(draws))
+    profile = np.zeros((3, 3, 3))
     for k in range(len(draws)):
-        chosen = draws[k]
-        best, _ = combinations(time[chosen], places[:, chosen], 2, highest, 0, limits)
-        found[k] = best[0, 0, 0]
+        few, there = time[draws[k]], places[:, draws[k]]
+        for g in range(PLACES):
+            total[g] = _sum(few, there, grid[g], orders, 0, profile)[COST]
+        start = grid[np.argmin(total)]
+        found[k], _ = descend(few, there, orders, 0, limits, start, grid[1] - grid[0])
     return found
 
 
 def range_of_start(
     time: Array, places: Array, draws: int, longest: float, generator: np.random.Generator
-) -> Array:
-    """Return the earliest and latest t0: what a few random points of the track say.
+) -> tuple[Array, float]:
+    """Return the earliest and latest t0, and the first guess: what random points say.
 
     ``time`` runs from 0 to 1, the first and the last detection; so do the results.
 
     Each draw solves Eq. 4.29 for three points, the fewest that tell seven unknowns. The
-    range of the solutions is widened by itself on both sides, as a few draws do not reach its
-    ends, by at least a step between detections, and ends before the first detection.
+    median of the solutions is the first guess. Their range, widened by itself on both sides,
+    as a few draws do not reach its ends, and by at least a step between detections, is
+    that of t0; it ends before the first detection.
     """
-    widest = np.array([-longest, -SHORTEST])
+    widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
     triples = np.argsort(generator.random((draws, len(time))), axis=1)[:, :3]
     found = solve_draws(time, places, np.sort(triples, axis=1), widest)
-    margin = max(np.ptp(found), np.diff(time).min())
-    low, high = found.min() - margin, found.max() + margin
-    return np.clip([low, high], widest[0], widest[1])
+    margin = max(float(np.ptp(found)), float(np.diff(time).min()))
+    limits = np.clip([found.min() - margin, found.max() + margin], *widest)
+    return limits, float(np.median(found))

@@ -61,9 +61,10 @@ def regress(
         than one particle, or values that are no numbers.
     """
     parameters = Regression() if parameters is None else parameters
-    alone = track.assign(particle=0) if isinstance(track, pd.DataFrame) else track
-    if alone is not track and "particle" in track.columns and track["particle"].nunique() > 1:
+    check_columns(track, AXES, "track")
+    if "particle" in track.columns and len(track["particle"].unique()) > 1:
         raise InputError("track: more than one particle; call regress_all.")
+    alone = track.assign(particle=0)
     for path in _paths(alone, frame_rate_hz, "track"):
         if len(path.time_s) == 0:
             raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
@@ -135,7 +136,7 @@ def order_measures(
         for one in fixed
         for axis, *values in _measured(one(path.time_s, path.places_mm, exit_point))
     ]
-    kinds = {name: float for name in names} | {"particle": int, "order": int, "axis": str}
+    kinds = dict.fromkeys(names, float) | {"particle": int, "order": int, "axis": str}
     return pd.DataFrame(rows, columns=names).astype(kinds)
 
 
@@ -161,16 +162,21 @@ def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Ite
     rank = np.lexsort((time, particle))
     rank = rank[particle[rank] >= 0]
     particle, time, places = particle[rank], time[rank], places[rank]
+    _check_once(particle, time, where)
+    names, starts = np.unique(particle, return_index=True)
+    for name, first, end in zip(names, starts, np.append(starts, len(rank))[1:], strict=True):
+        known = first + np.flatnonzero(np.isfinite(places[first:end]).all(axis=1))
+        yield Path(int(name), time[known], places[known])
+
+
+def _check_once(particle: npt.NDArray[np.int64], time: Array, where: str) -> None:
+    """Raise an `InputError` if a particle has two rows at one time; sorted by both."""
     twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
     if len(twice):
         raise InputError(
             f"{where}: two rows of particle {particle[twice[0]]} at {time[twice[0]]:.9g} s. A "
             "particle is at one place at a time; keep one, or give it another number or -1."
         )
-    names, starts = np.unique(particle, return_index=True)
-    for name, first, end in zip(names, starts, [*starts[1:], len(rank)], strict=True):
-        known = first + np.flatnonzero(np.isfinite(places[first:end]).all(axis=1))
-        yield Path(int(name), time[known], places[known])
 
 
 def _row(path: Path, exit_mm: Array, parameters: Regression) -> dict[str, object]:

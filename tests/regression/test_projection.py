@@ -1,0 +1,94 @@
+"""The fast way against the definition."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from kilnflight.regression import Loss, Regression
+from kilnflight.regression.loss import cost, weight
+from kilnflight.regression.projection import COST, CURVATURE, SLOPE, project, reweight
+from kilnflight.regression.search import combinations, range_of_start
+
+few = settings(max_examples=25, deadline=None)
+NAMES = {Loss.SQUARES: "linear", Loss.SOFT_L1: "soft_l1", Loss.HUBER: "huber"}
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1e-6, 5.0), st.integers(8, 80))
+@few
+def test_every_order_is_the_linear_least_squares_fit(seed, lead, points):
+    rng = np.random.default_rng(seed)
+    u = lead + np.sort(rng.random(points))
+    place, w = rng.normal(size=points), rng.uniform(0.1, 1, points)
+    profile = np.zeros((7, 3))
+    left = project(u, place, w, 6, profile)
+    for order in range(1, 7):
+        basis = np.sqrt(w)[:, None] * (u / u[-1])[:, None] ** np.arange(1, order + 1)
+        q, _ = np.linalg.qr(basis)
+        expected = np.sqrt(w) * place - q @ (q.T @ (np.sqrt(w) * place))
+        assert profile[order, COST] == pytest.approx(expected @ expected, rel=1e-6)
+    np.testing.assert_allclose(np.sqrt(w) * left, expected, atol=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(list(Loss)), st.integers(1, 4))
+@few
+def test_the_slope_is_the_derivative_of_the_cost(seed, loss, order):
+    rng = np.random.default_rng(seed)
+    time, place = np.linspace(0, 1, 40), np.linspace(0, -3, 40) + rng.normal(size=40)
+    place[7] += 20.0
+
+    def at(start):
+        profile = np.zeros((order + 1, 3))
+        reweight(time - start, place, order, int(loss), profile)
+        return profile[order]
+
+    step = 1e-4
+    numeric = (at(-0.4 + step)[COST] - at(-0.4 - step)[COST]) / (2 * step)
+    assert 2 * at(-0.4)[SLOPE] == pytest.approx(numeric, rel=1e-3, abs=1e-3)
+    assert at(-0.4)[CURVATURE] >= 0
+
+
+@given(st.floats(0, 1e6), st.sampled_from(list(Loss)))
+def test_the_losses_are_those_of_scipy(squared, loss):
+    def residual(_):
+        return np.array([np.sqrt(squared)])
+
+    theirs = least_squares(residual, [0.0], loss=NAMES[loss], max_nfev=1, jac=lambda _: [[1.0]])
+    assert cost(squared, int(loss)) == pytest.approx(2 * theirs.cost, rel=1e-9, abs=1e-12)
+    step = 1e-6 * (1 + squared)
+    numeric = (cost(squared + step, int(loss)) - cost(squared, int(loss))) / step
+    assert weight(squared, int(loss)) == pytest.approx(numeric, rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("orders", [(2, 2, 2), (2, 2, 4), (3, 2, 3)])
+@pytest.mark.parametrize("loss", Loss)
+def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
+    scatter = np.array([2.0, 2.0, 30.0])
+    track = flight(scatter=scatter, seed=3)
+    track.loc[20, "z"] += 700.0
+    time = np.linspace(0, 1, 60)
+    places = track[list("xyz")].to_numpy() / scatter
+    exit_point = np.array([120.0, 60.0, 6500.0]) / scatter
+    moved = np.ascontiguousarray((places - exit_point).T)
+    limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
+    starts, costs = combinations(time, moved, 2, np.array(orders), int(loss), limits, first)
+    theirs = plain.solve(time, places, exit_point, orders, first, limits, loss=NAMES[loss])
+    assert costs[-1, -1, -1].sum() == pytest.approx(2 * theirs.cost, rel=1e-9)
+    assert starts[-1, -1, -1] == pytest.approx(theirs.x[-1], abs=1e-4)
+
+
+def test_orders_go_up_while_the_gain_is_one_per_cent():
+    costs = np.ones((3, 3, 3, 3))
+    left = 1.0 / (60 - np.arange(3, 6))  # the same RMSE for every order
+    costs *= 1 / left[:, None, None, None]
+    points, regression = 60, Regression()
+    by_order = (60 - np.arange(3, 6)).astype(float)
+    x, y, z = np.meshgrid(by_order, by_order, by_order, indexing="ij")
+    costs = np.stack([x, y, z], axis=-1)  # RMSE is 1 everywhere
+    assert regression.choose(costs, points) == (0, 0, 0)
+    costs[:, :, 1:, 2] *= 0.98**2
+    costs[:, :, 2, 2] *= 0.992**2  # the second step gains too little
+    costs[1:, :, :, 0] *= 0.985**2
+    assert regression.choose(costs, points) == (1, 0, 1)
+    assert regression.choose(np.zeros((3, 3, 3, 3)), points) == (0, 0, 0)

@@ -1,0 +1,121 @@
+"""Tracks whose t0 is known, and what holds for any track."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kilnflight.regression import Loss, Regression, regress
+
+EXIT, RATE = (120.0, 60.0, 6500.0), 330.0
+SCATTER = (7.0, 7.0, 150.0)
+ROBUST = Regression(loss=Loss.SOFT_L1, scale_mm=(10.0, 10.0, 150.0))
+few = settings(max_examples=15, deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_a_flight_without_scatter_is_recovered(flight, loss):
+    track = flight(t0=0.1234)
+    fit = regress(track, EXIT, RATE, Regression(loss=loss))
+    assert fit.t0 == pytest.approx(0.1234, abs=1e-8)
+    assert (fit.t0_at_bound, fit.orders, fit.points) == (0, (2, 2, 2), 60)
+    expected = ((400.0, -300.0), (900.0, -4900.0), (-11_000.0, 6000.0))
+    np.testing.assert_allclose(fit.coefficients, expected, rtol=1e-5)
+    np.testing.assert_allclose(fit.rmse_mm, 0, atol=1e-6)
+    np.testing.assert_allclose([fit.r2, fit.r2_adjusted], 1, atol=1e-12)
+
+
+@given(st.lists(st.integers(2, 6), min_size=3, max_size=3), st.floats(0.0, 1.0))
+@few
+def test_the_orders_of_a_flight_without_scatter_are_found(flight, orders, t0):
+    slow = (500.0, 900.0, -9000.0)
+    factors = [[v, *[v * (-2.0) ** (k - 1) / k for k in range(2, n + 1)]] for v, n in
+               zip(slow, orders, strict=True)]  # fmt: skip
+    track = flight(t0=t0, points=90, lead=5, factors=factors)
+    fixed = [replace(Regression(), lowest=max(orders), highest=max(orders))]
+    for parameters in [Regression(), *fixed]:
+        fit = regress(track, EXIT, RATE, parameters)
+        scatter = np.array([0.5, 0.5, 10.0])  # 1 % of what order 2 leaves may stay
+        assert (np.array(fit.rmse_mm) < scatter).all()
+    assert fit.t0 == pytest.approx(t0, abs=1e-4)
+
+
+@given(seeds, st.sampled_from([Regression(), ROBUST]))
+@few
+def test_it_passes_the_exit_before_the_first_detection(flight, seed, parameters):
+    parameters = replace(parameters, highest=3)
+    track = flight(seed=seed, points=30, scatter=SCATTER)
+    fit = regress(track, EXIT, RATE, parameters)
+    np.testing.assert_allclose(fit(fit.t0), [EXIT], atol=1e-9)
+    assert fit.first_s - 1.0 <= fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
+    np.testing.assert_allclose(fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients])
+    step = 1e-6
+    slope = (fit([0.3 + step]) - fit([0.3 - step])) / (2 * step)
+    np.testing.assert_allclose(fit.velocity([0.3]), slope, rtol=1e-4, atol=0.1)
+
+
+@given(seeds, st.integers(-1000, 10_000))
+@few
+def test_a_shift_in_time_shifts_t0(flight, seed, frames):
+    track = flight(seed=seed, scatter=SCATTER)
+    later = track.assign(frame=track["frame"] + frames)
+    one, other = regress(track, EXIT, RATE), regress(later, EXIT, RATE)
+    assert other.t0 == pytest.approx(one.t0 + frames / RATE, abs=1e-6)
+    assert other.orders == one.orders
+    np.testing.assert_allclose(other.rmse_mm, one.rmse_mm, rtol=1e-5)
+
+
+@given(seeds, st.sampled_from("xyz"))
+@few
+def test_a_mirrored_axis_mirrors_its_polynomial(flight, seed, axis):
+    track = flight(seed=seed, scatter=SCATTER)
+    signs = np.where(np.array(list("xyz")) == axis, -1.0, 1.0)
+    one = regress(track, EXIT, RATE)
+    other = regress(track.assign(**{axis: -track[axis]}), signs * EXIT, RATE)
+    assert other.t0 == pytest.approx(one.t0, abs=1e-9)
+    time = np.linspace(one.first_s, one.last_s, 7)
+    np.testing.assert_allclose(other(time), signs * one(time), atol=1e-5)
+
+
+@given(seeds)
+@few
+def test_shuffled_rows_and_the_same_seed_give_the_same_bytes(flight, seed):
+    track = flight(seed=seed, scatter=SCATTER)
+    shuffled = track.sample(frac=1.0, random_state=seed % 1000)
+    assert regress(shuffled, EXIT, RATE) == regress(track, EXIT, RATE)
+
+
+def test_the_clock_may_be_seconds(flight):
+    track = flight()
+    timed = track.assign(time_s=track["frame"] / RATE).drop(columns=["frame", "particle"])
+    assert regress(timed, EXIT) == regress(track, EXIT, RATE)
+
+
+def test_depth_jumps_are_borne_by_a_robust_loss(flight):
+    track = flight(t0=0.1, scatter=(2.0, 2.0, 20.0))
+    track.loc[[5, 17, 30, 31, 50], "z"] += [1500.0, -2000.0, 1500.0, 1800.0, -2500.0]
+    for loss in (Loss.SOFT_L1, Loss.HUBER):
+        robust = regress(track, EXIT, RATE, replace(ROBUST, loss=loss, scale_mm=(2.0, 2.0, 20.0)))
+        plain = regress(track, EXIT, RATE)
+        assert abs(robust.t0 - 0.1) < 0.004 < abs(plain.t0 - 0.1)
+        assert robust.rmse_mm[2] > 400  # the measures count every detection
+
+
+def test_a_t0_that_its_range_does_not_hold_is_told(flight):
+    track = flight(t0=0.1)
+    back = track.assign(z=2000 + (6500 - track["z"]))  # flies towards the lance, not from it
+    assert regress(back, EXIT, RATE).t0_at_bound != 0
+    assert regress(track, EXIT, RATE, Regression(longest_s=0.01)).t0_at_bound == -1
+    assert regress(flight(t0=0.1, lead=0), EXIT, RATE).t0_at_bound == 1  # seen at the exit
+
+
+def test_the_weights_of_the_axes_are_the_callers(flight):
+    track = flight(scatter=SCATTER)
+    printed = regress(track, EXIT, RATE)
+    same = regress(track, EXIT, RATE, Regression(scale_mm=(5.0, 5.0, 5.0)))
+    assert same.t0 == pytest.approx(printed.t0, abs=1e-8)
+    weighted = regress(track, EXIT, RATE, Regression(scale_mm=SCATTER))
+    assert abs(weighted.t0 - printed.t0) > 1e-5
