@@ -152,3 +152,41 @@ def _same_frame(one: Frame, other: Frame) -> None:
 def same_frame():
     """Raise unless two frames hold the same values of the same types."""
     return _same_frame
+
+
+@dataclass(frozen=True)
+class Polynomials:
+    """A fitted trajectory whose polynomials are known: a stand-in for the regression's."""
+
+    coefficients: tuple
+    t0_s: float = 0.0
+    first_s: float = 0.02
+    last_s: float = 0.4
+    exit_point_mm: tuple = (0.0, 0.0, 6500.0)
+    t0_at_bound: int = 0
+
+    def __call__(self, t):
+        age = np.asarray(t, dtype=np.float64) - self.t0_s
+        return np.asarray(self.exit_point_mm) + np.stack(
+            [
+                sum((c * age ** (k + 1) for k, c in enumerate(one)), 0 * age)
+                for one in self.coefficients
+            ],
+            -1,
+        )
+
+    def velocity(self, t):
+        age = np.asarray(t, dtype=np.float64) - self.t0_s
+        return np.stack(
+            [
+                sum((c * (k + 1) * age**k for k, c in enumerate(one)), 0 * age)
+                for one in self.coefficients
+            ],
+            -1,
+        )
+
+
+@pytest.fixture(scope="session")
+def polynomials() -> type[Polynomials]:
+    """The class of a fitted trajectory with given coefficients."""
+    return Polynomials

@@ -8,13 +8,17 @@ from kilnflight.tables import (
     BELT_LAST,
     BELT_TRACKS,
     DETECTIONS,
+    FLIGHTS,
+    SLICES,
     TRAJECTORIES,
     Column,
     Table,
 )
 
+TABLES = [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES, FLIGHTS, SLICES]
 
-@pytest.mark.parametrize("table", [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES])
+
+@pytest.mark.parametrize("table", TABLES)
 def test_an_empty_table_passes_its_own_check(table):
     assert list(table.check(table.empty()).columns) == table.names
 
@@ -55,3 +59,10 @@ def test_a_column_of_words_holds_words():
     for no_words in ([1, 2], ["landed", None]):
         with pytest.raises(InputError, match=r"column ending holds .*expected str"):
             words.check(pd.DataFrame({"ending": no_words}))
+
+
+def test_a_column_of_truth_values_holds_nothing_else():
+    truths = Table("flights", (Column("from_lance", bool, "1", "whether it starts there"),))
+    assert len(truths.check(pd.DataFrame({"from_lance": [True, False]}))) == 2
+    with pytest.raises(InputError, match=r"column from_lance holds .*expected bool"):
+        truths.check(pd.DataFrame({"from_lance": [0, 1]}))

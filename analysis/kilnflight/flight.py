@@ -79,6 +79,7 @@ class Rules:
     start: StartsAtLance = field(default_factory=StartsAtLance)
     landing: Landing = field(default_factory=Landing)
     ignition: Ignition = field(default_factory=Ignition)
+    above_background: bool = False  # ignition by the rise above it, of column ``background``
     edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
 
     def __post_init__(self) -> None:
@@ -118,7 +119,9 @@ def flights(
     Parameters
     ----------
     tracks
-        Detections with ``particle``; those of -1 and tracks without a fit are left out.
+        Detections with ``particle``; those of -1 and tracks without a fit are left out. A
+        column ``background``, if the rules ask for it, holds the grey value behind each
+        (`kilnflight.correspondence.mean_gray` of ``Median().backgrounds``).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air
@@ -137,9 +140,10 @@ def flights(
     appendix A.1). It stays in the table as "lost", its dwell time a lower bound. Ignition is
     looked for up to the landing, since the wall ignites all that land (section 5.1.1).
     """
-    check_columns(tracks, COLUMNS, "flights: tracks")
-    check_positive(frame_rate_hz, "flights: frame_rate_hz")
     use, seen = rules or Rules(), view or View()
+    more = ("background",) if use.above_background else ()
+    check_columns(tracks, (*COLUMNS, *more), "flights: tracks")
+    check_positive(frame_rate_hz, "flights: frame_rate_hz")
     if not fits:
         return FLIGHTS.empty()
     particle = check_whole(tracks["particle"], "flights: particle")
@@ -172,13 +176,16 @@ def _flight(
     from_lance, start_mm = rules.start(places, fit)
     landed, end_s, wall_mm = rules.landing(fit, wall, in_air)
     time = track["frame"].to_numpy(np.float64) / frame_rate_hz
+    if not landed:  # the last detections may have no depth, which the fit does not know of
+        end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
-    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying])
+    behind = track["background"].to_numpy() if rules.above_background else np.zeros(len(time))
+    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind[flying])
     burning = lit.outcome in (SEEN, BEFORE)
     return {
         "t0_s": float(fit.t0_s),
-        "first_s": float(fit.first_s),
-        "last_s": float(fit.last_s),
+        "first_s": min(float(fit.first_s), float(time[0])),
+        "last_s": max(float(fit.last_s), float(time[-1])),
         "end_s": end_s,
         "dwell_s": end_s - float(fit.t0_s),
         "ending": LANDED if landed else BURNT_OUT if burning else LOST,

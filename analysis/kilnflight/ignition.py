@@ -46,7 +46,8 @@ class Ignited(NamedTuple):
         Midway between the last detection before the step and the first after it; NaN
         unless "seen".
     before, after
-        Grey levels (medians) on both sides of the best step; both the same without one.
+        Grey levels (medians) on both sides of the best step; both the same without one. Above
+        the background, if that was given.
     scatter
         About these levels, as a standard deviation.
     p_value
@@ -73,7 +74,7 @@ class Ignition:
        times the number of places looked at (Bonferroni), at most ``significance``;
     2. it is abrupt: it leaves less deviation than the straight line of Theil and Sen;
     3. the levels are ``rise`` standard deviations of the scatter about them apart, and
-       ``share`` of the lower level.
+       ``share`` of the grey value before.
 
     Notes
     -----
@@ -82,9 +83,12 @@ class Ignition:
     values, count against the rise, which keeps the test valid. The test takes the values of a
     track as exchangeable but for the step; slow changes, which are not, are what 2 is for.
     With the defaults no track of fewer than 12 detections can be judged.
-    A particle that is alight from its first detection on has no step: it is "before seen"
-    if ``bright`` is given and its first values reach it, else "none", for without a level
-    nothing tells it from a bright unlit one.
+    The grey value of a particle of a few pixels has much of what is behind it in it: one that
+    flies from before a dark end plate to before a hot wall also brightens abruptly. As
+    published the grey value is taken as it is; with ``background`` it is the rise above the
+    background that is looked at. A particle that is alight from its first detection on has no
+    step: it is "before seen" if ``bright`` is given and its first values reach it, else
+    "none", for without a level nothing tells it from a bright unlit one.
     """
 
     significance: float = 0.01  # of a track without a step; not printed
@@ -102,7 +106,9 @@ class Ignition:
         if self.bright is not None:
             check_at_least(self.bright, 0.0, "Ignition: bright")
 
-    def __call__(self, time_s: npt.ArrayLike, gray: npt.ArrayLike) -> Ignited:
+    def __call__(
+        self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike = 0.0
+    ) -> Ignited:
         """Return when the grey values rise.
 
         Parameters
@@ -111,13 +117,16 @@ class Ignition:
             (n,) ascending.
         gray
             (n,) grey values, not below 0.
+        background
+            (n,) grey values of the background at the same places; levels are then above it.
 
         Raises
         ------
         InputError
             If lengths differ, a value is not finite or below 0, or times do not ascend.
         """
-        time, values = _course(time_s, gray)
+        time, light = _course(time_s, gray)
+        values = light - _course(time_s, np.broadcast_to(background, light.shape))[1]
         least = int(self.least_points)
         searched = len(values) - 2 * least + 1
         if searched < 1 or searched > self.significance * math.comb(len(values), len(values) // 2):
@@ -125,7 +134,7 @@ class Ignition:
         split, deviation = best_step(values, least)
         level = float(np.median(values))
         if split < 0:
-            return Ignited(self._without(values), before=level, after=level)
+            return Ignited(self._without(light), before=level, after=level)
         before, after = float(np.median(values[:split])), float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
         scatter = SIGMA * float(np.median(np.abs(off)))
@@ -133,12 +142,12 @@ class Ignition:
         is_step = (
             p_value <= self.significance
             and deviation < line_deviation(time, values)
-            and after - before >= max(self.rise * scatter, self.share * before)
+            and after - before >= max(self.rise * scatter, self.share * np.median(light[:split]))
         )
         moment = float(time[split - 1] + time[split]) / 2
         if is_step:
             return Ignited(SEEN, moment, before, after, scatter, p_value)
-        return Ignited(self._without(values), math.nan, before, after, scatter, p_value)
+        return Ignited(self._without(light), math.nan, before, after, scatter, p_value)
 
     def _without(self, values: Array) -> str:
         """Return the outcome of a track without a step."""
@@ -154,7 +163,8 @@ def ignitions(
     Parameters
     ----------
     tracks
-        ``frame``, ``particle``, ``gray``; rows with a particle below 0 are in no track.
+        ``frame``, ``particle``, ``gray``; rows with a particle below 0 are in no track. If it
+        has a column ``background``, the rise above that is looked at.
     frame_rate_hz
         Of the recording.
     method
@@ -170,6 +180,8 @@ def ignitions(
     particle = check_whole(tracks["particle"], "ignitions: particle")
     frame = check_whole(tracks["frame"], "ignitions: frame")
     gray = check_finite(tracks["gray"].to_numpy(), "ignitions: gray")
+    known = "background" in tracks.columns
+    behind = check_finite(tracks["background"], "ignitions: background") if known else 0 * gray
     order = np.lexsort((frame, particle))
     order = order[particle[order] >= 0]
     names, starts = np.unique(particle[order], return_index=True)
@@ -177,7 +189,7 @@ def ignitions(
     rows = []
     for name, part in zip(names, np.split(order, starts[1:]), strict=False):
         try:
-            found = test(frame[part] / frame_rate_hz, gray[part])
+            found = test(frame[part] / frame_rate_hz, gray[part], behind[part])
         except InputError as error:
             raise InputError(f"particle {name}: {error}") from error
         rows.append({"particle": int(name), **found._asdict()})

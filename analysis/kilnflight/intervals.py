@@ -70,10 +70,14 @@ def difference_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
 
 
 def ratio_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
-    """Return the median of the first group over that of the second; infinite over 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.median(first, axis=axis) / np.median(second, axis=axis)
-    return np.asarray(np.where(np.isnan(ratio), np.inf, ratio))
+    """Return the median of the first group over that of the second, which must be above 0."""
+    below = np.asarray(np.median(second, axis=axis))
+    if not (below > 0).all():
+        raise InputError(
+            f"ratio_of_medians: the second median is {below.min():g}, in the sample or in a draw "
+            "from it; a ratio to it says nothing. Take the difference."
+        )
+    return np.asarray(np.median(first, axis=axis) / below)
 
 
 @dataclass(frozen=True)

@@ -59,14 +59,15 @@ class Landing:
             """Return by how many mm the fit, continued straight, is beyond the limit."""
             time = np.atleast_1d(np.asarray(t, dtype=np.float64))
             seen = np.minimum(time, fit.last_s)
-            place = fit(seen) + (time - seen)[:, None] * fit.velocity(seen)
+            place = check_finite(fit(seen), "Landing: the fitted trajectory")
+            place = place + (time - seen)[:, None] * fit.velocity(seen)
             return distance_to_axis(place, wall) - in_air.threshold_mm
 
         count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
         time = np.linspace(fit.first_s, fit.last_s, count)
         time = np.append(time, fit.last_s + np.arange(0.0, self.beyond_s, STEP_S)[1:])
         time = np.append(time, fit.last_s + self.beyond_s)
-        off = check_finite(outside(time), "Landing: the fitted trajectory")
+        off = outside(time)
         last = float(off[count - 1])
         beyond = np.flatnonzero(off > 0)
         end = float(fit.last_s)

@@ -17,6 +17,7 @@ from kilnflight.tables import SLICES
 Array = npt.NDArray[np.float64]
 
 MOST = 10_000  # slices of one flight
+EPSILON = 1e-14  # share of the largest term below which another one moves nothing
 
 
 class Flown(Protocol):
@@ -82,9 +83,10 @@ def space_sliced_velocity(
     -------
     DataFrame
         ``slice_m``: far end of the slice; ``start_s``, ``end_s``: t_(n-1), t_n;
-        ``velocity_m_s``; ``reached``. One row for every slice between lance and camera, and
-        one for each slice behind the lance that was reached; where ``reached`` is False the
-        velocity is NaN, and the row must not be counted.
+        ``velocity_m_s``; ``reached``; ``observed``: reached between the first and the last
+        detection, and not, as the polynomials have it, before the first. One row for every slice
+        between lance and camera, and one for each slice behind the lance that was reached; where
+        ``reached`` is False the velocity is NaN, and the row must not be counted.
 
     Notes
     -----
@@ -94,19 +96,15 @@ def space_sliced_velocity(
     the lance. The thesis shows negative velocities, "reverse motions towards the lance", and
     says no more; here they are those of slices -1, -2, ... behind the lance, V_n =
     -slice / (t_n - t_(n+1)), of trajectories that go backwards from the exit point.
-    (3) The distance is the difference of depths, not the path.
+    (3) What the polynomials pass between t_0 and the first detection counts, as published;
+    a flight first seen beyond a slice has in it the velocity that its polynomials need to get
+    there from the lance, which ``observed`` tells.
+    (4) The distance is the difference of depths, not the path.
     """
-    check_positive(slice_m, "space_sliced_velocity: slice_m")
-    if math.isnan(until_s):
-        raise InputError("space_sliced_velocity: until_s is NaN; leave it out if not known.")
-    powers, age = _path(fit, min(fit.last_s, until_s))
-    lance = float(np.asarray(fit.exit_point_mm, dtype=np.float64)[2])
-    count = int(max(lance, 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
-    if count > MOST:
-        raise InputError(f"space_sliced_velocity: {count} slices of {slice_m} m; take longer ones.")
-    forth, back = (_reached(powers, age, sign * 1000.0 * slice_m) for sign in (1, -1))
-    behind = _rows(fit.t0_s, back, -slice_m, len(back)).iloc[::-1]
-    return pd.concat([behind, _rows(fit.t0_s, forth, slice_m, count)], ignore_index=True)
+    forth, back, count = _both_ways(fit, slice_m, until_s)
+    behind = pd.DataFrame(_rows(fit, back, -slice_m, len(back))).iloc[::-1]
+    front = pd.DataFrame(_rows(fit, forth, slice_m, count))
+    return pd.concat([behind, front], ignore_index=True)
 
 
 def slices(
@@ -128,13 +126,17 @@ def slices(
     DataFrame
         Only slices that were reached.
     """
-    parts = []
+    parts: list[dict[str, npt.NDArray[np.generic]]] = []
     for particle, fit in fits.items():
         end = math.inf if ends_s is None else ends_s.get(particle, math.inf)
-        one = space_sliced_velocity(fit, slice_m, end)
-        parts.append(one[one["reached"]].assign(particle=particle)[SLICES.names])
-    table = pd.concat([SLICES.empty(), *parts], ignore_index=True) if parts else SLICES.empty()
-    return SLICES.check(table)
+        forth, back, _ = _both_ways(fit, slice_m, end)
+        for length, times in ((-slice_m, back), (slice_m, forth)):
+            one = _rows(fit, times, length, len(times))
+            parts.append(one | {"particle": np.full(len(times), particle)})
+    if not parts:
+        return SLICES.empty()
+    joined = {name: np.concatenate([one[name] for one in parts]) for name in SLICES.names}
+    return SLICES.check(pd.DataFrame(joined))
 
 
 def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
@@ -164,6 +166,20 @@ def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
     return pd.DataFrame(named).reset_index()
 
 
+def _both_ways(fit: Flown, slice_m: float, until_s: float) -> tuple[list[float], list[float], int]:
+    """Return ages at the marks in front and behind, and how many are before the camera."""
+    check_positive(slice_m, "space_sliced_velocity: slice_m")
+    if math.isnan(until_s):
+        raise InputError("space_sliced_velocity: until_s is NaN; leave it out if not known.")
+    powers, age = _path(fit, min(fit.last_s, until_s))
+    lance = float(np.asarray(fit.exit_point_mm, dtype=np.float64)[2])
+    count = int(max(lance, 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
+    if count > MOST:
+        raise InputError(f"space_sliced_velocity: {count} slices of {slice_m} m; take longer ones.")
+    forth, back = (_reached(powers, age, sign * 1000.0 * slice_m) for sign in (1, -1))
+    return forth[:count], back, count
+
+
 def _path(fit: Flown, end_s: float) -> tuple[Array, Array]:
     """Return the coefficients of the distance from the lance, and ages that part it.
 
@@ -177,9 +193,11 @@ def _path(fit: Flown, end_s: float) -> tuple[Array, Array]:
             f"space_sliced_velocity: the flight ends at {end_s} s, but leaves the lance at "
             f"{fit.t0_s} s. Check the trajectory."
         )
-    slope = powers * np.arange(1, len(powers) + 1)
     end = end_s - fit.t0_s
-    age = np.concatenate([[0.0, end], np.roots(slope[::-1]).real])
+    slope = powers * np.arange(1, len(powers) + 1) * end ** np.arange(len(powers))
+    slope[np.abs(slope) <= EPSILON * np.abs(slope).max(initial=0.0)] = 0.0
+    turns = end * np.roots(slope[::-1]).real
+    age = np.concatenate([[0.0, end], turns])
     return powers, np.unique(age[(age >= 0.0) & (age <= end)])
 
 
@@ -198,17 +216,18 @@ def _reached(powers: Array, age: Array, step: float) -> list[float]:
     return found
 
 
-def _rows(t0_s: float, reached: list[float], slice_m: float, count: int) -> pd.DataFrame:
-    """Return one row per slice in one direction; those not reached hold NaN."""
+def _rows(
+    fit: Flown, reached: list[float], slice_m: float, count: int
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the columns of the slices in one direction; those not reached hold NaN."""
     times = np.full(count + 1, np.nan)
-    times[: len(reached) + 1] = [0.0, *reached][: count + 1]
+    times[: len(reached) + 1] = [0.0, *reached]
     number = np.arange(1, count + 1)
-    return pd.DataFrame(
-        {
-            "slice_m": number * slice_m,
-            "start_s": t0_s + times[:-1],
-            "end_s": t0_s + times[1:],
-            "velocity_m_s": slice_m / np.diff(times),
-            "reached": number <= len(reached),
-        }
-    )
+    return {
+        "slice_m": number * slice_m,
+        "start_s": fit.t0_s + times[:-1],
+        "end_s": fit.t0_s + times[1:],
+        "velocity_m_s": slice_m / np.diff(times),
+        "reached": number <= len(reached),
+        "observed": fit.t0_s + times[1:] >= fit.first_s,
+    }

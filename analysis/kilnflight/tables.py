@@ -207,5 +207,6 @@ SLICES = Table(
         Column("particle", int, "1", "track"),
         Column("slice_m", float, "m", "far end of the slice from the lance; below 0: behind it"),
         Column("velocity_m_s", float, "m/s", "V_n of Eq. 5.8; below 0: away from the camera"),
+        Column("observed", bool, "1", "whether it was reached after the first detection"),
     ),
 )

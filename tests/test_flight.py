@@ -1,0 +1,205 @@
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kilnflight.checks import InputError
+from kilnflight.cylinder import Cylinder, InAir
+from kilnflight.flight import Landing, Rules, StartsAtLance, View, flights
+from kilnflight.tables import FLIGHTS
+
+RATE = 330.0
+WALL = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0)
+LIMIT = InAir(800.0)
+FALLING = ((0.0,), (0.0, 5000.0), (-8000.0,))  # 5000 t^2: at 800 mm after 0.4 s
+LEVEL = ((0.0,), (500.0,), (-8000.0,))
+
+
+def seen(fit, particle=0, ignites_s=np.inf, bright=False, **more):
+    """The detections of a trajectory: dim, and bright from ignition on."""
+    frame = np.arange(np.ceil(fit.first_s * RATE), np.floor(fit.last_s * RATE + 1e-9) + 1)
+    place = fit(frame / RATE)
+    gray = 3000.0 + 5000.0 * (bright | (frame / RATE >= ignites_s)) + 40 * np.sin(7 * frame)
+    named = {"frame": frame.astype(int), "particle": particle, "row": 500.0, "col": 900.0}
+    named |= {"gray": gray, **dict(zip("xyz", place.T, strict=True))}
+    return pd.DataFrame(named | more)
+
+
+def one(track, fit, rules=None, view=None):
+    return flights(track, {0: fit}, WALL, LIMIT, RATE, rules, view).iloc[0]
+
+
+def test_the_three_cases_of_figure_5_18(polynomials):
+    landing = polynomials(FALLING, first_s=0.05, last_s=0.45)
+    unlit = one(seen(landing), landing)
+    assert (unlit["ending"], unlit["ignition"]) == ("landed", "none")
+    assert unlit["dwell_s"] == pytest.approx(0.4, abs=1e-6)
+    assert np.isnan(unlit["ignition_s"])
+    burning = one(seen(landing, ignites_s=0.2), landing)
+    assert (burning["ending"], burning["ignition"]) == ("landed", "seen")
+    assert burning["dwell_s"] == pytest.approx(0.4, abs=1e-6)
+    assert burning["ignition_s"] == pytest.approx(0.2, abs=1 / RATE)
+    burnt = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    gone = one(seen(burnt, ignites_s=0.2), burnt)
+    assert (gone["ending"], gone["dwell_s"]) == ("burnt out", pytest.approx(0.3))
+    assert gone["wall_mm"] == pytest.approx(150.0)
+
+
+def test_an_unlit_end_in_the_air_is_a_loss(polynomials):
+    fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    lost = one(seen(fit), fit)
+    assert (lost["ending"], lost["dwell_s"]) == ("lost", pytest.approx(0.3))
+
+
+@pytest.mark.parametrize(
+    ("last_s", "ending", "end_s"),
+    [
+        (0.39, "landed", 0.39 + (800 - 5000 * 0.39**2) / (2 * 5000 * 0.39)),  # straight on
+        (0.375, "landed", 0.375 + (800 - 5000 * 0.375**2) / (2 * 5000 * 0.375)),
+        (0.35, "lost", 0.35),  # 188 mm short
+    ],
+)
+def test_a_track_that_ends_short_of_the_wall(polynomials, last_s, ending, end_s):
+    fit = polynomials(FALLING, first_s=0.05, last_s=last_s)
+    flight = one(seen(fit), fit)
+    assert flight["ending"] == ending
+    assert flight["end_s"] == pytest.approx(end_s, abs=1e-6)
+
+
+def test_a_particle_that_rests_next_to_the_limit_has_landed(polynomials):
+    resting = polynomials(((0.0,), (1400.0, 0.0), (-8000.0,)), last_s=0.5)
+    flight = one(seen(resting), resting, Rules(landing=Landing(beyond_s=0.0)))
+    assert (flight["ending"], flight["end_s"]) == ("landed", 0.5)
+    no_margin = Rules(landing=Landing(beyond_s=0.0, near_mm=50.0))
+    assert one(seen(resting), resting, no_margin)["ending"] == "lost"
+
+
+def test_a_rise_after_the_landing_is_no_ignition_in_flight(polynomials):
+    fit = polynomials(FALLING, first_s=0.05, last_s=0.5)
+    assert one(seen(fit, ignites_s=0.42), fit)["ignition"] == "none"
+
+
+def test_ignition_may_be_looked_for_above_the_background(polynomials):
+    fit = polynomials(FALLING, first_s=0.05)
+    track = seen(fit, ignites_s=0.2)
+    track["background"] = track["gray"] - 1000 - 100 * np.sin(track["frame"])
+    assert one(track, fit)["ignition"] == "seen"
+    above = Rules(above_background=True)
+    assert one(track, fit, above)["ignition"] == "none"
+    with pytest.raises(InputError, match="background missing"):
+        one(track.drop(columns="background"), fit, above)
+
+
+def test_a_burning_particle_may_be_lost_at_the_border_of_what_was_seen(polynomials):
+    fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    track = seen(fit, ignites_s=0.2)
+    corners = [(0, 0), (1500, 0), (1500, 2000), (0, 2000)]
+    for row, ending in ((500.0, "burnt out"), (40.0, "lost"), (-10.0, "lost")):
+        view = View(roi=corners)
+        assert one(track.assign(row=row), fit, view=view)["ending"] == ending
+    for stop, ending in ((1000, "burnt out"), (105, "lost")):
+        assert one(track, fit, view=View(frames=range(0, stop)))["ending"] == ending
+    landing = polynomials(FALLING, first_s=0.05, last_s=0.39)
+    assert one(seen(landing), landing, view=View(corners, range(130)))["ending"] == "landed"
+
+
+def test_only_trajectories_that_start_at_the_lance_count(polynomials):
+    near = polynomials(FALLING, first_s=0.1)  # 0.8 m in depth
+    late = polynomials(FALLING, first_s=0.2)  # 1.6 m
+    assert one(seen(near), near)["from_lance"]
+    flight = one(seen(late), late)
+    assert not flight["from_lance"]
+    assert flight["start_mm"] == pytest.approx(np.hypot(1600, 200), rel=0.02)
+    farther = Rules(start=StartsAtLance(within_mm=2000.0))
+    assert one(seen(late), late, farther)["from_lance"]
+    bound = replace(near, t0_at_bound=-1)
+    assert not one(seen(bound), bound)["from_lance"]
+    assert one(seen(bound), bound, Rules(start=StartsAtLance(at_bound=True)))["from_lance"]
+
+
+def test_one_wrong_depth_and_missing_ones_do_not_decide(polynomials):
+    fit = polynomials(FALLING, first_s=0.05)
+    track = seen(fit)
+    track.loc[0, "z"] = 100.0
+    track.loc[1, ["x", "y", "z"]] = np.nan
+    assert one(track, fit)["from_lance"]
+
+
+@settings(deadline=None)
+@given(st.floats(-3.0, 3.0), st.floats(3000.0, 9000.0))
+def test_dwell_does_not_depend_on_the_clock(polynomials, shift, fall):
+    frames = round(shift * RATE)
+    fit = polynomials(((0.0,), (0.0, fall), (-8000.0,)), first_s=0.05)
+    track = seen(fit, ignites_s=0.2)
+    later = replace(
+        fit,
+        t0_s=frames / RATE,
+        first_s=fit.first_s + frames / RATE,
+        last_s=fit.last_s + frames / RATE,
+    )
+    before = one(track, fit)
+    after = one(track.assign(frame=track["frame"] + frames), later)
+    for name in ("dwell_s", "ignition_s"):
+        assert after[name] == pytest.approx(before[name], abs=1e-6, nan_ok=True)
+    assert after["ending"] == before["ending"]
+
+
+def test_detections_without_depth_lengthen_a_flight_that_does_not_land(polynomials):
+    fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    tail = {"z": np.nan, "x": np.nan, "y": np.nan, "frame": 110}
+    track = seen(fit)
+    flight = one(pd.concat([track, track[-1:].assign(**tail)]), fit)
+    assert flight["end_s"] == flight["last_s"] == pytest.approx(110 / RATE)
+
+
+def test_the_order_of_rows_and_other_tracks_change_nothing(polynomials):
+    fit = polynomials(FALLING, first_s=0.05)
+    track = seen(fit, ignites_s=0.2)
+    more = pd.concat([track, seen(fit, 5), seen(fit, -1)]).sample(frac=1.0, random_state=3)
+    pd.testing.assert_series_equal(one(more, fit), one(track, fit))
+
+
+def test_nothing_gives_nothing(polynomials):
+    fit = polynomials(FALLING)
+    for track in (seen(fit), seen(fit)[:0]):
+        table = flights(track, {}, WALL, LIMIT, RATE)
+        assert list(table.columns) == FLIGHTS.names
+        assert not len(table)
+
+
+def test_bad_input_is_told(polynomials):
+    fit = polynomials(FALLING)
+    track = seen(fit)
+    with pytest.raises(InputError, match="no track of particle 3"):
+        flights(track, {3: fit}, WALL, LIMIT, RATE)
+    with pytest.raises(InputError, match=r"column\(s\) gray missing"):
+        one(track.drop(columns="gray"), fit)
+    with pytest.raises(InputError, match="frame_rate_hz"):
+        flights(track, {0: fit}, WALL, LIMIT, 0.0)
+    with pytest.raises(InputError, match=r"particle 0: .*no position with depth"):
+        one(track.assign(z=np.nan), fit)
+    with pytest.raises(InputError, match=r"particle 0: .*sort the track by time"):
+        one(pd.concat([track, track]), fit)
+    with pytest.raises(InputError, match=r"particle 0: .*not finite"):
+        one(track, polynomials(((np.inf,), (0.0,), (0.0,))))
+    lit = polynomials(LEVEL)
+    with pytest.raises(InputError, match="roi"):
+        one(seen(lit, ignites_s=0.2), lit, view=View(roi=[1, 2, 3]))
+
+
+@pytest.mark.parametrize(
+    ("method", "more"),
+    [
+        (Landing, {"beyond_s": -1.0}),
+        (Landing, {"near_mm": "a"}),
+        (StartsAtLance, {"within_mm": -1.0}),
+        (StartsAtLance, {"points": 0}),
+        (Rules, {"edge_px": -1.0}),
+    ],
+)
+def test_parameters_out_of_range_are_told(method, more):
+    with pytest.raises(InputError, match=f"{method.__name__}: {next(iter(more))}"):
+        method(**more)

@@ -1,0 +1,158 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from kilnflight.checks import InputError
+from kilnflight.ignition import Ignition, ignition_shares, ignitions
+from kilnflight.ignition_power import detection_power
+
+TIME = np.arange(60) / 330
+LOOK = Ignition()
+
+
+def course(seed=0, low=3000.0, high=6000.0, at=25, scatter=100.0):
+    noise = np.random.default_rng(seed).normal(0, scatter, 60)
+    return np.where(np.arange(60) < at, low, high) + noise
+
+
+def test_a_step_is_found_where_it_is():
+    found = LOOK(TIME, course())
+    assert found.outcome == "seen"
+    assert found.time_s == pytest.approx(24.5 / 330)
+    assert (found.before, found.after) == pytest.approx((3000, 6000), abs=60)
+    assert found.scatter == pytest.approx(100, rel=0.4)
+    assert found.p_value < 1e-10
+
+
+@pytest.mark.parametrize("at", [3, 5, 55, 57])
+def test_also_close_to_the_ends(at):
+    assert LOOK(TIME, course(at=at)).time_s == pytest.approx((at - 0.5) / 330)
+
+
+@pytest.mark.parametrize("at", [0, 1, 2, 30, 57, 59])
+def test_a_single_flash_is_no_ignition_and_hides_none(at):
+    flash = 50_000.0 * (np.arange(60) == at)
+    assert LOOK(TIME, course(high=3000.0) + flash).outcome == "none"
+    assert LOOK(TIME, course() + flash).time_s == pytest.approx(24.5 / 330)
+
+
+def test_what_is_no_ignition():
+    ramp = course(high=3000.0) + 50 * np.arange(60)
+    wave = 3000 + 800 * np.sin(np.arange(60) / 4)
+    small = course(high=3150.0, scatter=10.0)  # for sure, but 5 %
+    blurred = course(high=3500.0, scatter=400.0)  # 1.25 standard deviations
+    for values in (course(high=3000.0), course(high=1000.0), ramp, wave, small, blurred):
+        assert LOOK(TIME, values).outcome == "none"
+
+
+def test_constant_and_saturated_values():
+    constant = LOOK(TIME, np.full(60, 65535.0))
+    assert (constant.outcome, constant.p_value) == ("none", 1.0)
+    assert constant.before == constant.after == 65535.0
+    assert Ignition(bright=65535.0)(TIME, np.full(60, 65535.0)).outcome == "before seen"
+    clipped = np.minimum(course(high=90_000.0), 65535.0)
+    assert LOOK(TIME, clipped).time_s == pytest.approx(24.5 / 330)
+
+
+def test_bright_from_the_first_detection_on():
+    fading = np.linspace(9000.0, 3000.0, 60)
+    assert LOOK(TIME, fading).outcome == "none"
+    assert Ignition(bright=8000.0)(TIME, fading).outcome == "before seen"
+    assert Ignition(bright=8000.0)(TIME, course()).outcome == "seen"
+
+
+def test_a_background_that_brightens_is_no_ignition():
+    behind = np.where(np.arange(60) < 40, 2000.0, 6000.0)
+    unlit = course(high=3000.0) + behind
+    assert LOOK(TIME, unlit).time_s == pytest.approx(39.5 / 330)  # as published
+    assert LOOK(TIME, unlit, behind).outcome == "none"
+    lit = course(high=8000.0) + behind
+    found = LOOK(TIME, lit, behind)
+    assert found.time_s == pytest.approx(24.5 / 330)
+    assert (found.before, found.after) == pytest.approx((3000, 8000), abs=60)
+    table = pd.DataFrame({"frame": np.arange(60), "particle": 0, "gray": unlit})
+    assert list(ignitions(table, 330.0)["outcome"]) == ["seen"]
+    assert list(ignitions(table.assign(background=behind), 330.0)["outcome"]) == ["none"]
+
+
+def test_too_few_detections_to_judge():
+    for length in (0, 1, 5, 11):
+        values = np.where(np.arange(length) < length // 2, 1.0, 100.0)
+        assert LOOK(np.arange(length), values).outcome == "too few points"
+    assert LOOK(np.arange(12), np.repeat([1.0, 100.0], 6)).outcome == "seen"
+
+
+@settings(deadline=None)
+@given(st.integers(0, 99), st.floats(1e-2, 1e2), st.floats(-1e3, 1e3), st.integers(0, 60))
+def test_a_factor_and_a_shift_in_time_move_nothing(seed, factor, shift, at):
+    values = course(seed, at=at, high=5000.0, scatter=500.0)
+    assume((values > 0).all())
+    one, other = LOOK(TIME, values), LOOK(TIME + shift, factor * values)
+    assert one.outcome == other.outcome
+    assert one.p_value == pytest.approx(other.p_value)
+    if one.outcome == "seen":
+        assert other.time_s == pytest.approx(one.time_s + shift, abs=1e-9)
+
+
+def test_a_table_of_tracks():
+    rows = {"frame": np.arange(60), "gray": course(), "particle": 7}
+    tracks = pd.concat(
+        [
+            pd.DataFrame(rows),
+            pd.DataFrame(rows).assign(particle=-1),
+            pd.DataFrame(rows).assign(particle=2, gray=3000.0),
+        ]
+    ).sample(frac=1.0, random_state=1)
+    found = ignitions(tracks, 330.0)
+    assert list(found["particle"]) == [2, 7]
+    assert list(found["outcome"]) == ["none", "seen"]
+    assert found["time_s"][1] == pytest.approx(24.5 / 330)
+    nothing = ignitions(tracks[:0], 330.0)
+    assert list(nothing.columns) == list(found.columns)
+    with pytest.raises(InputError, match=r"particle 2: .* follows"):
+        ignitions(pd.concat([tracks, tracks]), 330.0)
+
+
+def test_shares_of_all_particles():
+    table = ignition_shares([0.05, 0.3, 0.1, np.nan, 0.1, np.nan], 10)
+    np.testing.assert_allclose(table["from_s"], [0.0, 0.1, 0.2, 0.3])
+    assert list(table["number"]) == [1, 2, 0, 1]
+    np.testing.assert_allclose(table["share"], [0.1, 0.2, 0.0, 0.1])
+    assert len(ignition_shares([], 0)) == len(ignition_shares([np.nan], 5)) == 0
+    for times, counted in (([0.1, 0.2], 1), ([-0.1], 1)):
+        with pytest.raises(InputError, match="Count all particles"):
+            ignition_shares(times, counted)
+
+
+def test_the_test_holds_its_level_and_has_power():
+    table = detection_power([0.0, 5.0], [12, 40], np.random.default_rng(1), draws=300)
+    assert list(table["points"]) == [12, 12, 40, 40]
+    assert (table.loc[table["rise"] == 0, "seen"] <= 0.01).all()
+    assert table["seen"].to_numpy()[-1] > 0.99
+    assert table["off_points"].to_numpy()[-1] <= 1
+
+
+@pytest.mark.parametrize(
+    ("time", "gray", "message"),
+    [
+        ([0, 1], [1.0], "2 times, but 1"),
+        ([0, 0], [1.0, 1.0], "sort the track by time"),
+        ([1, 0], [1.0, 1.0], "sort the track by time"),
+        ([0, 1], [1.0, np.nan], "not finite"),
+        ([0, 1], [1.0, -1.0], "grey value is -1"),
+    ],
+)
+def test_bad_input_is_told(time, gray, message):
+    with pytest.raises(InputError, match=message):
+        LOOK(time, gray)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{"significance": 2.0}, {"least_points": 0}, {"rise": -1.0}, {"share": "a"}, {"bright": -1.0}],
+)
+def test_parameters_out_of_range_are_told(more):
+    with pytest.raises(InputError, match=f"Ignition: {next(iter(more))}"):
+        Ignition(**more)
