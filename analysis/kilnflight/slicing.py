@@ -53,11 +53,11 @@ class Flown(Protocol):
         """Per axis: of (t - t0)^1, ^2, ... in mm, s."""
         ...
 
-    def __call__(self, t: npt.ArrayLike) -> Array:
+    def __call__(self, t: npt.ArrayLike, /) -> Array:
         """Return the place (n, 3) in mm at times (n,) in s."""
         ...
 
-    def velocity(self, t: npt.ArrayLike) -> Array:
+    def velocity(self, t: npt.ArrayLike, /) -> Array:
         """Return the velocity (n, 3) in mm/s."""
         ...
 
