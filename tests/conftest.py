@@ -11,7 +11,9 @@ import pytest
 
 from kilnflight import external
 from kilnflight.frames import Attributes, Frame
+from kilnflight.recording import write_recording
 from kilnflight.tables import BELT_TRACKS
+from kilnflight.twin import scenes
 
 mpl.use("Agg")
 PROJECT = Path(__file__).resolve().parents[1]
@@ -125,6 +127,15 @@ SMALL = Attributes(
 @pytest.fixture
 def small() -> SmallRecording:
     return SmallRecording()
+
+
+@pytest.fixture(scope="session")
+def stored_flights(tmp_path_factory) -> Path:
+    """Twenty frames of the small twin on disk, in which paper shreds fly."""
+    folder = tmp_path_factory.mktemp("recordings") / "shreds.zarr"
+    twin = scenes.open_scene("paper-shred-4.5-bar@small")
+    write_recording(twin, folder, range(562, 582))
+    return folder
 
 
 def _same_frame(one: Frame, other: Frame) -> None:

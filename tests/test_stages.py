@@ -1,10 +1,14 @@
 """Detection of a stretch of the small twin, kept, killed and gone on with."""
 
+import ast
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import keeping, kiln, stages
+from kilnflight import keeping, kiln, pipeline, stages
 from kilnflight.background import Median
 from kilnflight.checks import InputError
 from kilnflight.differences import Differences
@@ -12,6 +16,39 @@ from kilnflight.twin.scenes import open_scene
 from kilnflight.workers import Workers
 
 SCENE = "confetti-4.5-bar@small"
+
+
+PACKAGE = Path(keeping.__file__).parent
+# Code that words errors, and writes or reads what does not depend on how.
+AWAY = {
+    *("checks.py", "files.py", "places.py", "origins.py", "recording.py", "storage.py"),
+    *("workers.py", "__init__.py", "reference.py", "scores/__init__.py", "scores/in_air.py"),
+    *("scores/spans.py", "scores/tracks.py"),
+}
+
+
+def covered(code):
+    """Return the files that a step counts as its code."""
+    folders = [PACKAGE / name for name in code]
+    files = [file for one in folders for file in ([one] if one.is_file() else one.rglob("*.py"))]
+    return {file.relative_to(PACKAGE).as_posix() for file in files}
+
+
+def imported(*names):
+    """Return modules of the package and all that they import of it."""
+    found, todo = set(), list(names)
+    while todo:
+        name = todo.pop()
+        if name in found:
+            continue
+        found.add(name)
+        for node in ast.walk(ast.parse((PACKAGE / name).read_text())):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("kilnflight"):
+                base = node.module.replace(".", "/").removeprefix("kilnflight").lstrip("/")
+                parts = [base, *(f"{base}/{one.name}".lstrip("/") for one in node.names)]
+                files = [file for one in parts for file in (f"{one}.py", f"{one}/__init__.py")]
+                todo += [file for file in files if (PACKAGE / file).is_file()]
+    return found
 
 
 @pytest.fixture(autouse=True)
@@ -46,6 +83,61 @@ def test_two_processes_find_the_same(wanted, monkeypatch, tmp_path):
     pd.testing.assert_frame_equal(stages.detections(wanted, Workers(2)), one)
 
 
+def test_a_cluster_finds_the_same_bytes(wanted, monkeypatch, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    stages.detections(wanted)
+    here = replace(wanted, folder=tmp_path / "cluster")
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
+        stages.detections(here, Workers(scheduler=cluster.scheduler_address))
+    for frames in wanted.chunks:
+        assert here.table(frames).read_bytes() == wanted.table(frames).read_bytes()
+
+
+def test_a_worker_that_is_another_version_or_elsewhere_is_told(wanted, monkeypatch):
+    piece = (wanted, range(204, 208), stages.places.derived() / "detections-0.parquet")
+    with pytest.raises(InputError, match="another version of kilnflight"):
+        stages._chunk(piece)
+    monkeypatch.setattr(stages, "_chunk", lambda piece: None)
+    with pytest.raises(InputError, match="a worker has made this, but not here"):
+        stages.detect([wanted])
+
+
+def test_without_differences_the_detections_are_the_same(wanted):
+    bare = replace(wanted, differences=False, chunk=100)
+    found = stages.detections(bare)
+    assert not list(stages.places.derived().glob("differences-*"))
+    pd.testing.assert_frame_equal(found, stages.detections(wanted))
+
+
+def test_what_a_kill_left_is_cleared_away(wanted):
+    table = wanted.table(range(202, 204))
+    wanted = replace(wanted, stop=204)
+    rest = table.with_name(f".{table.name}.1.part")
+    store = wanted.differences_of(range(202, 204))
+    folder = store.with_name(f".{store.name}.1.part")
+    folder.mkdir(parents=True)
+    rest.write_bytes(b"PAR1")
+    stages.detections(wanted)
+    assert not rest.exists()
+    assert not folder.exists()
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(wanted, monkeypatch):
+    def full(self, content):
+        with self.open("wb") as file:
+            file.write(content[:10])
+        raise OSError(28, "No space left on device")
+
+    bare = replace(wanted, differences=False, stop=204)
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.write_bytes", full)
+        with pytest.raises(InputError, match=r"cannot be written \(No space left .* make room"):
+            stages.detections(bare)
+    assert {file.suffix for file in stages.places.derived().iterdir()} == {".lock"}
+    assert len(stages.detections(bare))
+
+
 def test_after_a_kill_only_what_is_missing_is_made(wanted, monkeypatch):
     real, made = stages._detect, []
 
@@ -77,6 +169,16 @@ def test_another_threshold_scene_or_code_is_another_file(wanted, monkeypatch):
     monkeypatch.setattr(keeping, "CODE", ["kiln.py"])
     names.add(stages.place("detections", wanted.went_in(frames)))
     assert len(names) == 5
+
+
+def test_all_code_that_a_step_runs_is_in_its_fingerprint():
+    assert imported("kiln.py", "stages.py", "twin/truth.py") - AWAY <= covered(keeping.CODE)
+    for step, modules in {
+        "tracks": ("tracking.py", "tracklets/__init__.py", "association/__init__.py"),
+        "trajectories": ("regression/__init__.py",),
+        "flights": ("flight.py",),
+    }.items():
+        assert imported(*modules) - AWAY <= covered(pipeline.STEPS[step].code), step
 
 
 def test_differences_are_sums_over_frames_and_chunks(wanted):

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from kilnflight import __version__, drawing
-from kilnflight.files import write_whole
+from kilnflight.files import clear_parts, locked, write_whole
 from kilnflight.flight import remaining
 from kilnflight.frames import PictureRecording
 from kilnflight.keeping import parquet
@@ -55,10 +55,14 @@ def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
     Each file is there whole or not at all; what ``parts`` holds lets a run go on.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("detections", "tracks", "trajectories", "flights", "slices"):
-        write_whole(folder / f"{name}.parquet", parquet(getattr(found, name)))
-    write_whole(folder / "summary.csv", summary(found).to_csv(index=False).encode())
-    write_whole(folder / "report.html", page(found, recording).encode())
+    names = ("detections", "tracks", "trajectories", "flights", "slices")
+    contents = {f"{name}.parquet": parquet(getattr(found, name)) for name in names}
+    contents["summary.csv"] = summary(found).to_csv(index=False).encode()
+    contents["report.html"] = page(found, recording).encode()
+    with locked(folder):
+        for name, content in contents.items():
+            clear_parts(folder / name)
+            write_whole(folder / name, content)
     return folder / "report.html"
 
 

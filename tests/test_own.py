@@ -1,0 +1,179 @@
+"""A recording of one's own on its whole way: what is told, what it says of itself."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight import outcome_page, own, pipeline
+from kilnflight.__main__ import main
+from kilnflight.frames import Frame
+from kilnflight.outcome import outcome, summary
+from kilnflight.recording import open_recording, write_recording
+from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
+
+
+class Changed:
+    """A recording with other attributes, or with frames changed by a function."""
+
+    def __init__(self, recording, change=lambda frame: frame, **attributes):
+        self.recording, self.change = recording, change
+        self.attributes = replace(recording.attributes, **attributes)
+
+    def __len__(self):
+        return len(self.recording)
+
+    def frame(self, t):
+        return self.change(self.recording.frame(t))
+
+
+def flat(frame: Frame) -> Frame:
+    """Take the depth away and let one bright blob fly."""
+    row, col = np.ogrid[: frame.gray.shape[0], : frame.gray.shape[1]]
+    far = (row - 150) ** 2 + (col - 60 - 6 * (frame.index - 562)) ** 2
+    gray = np.minimum(frame.gray + 20_000 * np.exp(-far / 18), 65_535).astype(np.uint16)
+    none = {"pixels": np.empty((0, 2), np.int32), "xyz": np.empty((0, 3), np.float32)}
+    return replace(frame, gray=gray, **none)
+
+
+@pytest.fixture
+def stored(stored_flights):
+    return open_recording(stored_flights)
+
+
+def test_the_whole_way_and_its_report(stored_flights, tmp_path, capsys):
+    command = ["run", str(stored_flights), "--to", str(tmp_path), "--threshold", "200"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"tracks +3 with \d+ detections", said)
+    assert re.search(r"trajectories fitted +\d", said)
+    assert "note:" not in said
+    tracks = pd.read_parquet(tmp_path / "tracks.parquet")
+    assert tracks["particle"].max() == 2
+    written = TRAJECTORIES.check(pd.read_parquet(tmp_path / "trajectories.parquet"))
+    assert len(written) == 3
+    FLIGHTS.check(pd.read_parquet(tmp_path / "flights.parquet"))
+    SLICES.check(pd.read_parquet(tmp_path / "slices.parquet"))
+    page = (tmp_path / "report.html").read_text()
+    assert 'src="data:image/png;base64,' in page
+    assert not re.findall(r"(?:src|href)=.?(?:https?:|//)", page)
+
+
+def test_without_depth_there_are_tracks_in_2d(stored, tmp_path, capsys):
+    folder = tmp_path / "flat.zarr"
+    write_recording(Changed(stored, flat, lance_mm=None, name="<b>&"), folder)
+    assert main(["run", str(folder), "--to", str(tmp_path / "out"), "--threshold", "200"]) == 0
+    said = capsys.readouterr().out
+    assert "note: The recording has no depth: tracks are 2D." in said
+    assert re.search(r"tracks +[1-9]", said)
+    assert pd.read_parquet(tmp_path / "out" / "trajectories.parquet").empty
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "<h1>&lt;b&gt;&amp;</h1>" in page
+    assert "<b>&" not in page
+
+
+def test_the_lance_is_to_be_known(stored, tmp_path, capsys):
+    folder = tmp_path / "mine.zarr"
+    write_recording(Changed(stored, lance_mm=None), folder, range(2))
+    command = ["run", str(folder), "--to", str(tmp_path / "out"), "--threshold", "200"]
+    assert main(command) == 1
+    assert "Give --exit-point x,y,z" in capsys.readouterr().err
+    for bad in ("1,2", "a,b,c", "1,2,nan"):
+        assert main([*command, "--exit-point", bad]) == 1
+        assert f"--exit-point {bad}: write x,y,z" in capsys.readouterr().err
+    wishes = own.Wishes(200.0, own.point("-77,250.7,6828"))
+    passage, _ = own.prepare(folder, tmp_path, wishes)
+    np.testing.assert_allclose(passage.exit_point_mm, (-73.2, 238.2, 6486.7), atol=0.5)
+
+
+def test_an_exit_point_may_begin_with_a_minus(stored, tmp_path, capsys):
+    folder = tmp_path / "mine.zarr"
+    write_recording(Changed(stored, lance_mm=None), folder, range(3))
+    command = ["run", str(folder), "--to", str(tmp_path), "--threshold", "200"]
+    assert main([*command, "--exit-point", "-77,250.7,6828"]) == 0
+
+
+@pytest.mark.parametrize("option", [["--threshold", "0"], ["--in-air", "-1"], ["--jobs", "0"]])
+def test_numbers_that_make_no_sense(option, stored_flights, tmp_path, capsys):
+    assert main(["run", str(stored_flights), "--to", str(tmp_path), *option]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_threshold_from_the_noise(stored, tmp_path):
+    found = own.noise_threshold(stored)
+    assert 5 * own.LEAST_NOISE < found < 1000
+    rng = np.random.default_rng(0)
+    noisy = np.abs(rng.normal(0, 100, (256, 256))).astype(np.float32)
+    noise = own.block_noise(noisy)
+    assert own.block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
+    assert 2 < noise < 40  # of the difference of Gaussians, not of the pixels
+    noisy[100:110, 100:110] += 20_000
+    assert own.block_noise(noisy) == pytest.approx(noise, rel=0.1)
+    assert own.block_noise(np.zeros((40, 50), np.float32)) == 0
+
+
+def test_no_wall_is_a_note_and_no_flights(stored, tmp_path):
+    def sparse(frame):
+        return replace(frame, pixels=frame.pixels[:3], xyz=frame.xyz[:3])
+
+    folder = tmp_path / "sparse.zarr"
+    write_recording(Changed(stored, sparse), folder, range(3))
+    passage, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
+    assert "The kiln's wall was not found" in notes[0]
+    assert pipeline.flights(passage).empty
+    assert pipeline.slices(passage).empty
+
+
+def test_uneven_frames_are_told(stored, tmp_path):
+    def late(frame):
+        return replace(frame, time_s=frame.time_s + (frame.index > 564))
+
+    folder = tmp_path / "uneven.zarr"
+    write_recording(Changed(stored, late), folder, range(6))
+    _, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
+    assert "Frames are not evenly spaced: after frame 2" in notes[-1]
+
+
+def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored, tmp_path):
+    def brighter(frame):
+        return replace(frame, gray=frame.gray + (frame.index == 563))
+
+    same = write_recording(stored, tmp_path / "same.zarr")
+    other = write_recording(Changed(stored, brighter), tmp_path / "other.zarr")
+    ours, copied, changed = (own.stored(one.path).went_in() for one in (stored, same, other))
+    assert ours == copied
+    assert ours != changed
+
+
+@pytest.fixture
+def flown(stored, stored_flights, tmp_path):
+    """An outcome with made-up flights."""
+    passage, _ = own.prepare(stored_flights, tmp_path, own.Wishes(200.0))
+    found = outcome(passage, ("a <note>",))
+    rows = [
+        (1, 0.5, "landed", True, "seen", 0.21),
+        (2, 0.7, "burnt out", True, "none", np.nan),
+        (3, 0.9, "lost", False, "too few points", np.nan),
+    ]
+    names = ["particle", "dwell_s", "ending", "from_lance", "ignition", "ignition_s"]
+    table = pd.DataFrame(rows, columns=names).reindex(columns=FLIGHTS.names, fill_value=0.0)
+    velocities = pd.DataFrame(
+        {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
+    )
+    return found._replace(flights=table, slices=velocities)
+
+
+def test_the_summary_counts_flights_from_the_lance(flown, stored):
+    value = summary(flown).set_index("what")["value"]
+    assert value["flights from the lance"] == "2"
+    assert value["left out: not from the lance"] == "1"
+    assert value["flights landed"] == value["flights burnt out"] == "1"
+    assert value["dwell time, median"] == "0.600 s"  # two are too few for an interval
+    assert value["ignition seen"].startswith("50 [")
+    assert value["velocity in the metre up to 2 m"] == "median 8.0 m/s, 50 % of the flights"
+    page = outcome_page.page(flown, stored)
+    assert page.count("<figure>") == 4
+    assert "a &lt;note&gt;" in page
+    assert page == outcome_page.page(flown, stored)

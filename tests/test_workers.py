@@ -1,0 +1,97 @@
+"""Pieces of work, done here by one or two processes, or by a Dask cluster."""
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+from tqdm import tqdm
+
+from kilnflight.checks import InputError
+from kilnflight.workers import Workers
+
+
+def note(folder: Path, piece: int) -> None:
+    (folder / str(piece)).write_text(str(os.getpid()))
+
+
+def die(piece: int) -> None:
+    os.kill(os.getpid(), 9)
+
+
+def fails(piece: int) -> None:
+    raise InputError(f"piece {piece} is bad.")
+
+
+@pytest.fixture
+def cluster():
+    """A scheduler of Dask with one worker process, without its web page."""
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 1, "threads_per_worker": 2, "dashboard_address": None}
+    with distributed.LocalCluster(processes=False, **options) as found:
+        yield found.scheduler_address
+
+
+def test_every_piece_is_done_once(tmp_path):
+    for jobs in (1, 2):
+        folder = tmp_path / str(jobs)
+        folder.mkdir()
+        Workers(jobs)(partial(note, folder), [1, 2, 3], [4, 4, 2], "noting")
+        assert sorted(file.name for file in folder.iterdir()) == ["1", "2", "3"]
+    Workers()(fails, [], [], "nothing")
+
+
+def test_a_cluster_does_the_same(cluster, tmp_path):
+    Workers(scheduler=cluster)(partial(note, tmp_path), [1, 2, 3], [4, 4, 2], "noting")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["1", "2", "3"]
+    with pytest.raises(InputError, match="piece 1 is bad"):
+        Workers(scheduler=cluster)(fails, [1], [5], "failing")
+
+
+def test_the_bar_counts_frames_and_what_was_there(tmp_path, capsys, monkeypatch):
+    def always(**options):
+        return tqdm(**{**options, "disable": False, "mininterval": 0})
+
+    monkeypatch.setattr("kilnflight.workers.tqdm", always)
+    Workers()(partial(note, tmp_path), [1, 2], [30, 10], "noting", before=60)
+    shown = capsys.readouterr().err
+    assert "noting:  60%" in shown
+    assert "100/100" in shown
+    assert "frame/s" in shown
+
+
+def test_a_killed_process_is_told():
+    with pytest.raises(InputError, match=r"a process was killed .* it goes on from there"):
+        Workers(2)(die, [1, 2], [1, 1], "dying")
+
+
+def test_an_error_of_a_piece_comes_through():
+    for jobs in (1, 2):
+        with pytest.raises(InputError, match="piece 7 is bad"):
+            Workers(jobs)(fails, [7], [1], "failing")
+
+
+def test_no_scheduler_is_one_clear_error(monkeypatch):
+    for address in ("tcp://127.0.0.1:9", "nonsense://here"):
+        with pytest.raises(InputError, match="cannot be reached"):
+            Workers(scheduler=address, patience_s=0.5)(fails, [1], [1], "none")
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"distributed is not installed; pip install"):
+        Workers(scheduler="tcp://127.0.0.1:9")(fails, [1], [1], "none")
+
+
+def test_a_scheduler_without_workers_is_told():
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 0, "dashboard_address": None, "processes": False}
+    with (
+        distributed.LocalCluster(**options) as empty,
+        pytest.raises(InputError, match="it has no workers"),
+    ):
+        Workers(scheduler=empty.scheduler_address, patience_s=0.5)(fails, [1], [1], "none")
+
+
+@pytest.mark.parametrize("jobs", [0, -1, 1.5])
+def test_a_number_of_processes_that_is_none(jobs):
+    with pytest.raises(InputError, match="workers: jobs"):
+        Workers(jobs)
