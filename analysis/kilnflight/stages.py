@@ -28,14 +28,15 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight import kiln, places
+from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.combination import Combination
 from kilnflight.detection import DoG
 from kilnflight.files import locked, make_whole, write_whole
 from kilnflight.tables import DETECTIONS
 from kilnflight.twin import truth
+from kilnflight.twin.prepared import prepared_scene
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import open_scene
 
 CHUNK = 100  # frames; the median's window, 150 frames, is read anew by every chunk
 TILE = (384, 512)  # of a kept difference, so that a small box is read fast
@@ -116,6 +117,8 @@ class Stretch:
         First frame, and the one after the last.
     detector
         The combined detector; SIFT with DBSCAN unless told otherwise.
+    background
+        What is subtracted.
     """
 
     scene: str
@@ -123,6 +126,7 @@ class Stretch:
     start: int
     stop: int
     detector: Combination
+    background: BackgroundModel
 
     @property
     def chunks(self) -> list[range]:
@@ -133,8 +137,9 @@ class Stretch:
     def went_in(self, frames: range) -> dict[str, object]:
         """Return what the detections of some of the frames depend on."""
         detector = repr(self.detector)  # classes and parameters of all its parts
-        span = [frames.start, frames.stop]
-        return {"scene": self.scene, "seed": self.seed, "frames": span, "detector": detector}
+        span, background = [frames.start, frames.stop], repr(self.background)
+        given = {"scene": self.scene, "seed": self.seed, "frames": span}
+        return {**given, "detector": detector, "background": background}
 
     def folder(self, frames: range) -> Path:
         """Return where the frame differences of a chunk are kept."""
@@ -142,9 +147,19 @@ class Stretch:
         return places.derived() / f"differences-{number}.zarr"
 
 
-def stretch(scene: str, frames: range, threshold: float, seed: int = 0) -> Stretch:
-    """Return a stretch for the combined SIFT and DBSCAN with a threshold of DoG."""
-    return Stretch(scene, seed, frames.start, frames.stop, Combination(DoG(threshold)))
+def stretch(
+    scene: str,
+    frames: range,
+    threshold: float,
+    seed: int = 0,
+    background: BackgroundModel | None = None,
+) -> Stretch:
+    """Return a stretch for the combined SIFT and DBSCAN with a threshold of DoG.
+
+    The temporal median over 150 frames is subtracted if ``background`` is None.
+    """
+    detector, subtracted = Combination(DoG(threshold)), background or Median()
+    return Stretch(scene, seed, frames.start, frames.stop, detector, subtracted)
 
 
 def detections(wanted: Stretch, jobs: int = 1) -> pd.DataFrame:
@@ -195,7 +210,7 @@ def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
             dtype="uint8",
             compressors=ZstdCodec(level=1),
         )
-        for k, (t, view) in enumerate(kiln.views(recording, frames)):
+        for k, (t, view) in enumerate(kiln.views(recording, frames, wanted.background)):
             store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
             found.append(wanted.detector(view, known.roi, t))
 
@@ -206,7 +221,7 @@ def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
 @lru_cache(maxsize=2)
 def scene_of(name: str, seed: int) -> Twin:
     """Return a scene; its flights are worked out once for all chunks of a process."""
-    return open_scene(name, seed)
+    return prepared_scene(name, seed)
 
 
 def trajectories(scene: str, frames: range, seed: int = 0, shortest: int = 5) -> pd.DataFrame:
