@@ -23,14 +23,14 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from kilnflight import camera, drawing, figures, places, provenance, reference
-from kilnflight.twin import mixture, scenes, truth
+from kilnflight.twin import mixture, prepared, truth
 
 drawing.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [places.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 made = provenance.trace("10_ground_truth", setting, seed=seed, inputs=tables)
-twins = {name: scenes.open_scene(name, seed) for name in mixture.SUBSETS}
+twins = {name: prepared.prepared_scene(name, seed) for name in mixture.SUBSETS}
 wanted = mixture.LABELLED[:frames]
 
 # %% [markdown]

@@ -13,19 +13,19 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
 seed = 0  # of the scenes
-frames = 0  # frames summed per fraction; 0: 20, 100 or 300 by scale
+frames = 0  # frames summed per fraction; 0: 5, 100 or 300 by scale
 
 # %%
 import numpy as np
 import pandas as pd
 
-from kilnflight import background, drawing, figures, kiln, provenance, thermography
+from kilnflight import drawing, figures, kiln, provenance, thermography, trial
 from kilnflight.flame import segment_flame
-from kilnflight.twin import scenes
+from kilnflight.twin import prepared, scenes
 from kilnflight.twin.geometry import Geometry
 
 drawing.use_style()
-frames = frames or {"quick": 20, "standard": 100, "full": 300}[scale]
+frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
 made = provenance.trace("11_kiln_pictures", {"scale": scale, "frames": frames}, seed=seed)
 print(f"{frames} frames of each fraction at 4.5 bar")
 
@@ -35,10 +35,10 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 # %%
 sums, paths, rooms = {}, [], {}
 for name in scenes.WINDOWS:
-    twin = scenes.open_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
-    foregrounds = background.Median()(kiln.Pictures(twin), rooms[name])
+    foregrounds = trial.BACKGROUNDS[scale](kiln.Pictures(twin), rooms[name])
     total = np.zeros((twin.attributes.rows, twin.attributes.columns), dtype=np.float32)
     for t, foreground in zip(rooms[name], foregrounds, strict=True):
         clear = segment_flame(twin.gray(t), twin.attributes.flame_roi).cover(foreground)
@@ -47,7 +47,7 @@ for name in scenes.WINDOWS:
 
 # %%
 for name, room in rooms.items():
-    twin = scenes.open_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     for t in room:
         moment = twin.life.at(twin.time_s(t))
         row, col = twin.scene.geometry.project(twin.scene.geometry.to_camera(moment.position_m))

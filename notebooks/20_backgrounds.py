@@ -19,7 +19,7 @@ seed = 0  # of the scenes and of the draws of frames
 frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
 
 # %%
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pandas as pd
@@ -37,6 +37,8 @@ frames = frames or trial.FRAMES[scale]
 made = provenance.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
+for name in ("Mean", "Median", "Adaptive") if scale == "quick" else ():  # few are rendered
+    models[name] = replace(models[name], window=12)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 

@@ -38,7 +38,7 @@ subsets = trial.ground_truth(scale, seed, frames)
 some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
-t, view = next(kiln.views(some.recording, some.wanted[:1]))
+t, view = next(kiln.views(some.recording, some.wanted[:1], some.background))
 tried = trial.thresholds(subsets, scale)  # each subset takes what is best on the others
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 threshold = threshold.astype(float)
@@ -174,7 +174,7 @@ figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenan
 rows = []
 for subset in subsets:
     detector = combination.Combination(DoG(threshold[subset.name]))
-    for t, view in kiln.views(subset.recording, subset.wanted):
+    for t, view in kiln.views(subset.recording, subset.wanted, subset.background):
         here = subset.particles[subset.particles["frame"] == t]
         table = detector(view, known.roi, t)
         score = scores.score_detections(here[["row", "col"]], table[["row", "col"]], roi=known.roi)

@@ -1,4 +1,6 @@
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,7 +12,8 @@ from kilnflight import drawing, figures, places, reference
 from kilnflight.checks import InputError
 from kilnflight.provenance import Provenance
 
-MADE = Provenance("02_x", {"scale": "quick"}, 7, {"a.csv": "0f"}, "0.1.0", "abc")
+MADE = Provenance("02_x", {"scale": "full"}, 7, {"a.csv": "0f"}, "0.1.0", "abc")
+SMOKE = replace(MADE, parameters={"scale": "quick"})
 TABLE = pd.DataFrame({"x_mm": [1.0, 2.5], "note": ["a", "b_c"]})
 
 
@@ -34,6 +37,17 @@ def test_a_figure_is_png_pdf_csv_and_an_entry_in_the_gallery():
     assert (places.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
 
 
+def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
+    full, quick = save(picture=drawn()), save("fig-2", picture=drawn(), provenance=SMOKE)
+    names = {path.name for path in places.figures().glob("fig-2.*")}
+    assert names == {"fig-2.png", "fig-2.csv"}
+    with Image.open(full.path) as large, Image.open(quick.path) as small:
+        assert large.width == pytest.approx(2 * small.width, abs=1)
+    width = re.compile(r'width="(\d+)"')  # on the page they are as wide
+    shown = [int(width.search(one.body).group(1)) for one in (full, quick)]
+    assert shown[0] == pytest.approx(shown[1], abs=1)
+
+
 @pytest.mark.parametrize("picture", [drawn, lambda: None], ids=["figure", "table"])
 def test_the_same_input_gives_the_same_bytes(picture):
     save(picture=picture())
@@ -52,7 +66,7 @@ def test_caption_and_provenance_are_inside_the_png():
     record = json.loads(text["Provenance"])
     assert record == {
         "notebook": "02_x",
-        "parameters": {"scale": "quick"},
+        "parameters": {"scale": "full"},
         "seed": 7,
         "inputs": {"a.csv": "0f"},
         "version": "0.1.0",

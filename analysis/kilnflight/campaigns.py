@@ -23,6 +23,7 @@ from kilnflight.lessons import Learned
 from kilnflight.origins import OfTwin
 from kilnflight.pipeline import Passage, Vector
 from kilnflight.stages import LONG_CHUNK, Stretch
+from kilnflight.trial import BACKGROUNDS
 from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.outcomes import PRESSURES_BAR
 from kilnflight.workers import Workers
@@ -80,7 +81,10 @@ def _campaign(
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
     detector = Combination(DoG(learned.threshold))
-    stretch = Stretch(origin, first, stop, detector, LONG_CHUNK, differences=False)
+    subtracted = BACKGROUNDS[scale]
+    stretch = Stretch(
+        origin, first, stop, detector, LONG_CHUNK, differences=False, background=subtracted
+    )
     lance = exit_point(twin.attributes)
     return Campaign(fraction, bar, Passage(stretch, lance, learned.wall, InAir(learned.in_air_mm)))
 

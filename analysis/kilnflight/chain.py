@@ -28,7 +28,7 @@ from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
 from kilnflight.checks import InputError
-from kilnflight.figures import SAVED_LIST
+from kilnflight.places import SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
 

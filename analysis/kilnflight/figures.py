@@ -1,7 +1,8 @@
 """The one way to save a figure or table: picture, data, caption, provenance.
 
 `save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and keeps ``README.md``, the
-gallery with captions and citations. Caption and provenance live inside the PNG (and
+gallery with captions and citations. A smoke run (scale quick), which nobody cites from,
+writes no PDF and a PNG of half the resolution. Caption and provenance live inside the PNG (and
 PDF), so that a picture that leaves the folder still says where it came from; the
 gallery is made from the PNGs alone. The same input gives the same bytes.
 """
@@ -32,9 +33,9 @@ from kilnflight.gallery import gallery
 from kilnflight.provenance import Provenance
 
 PNG_DPI = 300
+DRAFT_DPI = 150  # of a smoke run
 TABLE_DPI = 150  # a table that is drawn as a picture: text only
-SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
-SCREEN_PX_PER_PNG_PX = 0.6  # a column of 88 mm becomes 624 px wide on a page
+SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ class Saved:
         return f"<figure>{self.body}<figcaption>{caption}</figcaption></figure>"
 
 
-def _image(png: bytes, caption: str) -> str:
+def _image(png: bytes, caption: str, dpi: int) -> str:
     with Image.open(io.BytesIO(png)) as image:
-        width = round(image.width * SCREEN_PX_PER_PNG_PX)
+        width = round(image.width * SCREEN_DPI / dpi)
     data = base64.b64encode(png).decode()
     return f'<img alt="{html.escape(caption)}" width="{width}" src="data:image/png;base64,{data}"/>'
 
@@ -106,25 +107,26 @@ def save(
     folder = folder or places.figures()
     folder.mkdir(parents=True, exist_ok=True)
     drawn = picture if picture is not None else table_picture(table)
+    draft = provenance.parameters.get("scale") == "quick"
+    dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
     contents = {
         f"{identifier}.csv": _csv(table),
-        f"{identifier}.pdf": _pdf(drawn, identifier, caption, provenance),
-        f"{identifier}.png": _png(
-            drawn, identifier, caption, provenance, PNG_DPI if picture else TABLE_DPI
-        ),
+        f"{identifier}.png": _png(drawn, identifier, caption, provenance, dpi),
     }
+    if not draft:
+        contents[f"{identifier}.pdf"] = _pdf(drawn, identifier, caption, provenance)
     plt.close(drawn)
     with locked(folder):
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
-    if os.environ.get(SAVED_LIST):
-        with Path(os.environ[SAVED_LIST]).open("a") as listed:
+    if os.environ.get(places.SAVED_LIST):
+        with Path(os.environ[places.SAVED_LIST]).open("a") as listed:
             listed.writelines(f"{(folder / name).resolve()}\n" for name in contents)
     if picture is None:
         body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
     else:
-        body = _image(contents[f"{identifier}.png"], caption)
+        body = _image(contents[f"{identifier}.png"], caption, dpi)
     return Saved(identifier, caption, body, folder / f"{identifier}.png")
 
 

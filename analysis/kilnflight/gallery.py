@@ -32,7 +32,7 @@ def entries(folder: Path | None = None) -> list[Entry]:
     found = []
     for path in sorted((folder or places.figures()).glob("*.png")):
         with Image.open(path) as image:
-            text = image.text  # type: ignore[attr-defined]
+            text = image.info  # what stands before the pixels, which are not decoded
         if "Provenance" in text:
             record = json.loads(text["Provenance"])
             found.append(Entry(path.stem, text["Description"], record))

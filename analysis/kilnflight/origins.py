@@ -10,8 +10,8 @@ from typing import Protocol
 from kilnflight import storage
 from kilnflight.frames import PictureRecording
 from kilnflight.recording import StoredRecording, open_recording
+from kilnflight.twin.prepared import prepared_scene
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import open_scene
 
 
 class Origin(Protocol):
@@ -81,7 +81,7 @@ def stored(folder: Path | str) -> OnDisk:
 @lru_cache(maxsize=2)
 def scene_of(name: str, seed: int) -> Twin:
     """Return a scene; its flights are worked out once for all chunks of a process."""
-    return open_scene(name, seed)
+    return prepared_scene(name, seed)
 
 
 @lru_cache(maxsize=2)

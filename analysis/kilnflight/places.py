@@ -7,6 +7,8 @@ from pathlib import Path
 
 from kilnflight.checks import InputError
 
+SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
+
 
 def root() -> Path:
     """Return the project's folder: the one that holds ``data/reference/claims.csv``.

@@ -23,6 +23,7 @@ from kilnflight.differences import Differences
 from kilnflight.lessons import Learned
 from kilnflight.matching import pair
 from kilnflight.scores import score_tracks
+from kilnflight.trial import BACKGROUNDS
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 from kilnflight.workers import Workers
@@ -110,7 +111,8 @@ def windows(
     for fraction in FEWER if scale == "quick" else WINDOWS:
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
         frames = (other if others else scored)(stages.scene_of(name, seed), scale)
-        stretch = stages.stretch(name, frames, learned.threshold, seed)
+        subtracted = BACKGROUNDS[scale]
+        stretch = stages.stretch(name, frames, learned.threshold, seed, subtracted)
         seen = learned.in_air(stages.detections(stretch, Workers(jobs)))
         true = stages.trajectories(name, frames, seed)
         found.append(Window(fraction, name, frames, seen, true, Differences(stretch)))

@@ -21,6 +21,7 @@ from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight import kiln, places
+from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
 from kilnflight.combination import Combination, View
 from kilnflight.detection import DoG
@@ -55,6 +56,8 @@ class Stretch:
         Whether differences to the background are kept beside: 2.8 MB a frame.
     folder
         Where all is kept; data/derived if None.
+    background
+        What is subtracted.
     """
 
     origin: Origin
@@ -64,6 +67,7 @@ class Stretch:
     chunk: int = CHUNK
     differences: bool = True
     folder: Path | None = None
+    background: BackgroundModel = Median()  # noqa: RUF009  frozen
 
     @property
     def chunks(self) -> list[range]:
@@ -75,8 +79,9 @@ class Stretch:
     def went_in(self, frames: range) -> dict[str, object]:
         """Return what the detections of some of the frames depend on."""
         detector = repr(self.detector)  # classes and parameters of all its parts
-        span = [frames.start, frames.stop]
-        return {**self.origin.went_in(), "frames": span, "detector": detector}
+        span, background = [frames.start, frames.stop], repr(self.background)
+        given = {**self.origin.went_in(), "frames": span}
+        return {**given, "detector": detector, "background": background}
 
     def table(self, frames: range) -> Path:
         """Return where the detections of a chunk are kept."""
@@ -106,10 +111,20 @@ class Stretch:
         )
 
 
-def stretch(scene: str, frames: range, threshold: float, seed: int = 0) -> Stretch:
-    """Return a stretch of a scene for the combined SIFT and DBSCAN with a threshold of DoG."""
-    detector = Combination(DoG(threshold))
-    return Stretch(OfTwin(scene, seed), frames.start, frames.stop, detector, CHUNK)
+def stretch(
+    scene: str,
+    frames: range,
+    threshold: float,
+    seed: int = 0,
+    background: BackgroundModel | None = None,
+) -> Stretch:
+    """Return a stretch of a scene for the combined SIFT and DBSCAN with a threshold of DoG.
+
+    The temporal median over 150 frames is subtracted if ``background`` is None.
+    """
+    detector, origin = Combination(DoG(threshold)), OfTwin(scene, seed)
+    subtracted = background or Median()
+    return Stretch(origin, frames.start, frames.stop, detector, CHUNK, background=subtracted)
 
 
 def detections(wanted: Stretch, workers: Workers | None = None) -> pd.DataFrame:
@@ -172,7 +187,7 @@ def _detect(wanted: Stretch, frames: range) -> pd.DataFrame:
     """Detect in a chunk, and keep the differences: first these, then the table is whole."""
     cv2.setNumThreads(1)
     recording = wanted.origin.recording()
-    seen = kiln.views(recording, frames)
+    seen = kiln.views(recording, frames, wanted.background)
     if not wanted.differences:
         return _found(wanted, recording, seen)
     path, found = wanted.differences_of(frames), [DETECTIONS.empty()]

@@ -124,7 +124,8 @@ def _factors(log_likelihood: Any, log_nonassignment: Any) -> Any:
             if log > -np.inf:
                 log += row_price[track] + column_price[detection]
                 pairs[track, detection] = np.exp(min(0.0, log))
-    alone[tracks:] = np.exp(column_price)
+    for detection in range(detections):
+        alone[tracks + detection] = np.exp(column_price[detection])
     return pairs, alone, best, stuck
 
 

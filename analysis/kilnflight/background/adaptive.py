@@ -25,17 +25,24 @@ TILE = 4096  # pixels that stay in cache while the recursion runs over the frame
 
 
 @njit(cache=True)
+def _copy(source: Image, out: Image) -> None:
+    """Fill ``out`` or as much of it as there is; a slice assigned is slow to compile."""
+    for p in range(min(source.size, out.size)):
+        out[p] = source[p]
+
+
+@njit(cache=True)
 def _learn(pixels: Image, slots: npt.NDArray[np.intp], rate: float, background: Image) -> None:
     """Eq. 2.8 in place over the frames in ``slots``, as B + alpha (I - B): exact at rest."""
     state = np.empty(TILE)
     for first in range(0, background.size, TILE):
         last = min(first + TILE, background.size)
-        state[: last - first] = background[first:last]
+        _copy(background[first:last], state)
         for slot in slots:
             frame = pixels[slot, first:last]
             for p in range(frame.size):
                 state[p] += rate * (np.float64(frame[p]) - state[p])
-        background[first:last] = state[: last - first]
+        _copy(state, background[first:last])
 
 
 @dataclass(frozen=True)

@@ -93,13 +93,12 @@ def sort_into_cells(points: npt.NDArray[np.float64], side: float, reach: int, wh
     return Cells(order, sorted_points, occupied, starts, layer, row)
 
 
-@njit(cache=True)
-def rows_around(layer: int, row: int, reach: int) -> Any:
+def rows_around(layer: int, row: int, reach: int) -> npt.NDArray[np.int64]:
     """Return the steps from a cell to the rows at most ``reach`` away, the nearest first."""
     along = np.arange(-reach, reach + 1)
     squares = (along.reshape(-1, 1) ** 2 + along.reshape(1, -1) ** 2).ravel()
     steps = (along.reshape(-1, 1) * layer + along.reshape(1, -1) * row).ravel()
-    return steps[np.argsort(squares, kind="mergesort")]
+    return np.asarray(steps[np.argsort(squares, kind="stable")], dtype=np.int64)
 
 
 @njit(cache=True)

@@ -82,10 +82,11 @@ class DBSCAN:
         # The small margin keeps both true after rounding.
         side = self.eps / np.sqrt(3.0) * (1 - 1e-8)
         cells = sort_into_cells(cloud, side, REACH, "DBSCAN: points")
-        limit, wanted = self.eps * self.eps, int(self.min_points)
-        core = _core_points(cells, limit, wanted)
-        parents = _connected_cells(cells, core, limit)
-        return _labels(cells, core, parents, limit)
+        steps = rows_around(cells.layer, cells.row, REACH)
+        limit, wanted = float(self.eps * self.eps), int(self.min_points)
+        core = _core_points(cells, steps, limit, wanted)
+        parents = _connected_cells(cells, steps, core, limit)
+        return _labels(cells, steps, core, parents, limit)
 
 
 def k_distances(points: npt.ArrayLike, k: int = 6) -> npt.NDArray[np.float64]:
@@ -132,10 +133,9 @@ def _near(points: Any, a: int, b: int, limit: float) -> bool:
 
 
 @njit(cache=True)
-def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
+def _core_points(cells: Cells, steps: Any, limit: float, wanted: int) -> Any:
     """Tell of each sorted point whether it is a core point."""
     points, keys, starts = cells.points, cells.keys, cells.starts
-    steps = rows_around(cells.layer, cells.row, REACH)
     first = np.zeros(25, np.int64)
     last = np.zeros(25, np.int64)
     core = np.ones(len(points), np.bool_)
@@ -171,13 +171,12 @@ def _touch(points: Any, starts: Any, core: Any, one: int, other: int, limit: flo
 
 
 @njit(cache=True)
-def _connected_cells(cells: Cells, core: Any, limit: float) -> Any:
+def _connected_cells(cells: Cells, steps: Any, core: Any, limit: float) -> Any:
     """Return the forest of cells whose core points share a cluster.
 
     Adjacent cells first: then most cells two steps apart are known to be connected.
     """
     keys, starts = cells.keys, cells.starts
-    steps = rows_around(cells.layer, cells.row, REACH)
     parents = np.arange(len(keys))
     for reach in range(1, 3):
         first = np.zeros(25, np.int64)
@@ -208,18 +207,18 @@ def _number_clusters(cells: Cells, core: Any, parents: Any) -> Any:
                 break  # the points of a cell keep their order
     roots = np.flatnonzero(firsts < len(core))
     numbers = np.full(len(parents), NOISE)
-    numbers[roots[np.argsort(firsts[roots])]] = np.arange(len(roots))
+    for rank, root in enumerate(roots[np.argsort(firsts[roots])]):
+        numbers[root] = rank
     for cell in range(len(parents)):
         numbers[cell] = numbers[root_of(parents, cell)]
     return numbers
 
 
 @njit(cache=True)
-def _labels(cells: Cells, core: Any, parents: Any, limit: float) -> Any:
+def _labels(cells: Cells, steps: Any, core: Any, parents: Any, limit: float) -> Any:
     """Return the label of each point of the caller's cloud."""
     points, keys, starts = cells.points, cells.keys, cells.starts
     numbers = _number_clusters(cells, core, parents)
-    steps = rows_around(cells.layer, cells.row, REACH)
     first = np.zeros(25, np.int64)
     labels = np.empty(len(points), np.intp)
     for cell in range(len(keys)):

@@ -140,6 +140,6 @@ def keypoints(stack: Any, start: Any, visit: Any, threshold: float, edge: float,
                     if sign * peak < threshold:
                         continue
                     found[count, 0], found[count, 1], found[count, 2] = layer, at_row, at_col
-                    found[count, 3:] = offset
+                    found[count, 3], found[count, 4], found[count, 5] = offset
                     count += 1
     return found[:count].copy()

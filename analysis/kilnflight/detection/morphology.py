@@ -90,7 +90,7 @@ class MorphologicalClustering:
         reach = int(self.grid) if self.dilations is None else 2 * int(self.dilations) + 1
         cells = sort_into_cells(np.floor(stretched + 0.5), 1.0, reach, where)
         domains = np.arange(len(cells.keys))
-        _join(cells.keys, cells.layer, cells.row, domains, 1)
+        _join(cells.keys, rows_around(cells.layer, cells.row, 1), domains, 1)
         domains = roots(domains)
         sizes = np.bincount(domains)
         large = sizes[domains] * np.count_nonzero(sizes) >= len(domains)  # Eq. 2.35
@@ -108,9 +108,11 @@ def _stretch(cloud: npt.NDArray[np.float64], grid: int) -> npt.NDArray[np.float6
 
 
 @njit(cache=True)
-def _join(keys: Any, layer: int, row: int, parents: Any, reach: int) -> int:
-    """Unite cells at most ``reach`` steps apart along every axis; return how often."""
-    steps = rows_around(layer, row, reach)
+def _join(keys: Any, steps: Any, parents: Any, reach: int) -> int:
+    """Unite cells at most ``reach`` apart along every axis; return how often.
+
+    ``steps`` are those of `rows_around`.
+    """
     steps = steps[steps >= 0]  # along the other half the other cell finds this one
     first = np.zeros(len(steps), np.int64)
     united = 0
@@ -138,10 +140,11 @@ def _dilate(
     clusters = (np.cumsum(large) - 1)[domains[large]]
     keys = cells.keys[large]
     if dilations is not None:
-        _join(keys, cells.layer, cells.row, clusters, 2 * int(dilations) + 1)
+        reach = 2 * int(dilations) + 1
+        _join(keys, rows_around(cells.layer, cells.row, reach), clusters, reach)
     else:
         reach = 3
-        while _join(keys, cells.layer, cells.row, clusters, reach):
+        while _join(keys, rows_around(cells.layer, cells.row, reach), clusters, reach):
             reach += 2
     return roots(clusters)
 

@@ -55,7 +55,8 @@ def nearest_neighbors(points: npt.NDArray[np.float64], k: int, where: str) -> Ne
         last = waiting * count < _BRUTE or not 0 < side < longest
         side = max(2.0 * longest, 1.0) if last else side
         cells = sort_into_cells(points, side, 1, where)
-        _settle(cells, low, side, last, found.indices, found.squares)
+        steps = rows_around(cells.layer, cells.row, 1)
+        _settle(cells, steps, low, side, last, *found)
         waiting = int(np.count_nonzero(found.squares < 0))
         side *= _GROWTH
     return found
@@ -73,10 +74,11 @@ def _first_side(points: npt.NDArray[np.float64], k: int, longest: float, where: 
 
 
 @njit(cache=True)
-def _settle(cells: Cells, low: Any, side: float, last: bool, indices: Any, squares: Any) -> None:
+def _settle(
+    cells: Cells, steps: Any, low: Any, side: float, last: bool, indices: Any, squares: Any
+) -> None:
     """Find the neighbours of waiting points where the cells around them are sure to hold all."""
     keys, starts, k = cells.keys, cells.starts, indices.shape[1]
-    steps = rows_around(cells.layer, cells.row, 1)
     first, ranges = np.zeros(9, np.int64), np.empty((9, 2), np.int64)
     near, place = np.empty(len(squares)), np.empty(len(squares), np.int64)
     for cell in range(len(keys)):

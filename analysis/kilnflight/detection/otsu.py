@@ -20,11 +20,11 @@ LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
 
 @njit(cache=True)
 def _histogram(levels: Any, low: int, bins: int) -> Any:
-    """Return how many pixels have each level; four counts in turn, so that none waits."""
+    """Return how many pixels have each level: four counts in turn, so that none waits."""
     counts = np.zeros((4, bins), dtype=np.int64)
     for i in range(len(levels)):
         counts[i & 3, int(levels[i]) - low] += 1
-    return counts.sum(axis=0)
+    return counts
 
 
 def _levels(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -77,7 +77,7 @@ def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
         )
     if low == high:
         return low
-    return low + int(np.argmax(criterion(_histogram(levels, low, high - low + 1))))
+    return low + int(np.argmax(criterion(_histogram(levels, low, high - low + 1).sum(axis=0))))
 
 
 def criterion(counts: npt.NDArray[np.int64]) -> Array:

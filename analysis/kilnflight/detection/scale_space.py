@@ -105,7 +105,9 @@ def _smooth(wide: Any, taps: Any, step: int) -> Any:
     for row in range(0, height, step):
         _pass(flat, (row + radius) * stride, stride, taps, column)
         _pass(column, radius, 1, taps, line)
-        out[row // step] = line[::step]
+        target = out[row // step]
+        for x in range(len(target)):  # a slice assigned is slow to compile
+            target[x] = line[step * x]
     return out
 
 
@@ -180,10 +182,16 @@ def differences(wide: Any, pad: int, box: Box, taps: Any) -> Any:
         along = np.empty(rows * stride, dtype=np.float32)
         _pass(down, stride, 1, taps[index], along)
         blurred = along.reshape(rows, stride)[:, radius : radius + cols]
-        if index > 0:
-            out[index - 1] -= blurred
-        if index < len(taps) - 1:
-            out[index] = blurred
+        for row in range(rows):
+            line = blurred[row]
+            if index > 0:
+                narrower = out[index - 1, row]
+                for x in range(cols):
+                    narrower[x] -= line[x]
+            if index < len(taps) - 1:
+                target = out[index, row]
+                for x in range(cols):
+                    target[x] = line[x]
     return out
 
 

@@ -169,21 +169,36 @@ def _part(pool: Any, i: int, until: int, k: int, since: int, frame: Any, place: 
     """
     count = 0
     for point in range(max(pool.begin[i], until - 3), until):
-        frame[count], place[count] = pool.frame[point], pool.place[point, :3]
+        frame[count] = pool.frame[point]
+        _put(pool.place[point], place[count])
         count += 1
     for point in range(since, min(since + 3, pool.end[k])):
         if count > 0 and frame[count - 1] == pool.frame[point]:
-            place[count - 1] = _mean(place[count - 1], pool.place[point, :3])
+            _put_mean(place[count - 1], pool.place[point], place[count - 1])
         else:
-            frame[count], place[count] = pool.frame[point], pool.place[point, :3]
+            frame[count] = pool.frame[point]
+            _put(pool.place[point], place[count])
             count += 1
     return count
 
 
 @njit(cache=True)
-def _mean(one: Any, two: Any) -> Any:
-    """Return the mean of two places; what only one knows is taken from it."""
-    return np.where(np.isnan(one), two, np.where(np.isnan(two), one, (one + two) / 2))
+def _put(one: Any, place: Any) -> None:
+    """Fill in a place, as much of it as is wanted; a slice assigned is slow to compile."""
+    for axis in range(len(place)):
+        place[axis] = one[axis]
+
+
+@njit(cache=True)
+def _put_mean(one: Any, two: Any, place: Any) -> None:
+    """Fill in the mean of two places; what only one knows is taken from it."""
+    for axis in range(len(place)):
+        if np.isnan(one[axis]):
+            place[axis] = two[axis]
+        elif np.isnan(two[axis]):
+            place[axis] = one[axis]
+        else:
+            place[axis] = (one[axis] + two[axis]) / 2
 
 
 @njit(cache=True)
@@ -227,10 +242,11 @@ def merged(pool: Any, i: int, k: int) -> tuple[Any, Any, Any]:
         else:
             blind = np.isnan(pool.place[one, 2]) and not np.isnan(pool.place[two, 2])
             source = two if blind else one
-            place[count] = _mean(pool.place[one], pool.place[two])
+            _put_mean(pool.place[one], pool.place[two], place[count])
             rows[count], frame[count], count = pool.rows[source], pool.frame[source], count + 1
             one, two = one + 1, two + 1
             continue
         rows[count], frame[count] = pool.rows[source], pool.frame[source]
-        place[count], count = pool.place[source], count + 1
+        _put(pool.place[source], place[count])
+        count += 1
     return rows[:count], frame[:count], place[:count]

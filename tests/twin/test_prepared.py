@@ -1,0 +1,46 @@
+"""A scene whose flights and walls were kept gives the frames of one that was opened afresh."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.twin import prepared, truth
+from kilnflight.twin.life import Life
+from kilnflight.twin.scenes import open_scene
+
+SCENE = "V3@small"
+
+
+def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
+    first = prepared.prepared_scene(SCENE)
+    monkeypatch.setattr("kilnflight.twin.scene.live", lambda *_: pytest.fail("worked out again"))
+    kept = prepared.prepared_scene(SCENE)
+    assert isinstance(kept.life, Life)
+    monkeypatch.undo()
+    for t in (75, 80):
+        same_frame(kept.frame(t), open_scene(SCENE).frame(t))
+        same_frame(kept.frame(t), first.frame(t))
+    pd.testing.assert_frame_equal(truth.marked(kept, [76]), truth.marked(open_scene(SCENE), [76]))
+
+
+def test_another_scene_seed_or_code_is_another_file(monkeypatch):
+    places = {prepared.place(open_scene(name)) for name in (SCENE, "V4@small", "V3@axis-0")}
+    places |= {prepared.place(open_scene(SCENE, 1))}
+    monkeypatch.setattr(prepared, "_code", lambda: "changed")
+    places |= {prepared.place(open_scene(SCENE))}
+    assert len(places) == 5
+
+
+@pytest.mark.parametrize("content", [b"", b"\x80\x05", np.zeros(3).tobytes()])
+def test_a_damaged_file_is_told(content):
+    prepared.prepared_scene(SCENE)
+    prepared.place(open_scene(SCENE)).write_bytes(content)
+    with pytest.raises(InputError, match=r"cannot be read .* Delete it"):
+        prepared.prepared_scene(SCENE)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("V9", 0), ("V3@nothing", 0), ("V3", -1)])
+def test_a_scene_that_is_not_there_is_told_as_ever(name, seed):
+    with pytest.raises(InputError):
+        prepared.prepared_scene(name, seed)
