@@ -114,6 +114,36 @@ BELT_ARRIVAL = Table(
     ),
 )
 
+BELT_SPOTS = Table(
+    "particles seen by the belt's camera",
+    (
+        Column("frame", int, "1", "frame of the camera, counted from 0"),
+        Column("row", float, "px", "centroid, counted down from 0"),
+        Column("col", float, "px", "centroid, counted to the right from 0"),
+        Column("area_px", float, "px^2", "number of its pixels"),
+        Column("touching", int, "1", "1: larger than one particle, several may touch"),
+        Column("x", float, "mm", "along the belt, by the calibration"),
+        Column("y", float, "mm", "across the belt"),
+    ),
+)
+
+BELT_STATES = Table(
+    "states of the tracks on the belt",
+    (
+        Column("frame", int, "1", "frame of the camera"),
+        Column("particle", int, "1", "identity of the track"),
+        Column("row", int, "1", "row of the table of detections; -1: missed, predicted only"),
+        Column("valid", int, "1", "1: the score has reached the upper threshold"),
+        Column("score", float, "1", "log likelihood ratio of particle against dirt"),
+        Column("x", float, "mm", "filtered, along the belt"),
+        Column("y", float, "mm", "filtered, across the belt"),
+        Column("velocity_x_mm_s", float, "mm/s", "filtered"),
+        Column("velocity_y_mm_s", float, "mm/s", "filtered"),
+        Column("acceleration_x_mm_s2", float, "mm/s^2", "filtered; 0 where velocity is constant"),
+        Column("acceleration_y_mm_s2", float, "mm/s^2", "filtered; likewise"),
+    ),
+)
+
 DETECTIONS = Table(
     "detections",
     (
