@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.belt.area import BELT, Area
 from kilnflight.belt.corners import Corners
 from kilnflight.checks import InputError, check_finite, check_shape
 
 Array = npt.NDArray[np.float64]
+Window = tuple[slice, slice]
 
 
 class Calibration(NamedTuple):
@@ -35,16 +37,27 @@ class Calibration(NamedTuple):
         mapped = np.column_stack([places, np.ones(len(places))]) @ np.linalg.inv(self.matrix).T
         return (mapped[:, :2] / mapped[:, 2:])[:, ::-1]
 
+    def window(self, area: Area, margin_px: float, shape: tuple[int, int]) -> Window:
+        """Return the rows and columns of a picture that show an area and a margin."""
+        corners = self.pixels(area.corners)
+        low = np.floor(corners.min(axis=0) - margin_px).astype(int)
+        high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
+        rows, cols = (
+            slice(max(0, int(first)), min(length, int(last)))
+            for first, last, length in zip(low, high, shape, strict=True)
+        )
+        return rows, cols
 
-def calibrate(corners: Corners, belt_mm: Array) -> Calibration:
+
+def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
     """Return the mapping of the corners found onto the belt's known corners.
 
     Parameters
     ----------
     corners
         From `kilnflight.belt.corners.FindCorners`.
-    belt_mm
-        (4, 2), x and y of the same corners, as `kilnflight.belt.view.Belt.corners`.
+    belt
+        Where these corners are known to lie, in mm.
 
     Raises
     ------
@@ -59,17 +72,18 @@ def calibrate(corners: Corners, belt_mm: Array) -> Calibration:
     belt, and a camera at the height h shows what is z higher z / h farther from the middle.
     """
     found = check_finite(corners.places, "corners")
-    check_shape(belt_mm, (4, 2), "belt_mm")
+    check_shape(found, (4, 2), "corners")
     for k in range(4):
         a, b, c = found[k - 2], found[k - 1], found[k]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if abs(area) < 1.0:
             raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
     matrix = cv2.getPerspectiveTransform(
-        found[:, ::-1].astype(np.float32), belt_mm.astype(np.float32)
+        found[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
     )
     lengths = [
-        np.linalg.norm(np.roll(one, -1, axis=0) - one, axis=1).sum() for one in (belt_mm, found)
+        np.linalg.norm(np.roll(one, -1, axis=0) - one, axis=1).sum()
+        for one in (belt.corners, found)
     ]
     scale = float(lengths[0] / lengths[1])
     error = scale * float(corners.spread_px.max())

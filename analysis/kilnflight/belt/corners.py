@@ -16,7 +16,7 @@ SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k 
 
 
 class Corners(NamedTuple):
-    """Corners in the order of `kilnflight.belt.view.Belt.corners`, each from two edges."""
+    """Corners in the order of `kilnflight.belt.area.Area.corners`, each from two edges."""
 
     places: Array  # (4, 2), row and col in px
     spread_px: Array  # (4,), standard error from the scatter of the edges' points

@@ -10,30 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.checks import InputError, check_between, check_count, check_positive
+from kilnflight.belt.area import BELT, Area
+from kilnflight.checks import check_between, check_count, check_positive
 
 Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Belt:
-    """The belt's outline in the coordinates of the tracks."""
-
-    start_mm: float = 388.0  # the authors' files of 2020
-    end_mm: float = 788.0  # "a total length of 40 cm", 2016, section IV
-    width_mm: float = 180.0  # 2020, section 3
-
-    def __post_init__(self) -> None:
-        """Refuse a belt without an area."""
-        if not self.start_mm < self.end_mm:
-            raise InputError(f"Belt: it ends at {self.end_mm} mm, not beyond {self.start_mm} mm.")
-        check_positive(self.width_mm, "Belt: width_mm")
-
-    @property
-    def corners(self) -> Array:
-        """Its corners (4, 2), x and y in mm: start, end, end, start; y = 0 first."""
-        start, end, width = self.start_mm, self.end_mm, self.width_mm
-        return np.array([[start, 0.0], [end, 0.0], [end, width], [start, width]])
 
 
 @dataclass(frozen=True)
@@ -54,7 +34,7 @@ class View:
     height_mm: float = 1000.0  # above the belt; assumption
     turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
     tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
-    belt: Belt = Belt()
+    belt: Area = BELT
 
     def __post_init__(self) -> None:
         """Refuse a camera that sees nothing."""
