@@ -144,6 +144,15 @@ BELT_STATES = Table(
     ),
 )
 
+BELT_ENDS = Table(
+    "ends of the tracks on the belt",
+    (
+        Column("particle", int, "1", "identity of the track"),
+        Column("frame", int, "1", "its last frame"),
+        Column("valid", int, "1", "1: its score has ever reached the upper threshold"),
+    ),
+)
+
 DETECTIONS = Table(
     "detections",
     (

@@ -81,10 +81,8 @@ def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
     matrix = cv2.getPerspectiveTransform(
         found[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
     )
-    lengths = [
-        np.linalg.norm(np.roll(one, -1, axis=0) - one, axis=1).sum()
-        for one in (belt.corners, found)
-    ]
+    edges = [np.roll(one, -1, axis=0) - one for one in (belt.corners, found)]
+    lengths = [np.linalg.norm(one, axis=1).sum() for one in edges]
     scale = float(lengths[0] / lengths[1])
     error = scale * float(corners.spread_px.max())
-    return Calibration(matrix, error, scale, int(corners.hidden.sum()))
+    return Calibration(np.asarray(matrix, np.float64), error, scale, int(corners.hidden.sum()))

@@ -48,6 +48,9 @@ SHAPES = {
 }
 
 
+_VIEW = View()
+
+
 @dataclass(frozen=True)
 class Pictures:
     """Pictures of tracks, one per frame of the camera; ``pictures[k]`` renders frame k.
@@ -59,7 +62,7 @@ class Pictures:
     tracks: pd.DataFrame  # BELT_TRACKS; angle_rad about the vertical too, if known
     shape: Shape
     seed: int
-    view: View = View()
+    view: View = _VIEW
     belt_gray: float = 60.0  # of 255; assumption, as are the next: a dark belt
     floor_gray: float = 130.0  # beside the belt
     particle_gray: float = 200.0  # wood

@@ -131,7 +131,8 @@ def measure(
     """
     window = calibration.window(area, MARGIN_MM / calibration.mm_per_px, background.shape)
     empty = np.ascontiguousarray(background[window])
-    parts, counts = [np.empty((0, 4))], []
+    parts: list[Array] = [np.empty((0, 4))]
+    counts: list[int] = []
     for picture in pictures:
         if picture.shape != background.shape:
             raise InputError(

@@ -25,7 +25,7 @@ from kilnflight.belt.association import associate, pair_costs
 from kilnflight.checks import InputError, check_between, check_columns, check_offers, check_positive
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.motion import ConstantAcceleration, ConstantVelocity, Motion
-from kilnflight.tables import BELT_STATES, Column, Table
+from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -78,11 +78,14 @@ def constant_acceleration(
     return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), spread_mm)
 
 
+_MOTION, _APPEARANCE, _GATE = constant_velocity(), Appearance(), Gate()
+
+
 class Followed(NamedTuple):
     """What became of a recording."""
 
     states: pd.DataFrame  # kilnflight.tables.BELT_STATES
-    ends: pd.DataFrame  # particle, frame, valid, reason (one of REASONS)
+    ends: pd.DataFrame  # kilnflight.tables.BELT_ENDS, and reason: one of REASONS
 
 
 class Step(NamedTuple):
@@ -126,9 +129,9 @@ class BeltTracker:
     with a probability above one half has left; that is no loss.
     """
 
-    motion: Motion = constant_velocity()
-    appearance: Appearance = Appearance()
-    gate: Gate = Gate()  # "beyond a certain Mahalanobis distance": 4, as in the kiln
+    motion: Motion = _MOTION
+    appearance: Appearance = _APPEARANCE
+    gate: Gate = _GATE  # "beyond a certain Mahalanobis distance": 4, as in the kiln
     frame_s: float = BELT_FRAME_S
     false_valid: float = 1e-4  # a: share of dirt tracks that become valid; assumption
     false_lost: float = 1e-6  # b: share of particles given up; six misses in a row; assumption
@@ -157,20 +160,15 @@ class BeltTracker:
         InputError
             If a column is missing or holds what is no number.
         """
-        parts, ends = [], []
+        frames, parts = [], []
         for step in self.steps(measured):
-            tracks = step.after
-            parts.append((np.full(len(tracks.particle), step.frame), tracks))
-            over = self._over(tracks)
-            if over.any():
-                ends.append(_ends(step.frame, tracks, over, self.appearance))
-            last = step.frame, tracks, ~over
-        if parts:
-            frame, tracks, alive = last
-            ends.append(_end_table(frame, tracks, alive, np.full(alive.sum(), RUNNING)))
-        columns = ["particle", "frame", "valid", "reason"]
-        table = pd.concat(ends, ignore_index=True) if ends else pd.DataFrame(columns=columns)
-        return Followed(_states(parts), table)
+            frames.append(np.full(len(step.after.particle), step.frame))
+            parts.append(step.after)
+        if not parts:
+            return Followed(BELT_STATES.empty(), BELT_ENDS.empty().assign(reason=""))
+        every = Tracks._make(np.concatenate(one) for one in zip(*parts, strict=True))
+        frame = np.concatenate(frames)
+        return Followed(_states(frame, every), self._ends(frame, every))
 
     def steps(self, measured: pd.DataFrame) -> Iterator[Step]:
         """Yield what happens in each frame from the first to the last measurement."""
@@ -197,9 +195,8 @@ class BeltTracker:
             weights = one_hot(column, len(here))
             state, covariance = kalman.update(state, covariance, here, weights, dimension, noise)
             scored = self._scored(tracks, costs, gone, column)
-            updated = Tracks(
-                tracks.particle, state, covariance, _rows(column, names), *scored, outside
-            )
+            row = np.append(names, -1)[column]
+            updated = Tracks(tracks.particle, state, covariance, row, *scored, outside)
             fresh = self._born(started, here, names, new, column)
             after = _joined(updated, fresh)
             yield Step(frame, names, tracks.particle, costs, gone, new, column, after)
@@ -252,6 +249,18 @@ class BeltTracker:
         lost = tracks.best - tracks.score > self.thresholds[1]
         return missed & ((tracks.outside > 0.5) | lost)
 
+    def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
+        """Return why each track ended: out at the end or over a side, lost, or not at all."""
+        order = np.lexsort((frame, tracks.particle))
+        last = order[np.append(np.diff(tracks.particle[order]) != 0, True)]
+        ended, area, (x, y) = _kept(tracks, last), self.appearance.area, tracks.state[last, :2].T
+        sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
+        reason = np.where(ended.outside > 0.5, np.where(sideways, SIDEWAYS, LEFT), LOST)
+        reason = np.where(self._over(ended), reason, RUNNING)
+        columns = (ended.particle, frame[last], ended.valid.astype(np.int64))
+        table = pd.DataFrame(dict(zip(BELT_ENDS.names, columns, strict=True)))
+        return table.assign(reason=reason)
+
 
 def _predicted(expected: Array, residual: Array) -> Predicted:
     unknown = np.full(len(expected), np.nan)
@@ -274,10 +283,6 @@ def _scores(score: Any, costs: Any, gone: Any, column: Any, clutter: float) -> A
     return result
 
 
-def _rows(column: Integers, names: Integers) -> Integers:
-    return np.append(names, -1)[column]
-
-
 def _nothing(motion: Motion) -> Tracks:
     state, covariance = motion.initial(np.empty((0, 2)))
     none, whole = np.empty(0), np.empty(0, dtype=np.int64)
@@ -294,32 +299,9 @@ def _kept(tracks: Tracks, keep: npt.NDArray[np.bool_]) -> Tracks:
     return Tracks._make(array[keep] for array in tracks)
 
 
-def _ends(
-    frame: int, tracks: Tracks, over: npt.NDArray[np.bool_], appearance: Appearance
-) -> pd.DataFrame:
-    """Return why tracks ended: out of the area at its end, over a side, or lost in it."""
-    area, (x, y) = appearance.area, tracks.state[over, :2].T
-    sideways = (y < 0) | (y > area.width_mm)
-    away = np.where(sideways & (x < area.end_mm), SIDEWAYS, LEFT)
-    reason = np.where(tracks.outside[over] > 0.5, away, LOST)
-    return _end_table(frame, tracks, over, reason)
-
-
-def _end_table(
-    frame: int, tracks: Tracks, which: npt.NDArray[np.bool_], reason: Any
-) -> pd.DataFrame:
-    who, valid = tracks.particle[which], tracks.valid[which].astype(np.int64)
-    return pd.DataFrame({"particle": who, "frame": frame, "valid": valid, "reason": reason})
-
-
-def _states(parts: list[tuple[Integers, Tracks]]) -> pd.DataFrame:
-    if not parts:
-        return BELT_STATES.empty()
-    frame = np.concatenate([one for one, _ in parts])
-    tracks = [one for _, one in parts]
-    state = np.concatenate([one.state for one in tracks])
-    more = np.zeros((len(state), 6))
-    more[:, : state.shape[1]] = state
-    columns = [np.concatenate([one[k] for one in tracks]) for k in (0, 3, 6, 4)]
-    columns[2] = columns[2].astype(np.int64)
-    return pd.DataFrame(dict(zip(BELT_STATES.names, (frame, *columns, *more.T), strict=True)))
+def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
+    state = np.zeros((len(frame), 6))
+    state[:, : tracks.state.shape[1]] = tracks.state
+    valid = tracks.valid.astype(np.int64)
+    columns = (frame, tracks.particle, tracks.row, valid, tracks.score, *state.T)
+    return pd.DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))
