@@ -59,7 +59,7 @@ class Pictures:
     that time. The same seed gives the same bytes, in any order.
     """
 
-    tracks: pd.DataFrame  # BELT_TRACKS; angle_rad about the vertical too, if known
+    tracks: pd.DataFrame  # BELT_TRACKS; z and angle_rad of BELT_BODIES too, if known
     shape: Shape
     seed: int
     view: View = _VIEW
@@ -103,6 +103,8 @@ class Pictures:
         shape, x, y = self.shape, seen["x"].to_numpy(), seen["y"].to_numpy()
         angle = _angles(seen, self.seed)
         height = np.full(len(seen), shape.height_mm)
+        if "z" in seen.columns:
+            height = seen["z"].to_numpy(np.float64)
         middle = self.view.pixels(np.column_stack([x, y, height]))
         tip = np.column_stack([x + np.cos(angle), y + np.sin(angle), height])  # 1 mm ahead
         along = self.view.pixels(tip) - middle

@@ -194,9 +194,12 @@ class BeltTracker:
             column = associate(costs, gone, new)
             weights = one_hot(column, len(here))
             state, covariance = kalman.update(state, covariance, here, weights, dimension, noise)
-            scored = self._scored(tracks, costs, gone, column)
             row = np.append(names, -1)[column]
-            updated = Tracks(tracks.particle, state, covariance, row, *scored, outside)
+            score = self._scored(tracks, costs, gone, column)
+            best = np.maximum(tracks.best, score)
+            valid = best >= self.thresholds[0]
+            known = tracks.particle
+            updated = Tracks(known, state, covariance, row, score, best, valid, outside)
             fresh = self._born(started, here, names, new, column)
             after = _joined(updated, fresh)
             yield Step(frame, names, tracks.particle, costs, gone, new, column, after)
@@ -225,11 +228,10 @@ class BeltTracker:
         order = inside[np.lexsort((places[inside, 1], places[inside, 0], frames[inside]))]
         return frames[order], order, np.ascontiguousarray(places[order])
 
-    def _scored(self, tracks: Tracks, costs: Array, gone: Array, column: Integers) -> Any:
+    def _scored(self, tracks: Tracks, costs: Array, gone: Array, column: Integers) -> Array:
         clutter = float(np.log(self.appearance.clutter_density))
-        score = _scores(tracks.score, costs, gone, column, clutter)
-        best = np.maximum(tracks.best, score)
-        return score, best, best >= self.thresholds[0]
+        score: Array = _scores(tracks.score, costs, gone, column, clutter)
+        return score
 
     def _born(
         self, started: int, here: Array, names: Integers, new: Array, column: Integers
