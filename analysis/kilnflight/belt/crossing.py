@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.belt import arrival, lateral
+from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError, check_columns, check_positive
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES
@@ -37,6 +38,33 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     last = seen.sort_values(["particle", "frame"]).groupby("particle").tail(1)
     table = last.assign(time_s=last["frame"] * frame_s)
     return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
+
+
+def observe(
+    followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
+) -> Observed:
+    """Return what a filter knew before the prediction phase, and what was measured after it.
+
+    Parameters
+    ----------
+    followed, measured
+        From `kilnflight.belt.tracker.BeltTracker` and what it was given; its area covers the
+        target, so that what happens there is observed, too.
+    phase
+        Where observation ends and what is predicted to; `PredictionPhase.observe` says which
+        tracks are left out.
+    frame_s
+        Time between two frames.
+    """
+    states = BELT_STATES.check(followed.states)
+    seen = states[states["row"] >= 0].assign(time_s=lambda one: one["frame"] * frame_s)
+    where = measured[["x", "y"]].to_numpy()[seen["row"].to_numpy()]
+    tracks = seen[["frame", "particle", "time_s"]].assign(x=where[:, 0], y=where[:, 1])
+    observed = phase.observe(tracks)
+    filtered = seen.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
+    keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
+    last = filtered.loc[keys].reset_index()[BELT_LAST.names]
+    return observed._replace(last=last)
 
 
 def deviations(last: pd.DataFrame, reference: pd.DataFrame, target_mm: float) -> pd.DataFrame:

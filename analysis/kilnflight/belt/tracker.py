@@ -43,7 +43,9 @@ LEFT, SIDEWAYS, LOST, RUNNING = "left at the end", "left sideways", "lost", "rec
 REASONS = (LEFT, SIDEWAYS, LOST, RUNNING)
 
 
-def constant_velocity(frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127) -> ConstantVelocity:
+def constant_velocity(
+    frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127, acceleration_mm_s2: float = 2000.0
+) -> ConstantVelocity:
     """Return the filter of section II.B for a belt of 1500 mm/s.
 
     Parameters
@@ -53,14 +55,18 @@ def constant_velocity(frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127) -
     spread_mm
         Standard deviation of a measurement; the default is the rounding to whole pixels of
         0.44 mm, 0.44 / sqrt(12).
+    acceleration_mm_s2
+        By which the velocity may change from frame to frame; the default is 0.2 g, a belt's
+        drag.
 
     Notes
     -----
     No number is printed. A particle comes with anything from 0 to the belt's 1500 mm/s: mean
-    750, standard deviation 433. The belt drags it along with some 0.2 g, so its velocity
-    changes by 2000 mm/s^2 times ``frame_s`` from frame to frame; the noise makes as much.
+    750, standard deviation 433. The noise changes its velocity by ``acceleration_mm_s2`` times
+    ``frame_s`` in a frame.
     """
-    noise = 2000.0 * frame_s / np.sqrt(frame_s)
+    check_positive(frame_s, "constant_velocity: frame_s")
+    noise = acceleration_mm_s2 * np.sqrt(frame_s)
     return ConstantVelocity((750.0, 0.0), 433.0, float(noise), spread_mm)
 
 
