@@ -86,7 +86,7 @@ def look(pictures: Pictures, background_of: int = 200) -> Looked:
     calibration = calibrate(FindCorners()(background))
     spots = Spots().calibrated(pictures.frames(range(0, len(pictures), 10 * step)), background)
     seen = measure(pictures.frames(range(len(pictures))), background, spots, calibration)
-    return Looked(background, calibration, seen, BeltTracker()(seen))
+    return Looked(background, calibration, seen, BeltTracker()(seen, len(pictures)))
 
 
 def from_images(looked: Looked, bodies: pd.DataFrame) -> pd.DataFrame:

@@ -152,7 +152,7 @@ class BeltTracker:
         check_between(self.false_valid, 1e-12, 0.5, "BeltTracker: false_valid")
         check_between(self.false_lost, 1e-12, 0.5, "BeltTracker: false_lost")
 
-    def __call__(self, measured: pd.DataFrame) -> Followed:
+    def __call__(self, measured: pd.DataFrame, frames: int | None = None) -> Followed:
         """Return the states of all tracks in all frames, and how each ended.
 
         Parameters
@@ -160,33 +160,36 @@ class BeltTracker:
         measured
             Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; outside the area they
             are passed over.
+        frames
+            How many frames the camera took, so that tracks may end after the last measurement;
+            None: up to that one.
 
         Raises
         ------
         InputError
             If a column is missing or holds what is no number.
         """
-        frames, parts = [], []
-        for step in self.steps(measured):
-            frames.append(np.full(len(step.after.particle), step.frame))
+        numbers, parts = [], []
+        for step in self.steps(measured, frames):
+            numbers.append(np.full(len(step.after.particle), step.frame))
             parts.append(step.after)
         if not parts:
             return Followed(BELT_STATES.empty(), BELT_ENDS.empty().assign(reason=""))
         every = Tracks._make(np.concatenate(one) for one in zip(*parts, strict=True))
-        frame = np.concatenate(frames)
+        frame = np.concatenate(numbers)
         return Followed(_states(frame, every), self._ends(frame, every))
 
-    def steps(self, measured: pd.DataFrame) -> Iterator[Step]:
-        """Yield what happens in each frame from the first to the last measurement."""
-        frames, rows, places = self._read(measured)
-        if not len(frames):
+    def steps(self, measured: pd.DataFrame, frames: int | None = None) -> Iterator[Step]:
+        """Yield what happens in each frame from the first measurement on; same arguments."""
+        at, rows, places = self._read(measured)
+        if not len(at):
             return
         motion, dimension = self.motion, self.motion.measurement()
         noise = motion.measurement_noise()
         moves = motion.transition(self.frame_s), motion.process_noise(self.frame_s)
-        numbers = np.arange(frames[0], frames[-1] + 1)
-        starts = np.searchsorted(frames, numbers)
-        stops = np.append(starts[1:], len(frames))
+        numbers = np.arange(at[0], max(at[-1] + 1, frames or 0))
+        starts = np.searchsorted(at, numbers)
+        stops = np.append(starts[1:], len(at))
         tracks, started = _nothing(motion), 0
         for frame, start, stop in zip(numbers.tolist(), starts, stops, strict=True):
             here, names = places[start:stop], rows[start:stop]
