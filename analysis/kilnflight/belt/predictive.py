@@ -58,7 +58,8 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
     observed = PHASE.observe(bodies)
     last = _with_velocity(observed.last, bodies)
     simulated = deviations(last, observed.arrival, PHASE.target_mm)
-    followed = rate_1000()(bodies)
+    frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
+    followed = rate_1000()(bodies, frames)
     found = last_states(followed, TRUTH_S)
     found["particle"] = bodies["particle"].to_numpy()[found["row"]]
     tracked = _deviations(found, observed.arrival)
