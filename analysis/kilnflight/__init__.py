@@ -68,6 +68,7 @@ external        the authors' public data: fetch, check, find
 tables          columns, units and checks of every table that is handed on
 checks          the one place that words an error about input
 files           files that are there whole or not at all
+frozen          what a calibration wrote once: with a hash, read only whole
 places          where the project's folders are
 ==============  ================================================================
 """

@@ -16,7 +16,14 @@ from kilnflight import places
 from kilnflight.checks import InputError
 from kilnflight.files import locked, write_whole
 
-CODE = ("bulk.py", "physics.py", "simulation.py", "slide.py")  # that a batch depends on
+CODE = (
+    "batch.py",
+    "bulk.py",
+    "conveyor.py",
+    "physics.py",
+    "simulation.py",
+    "slide.py",
+)  # that a batch depends on
 
 
 def kept(went_in: Mapping[str, object], make: Callable[[], pd.DataFrame]) -> pd.DataFrame:

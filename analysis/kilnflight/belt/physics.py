@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from kilnflight.belt.bulk import Bulk
+from kilnflight.belt.conveyor import Conveyor
 from kilnflight.belt.friction import GRAVITY_MM_S2
 from kilnflight.checks import InputError, check_at_least, check_positive
 
@@ -77,10 +78,8 @@ class Contacts:
             check_at_least(getattr(self, name), 0.0, f"Contacts: {name}")
 
 
-def compiled(
-    bulk: Bulk, contacts: Contacts, bodies: int, belt_mm: float, speed_mm_s: float, step_s: float
-) -> Any:
-    """Return a `mujoco.MjModel`: the belt is the plane z = 0, walls at y = 0 and ``belt_mm``.
+def compiled(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) -> Any:
+    """Return a `mujoco.MjModel`: the belt is the plane z = 0, walls stand along its sides.
 
     Parameters
     ----------
@@ -88,10 +87,8 @@ def compiled(
         What moves, and how it touches.
     bodies
         How many can be on the belt at once.
-    belt_mm, speed_mm_s
-        Width and velocity of the belt.
-    step_s
-        Time step.
+    conveyor
+        Width and velocity of the belt, time step.
     """
     size = " ".join(f"{one!r}" for one in bulk.half_mm)
     arm = max(contacts.rolling_friction * bulk.half_mm[0], 1e-5)  # MuJoCo wants some
@@ -108,7 +105,7 @@ def compiled(
     touch = {"tn": contacts.belt_time_s, "tt": contacts.slip_time_s, "mu": mu, "spin": spin}
     wall = f'type="plane" size="0 0 1" priority="1" friction="{contacts.wall_friction!r} 0.001 0"'
     text = f"""<mujoco>
-<option timestep="{step_s!r}" gravity="0 0 {-GRAVITY_MM_S2!r}" cone="elliptic"/>
+<option timestep="{conveyor.step_s!r}" gravity="0 0 {-GRAVITY_MM_S2!r}" cone="elliptic"/>
 <default>
 <geom condim="3" friction="{contacts.particle_friction!r} 0.001 0"
  solref="{contacts.body_time_s!r} {contacts.body_damping!r}" solimp="0.99 0.99 0.01"/>
@@ -116,9 +113,9 @@ def compiled(
 </default>
 <worldbody>
 <geom name="belt" type="plane" size="0 0 1" contype="0" conaffinity="0"
- surfacevel="{speed_mm_s!r} 0 0"/>
+ surfacevel="{conveyor.speed_mm_s!r} 0 0"/>
 <geom name="near" {wall} zaxis="0 1 0"/>
-<geom name="far" {wall} pos="0 {belt_mm!r} 0" zaxis="0 -1 0"/>
+<geom name="far" {wall} pos="0 {conveyor.width_mm!r} 0" zaxis="0 -1 0"/>
 {"".join(body.format(n=n, x=parked(n), z=PARKED_MM) for n in range(bodies))}
 </worldbody>
 <contact>{"".join(pair.format(n=n, arm=arm, **touch) for n in range(bodies))}</contact>

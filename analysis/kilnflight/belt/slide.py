@@ -47,6 +47,7 @@ class Slide:
     drop_mm: float = 100.0  # height over which particles gain speed; assumption
     angle_deg: float = 45.0  # of the slope; assumption
     friction: float = 0.4  # wood on steel: handbooks give 0.2 to 0.6, the middle of it
+    rolling_share: float = 1.0  # of the slide's spin that a sphere brings to the belt; assumption
     exit_deg: float = 8.0  # downwards, of the motion where the belt begins; assumption
     speed_spread: float = 0.05  # standard deviation over mean; assumption
     lateral_spread_mm_s: float = 20.0  # standard deviation across the belt; assumption
@@ -59,6 +60,7 @@ class Slide:
             check_positive(getattr(self, name), f"Slide: {name}")
         for name in ("friction", "speed_spread", "lateral_spread_mm_s"):
             check_at_least(getattr(self, name), 0.0, f"Slide: {name}")
+        check_between(self.rolling_share, 0.0, 1.0, "Slide: rolling_share")
         check_between(self.exit_deg, 0.0, 60.0, "Slide: exit_deg")
         check_between(self.angle_deg, 1.0, 89.0, "Slide: angle_deg")
 
@@ -78,7 +80,7 @@ class Slide:
             return float(speed), 0.0
         # Torque of kinetic friction over the time that the slide takes, at most rolling.
         turned = self.friction / (KAPPA * max(steepness - self.friction, 1e-12))
-        return float(speed), float(speed * min(turned, 1.0))
+        return float(speed), float(self.rolling_share * speed * min(turned, 1.0))
 
     def __call__(
         self, bulk: Bulk, count: int, belt_mm: float, generator: np.random.Generator
