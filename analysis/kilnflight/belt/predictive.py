@@ -13,11 +13,14 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.belt import physics, simulation
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import BELT, TRACKED
 from kilnflight.belt.calibration import Calibration, calibrate
 from kilnflight.belt.corners import FindCorners
 from kilnflight.belt.crossing import deviations, last_states
+from kilnflight.belt.deviation import summarise
+from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, thinned
@@ -29,6 +32,19 @@ PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section 
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # names of Fig. 6
+
+
+def bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
+    """Return tracks at 1000 Hz: of the simulated sorter, or of the friction model without MuJoCo.
+
+    The friction model feeds as many particles per second as the papers, about 270.
+    """
+    if physics.is_installed():
+        return simulation.tracks(material, count, seed, jobs)
+    usual = MATERIALS[material]
+    share = count / usual.particles
+    fast = replace(usual, particles=count, feed_s=share * usual.feed_s, sampling_hz=1000.0)
+    return replace(fast, steps_per_sample=2)(np.random.default_rng([seed, count]))
 
 
 class Looked(NamedTuple):
@@ -125,6 +141,25 @@ def rate_1000() -> BeltTracker:
     )
     motion = constant_velocity(TRUTH_S, NOISE_FREE_MM, 433.0 / TRUTH_S)
     return BeltTracker(motion, appearance, frame_s=TRUTH_S)
+
+
+def summaries(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the box plots of Fig. 6: one row per what tells rows apart and quantity.
+
+    Parameters
+    ----------
+    table
+        ``approach``, ``lateral_mm``, ``temporal_ms`` and whatever else (material, data).
+    """
+    values = ["lateral_mm", "temporal_ms"]
+    names = [name for name in table.columns if name not in (*values, "particle")]
+    rows = []
+    for key, one in table.groupby(names, sort=False):
+        for quantity in values:
+            if one[quantity].notna().any():
+                known = dict(zip(names, key, strict=True)) | {"quantity": quantity}
+                rows.append(known | summarise(one[quantity].to_numpy()))
+    return pd.DataFrame(rows)
 
 
 def _with_velocity(last: pd.DataFrame, bodies: pd.DataFrame) -> pd.DataFrame:
