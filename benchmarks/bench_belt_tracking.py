@@ -22,8 +22,8 @@ from scipy.spatial.distance import cdist
 from kilnflight import peers
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
-from kilnflight.belt.calibration import calibrate
 from kilnflight.belt.corners import FindCorners
+from kilnflight.belt.homography import calibrate
 from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.spots import Spots, average, measure
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity

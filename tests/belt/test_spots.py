@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from kilnflight.belt.area import BELT
-from kilnflight.belt.calibration import Calibration
+from kilnflight.belt.homography import Calibration
 from kilnflight.belt.spots import Spots, average, measure
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS

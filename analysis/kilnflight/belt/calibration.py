@@ -1,88 +1,133 @@
-"""From pixels to millimetres on the belt, by the belt's corners (2016 paper, section IV.B)."""
+"""How the free values of the sorter were found: least squares on the authors' spheres.
+
+Run as ``python -m kilnflight.belt.calibration`` (some minutes, needs the authors' DEM tracks
+and MuJoCo); it writes friction_values.json beside this file. Only the spheres' velocities
+are read: mean and standard deviation along the belt, and the median of the absolute velocity
+across it. No deviation of any motion model takes part.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import asdict, fields
+from functools import partial
 
-import cv2
+import joblib
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
+from scipy.optimize import least_squares
 
-from kilnflight.belt.area import BELT, Area
-from kilnflight.belt.corners import Corners
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight import __version__, frozen
+from kilnflight.belt.bulk import BULKS
+from kilnflight.belt.dem import find_dem, read_dem
+from kilnflight.belt.friction_values import (
+    FILE,
+    INPUTS_ONLY,
+    LIMITS,
+    PLACES_MM,
+    SCALES,
+    FreeValues,
+    targets,
+)
+from kilnflight.belt.machine import Sorter
+from kilnflight.belt.sampling import thinned
+from kilnflight.belt.velocity import motion_profile, velocities
+from kilnflight.checks import InputError
 
 Array = npt.NDArray[np.float64]
-Window = tuple[slice, slice]
+
+PARTICLES, GROUPS, SEED = 150, 2, 16  # the same particles for all evaluations
+ROUNDS = 8  # of the search, each one evaluation and one more per free value
+EVERY = 10  # 1000 Hz to 100 Hz, the rate of the authors' files
 
 
-class Calibration(NamedTuple):
-    """A plane-to-plane mapping (homography) and how well it is known."""
-
-    matrix: Array  # (3, 3), (col, row, 1) to (x, y, 1) up to a factor
-    error_mm: float  # largest standard error of a corner, on the belt
-    mm_per_px: float  # mean over the belt's edges
-    hidden: int  # corners that were not seen themselves
-
-    def millimetres(self, places: Array) -> Array:
-        """Return x and y (n, 2) of row and col (n, 2)."""
-        check_shape(places, (None, 2), "places (row, col)")
-        whole = np.column_stack([places[:, 1], places[:, 0], np.ones(len(places))])
-        mapped = whole @ self.matrix.T
-        return mapped[:, :2] / mapped[:, 2:]
-
-    def pixels(self, places: Array) -> Array:
-        """Return row and col (n, 2) of x and y (n, 2) on the belt."""
-        check_shape(places, (None, 2), "places (x, y)")
-        mapped = np.column_stack([places, np.ones(len(places))]) @ np.linalg.inv(self.matrix).T
-        return (mapped[:, :2] / mapped[:, 2:])[:, ::-1]
-
-    def window(self, area: Area, margin_px: float, shape: tuple[int, int]) -> Window:
-        """Return the rows and columns of a picture that show an area and a margin."""
-        corners = self.pixels(area.corners)
-        low = np.floor(corners.min(axis=0) - margin_px).astype(int)
-        high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
-        rows, cols = (
-            slice(max(0, int(first)), min(length, int(last)))
-            for first, last, length in zip(low, high, shape, strict=True)
-        )
-        return rows, cols
-
-
-def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
-    """Return the mapping of the corners found onto the belt's known corners.
-
-    Parameters
-    ----------
-    corners
-        From `kilnflight.belt.corners.FindCorners`.
-    belt
-        Where these corners are known to lie, in mm.
-
-    Raises
-    ------
-    InputError
-        If three corners lie on one line, or numbers are not finite.
-
-    Notes
-    -----
-    Four corners fix the eight numbers of a homography, so that nothing is left over to judge
-    it by; the error reported is that of the corners, from the scatter of the edges' points.
-    It knows nothing of what is no error of the corners: a particle's centre lies above the
-    belt, and a camera at the height h shows what is z higher z / h farther from the middle.
-    """
-    found = check_finite(corners.places, "corners")
-    check_shape(found, (4, 2), "corners")
-    for k in range(4):
-        a, b, c = found[k - 2], found[k - 1], found[k]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if abs(area) < 1.0:
-            raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
-    matrix = cv2.getPerspectiveTransform(
-        found[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
+def profile(values: FreeValues, material: str = "spheres") -> pd.DataFrame:
+    """Return how a material moves in the simulation, at the rate of the authors' files."""
+    sorter = values.applied(Sorter())
+    one = joblib.delayed(partial(sorter, BULKS[material], PARTICLES))
+    seeds = (np.random.default_rng([SEED, group]) for group in range(GROUPS))
+    parts = joblib.Parallel(n_jobs=GROUPS)(one(seed) for seed in seeds)
+    tracks = pd.concat(
+        [part.assign(particle=part["particle"] + PARTICLES * k) for k, part in enumerate(parts)]
     )
-    edges = [np.roll(one, -1, axis=0) - one for one in (belt.corners, found)]
-    lengths = [np.linalg.norm(one, axis=1).sum() for one in edges]
-    scale = float(lengths[0] / lengths[1])
-    error = scale * float(corners.spread_px.max())
-    return Calibration(np.asarray(matrix, np.float64), error, scale, int(corners.hidden.sum()))
+    return motion_profile(velocities(thinned(tracks, EVERY)), PLACES_MM)
+
+
+def misfits(found: pd.DataFrame, wanted: pd.DataFrame) -> Array:
+    """Return found minus wanted in units of `SCALES`, place by place, quantity by quantity."""
+    parts = [(found[name] - wanted[name]) / scale for name, scale in SCALES.items()]
+    misfit = np.concatenate(parts)
+    if not np.isfinite(misfit).all():
+        raise InputError("too few particles pass each place to compare; simulate more.")
+    return misfit
+
+
+def cost(values: FreeValues, wanted: pd.DataFrame) -> float:
+    """Return the mean squared misfit."""
+    return float(np.mean(misfits(profile(values), wanted) ** 2))
+
+
+def fit(wanted: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FreeValues, int]:
+    """Return the values of least squares within `LIMITS`, and how many profiles it took.
+
+    The search runs between 1 and 2 of each value's limits: a relative step of 3 % is then 3
+    to 6 % of them, wide enough to look past single collisions.
+    """
+    low, high = (np.array(corner) for corner in zip(*LIMITS.values(), strict=True))
+
+    def values(point: Array) -> FreeValues:
+        return _values(low + (point - 1.0) * (high - low))
+
+    def evaluate(point: Array) -> Array:
+        return misfits(profile(values(point)), wanted)
+
+    start = 1.0 + (np.array(list(asdict(INPUTS_ONLY).values())) - low) / (high - low)
+    start = np.clip(start, 1.02, 1.98)  # off the limits, where a search would stick
+    steps = np.full(len(start), 0.03)
+    found = least_squares(evaluate, start, bounds=(1.0, 2.0), diff_step=steps, max_nfev=rounds)
+    return values(found.x), int(found.nfev + len(start) * (found.njev or 0))
+
+
+def _values(point: Array) -> FreeValues:
+    """Return a point of the search as values, rounded as they will be written."""
+    names = [field.name for field in fields(FreeValues)]
+    return FreeValues(
+        **{name: float(f"{value:.4g}") for name, value in zip(names, point, strict=True)}
+    )
+
+
+def published(material: str) -> pd.DataFrame:
+    """Return how a material moves in the authors' tracks."""
+    files = find_dem()
+    if material not in files:
+        raise InputError("the authors' DEM tracks are not here; run make data.")
+    return motion_profile(velocities(read_dem(files[material])), PLACES_MM)
+
+
+def calibrate() -> dict[str, object]:
+    """Return the content of friction_values.json: values and where they come from."""
+    wanted = published("spheres")
+    best, evaluations = fit(wanted)
+    return {
+        "inputs": asdict(best),
+        "cost_inputs_only": cost(INPUTS_ONLY, wanted),
+        "cost_calibrated": cost(best, wanted),
+        "targets_sha256": frozen.digest(targets()),
+        "limits": LIMITS,
+        "particles": PARTICLES * GROUPS,
+        "seed": SEED,
+        "evaluations": evaluations,
+        "search": "scipy.optimize.least_squares",
+        "version": __version__,
+    }
+
+
+def main() -> int:
+    """Fit, write the file, and print what came out."""
+    content = frozen.write(FILE, calibrate())
+    print(frozen.summary(content))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -3,16 +3,18 @@
 Units are millimetre, gram and second. MuJoCo comes with the extra ``sorter``; without it
 everything else in this package works.
 
-A moving surface asks for care. MuJoCo's friction is convex: what slides is also lifted, by
-a velocity of about ``mu slip b_t / b_n`` with the damping rates ``b = 2 / time constant``
-across and along the normal. With equal rates that is 240 mm/s at the start of the belt, and
-particles hop. Here the belt's friction has its own, slower time constant, so that the lift
-is some mm/s and what lies on the belt stays within a hundredth of a millimetre; the price is
-that the last ``mu g / b_t`` of slip, some mm/s, fades over milliseconds instead of stopping.
+Surfaces that slip fast ask for care. MuJoCo's friction is convex: what slides is also pushed
+away, with about ``mu slip b_t / b_n``, the damping rates ``b = 2 / time constant`` being
+those along the surfaces and the normal. With equal rates that is 240 mm/s at the start of
+the belt, and particles hop; two spheres that spin would kick each other away. Here friction
+has a slower time constant of its own (which only explicit pairs of bodies can have), so that
+the push is some mm/s on the belt and what lies there stays within a hundredth of a
+millimetre. The price: the last ``mu g / b_t`` of slip, some mm/s, fades over milliseconds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -65,9 +67,9 @@ class Contacts:
     wall_friction: float = 0.4  # wood on metal; handbooks give 0.2 to 0.6
     spinning_mm: float = 0.01  # arm of the friction against turning on the spot; assumption
     belt_time_s: float = 0.0006  # of the normal contact with the belt, critically damped
-    slip_time_s: float = 0.008  # of the friction on the belt; see above
+    slip_time_s: float = 0.008  # of friction; see above
     body_time_s: float = 0.0012  # of contacts between bodies and with walls
-    body_damping: float = 0.5  # share of critical damping; restitution about 0.4
+    body_damping: float = 0.5  # share of critical damping; restitution 0.3 to 0.4
 
     def __post_init__(self) -> None:
         """Refuse what is no contact."""
@@ -91,36 +93,43 @@ def compiled(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) ->
         Width and velocity of the belt, time step.
     """
     size = " ".join(f"{one!r}" for one in bulk.half_mm)
-    arm = max(contacts.rolling_friction * bulk.half_mm[0], 1e-5)  # MuJoCo wants some
-    body = (
-        '<body name="b{n}" pos="{x} 90 {z}"><freejoint/>'
-        f'<geom name="g{{n}}" type="{bulk.shape}" size="{size}" '
-        f'density="{bulk.density_g_mm3!r}"/></body>'
-    )
-    pair = (
-        '<pair geom1="belt" geom2="g{n}" condim="6" solref="{tn!r} 1" solreffriction="{tt!r} 1" '
-        'friction="{mu!r} {mu!r} {spin!r} {arm!r} {arm!r}"/>'
-    )
-    mu, spin = contacts.belt_friction, max(contacts.spinning_mm, 1e-5)
-    touch = {"tn": contacts.belt_time_s, "tt": contacts.slip_time_s, "mu": mu, "spin": spin}
-    wall = f'type="plane" size="0 0 1" priority="1" friction="{contacts.wall_friction!r} 0.001 0"'
+    near = [
+        f"""<body pos="{parked(n)} 90 {PARKED_MM}"><freejoint/>
+<geom name="g{n}" type="{bulk.shape}" size="{size}" density="{bulk.density_g_mm3!r}"/></body>"""
+        for n in range(bodies)
+    ]
+    step, speed = conveyor.step_s, conveyor.speed_mm_s
     text = f"""<mujoco>
-<option timestep="{conveyor.step_s!r}" gravity="0 0 {-GRAVITY_MM_S2!r}" cone="elliptic"/>
+<option timestep="{step!r}" gravity="0 0 {-GRAVITY_MM_S2!r}" cone="elliptic"/>
 <default>
-<geom condim="3" friction="{contacts.particle_friction!r} 0.001 0"
- solref="{contacts.body_time_s!r} {contacts.body_damping!r}" solimp="0.99 0.99 0.01"/>
-<pair solimp="0.99 0.99 0.01"/>
+<geom contype="0" conaffinity="0"/>
+<pair condim="3" solimp="0.99 0.99 0.01" solreffriction="{contacts.slip_time_s!r} 1"
+ solref="{contacts.body_time_s!r} {contacts.body_damping!r}"/>
 </default>
 <worldbody>
-<geom name="belt" type="plane" size="0 0 1" contype="0" conaffinity="0"
- surfacevel="{conveyor.speed_mm_s!r} 0 0"/>
-<geom name="near" {wall} zaxis="0 1 0"/>
-<geom name="far" {wall} pos="0 {conveyor.width_mm!r} 0" zaxis="0 -1 0"/>
-{"".join(body.format(n=n, x=parked(n), z=PARKED_MM) for n in range(bodies))}
+<geom name="belt" type="plane" size="0 0 1" surfacevel="{speed!r} 0 0"/>
+<geom name="near" type="plane" size="0 0 1" zaxis="0 1 0"/>
+<geom name="far" type="plane" size="0 0 1" pos="0 {conveyor.width_mm!r} 0" zaxis="0 -1 0"/>
+{"".join(near)}
 </worldbody>
-<contact>{"".join(pair.format(n=n, arm=arm, **touch) for n in range(bodies))}</contact>
+<contact>{"".join(_pairs(bulk, contacts, bodies))}</contact>
 </mujoco>"""
     return engine().MjModel.from_xml_string(text)
+
+
+def _pairs(bulk: Bulk, contacts: Contacts, bodies: int) -> Iterator[str]:
+    """Return every pair of bodies that can touch; only pairs have a slip time of their own."""
+    wall, body, mu = contacts.wall_friction, contacts.particle_friction, contacts.belt_friction
+    spin = max(contacts.spinning_mm, 1e-5)  # MuJoCo wants some
+    arm = max(contacts.rolling_friction * bulk.half_mm[0], 1e-5)
+    on_belt = f"""condim="6" solref="{contacts.belt_time_s!r} 1" """
+    on_belt += f"""friction="{mu!r} {mu!r} {spin!r} {arm!r} {arm!r}\""""
+    for n in range(bodies):
+        yield f"""<pair geom1="belt" geom2="g{n}" {on_belt}/>"""
+        for side in ("near", "far"):
+            yield f"""<pair geom1="{side}" geom2="g{n}" friction="{wall!r} {wall!r}"/>"""
+        for other in range(n):
+            yield f"""<pair geom1="g{other}" geom2="g{n}" friction="{body!r} {body!r}"/>"""
 
 
 PARKED_MM = 1000.0  # above the belt: where bodies wait that are not on it

@@ -16,11 +16,11 @@ import pandas as pd
 from kilnflight.belt import physics, simulation
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import BELT, TRACKED
-from kilnflight.belt.calibration import Calibration, calibrate
 from kilnflight.belt.corners import FindCorners
 from kilnflight.belt.crossing import deviations, last_states
 from kilnflight.belt.deviation import summarise
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.belt.homography import Calibration, calibrate
 from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, thinned

@@ -1,14 +1,11 @@
-"""The simulated sorter: bulk material on a belt, every contact calculated (2016 and 2020).
-
-slide -> bodies on the belt, 0.2 ms at a time -> positions 1000 times a second -> table
+"""Tracks of the simulated sorter, made once and kept on disk.
 
 Batches of particles are independent of each other, each with a seed of its own, so that the
-tracks do not depend on the number of processes; finished batches are kept on disk.
+tracks do not depend on the number of processes; finished batches are kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import partial
 
 import joblib
@@ -17,42 +14,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.belt import keeping
-from kilnflight.belt.batch import Batch
-from kilnflight.belt.bulk import BULKS, Bulk
-from kilnflight.belt.conveyor import Conveyor
-from kilnflight.belt.physics import Contacts, check_step, engine
-from kilnflight.belt.slide import Slide
+from kilnflight.belt.bulk import BULKS
+from kilnflight.belt.friction_values import calibrated_sorter
+from kilnflight.belt.machine import Sorter
+from kilnflight.belt.physics import engine
 from kilnflight.checks import InputError, check_count
 from kilnflight.tables import BELT_BODIES
 
 BATCH = 500  # particles that are simulated together: about two seconds of feed
-
-
-@dataclass(frozen=True)
-class Sorter:
-    """A slide, a belt, and how bodies touch each other and the belt."""
-
-    contacts: Contacts = field(default_factory=Contacts)
-    slide: Slide = field(default_factory=Slide)
-    conveyor: Conveyor = field(default_factory=Conveyor)
-
-    def __post_init__(self) -> None:
-        """Refuse a time step that is too long for the contacts."""
-        check_step(self.contacts, self.conveyor.step_s)
-
-    def __call__(self, bulk: Bulk, count: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Simulate ``count`` particles; `kilnflight.tables.BELT_BODIES` from frame 0.
-
-        Raises
-        ------
-        InputError
-            If a particle does not reach the edge, or the simulation becomes unstable.
-        """
-        check_count(count, "Sorter: count", least=0)
-        if not count:
-            return BELT_BODIES.empty()
-        fed = self.slide(bulk, count, self.conveyor.width_mm, generator)
-        return Batch(self.conveyor, self.contacts, bulk, fed, generator.random(count)).table()
 
 
 def batches(count: int) -> list[int]:
@@ -93,7 +62,7 @@ def tracks(
     if material not in BULKS:
         raise InputError(f"no material {material!r}; there are {', '.join(BULKS)}.")
     engine()
-    sorter = Sorter() if sorter is None else sorter
+    sorter = calibrated_sorter() if sorter is None else sorter
     sizes = batches(BULKS[material].count if count is None else count)
     one = joblib.delayed(partial(_batch, sorter, material, seed))
     run = joblib.Parallel(n_jobs=min(jobs, len(sizes)) or 1, return_as="generator")

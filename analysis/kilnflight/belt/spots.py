@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt.area import TRACKED, Area
-from kilnflight.belt.calibration import Calibration
+from kilnflight.belt.homography import Calibration
 from kilnflight.checks import InputError, check_at_least, check_positive
 from kilnflight.tables import BELT_SPOTS
 
@@ -119,7 +119,7 @@ def measure(
     pictures
         Frames 0, 1, ... as uint8 arrays.
     background, spots, calibration
-        From `average`, `Spots.calibrated` and `kilnflight.belt.calibration.calibrate`.
+        From `average`, `Spots.calibrated` and `kilnflight.belt.homography.calibrate`.
     area
         Spots with their centroid in it are kept; the picture is cut to it and a margin, so
         that a particle at its border is seen whole.

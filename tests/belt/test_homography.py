@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.area import BELT, TRACKED
-from kilnflight.belt.calibration import calibrate
 from kilnflight.belt.corners import Corners, FindCorners
+from kilnflight.belt.homography import calibrate
 from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.view import View
 from kilnflight.checks import InputError
