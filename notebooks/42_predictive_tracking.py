@@ -115,6 +115,8 @@ panels[1].set(ylabel="likelihood that a track\nis not observed", ylim=(0, 1.05))
 for axes in panels:
     axes.axvline(688, color="0.6", lw=0.8, ls="-")
     axes.set(xlabel="x along the belt (mm)")
+
+# %%
 caption = (
     "Likelihood that a measurement stems from a new track, and that a track is not observed, after "
     "Fig. 2 of the 2016 paper; on the belt's middle line, for a prediction good to 2 mm. Grey: end "
@@ -198,7 +200,9 @@ figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=
 # ## Verdicts
 #
 # By the spheres, as in the paper. Spread is the interquartile range; "very similar" is read as
-# not half as much again, "far worse" as more than twice as much.
+# not half as much again, "far worse" as more than twice as much. Whether particles still
+# accelerate follows from the friction, which the simulated sorter takes from the authors'
+# spheres of 2020; where that decides, agreement is no result.
 
 # %%
 box = boxes.query("material == 'spheres'").set_index(["quantity", "data", "approach"])
@@ -217,13 +221,17 @@ larger = {}
 for name, value in (("spread", iqr["temporal_ms"]), ("bias", bias["temporal_ms"].abs())):
     one, other = value["images", "Tracking"], value["noise-free", "Tracking"]
     larger[f"{name} from images {one:.2f}, noise-free {other:.2f} ms"] = bool(one > other)
+
+# %%
 share = shares.loc["spheres"]
+calibrated = "friction and slide were fitted to how fast the authors' spheres move along the belt"
+biased = reference.judge("belt16-4", early, note=f"{count} spheres of {engine}; median")
 note = f"{count} spheres of {engine}"
 verdicts = [
     reference.judge("belt16-1", share.loc[("noise-free", "Sim"), "within_02_mm"], note=note),
     reference.judge("belt16-2", similar, note=f"{note}; interquartile range"),
     reference.judge("belt16-3", share.loc[("images", "Tracking"), "within_15_mm"], note=note),
-    reference.judge("belt16-4", early, note=f"{note}; median"),
+    reference.fitted(biased, calibrated) if physics.is_installed() else biased,
     reference.judge("belt16-5", larger, note=f"{note}; interquartile range and median"),
 ]
 

@@ -64,9 +64,8 @@ table.insert(0, "source", source)
 shown = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
 picture, grid = drawing.canvas(2, len(tracks), **size)
-for (name, one), column in zip(
-    table.query("valves == 32").groupby("data_set"), grid.T, strict=True
-):
+thirty = table[table["valves"] == 32].groupby("data_set")
+for (name, one), column in zip(thirty, grid.T, strict=True):
     for k, model in enumerate(shown):
         look = {"color": drawing.COLOURS[k], "ls": drawing.LINES[k], "marker": drawing.MARKERS[k]}
         some = one[one["model"] == model].sort_values("open_ms").set_index("open_ms")

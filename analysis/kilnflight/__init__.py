@@ -5,7 +5,7 @@ One particle enters as light on a sensor and leaves as a number in a report::
     kiln:  recording -> background -> detection -> combination -> tracking
                -> tracklets -> regression -> flight --+
                                                       |
-    belt:  tracks -> prediction phase                 +-> notebook -> figure -> site
+    belt:  pictures -> tracks -> prediction phase     +-> notebook -> figure -> site
                -> arrival and lateral models ---------+
 
 What stands today (the other rooms follow the plan in CHANGELOG.md):
@@ -50,7 +50,8 @@ correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
-belt            the sorter of the 2020 paper: tracks, motion models, deviations
+belt            the sorter of the 2016 and 2020 papers: pictures, tracker, motion models,
+                deviations, separation
 sorter          the belt experiment, from tracks to deviations
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
                 beta, JSC

@@ -1,7 +1,13 @@
-r"""The belt sorter: when and where a particle leaves the belt (2020 paper).
+r"""The belt sorter: when and where a particle leaves the belt (2016 and 2020 papers).
 
+    pictures -> spots -> homography -> tracker -> crossing                      (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
-                              \-> what happened --------------------> deviation
+                              \-> what happened --------------------> deviation  (2020)
+                                              predictions -> separation by valves
+
+The camera's pictures (`pictures`, `view`) and bodies (`simulation`, `friction`, the authors'
+`dem` and `recordings`) are input; `predictive` writes the evaluation of 2016 out, `sorting`
+that of the valves. The tracker takes filter, gate and assignment from the kiln's.
 
 ==========  ==========  ==========================================  ================
 arrival     equation    parameter from calibration                  reference
