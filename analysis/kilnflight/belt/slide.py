@@ -20,7 +20,13 @@ import numpy.typing as npt
 
 from kilnflight.belt.bulk import Bulk
 from kilnflight.belt.friction import GRAVITY_MM_S2
-from kilnflight.checks import InputError, check_at_least, check_between, check_positive
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_between,
+    check_limit,
+    check_positive,
+)
 
 Array = npt.NDArray[np.float64]
 KAPPA = 0.4  # solid sphere
@@ -51,6 +57,7 @@ class Slide:
     exit_deg: float = 8.0  # downwards, of the motion where the belt begins; assumption
     speed_spread: float = 0.05  # standard deviation over mean; assumption
     lateral_spread_mm_s: float = 20.0  # standard deviation across the belt; assumption
+    yaw_spread_deg: float = np.inf  # about the belt's direction; inf: any; not published
     width_mm: float = 140.0  # of the feeder: the tracks begin between 20 and 160 mm of 180
     rate_1_s: float = 270.0  # particles per second: about 4000 in 15 s, as in the files
 
@@ -61,6 +68,7 @@ class Slide:
         for name in ("friction", "speed_spread", "lateral_spread_mm_s"):
             check_at_least(getattr(self, name), 0.0, f"Slide: {name}")
         check_between(self.rolling_share, 0.0, 1.0, "Slide: rolling_share")
+        check_limit(self.yaw_spread_deg, "Slide: yaw_spread_deg")
         check_between(self.exit_deg, 0.0, 60.0, "Slide: exit_deg")
         check_between(self.angle_deg, 1.0, 89.0, "Slide: angle_deg")
 
@@ -119,5 +127,10 @@ class Slide:
             y=belt_mm / 2.0 + free * (generator.random(count) - 0.5),
             velocity_mm_s=velocity,
             spin_1_s=surface * factor / bulk.half_mm[0] if bulk.rolls else np.zeros(count),
-            yaw_rad=generator.uniform(-np.pi, np.pi, count),
+            yaw_rad=self._yaw(count, generator),
         )
+
+    def _yaw(self, count: int, generator: np.random.Generator) -> Array:
+        if np.isinf(self.yaw_spread_deg):
+            return generator.uniform(-np.pi, np.pi, count)
+        return np.radians(self.yaw_spread_deg) * generator.standard_normal(count)
