@@ -33,7 +33,7 @@ jobs = 2  # processes of the simulation
 
 # %%
 drawing.use_style()
-count = {"quick": 60, "standard": 500, "full": 1500}[scale]  # particles per material
+count = {"quick": 120, "standard": 300, "full": 1500}[scale]  # particles per material
 made = provenance.trace("42_predictive_tracking", {"scale": scale, "count": count}, seed=seed)
 bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
 looked = {

@@ -12,8 +12,10 @@ from kilnflight.belt.sorting import MODELS, shares
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN
-own = "**Own simulation**: the authors' DEM tracks are not here (`make data` fetches them)."
-Markdown("**Input:** the authors' DEM tracks." if files else own)
+own = (
+    f"**Own simulation**, {sorter.describe_own()}; the authors' tracks are not here (`make data`)."
+)
+Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 
 # %% [markdown]
 # **Published** (both belt papers). Predictions serve to open the right valve at the right time.
@@ -30,6 +32,7 @@ Markdown("**Input:** the authors' DEM tracks." if files else own)
 scale = "standard"  # quick, standard or full
 seed = 2020  # of who calibrates, who is blown out, and of our own simulation
 wanted = 0.1  # share of the particles to be blown out
+jobs = 2  # processes of our own simulation
 
 # %%
 drawing.use_style()
@@ -37,17 +40,16 @@ draws = {"quick": 1, "standard": 5, "full": 20}[scale]
 setting = {"scale": scale, "draws": draws, "wanted": wanted}
 made = provenance.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-tracks = {
-    name: one for (given, name), one in sorter.load_tracks(files, seed).items() if given == source
-}
+loaded = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
+observed = {name: phase.observe(one) for (given, name), one in loaded.items() if given == source}
 times_ms = (0.5, 1, 2, 3, 5, 7, 10, 15, 20)
 bars = [ValveBar(valves=32, open_s=time / 1000) for time in times_ms]
 more = [ValveBar(valves=count, open_s=0.005) for count in (8, 16, 64, 128)]
 
 # %%
 parts = {
-    (name, draw): shares(phase.observe(one), phase, bars + more, seed + draw, wanted)
-    for name, one in tracks.items()
+    (name, draw): shares(one, phase, bars + more, seed + draw, wanted)
+    for name, one in observed.items()
     for draw in range(draws)
 }
 every = pd.concat(parts, names=["data_set", "draw"]).droplevel(-1).reset_index()
@@ -63,7 +65,7 @@ table.insert(0, "source", source)
 # %% tags=["hide-input"]
 shown = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
-picture, grid = drawing.canvas(2, len(tracks), **size)
+picture, grid = drawing.canvas(2, len(observed), **size)
 thirty = table[table["valves"] == 32].groupby("data_set")
 for (name, one), column in zip(thirty, grid.T, strict=True):
     for k, model in enumerate(shown):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.area import BELT, Area
-from kilnflight.belt.pictures import SHAPES, Pictures, Shape, thinned
+from kilnflight.belt.pictures import SHAPES, Pictures, Shape, at_rate
 from kilnflight.belt.view import View
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_TRACKS
@@ -87,7 +87,7 @@ def test_thinning_keeps_times(first, rate):
     table = pd.DataFrame(
         {"frame": frame, "particle": 1, "time_s": frame / 1000, "x": 1.0, "y": 2.0}
     )
-    slow = thinned(table, rate)
+    slow = at_rate(table, rate)
     np.testing.assert_allclose(slow["time_s"], slow["frame"] / rate)
     assert (slow["frame"].diff().dropna() == 1).all()
 
@@ -95,7 +95,7 @@ def test_thinning_keeps_times(first, rate):
 def test_what_cannot_be_drawn_is_told():
     slow = one_track(frames=10, step=10)  # 100 Hz
     with pytest.raises(InputError, match="no rows 200 times a second"):
-        thinned(slow, 200.0)
+        at_rate(slow, 200.0)
     with pytest.raises(InputError, match="half a side"):
         Shape(5.0, 3.0, 2.0, 1.0)
     with pytest.raises(InputError, match="mm_per_px"):

@@ -85,7 +85,7 @@ class Pictures:
 
     def frames(self, wanted: Any) -> Any:
         """Yield the pictures of the frames asked for, in that order."""
-        seen = thinned(self.tracks, self.view.frames_per_s)
+        seen = at_rate(self.tracks, self.view.frames_per_s)
         places = self._outlines(seen)
         order = np.argsort(seen["frame"].to_numpy(), kind="stable")
         sorted_frames, places = seen["frame"].to_numpy()[order], places[order]
@@ -122,7 +122,7 @@ class Pictures:
         return (picture + 2.0 * texture).astype(np.float32)
 
 
-def thinned(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
+def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
     """Return the rows at the times of a slower camera, ``frame`` counted by it.
 
     Raises

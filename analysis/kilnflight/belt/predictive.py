@@ -23,7 +23,7 @@ from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.homography import Calibration, calibrate
 from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.pictures import Pictures, thinned
+from kilnflight.belt.pictures import Pictures, at_rate
 from kilnflight.belt.spots import Spots, average, measure
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed, constant_velocity
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
@@ -116,7 +116,7 @@ def from_images(looked: Looked, bodies: pd.DataFrame) -> pd.DataFrame:
     found = last_states(looked.followed, BELT_FRAME_S)
     states = looked.followed.states
     measured = states[states["row"] >= 0]
-    pairs = match(measured, thinned(bodies, 1 / BELT_FRAME_S)).set_index("particle")["truth"]
+    pairs = match(measured, at_rate(bodies, 1 / BELT_FRAME_S)).set_index("particle")["truth"]
     found["particle"] = found["particle"].map(pairs)
     found = found.dropna(subset="particle").astype({"particle": np.int64})
     tracked = _deviations(found, arrival)
