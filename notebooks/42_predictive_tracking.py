@@ -7,7 +7,7 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import drawing, figures, provenance, reference
-from kilnflight.belt import appearance, association, physics, pictures, predictive, tracker
+from kilnflight.belt import appearance, arrival, association, physics, pictures, predictive, tracker
 from kilnflight.belt.friction import MATERIALS
 
 engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
@@ -195,6 +195,32 @@ shares = within.groupby(keys, sort=False)[["within_02_mm", "within_15_mm"]].mean
 shares["n"] = within.groupby(keys, sort=False).size()
 caption = "Share of the predictions whose lateral deviation is below 0.2 mm and below 1.5 mm."
 figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=made)
+
+# %% [markdown]
+# "Improving the model may lead to lower temporal errors" (section V): the same spots with the
+# constant-acceleration filter, its time predicted with its acceleration or without.
+
+# %%
+rows = []
+for name, one in bodies.items():
+    frames = 1 + int(looked[name].spots["frame"].max())
+    other = predictive.with_acceleration(looked[name], frames)
+    for label, some, when in (
+        ("constant velocity", looked[name], arrival.CV()),
+        ("constant acceleration, velocity kept", other, arrival.CV()),
+        ("constant acceleration", other, arrival.CA()),
+    ):
+        table = predictive.from_images(some, one, when).query("approach == 'Tracking'")
+        box = predictive.summaries(table.assign(filter=label)).set_index("quantity")
+        row = {"material": name, "filter": label, "n": int(box["n"].iloc[0])}
+        rows.append(row | {f"{q}_{v}": box[v][q] for q in box.index for v in ("median", "iqr")})
+
+# %%
+caption = (
+    "Deviations from images by filter: median and interquartile range of the lateral deviation "
+    "and of the time of arrival."
+)
+figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Verdicts

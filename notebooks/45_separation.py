@@ -77,7 +77,7 @@ for (name, one), column in zip(thirty, grid.T, strict=True):
     column[1].set(xlabel="time that a valve is open (ms)")
 grid[0, 0].set(ylabel="particles to be blown out\nthat are hit (%)", ylim=(0, 103))
 grid[1, 0].set(ylabel="other particles\nthat are hit (%)")
-_ = grid[1, 0].legend(loc="upper left")
+_ = grid[1, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
 
 # %%
 caption = (

@@ -11,6 +11,8 @@ from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError, check_columns, check_positive
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES
 
+_CV = arrival.CV()
+
 
 def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     """Return what is known of each track when it enters the prediction phase.
@@ -67,7 +69,12 @@ def observe(
     return observed._replace(last=last)
 
 
-def deviations(last: pd.DataFrame, reference: pd.DataFrame, target_mm: float) -> pd.DataFrame:
+def deviations(
+    last: pd.DataFrame,
+    reference: pd.DataFrame,
+    target_mm: float,
+    when: arrival.ArrivalModel = _CV,
+) -> pd.DataFrame:
     """Return how far predictions with constant velocity and straight ones are off.
 
     Parameters
@@ -77,6 +84,8 @@ def deviations(last: pd.DataFrame, reference: pd.DataFrame, target_mm: float) ->
         particles in the same order.
     target_mm
         The edge of the belt.
+    when
+        What predicts the time: constant velocity, as in the paper, or another model.
 
     Returns
     -------
@@ -100,7 +109,7 @@ def deviations(last: pd.DataFrame, reference: pd.DataFrame, target_mm: float) ->
     state = BELT_LAST.check(last)
     moving = (state["velocity_x_mm_s"] > 0).to_numpy()
     time = np.full(len(state), np.nan)
-    time[moving] = arrival.CV()(state[moving], target_mm)
+    time[moving] = when(state[moving], target_mm)
     remaining = time - state["time_s"].to_numpy()
     true_y = reference["y"].to_numpy()
     return pd.DataFrame(

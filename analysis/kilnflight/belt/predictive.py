@@ -16,6 +16,7 @@ import pandas as pd
 from kilnflight.belt import physics, simulation
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import BELT, TRACKED
+from kilnflight.belt.arrival import CV, ArrivalModel
 from kilnflight.belt.corners import FindCorners
 from kilnflight.belt.crossing import deviations, last_states
 from kilnflight.belt.deviation import summarise
@@ -25,12 +26,19 @@ from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, at_rate
 from kilnflight.belt.spots import Spots, average, measure
-from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed, constant_velocity
+from kilnflight.belt.tracker import (
+    BELT_FRAME_S,
+    BeltTracker,
+    Followed,
+    constant_acceleration,
+    constant_velocity,
+)
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
+_CV = CV()
 SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # names of Fig. 6
 
 
@@ -106,11 +114,11 @@ def look(pictures: Pictures, background_of: int = 200) -> Looked:
     return Looked(background, calibration, seen, BeltTracker()(seen, len(pictures)))
 
 
-def from_images(looked: Looked, bodies: pd.DataFrame) -> pd.DataFrame:
+def from_images(looked: Looked, bodies: pd.DataFrame, when: ArrivalModel = _CV) -> pd.DataFrame:
     """Return the deviations of both approaches on images, columns as in `noise_free`.
 
     Each track is matched with the particle that it followed; "straight" starts from the last
-    measurement itself, not from the filter.
+    measurement itself, not from the filter. ``when`` predicts the time of "tracking".
     """
     arrival = PHASE.observe(bodies).arrival
     found = last_states(looked.followed, BELT_FRAME_S)
@@ -119,7 +127,7 @@ def from_images(looked: Looked, bodies: pd.DataFrame) -> pd.DataFrame:
     pairs = match(measured, at_rate(bodies, 1 / BELT_FRAME_S)).set_index("particle")["truth"]
     found["particle"] = found["particle"].map(pairs)
     found = found.dropna(subset="particle").astype({"particle": np.int64})
-    tracked = _deviations(found, arrival)
+    tracked = _deviations(found, arrival, when)
     raw = found.assign(y=looked.spots["y"].to_numpy()[found["row"]])
     straight = _deviations(raw, arrival)
     return _table(((TRACKING, tracked, "lateral_mm"), (STRAIGHT, straight, "straight_mm")))
@@ -172,11 +180,18 @@ def _with_velocity(last: pd.DataFrame, bodies: pd.DataFrame) -> pd.DataFrame:
     return last.drop(columns=names).merge(known, on=keys, how="left")[BELT_LAST.names]
 
 
-def _deviations(last: pd.DataFrame, arrival: pd.DataFrame) -> pd.DataFrame:
+def with_acceleration(looked: Looked, frames: int) -> Looked:
+    """Return the same spots followed by the filter of constant acceleration."""
+    return looked._replace(followed=BeltTracker(constant_acceleration())(looked.spots, frames))
+
+
+def _deviations(
+    last: pd.DataFrame, arrival: pd.DataFrame, when: ArrivalModel = _CV
+) -> pd.DataFrame:
     """Return the deviations of tracks whose particle arrived."""
     there = last[last["particle"].isin(arrival["particle"])]
     reference = arrival.set_index("particle").loc[there["particle"]].reset_index()
-    return deviations(there[BELT_LAST.names], reference[BELT_ARRIVAL.names], PHASE.target_mm)
+    return deviations(there[BELT_LAST.names], reference[BELT_ARRIVAL.names], PHASE.target_mm, when)
 
 
 def _table(parts: tuple[tuple[str, pd.DataFrame, str], ...]) -> pd.DataFrame:
