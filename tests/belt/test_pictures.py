@@ -37,6 +37,7 @@ def test_the_whole_belt_is_in_view_whatever_the_mounting():
         np.testing.assert_allclose(middle, [[353.5, 531.5]], atol=1e-9)
 
 
+@settings(deadline=None)
 @given(st.floats(-180, 180), st.floats(-80, 80), st.floats(0.1, 5.0))
 def test_what_is_higher_is_seen_farther_from_the_middle(dx, dy, z):
     flat, high = LEVEL.pixels(np.array([[588 + dx, 90 + dy, 0.0], [588 + dx, 90 + dy, z]]))
@@ -80,7 +81,7 @@ def test_frames_do_not_depend_on_which_others_are_asked_for():
     assert (pictures[0] != other[0]).any()
 
 
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 20), st.sampled_from([200.0, 100.0, 500.0]))
 def test_thinning_keeps_times(first, rate):
     frame = first + np.arange(60)

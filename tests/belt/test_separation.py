@@ -58,6 +58,7 @@ def test_by_hand():
     assert (blown.hit_share, blown.inadvertent_share) == (0.5, 0.5)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_perfect_predictions_hit_all_and_longer_times_never_fewer(seed):
     wanted, predicted, true = world(seed)

@@ -66,7 +66,7 @@ def test_a_particle_that_rests_in_all_pictures_is_background():
     assert not ((found["row"] - 30).abs() < 3).any()
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_spots_are_those_of_scipy(seed):
     rng = np.random.default_rng(seed)

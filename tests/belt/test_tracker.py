@@ -76,6 +76,7 @@ def test_gone_is_missed_inside_and_certain_outside():
     np.testing.assert_allclose(gone, [0.1, 0.55, 1, 1, 0.55], atol=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(300, 800), st.floats(-50, 250), st.floats(0.1, 20), st.floats(0.1, 20))
 def test_outside_by_the_normal_distribution(x, y, along, across):
     residual = np.diag([along**2, across**2])[None]
