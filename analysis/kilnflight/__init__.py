@@ -50,7 +50,7 @@ correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
-belt            the sorter of the 2020 paper: tracks, motion models, deviations
+belt            the sorter of both papers: simulation, motion models, deviations
 sorter          the belt experiment, from tracks to deviations
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
                 beta, JSC
