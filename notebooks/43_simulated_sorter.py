@@ -118,7 +118,9 @@ figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, 
 # %%
 misfit = sorter.misfits(profiles, sorter.AUTHORS).round(5)
 caption = "Root mean square over the belt of simulated minus the authors' velocities (m/s)."
-figures.save("sorter-misfit", misfit, caption=caption, provenance=made)
+if len(misfit):  # without the authors' tracks there is nothing to be off from
+    figures.save("sorter-misfit", misfit, caption=caption, provenance=made)
+misfit
 
 # %% [markdown]
 # ## What a simulated second costs
