@@ -23,10 +23,11 @@ from kilnflight import peers
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
 from kilnflight.belt.corners import FindCorners
+from kilnflight.belt.filters import BELT_FRAME_S, constant_velocity
 from kilnflight.belt.homography import calibrate
 from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.spots import Spots, average, measure
-from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity
+from kilnflight.belt.tracker import BeltTracker
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region

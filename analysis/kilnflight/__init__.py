@@ -50,7 +50,7 @@ correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
-belt            the sorter of the 2016 and 2020 papers: pictures, tracker, motion models,
+belt            the sorter of both papers: simulation, pictures, tracker, motion models,
                 deviations, separation
 sorter          the belt experiment, from tracks to deviations
 scores          detections and tracks against the truth: precision, recall, F1; alpha,

@@ -111,12 +111,13 @@ def misfits(profiles: pd.DataFrame, wanted: str) -> pd.DataFrame:
     """
     quantities = [name for name in profiles.columns if name.endswith("_m_s")]
     keys = ["data_set", "x_mm"]
-    known = profiles[profiles["variant"] == wanted].set_index(keys)[quantities]
-    others = profiles[profiles["variant"] != wanted].join(known, on=keys, rsuffix="_wanted")
+    known = profiles.loc[profiles["variant"] == wanted, keys + quantities]
+    others = profiles[profiles["variant"] != wanted]
+    others = others.merge(known, on=keys, suffixes=("", "_wanted"))
     off = others[["variant", "data_set"]].copy()
     for name in quantities:
         off[name] = (others[name] - others[f"{name}_wanted"]) ** 2
-    mean = off.dropna().groupby(["variant", "data_set"], sort=False)[quantities].mean()
+    mean = off.groupby(["variant", "data_set"], sort=False)[quantities].mean()
     return mean.pow(0.5).reset_index()
 
 

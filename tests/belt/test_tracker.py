@@ -13,15 +13,8 @@ from scipy.stats import multivariate_normal, norm
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
 from kilnflight.belt.association import associate, matrix, pair_costs
-from kilnflight.belt.tracker import (
-    LEFT,
-    LOST,
-    RUNNING,
-    SIDEWAYS,
-    BeltTracker,
-    constant_acceleration,
-    constant_velocity,
-)
+from kilnflight.belt.filters import constant_acceleration, constant_velocity
+from kilnflight.belt.tracker import LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.tables import BELT_ENDS, BELT_STATES

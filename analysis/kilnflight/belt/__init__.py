@@ -29,6 +29,11 @@ lateral     equation    parameter from calibration                  reference
 `CADSC`     Eq. 7       none                                        sec. 4.2
 `Ratio`     Eq. 7       median share of lateral velocity that stays  sec. 4.2
 ==========  ==========  ==========================================  ================
+
+Where tracks come from: `dem` reads the authors', `simulation` makes our own (MuJoCo: `bulk`
+and `slide` and `conveyor` say what, `physics` how it touches, `batch` runs it, `machine` joins
+them, `calibration` found the `friction_values`), `friction` is the model without contacts that
+needs nothing installed. `sampling` thins tracks, `answers` puts the claims to them.
 """
 
 from kilnflight.belt import arrival, lateral

@@ -22,15 +22,15 @@ from kilnflight import kalman
 from kilnflight.association.pairs import one_hot
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.association import associate, pair_costs
+from kilnflight.belt.filters import BELT_FRAME_S, constant_velocity
 from kilnflight.checks import InputError, check_between, check_columns, check_offers, check_positive
 from kilnflight.gating import Detected, Gate, Predicted
-from kilnflight.motion import ConstantAcceleration, ConstantVelocity, Motion
+from kilnflight.motion import Motion
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
 MEASURED = Table(
     "measurements on the belt",
     (
@@ -41,47 +41,6 @@ MEASURED = Table(
 )
 LEFT, SIDEWAYS, LOST, RUNNING = "left at the end", "left sideways", "lost", "recording ends"
 REASONS = (LEFT, SIDEWAYS, LOST, RUNNING)
-
-
-def constant_velocity(
-    frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127, acceleration_mm_s2: float = 2000.0
-) -> ConstantVelocity:
-    """Return the filter of section II.B for a belt of 1500 mm/s.
-
-    Parameters
-    ----------
-    frame_s
-        Time between two frames in s.
-    spread_mm
-        Standard deviation of a measurement; the default is the rounding to whole pixels of
-        0.44 mm, 0.44 / sqrt(12).
-    acceleration_mm_s2
-        By which the velocity may change from frame to frame; the default is 0.2 g, a belt's
-        drag.
-
-    Notes
-    -----
-    No number is printed. A particle comes with anything from 0 to the belt's 1500 mm/s: mean
-    750, standard deviation 433. The noise changes its velocity by ``acceleration_mm_s2`` times
-    ``frame_s`` in a frame.
-    """
-    check_positive(frame_s, "constant_velocity: frame_s")
-    noise = acceleration_mm_s2 * np.sqrt(frame_s)
-    return ConstantVelocity((750.0, 0.0), 433.0, float(noise), spread_mm)
-
-
-def constant_acceleration(
-    frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127
-) -> ConstantAcceleration:
-    """Return the same with a constant acceleration, disturbed by white noise of the jerk.
-
-    Notes
-    -----
-    The acceleration is 0 give or take 2000 mm/s^2 at first. It ends when the particle moves
-    with the belt, after some 0.2 s: the noise changes it by its size in that time.
-    """
-    noise = 2000.0 / np.sqrt(0.2)
-    return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), spread_mm)
 
 
 _MOTION, _APPEARANCE, _GATE = constant_velocity(), Appearance(), Gate()
