@@ -5,7 +5,7 @@ One particle enters as light on a sensor and leaves as a number in a report::
     kiln:  recording -> background -> detection -> combination -> tracking
                -> tracklets -> regression -> flight --+
                                                       |
-    belt:  tracks -> prediction phase                 +-> notebook -> figure -> site
+    belt:  pictures -> tracks -> prediction phase     +-> notebook -> figure -> site
                -> arrival and lateral models ---------+
 
 What stands today (the other rooms follow the plan in CHANGELOG.md):
@@ -71,7 +71,8 @@ correspondence  which keypoints and clusters are one potential particle
 cylinder        the kiln's wall, distance to its axis, in air or on the wall
 mlesac          robust fit of a cylinder to points
 matching        pairs of places within a gate, by the Hungarian method
-belt            the sorter of the 2020 paper: tracks, motion models, deviations
+belt            the sorter of both papers: simulation, pictures, tracker, motion models,
+                deviations, separation
 sorter          the belt experiment, from tracks to deviations
 findings        what many flights come to: the numbers of section 5.3
 scores          detections and tracks against the truth: precision, recall, F1; alpha,
@@ -90,6 +91,7 @@ external        the authors' public data: fetch, check, find
 tables          columns, units and checks of every table that is handed on
 checks          the one place that words an error about input
 files           files that are there whole or not at all
+frozen          what a calibration wrote once: with a hash, read only whole
 places          where the project's folders are
 ==============  ================================================================
 """

@@ -6,26 +6,39 @@ tracks -> observe -> (count) -> compare the models -> one table per question
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight.belt import simulation
 from kilnflight.belt.dem import read_dem
 from kilnflight.belt.deviation import Deviations, Evaluation, over_draws
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.belt.friction_values import calibrated_sorter
+from kilnflight.belt.machine import Sorter
 from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.belt.physics import is_installed
+from kilnflight.belt.sampling import thinned
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
 DATA_SETS = tuple(MATERIALS)
+# Particles of each material in the simulated sorter, by scale; None: as many as published.
+PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
 
 Key = tuple[str, str]  # source, data set
 
 
-def load_tracks(files: Mapping[str, Path], seed: int) -> dict[Key, pd.DataFrame]:
+def load_tracks(
+    files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
+) -> dict[Key, pd.DataFrame]:
     """Return the tracks of every source and data set: what there is, and our simulation.
+
+    Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.belt.simulation`)
+    where MuJoCo is installed, otherwise the friction model at 100 Hz.
 
     Parameters
     ----------
@@ -33,11 +46,79 @@ def load_tracks(files: Mapping[str, Path], seed: int) -> dict[Key, pd.DataFrame]
         The authors' files by data set, from `kilnflight.belt.dem.find_dem`; may be empty.
     seed
         Of our simulation.
+    count
+        Particles of each material in the sorter with contacts; as published unless told. The
+        friction model costs next to nothing and always has as many as published.
+    jobs
+        Processes of the sorter with contacts.
     """
     tracks = {(AUTHORS, name): read_dem(files[name]) for name in DATA_SETS if name in files}
-    for number, (name, simulation) in enumerate(MATERIALS.items()):
-        tracks[OWN, name] = simulation(np.random.default_rng([seed, number]))
+    contacts = is_installed()
+    for number, (name, friction) in enumerate(MATERIALS.items()):
+        if contacts:
+            tracks[OWN, name] = simulation.tracks(name, count, seed, jobs)
+        else:
+            tracks[OWN, name] = friction(np.random.default_rng([seed, number]))
     return tracks
+
+
+def is_simulated() -> bool:
+    """Return whether our simulation has all contacts, at 1000 Hz."""
+    return is_installed()
+
+
+def describe_own() -> str:
+    """Return what our simulation is here, for a reader."""
+    if is_installed():
+        return "the sorter simulated with all contacts (MuJoCo) at 1000 Hz"
+    return "our friction model at 100 Hz, which only assumes how each shape moves"
+
+
+def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFrame]:
+    """Return our simulation before and after its free values were found, at 100 Hz.
+
+    Returns
+    -------
+    dict
+        Tracks by variant and data set: ``inputs only`` (spheres), ``calibrated`` (all; the
+        values were found with spheres), ``along the belt`` (cylinders whose axes are within
+        some 20 degrees of the belt's direction instead of any). Without MuJoCo the
+        ``friction model`` alone.
+    """
+    if not is_installed():
+        known = load_tracks({}, seed)
+        return {("friction model", name): known[OWN, name] for name in DATA_SETS}
+    found = calibrated_sorter()
+    along = replace(found, slide=replace(found.slide, yaw_spread_deg=20.0))
+    wanted: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
+    wanted |= {("calibrated", name): found for name in DATA_SETS}
+    wanted["along the belt", "cylinders"] = along
+    return {
+        key: thinned(simulation.tracks(key[1], count, seed, jobs, one), 10)
+        for key, one in wanted.items()
+    }
+
+
+def misfits(profiles: pd.DataFrame, wanted: str) -> pd.DataFrame:
+    """Return how far velocity profiles are off, root mean square over the belt.
+
+    Parameters
+    ----------
+    profiles
+        ``variant``, ``data_set`` and the columns of `kilnflight.belt.velocity.motion_profile`.
+    wanted
+        The variant that the others are held against; without it the table is empty.
+    """
+    quantities = [name for name in profiles.columns if name.endswith("_m_s")]
+    keys = ["data_set", "x_mm"]
+    known = profiles.loc[profiles["variant"] == wanted, keys + quantities]
+    others = profiles[profiles["variant"] != wanted]
+    others = others.merge(known, on=keys, suffixes=("", "_wanted"))
+    off = others[["variant", "data_set"]].copy()
+    for name in quantities:
+        off[name] = (others[name] - others[f"{name}_wanted"]) ** 2
+    mean = off.groupby(["variant", "data_set"], sort=False)[quantities].mean()
+    return mean.pow(0.5).reset_index()
 
 
 def count_particles(
@@ -104,3 +185,43 @@ def vary_target(
         table.insert(0, "target_mm", target)
         parts.append(table)
     return pd.concat(parts, ignore_index=True)
+
+
+def vary_rate(
+    tracks: Mapping[Key, pd.DataFrame],
+    every: Iterable[int],
+    evaluation: Evaluation,
+    deviations: Deviations,
+    seed: int,
+) -> pd.DataFrame:
+    """Return the deviations for tracks of which only every n-th frame is kept.
+
+    Returns
+    -------
+    DataFrame
+        ``sampling_hz`` and the columns of `kilnflight.belt.deviation.over_draws`.
+    """
+    phase, parts = PredictionPhase(), []
+    for n in every:
+        less = {key: thinned(one, n) for key, one in tracks.items()}
+        table = over_draws(
+            compare(
+                {key: phase.observe(one) for key, one in less.items()},
+                phase,
+                evaluation,
+                deviations,
+                seed,
+            )
+        )
+        table.insert(0, "sampling_hz", table["source"].map(_rates(less)))
+        parts.append(table)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _rates(tracks: Mapping[Key, pd.DataFrame]) -> dict[str, float]:
+    """Return the frames per second of each source."""
+    rates = {}
+    for (source, _), table in tracks.items():
+        whole = table.loc[table["frame"] > 0]
+        rates[source] = float(np.round((whole["frame"] / whole["time_s"]).median(), 6))
+    return rates

@@ -101,6 +101,17 @@ BELT_TRACKS = Table(
     ),
 )
 
+BELT_BODIES = Table(
+    "bodies on the belt",
+    (
+        *BELT_TRACKS.columns,
+        Column("z", float, "mm", "height of the centre above the belt"),
+        Column("angle_rad", float, "rad", "of the longest edge or axis, seen from above, from x"),
+        Column("velocity_x_mm_s", float, "mm/s", "along the belt, as the simulation has it"),
+        Column("velocity_y_mm_s", float, "mm/s", "across the belt, likewise"),
+    ),
+)
+
 BELT_LAST = Table(
     "last observation before the prediction phase",
     (
@@ -122,6 +133,45 @@ BELT_ARRIVAL = Table(
         Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
         Column("y", float, "mm", "lateral position at t_Ref"),
         Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
+    ),
+)
+
+BELT_SPOTS = Table(
+    "particles seen by the belt's camera",
+    (
+        Column("frame", int, "1", "frame of the camera, counted from 0"),
+        Column("row", float, "px", "centroid, counted down from 0"),
+        Column("col", float, "px", "centroid, counted to the right from 0"),
+        Column("area_px", float, "px^2", "number of its pixels"),
+        Column("touching", int, "1", "1: larger than one particle, several may touch"),
+        Column("x", float, "mm", "along the belt, by the calibration"),
+        Column("y", float, "mm", "across the belt"),
+    ),
+)
+
+BELT_STATES = Table(
+    "states of the tracks on the belt",
+    (
+        Column("frame", int, "1", "frame of the camera"),
+        Column("particle", int, "1", "identity of the track"),
+        Column("row", int, "1", "row of the table of detections; -1: missed, predicted only"),
+        Column("valid", int, "1", "1: the score has reached the upper threshold"),
+        Column("score", float, "1", "log likelihood ratio of particle against dirt"),
+        Column("x", float, "mm", "filtered, along the belt"),
+        Column("y", float, "mm", "filtered, across the belt"),
+        Column("velocity_x_mm_s", float, "mm/s", "filtered"),
+        Column("velocity_y_mm_s", float, "mm/s", "filtered"),
+        Column("acceleration_x_mm_s2", float, "mm/s^2", "filtered; 0 where velocity is constant"),
+        Column("acceleration_y_mm_s2", float, "mm/s^2", "filtered; likewise"),
+    ),
+)
+
+BELT_ENDS = Table(
+    "ends of the tracks on the belt",
+    (
+        Column("particle", int, "1", "identity of the track"),
+        Column("frame", int, "1", "its last frame"),
+        Column("valid", int, "1", "1: its score has ever reached the upper threshold"),
     ),
 )
 

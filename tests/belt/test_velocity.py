@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.velocity import velocities, velocity_profile
+from kilnflight.belt.velocity import motion_profile, velocities, velocity_profile
 from kilnflight.tables import BELT_TRACKS
 
 
@@ -40,3 +40,16 @@ def test_no_tracks_give_an_empty_profile():
     profile = velocity_profile(steps, np.array([500.0]))
     assert isinstance(profile, pd.DataFrame)
     assert profile["particles"].tolist() == [0]
+
+
+def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constant_acceleration):
+    steps = velocities(constant_acceleration)
+    profile = motion_profile(steps, np.array([350.0, 500.0]))
+    across = [
+        np.interp(500.0, one["x"], one["velocity_y_mm_s"]) / 1000
+        for _, one in steps.groupby("particle")
+    ]
+    assert profile["lateral_m_s"][1] == pytest.approx(np.median(np.abs(across)))
+    assert profile["lateral_std_m_s"][1] == pytest.approx(np.std(across, ddof=1))
+    assert profile.loc[0, ["lateral_m_s", "lateral_std_m_s"]].isna().all()
+    assert motion_profile(velocities(BELT_TRACKS.empty()), np.array([500.0]))["particles"][0] == 0

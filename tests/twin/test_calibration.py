@@ -2,8 +2,9 @@ import json
 
 import pytest
 
+from kilnflight import frozen
 from kilnflight.checks import InputError
-from kilnflight.twin import calibration, frozen, outcomes, scenes, statements
+from kilnflight.twin import calibration, outcomes, scenes, statements
 from kilnflight.twin.calibration import INPUTS_ONLY, FreeInputs, calibrated, record
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas

@@ -1,7 +1,13 @@
-r"""The belt sorter: when and where a particle leaves the belt (2020 paper).
+r"""The belt sorter: when and where a particle leaves the belt (2016 and 2020 papers).
 
+    pictures -> spots -> homography -> tracker -> crossing                      (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
-                              \-> what happened --------------------> deviation
+                              \-> what happened --------------------> deviation  (2020)
+                                              predictions -> separation by valves
+
+The camera's pictures (`pictures`, `view`) and bodies (`simulation`, `friction`, the authors'
+`dem` and `recordings`) are input; `predictive` writes the evaluation of 2016 out, `sorting`
+that of the valves. The tracker takes filter, gate and assignment from the kiln's.
 
 ==========  ==========  ==========================================  ================
 arrival     equation    parameter from calibration                  reference
@@ -23,6 +29,11 @@ lateral     equation    parameter from calibration                  reference
 `CADSC`     Eq. 7       none                                        sec. 4.2
 `Ratio`     Eq. 7       median share of lateral velocity that stays  sec. 4.2
 ==========  ==========  ==========================================  ================
+
+Where tracks come from: `dem` reads the authors', `simulation` makes our own (MuJoCo: `bulk`
+and `slide` and `conveyor` say what, `physics` how it touches, `batch` runs it, `machine` joins
+them, `calibration` found the `friction_values`), `friction` is the model without contacts that
+needs nothing installed. `sampling` thins tracks, `answers` puts the claims to them.
 """
 
 from kilnflight.belt import arrival, lateral

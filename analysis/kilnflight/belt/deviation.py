@@ -15,6 +15,7 @@ import pandas as pd
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
 from kilnflight.belt.arrival import IV, ArrivalModel
+from kilnflight.belt.lateral import LateralModel
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.checks import InputError
 
@@ -26,6 +27,9 @@ SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "m
 Deviations = Callable[
     [Observed, PredictionPhase, npt.NDArray[np.bool_]], Iterator[tuple[str, Array]]
 ]
+
+
+Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
 
 
 def summarise(deviation: Array) -> dict[str, float]:
@@ -143,17 +147,28 @@ def arrival_deviations(
         yield model.name, 1000.0 * (predicted - reference)
 
 
+def predictions(
+    observed: Observed,
+    phase: PredictionPhase,
+    calibration: npt.NDArray[np.bool_],
+    combinations: Combinations = COMBINATIONS,
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield the name of each combination and when (s) and where (y, mm) the others arrive."""
+    last = observed.last[~calibration]
+    for name, arrival, lateral in combinations:
+        timed = _calibrated(arrival, observed, phase, calibration)
+        time = timed(last, phase.target_mm)
+        fitted = lateral.calibrated(observed.last[calibration], observed.arrival[calibration])
+        yield name, time, fitted(last, time - last["time_s"].to_numpy())
+
+
 def lateral_deviations(
     observed: Observed, phase: PredictionPhase, calibration: npt.NDArray[np.bool_]
 ) -> Iterator[tuple[str, Array]]:
     """Yield the name and the deviations in mm of each combination of Fig. 10."""
-    test = ~calibration
-    last, reference = observed.last[test], observed.arrival["y"].to_numpy()[test]
-    for name, arrival, lateral in COMBINATIONS:
-        timed = _calibrated(arrival, observed, phase, calibration)
-        remaining = timed(last, phase.target_mm) - last["time_s"].to_numpy()
-        fitted = lateral.calibrated(observed.last[calibration], observed.arrival[calibration])
-        yield name, fitted(last, remaining) - reference
+    reference = observed.arrival["y"].to_numpy()[~calibration]
+    for name, _, y in predictions(observed, phase, calibration):
+        yield name, y - reference
 
 
 def over_draws(draws: pd.DataFrame) -> pd.DataFrame:

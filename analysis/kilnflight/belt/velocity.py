@@ -54,11 +54,7 @@ def velocity_profile(steps: pd.DataFrame, x_mm: npt.NDArray[np.float64]) -> pd.D
     DataFrame
         Columns ``x_mm``, ``mean_m_s``, ``std_m_s``, ``particles``.
     """
-    curves = [
-        np.interp(x_mm, one["x"], one["velocity_x_mm_s"], left=np.nan, right=np.nan)
-        for _, one in steps.groupby("particle", sort=False)
-    ]
-    stack = np.array(curves).reshape(-1, len(x_mm)) / 1000.0
+    stack = _at_places(steps, x_mm, "velocity_x_mm_s") / 1000.0
     seen = np.isfinite(stack)
     count = seen.sum(axis=0)
     total = np.where(seen, stack, 0.0).sum(axis=0)
@@ -68,3 +64,32 @@ def velocity_profile(steps: pd.DataFrame, x_mm: npt.NDArray[np.float64]) -> pd.D
     return pd.DataFrame(
         {"x_mm": x_mm, "mean_m_s": mean, "std_m_s": np.sqrt(variance), "particles": count}
     )
+
+
+def motion_profile(steps: pd.DataFrame, x_mm: npt.NDArray[np.float64]) -> pd.DataFrame:
+    """Return `velocity_profile`, and how fast particles move across the belt.
+
+    Returns
+    -------
+    DataFrame
+        Its columns, and ``lateral_m_s``: the median over particles of the absolute velocity
+        across the belt. A median, as a few collisions would rule a standard deviation;
+        that is beside it as ``lateral_std_m_s``. NaN where no particle was seen.
+    """
+    profile = velocity_profile(steps, x_mm)
+    across = _at_places(steps, x_mm, "velocity_y_mm_s") / 1000.0
+    seen = [column[np.isfinite(column)] for column in across.T]
+    profile["lateral_m_s"] = [np.median(np.abs(v)) if len(v) else np.nan for v in seen]
+    profile["lateral_std_m_s"] = [np.std(v, ddof=1) if len(v) > 1 else np.nan for v in seen]
+    return profile
+
+
+def _at_places(
+    steps: pd.DataFrame, x_mm: npt.NDArray[np.float64], column: str
+) -> npt.NDArray[np.float64]:
+    """Return a column of each particle, (particles, places); NaN where it was not seen."""
+    curves = [
+        np.interp(x_mm, one["x"], one[column], left=np.nan, right=np.nan)
+        for _, one in steps.groupby("particle", sort=False)
+    ]
+    return np.array(curves, dtype=np.float64).reshape(-1, len(x_mm))

@@ -33,7 +33,6 @@ outcomes     what flights come to: velocities, dwell times, ignition
 statements   the published sentences that an outcome answers
 calibration  the few free inputs, fitted to two cells and frozen (calibrated.json)
 exposure     the few free inputs of the picture, fitted to Otsu's row and frozen (exposure.json)
-frozen       such files: written with a hash, read only whole
 mixture      how much to feed to see what Table 5.2 counts
 scenes       the five subsets, the eight campaigns, the scenarios
 ===========  =====================================================================

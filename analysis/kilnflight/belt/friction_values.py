@@ -1,0 +1,80 @@
+"""What the papers do not print of slide and friction: seven values, frozen.
+
+They were found with the spheres of the authors' tracks (`kilnflight.belt.calibration`).
+Cylinders and cuboids get the same values, so what they do is a prediction. What came out is
+effective: the slide stands for a feeder and a chute of unknown shape, and the friction for
+whatever contact law the authors' DEM has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kilnflight import external, frozen
+from kilnflight.belt.machine import Sorter
+from kilnflight.belt.physics import Contacts
+from kilnflight.belt.slide import Slide
+
+FILE = Path(__file__).with_name("friction_values.json")
+PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are seen
+SCALES = {"mean_m_s": 0.01, "std_m_s": 0.01, "lateral_m_s": 0.002}  # what counts as one misfit
+
+
+@dataclass(frozen=True)
+class FreeValues:
+    """The free values; the defaults are those of `Contacts` and `Slide`, untouched."""
+
+    belt_friction: float = Contacts.belt_friction
+    rolling_friction: float = Contacts.rolling_friction
+    drop_mm: float = Slide.drop_mm
+    rolling_share: float = Slide.rolling_share
+    exit_deg: float = Slide.exit_deg
+    speed_spread: float = Slide.speed_spread
+    lateral_spread_mm_s: float = Slide.lateral_spread_mm_s
+
+    def applied(self, sorter: Sorter) -> Sorter:
+        """Return a sorter with these values, all others as they were."""
+        values = asdict(self)
+        touch = {name: values.pop(name) for name in ("belt_friction", "rolling_friction")}
+        contacts = replace(sorter.contacts, **touch)
+        return replace(sorter, contacts=contacts, slide=replace(sorter.slide, **values))
+
+
+INPUTS_ONLY = FreeValues()
+# What is conceivable, fixed before the search.
+LIMITS = {
+    "belt_friction": (0.05, 0.8),
+    "rolling_friction": (0.001, 0.1),
+    "drop_mm": (20.0, 300.0),
+    "rolling_share": (0.0, 1.0),
+    "exit_deg": (0.0, 30.0),
+    "speed_spread": (0.0, 0.2),
+    "lateral_spread_mm_s": (0.0, 100.0),
+}
+
+
+def targets() -> dict[str, object]:
+    """Return what the fit is held against, as it is hashed: the file, the places, the scales."""
+    spheres = external.BELT_DEM["spheres"]
+    return {"sha256": spheres.sha256, "places_mm": PLACES_MM.tolist(), "scales": SCALES}
+
+
+def record(path: Path = FILE) -> dict[str, Any]:
+    """Return the content of the frozen file; see `kilnflight.frozen.read` for what is refused."""
+    return frozen.read(path, targets(), "kilnflight.belt.calibration")
+
+
+@lru_cache(maxsize=8)
+def calibrated(path: Path = FILE) -> FreeValues:
+    """Return the frozen values; see `record` for what is refused."""
+    return frozen.inputs(FreeValues, path, record(path))
+
+
+def calibrated_sorter() -> Sorter:
+    """Return the sorter with the frozen values."""
+    return calibrated().applied(Sorter())

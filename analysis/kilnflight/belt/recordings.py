@@ -1,0 +1,110 @@
+"""The authors' recordings of their real sorter: measured positions and their own tracks.
+
+``NNN.csv.gz`` holds, for each frame, its number, how many midpoints were measured, and x, y of
+each in pixels (NaN where there are no more); ``NNN_trackHistory_NothingDeleted.csv.gz`` one pair
+of columns for each track that the authors found. The belt runs along y. Neither the frame
+rate nor the size of a pixel is told.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import places
+from kilnflight.checks import InputError
+
+Array = npt.NDArray[np.float64]
+
+Pairs = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]
+
+MATERIALS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
+HISTORY = "_trackHistory_NothingDeleted.csv.gz"
+
+
+def find_recordings() -> dict[str, list[Path]]:
+    """Return the files of measured positions by material; nothing where there are none.
+
+    Looked for in the folder that ``KILNFLIGHT_RECORDINGS`` names, else in
+    ``belt_recordings`` beside the authors' other data.
+    """
+    named = os.environ.get("KILNFLIGHT_RECORDINGS")
+    folder = Path(named) if named else places.external() / "belt_recordings"
+    found = {
+        name: sorted(path for path in (folder / part).glob("*.csv.gz") if HISTORY not in path.name)
+        for name, part in MATERIALS.items()
+    }
+    if named and not any(found.values()):
+        raise InputError(
+            f"KILNFLIGHT_RECORDINGS is {named}, which has no recording in "
+            f"{', '.join(MATERIALS.values())}. Put them there or unset the variable."
+        )
+    return {name: files for name, files in found.items() if files}
+
+
+def read_recording(path: Path) -> pd.DataFrame:
+    """Return the measured positions of one recording and whose they are to its authors.
+
+    Returns
+    -------
+    DataFrame
+        ``frame``; ``x`` along the belt and ``y`` across it in px; ``theirs``, the authors'
+        track, -1 where it is in none.
+
+    Raises
+    ------
+    InputError
+        If a file is no table of pairs.
+    """
+    frame, _, across, along = _pairs(path, skip=2)
+    table = pd.DataFrame({"frame": frame, "x": along, "y": across})
+    history = path.with_name(path.name.replace(".csv.gz", HISTORY))
+    if not history.is_file():
+        return table.assign(theirs=-1)
+    _, particle, across, along = _pairs(history, skip=0)
+    theirs = pd.DataFrame({"x": along, "y": across, "theirs": particle})
+    both = table.merge(theirs.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
+    return both.fillna({"theirs": -1}).astype({"theirs": np.int64})
+
+
+def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
+    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart."""
+    parts, frame, particle = [], 0, 0
+    for one in recordings:
+        theirs = one["theirs"].where(one["theirs"] < 0, one["theirs"] + particle)
+        parts.append(one.assign(frame=one["frame"] + frame, theirs=theirs))
+        frame += int(one["frame"].max()) + pause
+        particle += int(one["theirs"].max()) + 1
+    if not parts:
+        raise InputError("no recording to join; give at least one.")
+    return pd.concat(parts, ignore_index=True)
+
+
+def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
+    """Return which rows follow each other in a track, as pairs of row numbers.
+
+    Rows whose track is -1 are in none.
+    """
+    name, frame = table[column].to_numpy(), table["frame"].to_numpy()
+    order = np.lexsort((frame, name))
+    same = (np.diff(name[order]) == 0) & (name[order][:-1] >= 0)
+    return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
+
+
+def _pairs(path: Path, skip: int) -> Pairs:
+    """Return row, column of pairs, and both numbers of every pair that is there."""
+    try:
+        cells = pd.read_csv(path).to_numpy(dtype=np.float64)[:, skip:]
+    except (OSError, ValueError, EOFError) as error:
+        raise InputError(f"{path.name}: no table of numbers ({error}); fetch it again.") from error
+    if cells.shape[1] % 2:
+        raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
+    pairs = cells.reshape(len(cells), -1, 2)
+    row, column = np.nonzero(np.isfinite(pairs).all(axis=2))
+    first, second = pairs[row, column].T
+    return row.astype(np.int64), column.astype(np.int64), first, second

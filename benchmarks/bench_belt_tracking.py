@@ -1,0 +1,199 @@
+"""The belt's tracker with 100 particles in view, without and with pictures, against peers.
+
+Without pictures: Stone Soup's nearest neighbour by linear assignment with the same filter, and
+the same tracker written with scipy, a filterpy object per track. With pictures: finding
+particles and tracking them, rendering excluded, against scipy.ndimage and that tracker. Every
+tracker's links are held against the truth before anything is timed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from filterpy.kalman import KalmanFilter
+from measure import Row, compare
+from scipy import ndimage
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from kilnflight import peers
+from kilnflight.belt.appearance import Appearance
+from kilnflight.belt.area import TRACKED
+from kilnflight.belt.corners import FindCorners
+from kilnflight.belt.filters import BELT_FRAME_S, constant_velocity
+from kilnflight.belt.homography import calibrate
+from kilnflight.belt.pictures import SHAPES, Pictures
+from kilnflight.belt.spots import Spots, average, measure
+from kilnflight.belt.tracker import BeltTracker
+
+IN_VIEW = 100
+VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region
+RIGHT = 0.99  # share of the true links that a tracker must find to be timed
+TRACKER = BeltTracker()
+MOTION = constant_velocity()
+
+
+def bodies(frames: int, rate: float = 1 / BELT_FRAME_S) -> pd.DataFrame:
+    """Return particles that move evenly, none nearer to another than 6 mm."""
+    rng = np.random.default_rng(frames)
+    life = 300.0 / VELOCITY * rate  # frames
+    count = int(IN_VIEW * (frames / life + 1))
+    start = np.linspace(-life, frames, count)
+    lane = rng.permuted(np.tile(np.arange(16), count // 16 + 1).reshape(-1, 16), axis=1)
+    y = 10.0 + 10.6 * lane.ravel()[:count] + rng.uniform(-1, 1, count)
+    frame = np.ceil(start)[:, None] + np.arange(int(life) + 12)
+    x = 388.0 + (frame - start[:, None]) * VELOCITY / rate
+    table = pd.DataFrame({"frame": frame.ravel().astype(int), "x": x.ravel()})
+    table["y"], table["truth"] = np.repeat(y, x.shape[1]), np.repeat(np.arange(count), x.shape[1])
+    table = table[(table["frame"] >= 0) & (table["frame"] < frames)]
+    return table.sort_values(["frame", "x"], ignore_index=True)
+
+
+def measured(frames: int) -> pd.DataFrame:
+    """Return what a camera measures of them, good to 0.1 mm."""
+    table = bodies(frames)
+    table[["x", "y"]] += np.random.default_rng(1).normal(0, 0.1, (len(table), 2))
+    return table[TRACKED.holds(table[["x", "y"]].to_numpy())].reset_index(drop=True)
+
+
+def with_ours(table: pd.DataFrame) -> np.ndarray:
+    """Return the track of each measurement, -1: none."""
+    states = TRACKER(table).states
+    seen = states[states["row"] >= 0]
+    result = np.full(len(table), -1)
+    result[seen["row"]] = seen["particle"]
+    return result
+
+
+def with_scipy(table: pd.DataFrame) -> np.ndarray:
+    """Return the same by scipy's assignment of the whole matrix and filterpy objects."""
+    looks, missed = Appearance(), Appearance().missed
+    tracks: list[tuple[int, KalmanFilter, int]] = []
+    result, names = np.full(len(table), -1), 0
+    for _, rows in table.groupby("frame").indices.items():
+        seen = table[["x", "y"]].to_numpy()[rows]
+        new = looks.new(seen)
+        n, m = len(tracks), len(seen)
+        whole = np.zeros((n + m, m + n))
+        whole[n:, :m], whole[:n, m:] = 1e9, 1e9
+        whole[n + np.arange(m), np.arange(m)] = -np.log(new)
+        for i, (_, one, _) in enumerate(tracks):
+            one.predict()
+            s = one.H @ one.P @ one.H.T + one.R
+            expected = (one.H @ one.x)[None]
+            square = cdist(expected, seen, "mahalanobis", VI=np.linalg.inv(s))[0] ** 2
+            cost = square / 2 + np.log(2 * np.pi * np.sqrt(np.linalg.det(s))) - np.log(1 - missed)
+            whole[i, :m] = np.where(square < 16, cost, 1e9)
+            whole[i, m + i] = -np.log(looks.gone(expected, s[None])[0][0])
+        row, column = linear_sum_assignment(whole)
+        takes = dict(zip(row.tolist(), column.tolist(), strict=True))
+        kept = []
+        for i, (name, one, misses) in enumerate(tracks):
+            if takes[i] < m:
+                one.update(seen[takes[i]])
+                result[rows[takes[i]]] = name
+            if takes[i] < m or misses < 3:
+                kept.append((name, one, 0 if takes[i] < m else misses + 1))
+        for j in np.flatnonzero(result[rows] < 0):
+            kept.append((names, _filter(seen[j]), 0))
+            result[rows[j]] = names
+            names += 1
+        tracks = kept
+    return result
+
+
+def _filter(place: np.ndarray) -> KalmanFilter:
+    one = KalmanFilter(dim_x=4, dim_z=2)
+    state, covariance = MOTION.initial(place[None])
+    one.x, one.P = state[0], covariance[0]
+    one.F, one.Q = MOTION.transition(BELT_FRAME_S), MOTION.process_noise(BELT_FRAME_S)
+    one.H, one.R = MOTION.measurement(), MOTION.measurement_noise()
+    return one
+
+
+def with_stone_soup(table: pd.DataFrame) -> np.ndarray:
+    """Return the same by Stone Soup, whose lengths are frames' ways instead of mm and s."""
+    per_frame = {"velocity": (750.0 * BELT_FRAME_S, 0.0), "velocity_sd": 433.0 * BELT_FRAME_S}
+    noise = MOTION.acceleration_noise * BELT_FRAME_S**1.5
+    settings = peers.StoneSoupGNN(
+        velocity_sd=per_frame["velocity_sd"],
+        acceleration_noise=noise,
+        measurement_sd=MOTION.measurement_sd,
+    )
+    # It starts tracks at rest; seen from a frame that moves along, they start as ours do.
+    moving = table["x"] - per_frame["velocity"][0] * table["frame"]
+    return settings(table.assign(row=moving, col=table["y"]))["particle"].to_numpy()
+
+
+def share_of_links(truth: np.ndarray, frame: np.ndarray, particle: np.ndarray) -> float:
+    """Return the share of the true links among those found or true (Jaccard)."""
+    found = []
+    for label in (truth, particle):
+        order = np.lexsort((frame, label))
+        same = (np.diff(label[order]) == 0) & (label[order][:-1] >= 0)
+        found.append(set(zip(order[:-1][same], order[1:][same], strict=True)))
+    return len(found[0] & found[1]) / len(found[0] | found[1])
+
+
+def check(table: pd.DataFrame, particle: np.ndarray, name: str) -> None:
+    """Raise unless the links are right."""
+    share = share_of_links(table["truth"].to_numpy(), table["frame"].to_numpy(), particle)
+    if share < RIGHT:
+        raise ValueError(f"{name}: {share:.3f} of the links are right, too few.")
+
+
+def without_pictures(name: str, peer: Callable, frames: int, repeats: int) -> Row:
+    """Return one comparison on measured positions."""
+    table = measured(frames)
+    for tracker in (with_ours, peer):
+        check(table, tracker(table), tracker.__name__)
+    what = ("belt tracker, 100 particles in view", "frames", frames, name)
+    return compare(what, lambda: with_ours(table), lambda: peer(table), repeats)
+
+
+def with_pictures(frames: int = 30) -> Row:
+    """Return the comparison from pictures on; the particles found are the same."""
+    truth = bodies(frames).assign(particle=lambda one: one["truth"])
+    truth["time_s"] = truth["frame"] * BELT_FRAME_S
+    recording = Pictures(truth, SHAPES["spheres"], 0)
+    pictures = list(recording.frames(range(frames)))
+    background = average(replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0]))
+    calibration, spots = calibrate(FindCorners()(background)), Spots()
+
+    def by_scipy() -> pd.DataFrame:
+        parts = []
+        for frame, picture in enumerate(pictures):
+            mask = np.abs(picture.astype(np.int16) - background) > spots.threshold
+            labels, count = ndimage.label(mask, np.ones((3, 3)))
+            index = np.arange(1, count + 1)
+            area = ndimage.sum_labels(mask, labels, index)
+            places = np.array(ndimage.center_of_mass(mask, labels, index)).reshape(-1, 2)
+            places = calibration.millimetres(places[area >= spots.least_px])
+            parts.append(pd.DataFrame(places, columns=["x", "y"]).assign(frame=frame))
+        every = pd.concat(parts, ignore_index=True)
+        inside = TRACKED.holds(every[["x", "y"]].to_numpy())
+        return every[inside].reset_index(drop=True)
+
+    ours = measure(pictures, background, spots, calibration)
+    order = ["frame", "x", "y"]
+    both = [one[order].sort_values(order).to_numpy() for one in (ours, by_scipy())]
+    np.testing.assert_allclose(*both)
+    what = ("belt pictures to tracks, 100 in view", "frames", frames, "scipy.ndimage, filterpy")
+    return compare(
+        what,
+        lambda: with_ours(measure(pictures, background, spots, calibration)),
+        lambda: with_scipy(by_scipy()),
+        2,
+    )
+
+
+def rows() -> list[Row]:
+    """Return every comparison; the slower the peer, the fewer the frames."""
+    return [
+        without_pictures("scipy and filterpy, one object per track", with_scipy, 100, 2),
+        without_pictures("Stone Soup, GNNWith2DAssignment", with_stone_soup, 20, 2),
+        with_pictures(),
+    ]

@@ -1,0 +1,275 @@
+# %% [markdown]
+# # Predictive tracking of particles on a belt
+
+# %% tags=["hide-input"]
+import numpy as np
+import pandas as pd
+from IPython.display import Markdown
+
+from kilnflight import drawing, figures, provenance, reference
+from kilnflight.belt import appearance, arrival, association, physics, pictures, predictive, tracker
+from kilnflight.belt.friction import MATERIALS
+
+engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
+missing = " (MuJoCo is not installed: extra `sorter`)" if not physics.is_installed() else ""
+Markdown(f"**Own simulation**: {engine}{missing}.")
+
+# %% [markdown]
+# **Published** (2016 paper). A camera sees the whole belt, a tracker follows its particles up to
+# 10 cm before the edge, and a constant velocity predicts when and where each one passes it.
+# Without noise nearly all predictions are within 0.2 mm; from synthetic pictures most are within
+# 1.5 mm. Assuming a movement straight along the belt is worse. Particles come earlier than
+# predicted, since they still accelerate.
+#
+# **Here.** The same on our own simulation at 1000 Hz, with pictures of 1064 x 708 px at 200
+# frames/s. What measures in the pictures finds the belt's corners itself; it knows neither the
+# camera nor the true places. The paper looked at spheres, so spheres decide; cuboids and
+# cylinders stand beside them.
+
+# %% tags=["parameters"]
+scale = "standard"  # quick, standard or full
+seed = 2020  # of the simulation and of the noise in the pictures
+jobs = 2  # processes of the simulation
+
+# %%
+drawing.use_style()
+count = {"quick": 120, "standard": 300, "full": 1500}[scale]  # particles per material
+made = provenance.trace("42_predictive_tracking", {"scale": scale, "count": count}, seed=seed)
+bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
+looked = {
+    name: predictive.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
+    for name, one in bodies.items()
+}
+print(f"{count} particles of each material, by {engine}")
+
+# %% [markdown]
+# ## The camera: what it finds of the belt
+#
+# Corners are where lines through the belt's edges meet. The error reported is that of the
+# corners. It knows nothing of a particle's height: 1 m below the camera, a centre 2.5 mm above
+# the belt and 20 cm from the middle is seen 0.5 mm too far out.
+
+# %%
+rows = []
+for name, one in looked.items():
+    row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
+    row["corner_error_mm"] = one.calibration.error_mm
+    row |= {"spots": len(one.spots), "touching_percent": 100 * one.spots["touching"].mean()}
+    ends = one.followed.ends.query("valid == 1")["reason"].value_counts()
+    rows.append(row | {"never_valid": (one.followed.ends["valid"] == 0).sum()} | dict(ends))
+caption = (
+    "Calibration, spots found in the pictures, share of spots that are larger than one particle, "
+    "tracks that never became valid, and how the valid ones ended."
+)
+table = pd.DataFrame(rows).fillna(0)
+figures.save("belt16-pictures", table, caption=caption, provenance=made)
+
+# %%
+spheres = looked["spheres"]
+view = pictures.Pictures(bodies["spheres"], pictures.SHAPES["spheres"], seed)
+busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
+states = spheres.followed.states.query("frame == @busy and valid == 1")
+at = spheres.calibration.pixels(states[["x", "y"]].to_numpy())
+edges = np.array([[388.0, 90.0], [688.0, 90.0], [788.0, 90.0]])
+start, phase, end = spheres.calibration.pixels(edges)[:, 1]
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=92)
+axes.imshow(view[busy], cmap="gray", vmin=0, vmax=255)
+speed = {"c": states["velocity_x_mm_s"] / 1000, "cmap": "viridis", "edgecolors": "black"}
+dots = axes.scatter(at[:, 1], at[:, 0], s=12, linewidths=0.4, **speed)
+picture.colorbar(dots, ax=axes, label="velocity along the belt (m/s)", shrink=0.8)
+for place, text in ((start, "tracking phase"), (phase, "prediction phase"), (end, "edge")):
+    axes.axvline(place, color="white", lw=0.8, ls="--")
+    axes.text(place + 4, 135, text, color="white", fontsize=7)
+_ = axes.set(xlabel="column (px)", ylabel="row (px)", ylim=(600, 110))
+
+# %%
+caption = (
+    "A frame of the synthetic pictures, after Fig. 5 of the 2016 paper (blank space above and "
+    "below cut off). Dots: valid tracks at their filtered places, by their velocity."
+)
+table = states[["particle", "x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]]
+table = table.rename(columns={"x": "x_mm", "y": "y_mm"})
+figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Where tracks begin and end
+
+# %%
+usual = appearance.Appearance()
+x = np.arange(380.0, 711.0, 0.5)
+along = np.column_stack([x, np.full(len(x), 90.0)])
+new = usual.new(along) * usual.area.square_mm
+gone, _ = usual.gone(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
+table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": gone})
+table = table[table["x_mm"] >= 388]
+
+# %% tags=["hide-input"]
+picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=50)
+panels[0].semilogy(table["x_mm"], table["new_per_frame_and_area"])
+panels[0].set(ylabel="new tracks, relative to one\nspread over the region")
+panels[0].set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+panels[1].plot(table["x_mm"], table["not_observed"])
+panels[1].set(ylabel="likelihood that a track\nis not observed", ylim=(0, 1.05))
+for axes in panels:
+    axes.axvline(688, color="0.6", lw=0.8, ls="-")
+    axes.set(xlabel="x along the belt (mm)")
+
+# %%
+caption = (
+    "Likelihood that a measurement stems from a new track, and that a track is not observed, after "
+    "Fig. 2 of the 2016 paper; on the belt's middle line, for a prediction good to 2 mm. Grey: end "
+    "of the observed region."
+)
+figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=made)
+
+# %%
+step = next(one for one in tracker.BeltTracker().steps(spheres.spots) if min(one.costs.shape) >= 5)
+whole = association.matrix(step.costs, step.gone, step.new)
+n, m = step.costs.shape
+names = [f"track {name}" for name in step.names] + ["new"] * m
+seen = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
+table = pd.DataFrame(np.where(np.isinf(whole), np.nan, whole).round(2))
+table.columns = [f"{name}_{k}" for k, name in enumerate(seen)]
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = drawing.canvas(width_mm=110, height_mm=95)
+axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vmax=40)
+for (i, j), value in np.ndenumerate(whole):
+    if np.isfinite(value):
+        axes.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=5)
+for i, j in enumerate(step.column):
+    axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
+axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
+axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
+axes.set_xticks(range(n + m), seen, rotation=90)
+_ = axes.set_yticks(range(n + m), names)
+
+# %%
+caption = (
+    "The matrix of one frame, after Fig. 3 of the 2016 paper: -ln of the likelihoods; blank is "
+    "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
+    "what each track takes in the likeliest association."
+)
+figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Deviations at the edge
+
+# %%
+parts = {}
+for name, one in bodies.items():
+    parts[name, "noise-free"] = predictive.noise_free(one)
+    parts[name, "images"] = predictive.from_images(looked[name], one)
+every = pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
+boxes = predictive.summaries(every)
+boxes.round(4)
+
+# %% tags=["hide-input"]
+picture, panels = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=105)
+units = {"lateral_mm": "lateral deviation (mm)", "temporal_ms": "temporal deviation (ms)"}
+shown = boxes.query("material == 'spheres'").set_index(["quantity", "data"])
+for row, (quantity, label) in zip(panels, units.items(), strict=True):
+    for axes, data in zip(row, ("noise-free", "images"), strict=True):
+        some = shown.loc[[(quantity, data)]]
+        axes.axhline(0, color="0.6", lw=0.6, ls="-")
+        drawing.boxes(axes, some)
+        axes.set_xticks(range(len(some)), some["approach"])
+        axes.set(title=data, ylabel=label, xlim=(-0.6, 2.6))
+
+# %%
+caption = (
+    "Deviation of predictions at the edge, spheres, after Fig. 6 of the 2016 paper: box plots "
+    "without outliers, the numbers are the widths of the boxes. Temporal: positive where a "
+    "particle came earlier than predicted. Axes differ between panels."
+)
+figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=made)
+
+# %%
+within = every.assign(
+    within_02_mm=every["lateral_mm"].abs() < 0.2, within_15_mm=every["lateral_mm"].abs() < 1.5
+)
+keys = ["material", "data", "approach"]
+shares = within.groupby(keys, sort=False)[["within_02_mm", "within_15_mm"]].mean()
+shares["n"] = within.groupby(keys, sort=False).size()
+caption = "Share of the predictions whose lateral deviation is below 0.2 mm and below 1.5 mm."
+figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=made)
+
+# %% [markdown]
+# "Improving the model may lead to lower temporal errors" (section V): the same spots with the
+# constant-acceleration filter, its time predicted with its acceleration or without.
+
+# %%
+rows = []
+for name, one in bodies.items():
+    frames = 1 + int(looked[name].spots["frame"].max())
+    other = predictive.with_acceleration(looked[name], frames)
+    for label, some, when in (
+        ("constant velocity", looked[name], arrival.CV()),
+        ("constant acceleration, velocity kept", other, arrival.CV()),
+        ("constant acceleration", other, arrival.CA()),
+    ):
+        table = predictive.from_images(some, one, when).query("approach == 'Tracking'")
+        box = predictive.summaries(table.assign(filter=label)).set_index("quantity")
+        row = {"material": name, "filter": label, "n": int(box["n"].iloc[0])}
+        rows.append(row | {f"{q}_{v}": box[v][q] for q in box.index for v in ("median", "iqr")})
+
+# %%
+caption = (
+    "Deviations from images by filter: median and interquartile range of the lateral deviation "
+    "and of the time of arrival."
+)
+figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Verdicts
+#
+# By the spheres, as in the paper. Spread is the interquartile range; "very similar" is read as
+# not half as much again, "far worse" as more than twice as much. Whether particles still
+# accelerate follows from the friction, which the simulated sorter takes from the authors'
+# spheres of 2020; where that decides, agreement is no result.
+
+# %%
+box = boxes.query("material == 'spheres'").set_index(["quantity", "data", "approach"])
+iqr, bias = box["iqr"], box["median"]
+sim, free, straight = (
+    iqr["lateral_mm", "noise-free", one] for one in ("Sim", "Tracking", "Straight")
+)
+similar = {
+    f"Tracking {free:.3f} mm, Sim {sim:.3f} mm": bool(free < 1.5 * sim),
+    f"Straight {straight:.3f} mm": bool(straight > 2 * max(sim, free)),
+}
+
+# %%
+early = bias["temporal_ms", "noise-free"]
+larger = {}
+for name, value in (("spread", iqr["temporal_ms"]), ("bias", bias["temporal_ms"].abs())):
+    one, other = value["images", "Tracking"], value["noise-free", "Tracking"]
+    larger[f"{name} from images {one:.2f}, noise-free {other:.2f} ms"] = bool(one > other)
+
+# %%
+share = shares.loc["spheres"]
+calibrated = "friction and slide were fitted to how fast the authors' spheres move along the belt"
+free = boxes.query("quantity == 'temporal_ms' and data == 'noise-free' and approach == 'Sim'")
+others = free.set_index("material")["median"].drop("spheres")
+told = "; ".join(f"{name} {value:.2f} ms" for name, value in others.items())
+biased = reference.judge("belt16-4", early, note=f"{count} spheres of {engine}; median; {told}")
+note = f"{count} spheres of {engine}"
+verdicts = [
+    reference.judge("belt16-1", share.loc[("noise-free", "Sim"), "within_02_mm"], note=note),
+    reference.judge("belt16-2", similar, note=f"{note}; interquartile range"),
+    reference.judge("belt16-3", share.loc[("images", "Tracking"), "within_15_mm"], note=note),
+    reference.fitted(biased, calibrated) if physics.is_installed() else biased,
+    reference.judge("belt16-5", larger, note=f"{note}; interquartile range and median"),
+]
+
+# %%
+reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+from_images = share.loc[("images", "Tracking"), "within_15_mm"]
+result = (
+    f"{reproduced} of 5 claims reproduced ({engine}): {100 * from_images:.0f} % of the spheres are "
+    f"predicted to 1.5 mm from images, {100 * share.loc[('noise-free', 'Sim'), 'within_02_mm']:.0f}"
+    " % to 0.2 mm without noise."
+)
+figures.conclude(result, verdicts, made)

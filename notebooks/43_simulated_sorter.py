@@ -1,0 +1,159 @@
+# %% [markdown]
+# # A simulated sorter beside the authors'
+
+# %% tags=["hide-input"]
+from IPython.display import Markdown
+
+from kilnflight import drawing, figures, provenance, reference, sorter
+from kilnflight.belt import answers, dem, friction_values, machine, velocity
+from kilnflight.belt.bulk import BULKS
+
+files = dem.find_dem()
+there = f"**Input:** {sorter.describe_own()}"
+missing = "" if sorter.is_simulated() else " MuJoCo is not here: pip install 'kilnflight[sorter]'."
+beside = (
+    " The authors' DEM tracks stand beside it." if files else " The authors' tracks are not here."
+)
+Markdown(f"{there}.{missing}{beside}")
+
+# %% [markdown]
+# **Published** (2016 paper, section III; 2020 paper, section 4). Wooden spheres, cuboids and
+# cylinders on a belt of 40 cm x 18 cm at 1.5 m/s, simulated by the discrete element method with
+# steps of 0.1 ms, sampled at 1000 Hz. Friction, restitution and the shape of slide and feeder
+# were "determined experimentally"; no value is printed. The public tracks have 100 Hz.
+#
+# **Here.** The same bodies in MuJoCo with steps of 0.2 ms. Seven free values of slide and
+# friction were found with the *spheres* of the authors' tracks alone (mean and standard
+# deviation of the velocity along the belt, median of the absolute velocity across it) and
+# frozen. Cylinders and cuboids have the same values, so theirs is a prediction.
+
+# %% tags=["parameters"]
+scale = "standard"  # quick (120 particles of each material), standard (300) or full (4000)
+seed = 2020  # of the simulation
+jobs = 2  # processes
+
+# %%
+import time
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+
+drawing.use_style()
+inputs = list(files.values())
+made = provenance.trace("43_simulated_sorter", {"scale": scale}, seed=seed, inputs=inputs)
+tracks = sorter.variants(sorter.PARTICLES[scale], seed, jobs)
+tracks |= {("authors-dem", name): dem.read_dem(path) for name, path in files.items()}
+pd.Series({key: one["particle"].nunique() for key, one in tracks.items()}, name="particles")
+
+# %% [markdown]
+# ## The free values
+#
+# First what handbooks say ("inputs only"), then what the spheres say. The cost is the mean
+# squared misfit in units of 0.01 m/s (along the belt) and 0.002 m/s (across it).
+
+# %%
+found = friction_values.record()
+values = pd.DataFrame(
+    {"inputs_only": asdict(friction_values.INPUTS_ONLY), "found_with_spheres": found["inputs"]}
+)
+values.loc["cost"] = [found["cost_inputs_only"], found["cost_calibrated"]]
+values = values.rename_axis("value").reset_index().round(4)
+caption = (
+    "Free values of slide and friction before and after they were found with the authors' "
+    f"spheres ({found['particles']} particles, {found['evaluations']} evaluations)."
+)
+figures.save("sorter-friction-values", values, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## Velocities along and across the belt
+#
+# All at 100 Hz: our 1000 Hz thinned.
+
+# %%
+profiles = pd.concat(
+    {
+        key: velocity.motion_profile(velocity.velocities(one), friction_values.PLACES_MM)
+        for key, one in tracks.items()
+    },
+    names=["variant", "data_set"],
+).reset_index(["variant", "data_set"])
+variants = list(dict.fromkeys(profiles["variant"]))
+styles = dict(zip(variants, zip(drawing.COLOURS, drawing.LINES, strict=True), strict=False))
+quantities = {"mean_m_s": "mean along", "std_m_s": "spread along", "lateral_m_s": "median across"}
+
+# %% tags=["hide-input"]
+size = {"width_mm": drawing.PAGE_MM, "height_mm": 130}
+picture, grid = drawing.canvas(3, 3, **size, sharex=True)
+for panels, (name, label) in zip(grid, quantities.items(), strict=True):
+    panels[0].set_ylabel(f"{label} (m/s)")
+    for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+        axes.set_title(data_set)
+        for variant, one in profiles[profiles["data_set"] == data_set].groupby("variant"):
+            colour, line = styles[variant]
+            axes.plot(one["x_mm"], one[name], color=colour, ls=line, label=variant)
+for axes in grid[-1]:
+    axes.set_xlabel("x along the belt (mm)")
+for axes in grid[0, [0, 2]]:
+    axes.legend(loc="lower right")
+
+# %%
+caption = (
+    "Mean and standard deviation of the velocity along the belt, and median of the absolute "
+    "velocity across it, of our simulation and of the authors' tracks. The free values were "
+    "found with the spheres; cuboids and cylinders are predictions."
+)
+figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, provenance=made)
+
+# %% [markdown]
+# ## How far off
+#
+# Root mean square over the belt of simulation minus the authors' tracks. Our cylinders roll
+# where they lie askew: they lag behind and drift. The authors' cylinders gain as much as
+# their cuboids and do not drift, so they hardly roll. With axes within some 20 degrees of the
+# belt's direction ("along the belt") ours keep up, but still drift; this was tried after the
+# first comparison and stands for no other result. Collisions are fewer here: the authors'
+# feed has bursts, and their spread across the belt is larger than ours everywhere.
+
+# %%
+misfit = sorter.misfits(profiles, sorter.AUTHORS).round(5)
+caption = "Root mean square over the belt of simulated minus the authors' velocities (m/s)."
+if len(misfit):  # without the authors' tracks there is nothing to be off from
+    figures.save("sorter-misfit", misfit, caption=caption, provenance=made)
+misfit
+
+# %% [markdown]
+# ## What a simulated second costs
+
+# %%
+rows = []
+for name, bulk in BULKS.items() if sorter.is_simulated() else ():
+    start = time.perf_counter()
+    one = machine.Sorter()(bulk, 60, np.random.default_rng(seed))
+    spent, simulated = time.perf_counter() - start, one["time_s"].max()
+    most = one.groupby("frame").size().max()
+    rows.append({"data_set": name, "most_on_belt": most, "s_per_simulated_s": spent / simulated})
+pd.DataFrame(rows).round(2)
+
+# %% [markdown]
+# ## Claim belt20-6 on each source
+#
+# Notebook 40 gives the verdict; here is what each source says.
+
+# %%
+rows = [
+    {"variant": variant, **asdict(reference.judge("belt20-6", answer["belt20-6"]))}
+    for variant, one in profiles.groupby("variant", sort=False)
+    for answer in [answers.speed_answers(one)]
+]
+slower = pd.DataFrame(rows)[["variant", "verdict", "measured"]]
+caption = "Claim belt20-6, slower than the belt and still accelerating, by source."
+figures.save("sorter-belt20-6", slower, caption=caption, provenance=made)
+
+# %%
+result = f"Our own simulation is {sorter.describe_own()}."
+if files and sorter.is_simulated():
+    off = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
+    each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in sorter.DATA_SETS)
+    result += f" Its mean velocities are off by (mm/s, root mean square): {each}."
+figures.conclude(result, [], made)

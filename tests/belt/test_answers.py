@@ -1,0 +1,50 @@
+import pandas as pd
+import pytest
+
+from kilnflight import reference
+from kilnflight.belt.answers import arrival_answers, lateral_answers, speed_answers
+
+SETS = ("spheres", "cuboids", "cylinders")
+
+
+def table(values, columns=("iqr", "mae")):
+    rows = [
+        {"data_set": name, "model": model} | dict.fromkeys(columns, value)
+        for name in SETS
+        for model, value in values.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def verdicts(answers):
+    return {claim: reference.judge(claim, one).verdict for claim, one in answers.items()}
+
+
+def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
+    said = table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5})
+    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CA"), ["iqr", "mae"]] = 0.9
+    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CALV"), ["iqr", "mae"]] = 0.8
+    assert set(verdicts(arrival_answers(said)).values()) == {reference.REPRODUCED}
+
+
+def test_the_opposite_reproduces_none():
+    said = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
+    assert set(verdicts(arrival_answers(said)).values()) == {reference.NOT_REPRODUCED}
+
+
+@pytest.mark.parametrize(("last", "holds"), [(1.4, True), (1.05, False), (1.51, False)])
+def test_speed_must_rise_and_stay_below_the_belt(last, holds):
+    means = [1.0, 1.1, last]
+    said = pd.DataFrame({"data_set": "spheres", "x_mm": [1.0, 2.0, 3.0], "mean_m_s": means})
+    answer = speed_answers(said)["belt20-6"]
+    assert list(answer.values()) == [holds]
+
+
+def test_a_world_as_published_reproduces_every_claim_about_the_position():
+    models = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 0.9, "LV-DSC": 0.92, "IA-CV": 1.0}
+    said = table(models | {"IA-CA": 0.95, "IA-Ratio": 0.5})
+    said.loc[(said["data_set"] == "cylinders") & (said["model"] == "IA-Ratio"), "iqr"] = 2.0
+    assert set(verdicts(lateral_answers(said)).values()) == {reference.REPRODUCED}
+    said["iqr"] = 6.0 - said["iqr"]
+    opposite = verdicts(lateral_answers(said))
+    assert opposite["belt20-7"] == opposite["belt20-8"] == reference.NOT_REPRODUCED

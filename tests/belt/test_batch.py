@@ -1,0 +1,128 @@
+"""Single bodies in MuJoCo, for which mechanics gives the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kilnflight.belt.batch import Batch
+from kilnflight.belt.bulk import BULKS
+from kilnflight.belt.conveyor import Conveyor
+from kilnflight.belt.physics import Contacts, engine
+from kilnflight.belt.slide import Fed
+from kilnflight.checks import InputError
+from kilnflight.tables import BELT_BODIES
+
+pytest.importorskip("mujoco")
+G = 9810.0
+DRY = Contacts(belt_friction=0.2, rolling_friction=0.0)
+
+
+def one(material, velocity=(1000.0, 0.0), spin=0.0, yaw=0.0, contacts=DRY, **conveyor):
+    """Return the way of one particle that is put on the belt."""
+    fed = Fed(
+        np.zeros(1),
+        np.full(1, 90.0),
+        np.array([[*velocity, 0.0]]),
+        np.full(1, spin),
+        np.full(1, yaw),
+    )
+    belt = replace(Conveyor(), **conveyor)
+    table = Batch(belt, contacts, BULKS[material], fed, np.zeros(1)).table()
+    return table[table["x"] < belt.edge_mm]
+
+
+def gain(table, first_s=0.03, last_s=0.1):
+    """Return the acceleration along the belt between two times, after the fall of 0.2 mm."""
+    some = table[table["time_s"].between(first_s, last_s)]
+    return np.polyfit(some["time_s"], some["velocity_x_mm_s"], 1)[0]
+
+
+@pytest.mark.parametrize("material", BULKS)
+def test_what_moves_with_the_belt_stays_as_it_is(material):
+    table = one(material, velocity=(1500.0, 0.0))
+    np.testing.assert_allclose(table["velocity_x_mm_s"], 1500.0, atol=0.5)
+    np.testing.assert_allclose(table["y"], 90.0, atol=0.05)
+
+
+@pytest.mark.parametrize("material", ["cuboids", "cylinders"])
+def test_what_does_not_roll_gains_mu_g(material):
+    assert gain(one(material)) == pytest.approx(0.2 * G, rel=0.02)
+
+
+def test_a_sphere_without_rolling_friction_gains_two_sevenths_of_the_difference():
+    end = one("spheres", edge_mm=1200.0, end_mm=1200.0)["velocity_x_mm_s"].iloc[-1]
+    assert end == pytest.approx(1000.0 + 2 / 7 * 500.0, abs=1.0)
+
+
+def test_a_cylinder_across_the_belt_gains_a_third_of_the_difference():
+    end = one("cylinders", yaw=np.pi / 2, edge_mm=1200.0, end_mm=1200.0)["velocity_x_mm_s"].iloc[-1]
+    assert end == pytest.approx(1000.0 + 1 / 3 * 500.0, abs=2.0)
+
+
+def test_rolling_friction_slows_the_rolling_by_five_sevenths_of_its_share():
+    """On a belt that drives it, a rolling sphere gains 5/7 c g, c the arm over the radius."""
+    contacts = replace(DRY, rolling_friction=0.02)
+    table = one("spheres", velocity=(1200.0, 0.0), spin=-120.0, contacts=contacts)
+    assert gain(table, 0.1, 0.2) == pytest.approx(5 / 7 * 0.02 * G, rel=0.1)
+
+
+@pytest.mark.parametrize("material", BULKS)
+def test_what_lies_on_the_belt_is_never_inside_it(material):
+    table = one(material, velocity=(1000.0, 100.0), yaw=0.4)
+    assert table["z"].min() > BULKS[material].rest_mm - 0.02
+    settled = table[table["time_s"] > 0.05]
+    assert settled["z"].max() < BULKS[material].rest_mm + 0.02
+
+
+def test_a_wall_keeps_a_particle_on_the_belt():
+    table = one("spheres", velocity=(600.0, 900.0))
+    assert table["y"].max() < 180.0 - 2.3  # pressed 0.2 mm into the wall
+    assert table["y"].iloc[-1] < 175.0
+
+
+def test_beyond_the_edge_the_velocity_stays():
+    fed = Fed(
+        np.zeros(1), np.full(1, 90.0), np.array([[1000.0, 40.0, 0.0]]), np.zeros(1), np.zeros(1)
+    )
+    table = Batch(Conveyor(), DRY, BULKS["cuboids"], fed, np.zeros(1)).table()
+    flight = table[table["x"] >= 788.0]
+    assert len(flight) >= 8
+    np.testing.assert_allclose(np.diff(flight["x"]), flight["velocity_x_mm_s"].iloc[0] / 1000.0)
+    assert table.columns.tolist() == BELT_BODIES.names
+
+
+def test_two_at_one_place_come_one_after_the_other():
+    fed = Fed(
+        np.zeros(2), np.full(2, 90.0), np.tile([1000.0, 0.0, 0.0], (2, 1)), np.zeros(2), np.zeros(2)
+    )
+    table = Batch(Conveyor(), DRY, BULKS["spheres"], fed, np.zeros(2)).table()
+    first = table.groupby("particle")["frame"].first()
+    assert first[0] == 0
+    assert first[1] == pytest.approx(5, abs=1)  # a diameter of 5 mm at 1000 mm/s
+
+
+def test_what_does_not_leave_is_told():
+    slow = replace(DRY, belt_friction=1e-6)
+    with pytest.raises(InputError, match="particle 0 has not left the belt after"):
+        one("cuboids", velocity=(10.0, 0.0), contacts=slow, patience_s=0.3)
+
+
+def test_half_the_step_moves_a_particle_by_less_than_two_in_a_thousand():
+    coarse, fine = (one("cylinders", yaw=0.5, step_s=step) for step in (0.0002, 0.0001))
+    both = coarse.merge(fine, on="frame")
+    assert (both["x_x"] - both["x_y"]).abs().max() < 0.8  # mm over 400
+    assert (both["velocity_x_mm_s_x"] - both["velocity_x_mm_s_y"]).abs().iloc[-50:].max() < 3.0
+
+
+def test_mujoco_that_is_missing_or_old_is_told(monkeypatch):
+    import sys
+
+    import mujoco
+
+    monkeypatch.delattr(mujoco.MjModel, "geom_surfacevel")
+    with pytest.raises(InputError, match="needs MuJoCo 4"):
+        engine()
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"pip install 'kilnflight\[sorter\]'"):
+        engine()

@@ -1,0 +1,102 @@
+import gzip
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kilnflight.belt.recordings import HISTORY, find_recordings, joined, links, read_recording
+from kilnflight.checks import InputError
+
+MIDPOINTS = "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
+TRACKS = "TrackID_1_X,TrackID_1_Y,TrackID_2_X,TrackID_2_Y\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "Kugeln").mkdir()
+    path = tmp_path / "Kugeln" / "001.csv.gz"
+    rows = "0,2,5,10,50,30\n1,1,5.5,95,NaN,NaN\n2,0,NaN,NaN,NaN,NaN\n"
+    write(path, MIDPOINTS + rows)
+    write(path.with_name("001" + HISTORY), TRACKS + "5,10,NaN,NaN\n5.5,95,NaN,NaN\n")
+    monkeypatch.setenv("KILNFLIGHT_RECORDINGS", str(tmp_path))
+    return tmp_path
+
+
+def write(path, text):
+    with gzip.open(path, "wt") as file:
+        file.write(text)
+
+
+def test_positions_and_the_tracks_of_the_authors(folder):
+    files = find_recordings()
+    assert {name: [one.name for one in some] for name, some in files.items()} == {
+        "spheres": ["001.csv.gz"]
+    }
+    table = read_recording(files["spheres"][0])
+    assert table.columns.tolist() == ["frame", "x", "y", "theirs"]
+    assert table.to_numpy().tolist() == [[0, 10, 5, 0], [0, 30, 50, -1], [1, 95, 5.5, 0]]
+
+
+def test_links_leave_out_what_is_in_no_track(folder):
+    table = read_recording(find_recordings()["spheres"][0])
+    assert links(table, "theirs").tolist() == [(0, 2)]
+
+
+def test_joined_recordings_share_neither_frames_nor_tracks(folder):
+    one = read_recording(find_recordings()["spheres"][0])
+    both = joined([one, one])
+    assert both["theirs"].tolist() == [0, -1, 0, 1, -1, 1]
+    assert both["frame"].iloc[3] - both["frame"].iloc[2] == 100
+    assert len(links(both, "theirs")) == 2
+    with pytest.raises(InputError, match="at least one"):
+        joined([])
+
+
+def test_where_nothing_is_there(tmp_path, monkeypatch):
+    monkeypatch.delenv("KILNFLIGHT_RECORDINGS", raising=False)
+    monkeypatch.setenv("KILNFLIGHT_EXTERNAL", str(tmp_path))
+    assert find_recordings() == {}
+    monkeypatch.setenv("KILNFLIGHT_RECORDINGS", str(tmp_path))
+    with pytest.raises(InputError, match="has no recording"):
+        find_recordings()
+
+
+def test_damaged_files_are_told(folder):
+    path = folder / "Kugeln" / "001.csv.gz"
+    write(path, MIDPOINTS.replace(",MidPoint_2_y", "") + "0,1,5,10,50\n")
+    with pytest.raises(InputError, match="one is missing"):
+        read_recording(path)
+    path.write_bytes(b"no gzip")
+    with pytest.raises(InputError, match="no table of numbers"):
+        read_recording(path)
+
+
+def real():
+    project = Path(__file__).resolve().parents[2]
+    named = os.environ.get("KILNFLIGHT_RECORDINGS")
+    return Path(named) if named else project.parent / "shared" / "data" / "belt_recordings"
+
+
+REAL = real()
+
+
+@pytest.mark.parametrize("material", ["Kugeln", "Weizen", "Zylinder"])
+def test_the_belt_tracker_finds_the_links_of_the_authors(material):
+    from kilnflight.belt.appearance import Appearance
+    from kilnflight.belt.area import Area
+    from kilnflight.belt.tracker import BeltTracker
+    from kilnflight.motion import ConstantVelocity
+
+    if not (REAL / material).is_dir():
+        pytest.skip(f"the authors' recordings are not in {REAL} (not ours to ship)")
+    table = read_recording(sorted((REAL / material).glob("*[0-9].csv.gz"))[0])
+    area = Appearance(Area(0, 1700, 2250), arrivals=0.5, entry_mm=85.0, entry_blur_mm=10.0)
+    tracker = BeltTracker(ConstantVelocity((85.0, 0.0), 8.0, 1.0, 1.0), area, frame_s=1.0)
+    seen = tracker(table).states.query("row >= 0")
+    ours = np.full(len(table), -1)
+    ours[seen["row"]] = seen["particle"]
+    theirs, found = links(table, "theirs"), links(table.assign(ours=ours), "ours")
+    both = len(theirs.intersection(found))
+    assert both >= 0.99 * len(theirs)
+    assert both >= 0.99 * len(found)

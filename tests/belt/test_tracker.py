@@ -1,0 +1,238 @@
+"""The belt's tracker: appearing and leaving, the matrix of Fig. 3, scores, and what goes wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import multivariate_normal, norm
+
+from kilnflight.belt.appearance import Appearance
+from kilnflight.belt.area import TRACKED
+from kilnflight.belt.association import associate, matrix, pair_costs
+from kilnflight.belt.filters import constant_acceleration, constant_velocity
+from kilnflight.belt.tracker import LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
+from kilnflight.checks import InputError
+from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight.tables import BELT_ENDS, BELT_STATES
+
+TRACKERS = (BeltTracker(), BeltTracker(constant_acceleration()))
+
+
+def moving(x=390.0, y=90.0, along=1200.0, across=0.0, frames=80, first=0, particle=0):
+    time = 0.005 * np.arange(frames)
+    columns = {"frame": first + np.arange(frames), "x": x + along * time, "y": y + across * time}
+    return pd.DataFrame(columns).assign(particle=particle)
+
+
+def crowd(seed, count=60):
+    rng = np.random.default_rng(seed)
+    parts = [
+        moving(388 + rng.uniform(0, 6), rng.uniform(10, 170), rng.normal(1100, 50),
+               rng.normal(0, 30), 80, int(rng.integers(0, 150)), k)
+        for k in range(count)
+    ]  # fmt: skip
+    table = pd.concat(parts, ignore_index=True)
+    table[["x", "y"]] += rng.normal(0, 0.05, (len(table), 2))
+    return table[table["x"] < 700].reset_index(drop=True)
+
+
+def owners(table, followed):
+    """Return the track of each row; -1: none."""
+    seen = followed.states[followed.states["row"] >= 0]
+    found = np.full(len(table), -1)
+    found[seen["row"]] = seen["particle"]
+    return found
+
+
+def reasons(followed):
+    return followed.ends[followed.ends["valid"] == 1]["reason"].tolist()
+
+
+def test_new_tracks_begin_at_the_start():
+    appearance = Appearance()
+    x = np.linspace(388, 688, 301)
+    density = appearance.new(np.column_stack([x, np.full(301, 90.0)]))
+    assert (np.diff(density) <= 0).all()
+    assert density[-1] == pytest.approx(appearance.clutter_density)
+    # summed over the belt: those that arrive and the clutter
+    assert density.sum() * 180 == pytest.approx(1.1, abs=0.1)
+
+
+def test_gone_is_missed_inside_and_certain_outside():
+    places = np.array([[500.0, 90.0], [688.0, 90.0], [800.0, 90.0], [500.0, -50.0], [500.0, 0.0]])
+    gone, outside = Appearance().gone(places, np.tile(np.eye(2), (5, 1, 1)))
+    np.testing.assert_allclose(outside, [0, 0.5, 1, 1, 0.5], atol=1e-12)
+    np.testing.assert_allclose(gone, [0.1, 0.55, 1, 1, 0.55], atol=1e-12)
+
+
+@settings(deadline=None)
+@given(st.floats(300, 800), st.floats(-50, 250), st.floats(0.1, 20), st.floats(0.1, 20))
+def test_outside_by_the_normal_distribution(x, y, along, across):
+    residual = np.diag([along**2, across**2])[None]
+    _, outside = Appearance().gone(np.array([[x, y]]), residual)
+    inside = np.diff(norm.cdf([388, 688], x, along)) * np.diff(norm.cdf([0, 180], y, across))
+    assert outside[0] == pytest.approx(1 - inside[0], abs=1e-9)
+
+
+def scene(seed, tracks, detections):
+    rng = np.random.default_rng(seed)
+    predicted = rng.uniform([400, 40], [440, 60], (tracks, 2))
+    seen = rng.uniform([400, 40], [440, 60], (detections, 2))
+    spread = rng.normal(0, 3, (tracks, 2, 2))
+    residual = spread @ spread.transpose(0, 2, 1) + np.eye(2)
+    unknown = np.full(max(tracks, detections), np.nan)
+    pairs = Gate()(
+        Predicted(predicted, residual, unknown[:tracks], unknown[:tracks]),
+        Detected(seen, unknown[:detections], unknown[:detections]),
+    )
+    return predicted, residual, seen, pairs
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 7), st.integers(0, 7))
+def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
+    rng = np.random.default_rng(seed)
+    _, _, _, pairs = scene(seed, tracks, detections)
+    costs = pair_costs(pairs, 0.1)
+    gone, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
+    whole = matrix(costs, gone, new)
+    assert whole.shape == (tracks + detections, tracks + detections)
+    rows, columns = linear_sum_assignment(np.where(np.isinf(whole), 1e9, whole))
+    column = associate(costs, gone, new)
+    total = sum(costs[i, j] if j >= 0 else -np.log(gone[i]) for i, j in enumerate(column))
+    total -= np.log(np.delete(new, column[column >= 0])).sum()
+    assert total == pytest.approx(whole[rows, columns].sum())
+
+
+def test_costs_are_minus_log_likelihoods():
+    predicted, residual, seen, pairs = scene(3, 4, 5)
+    costs = pair_costs(pairs, 0.1)
+    for i, j in np.argwhere(np.isfinite(costs)):
+        density = multivariate_normal(predicted[i], residual[i]).pdf(seen[j])
+        assert costs[i, j] == pytest.approx(-np.log(0.9 * density))
+    assert np.isfinite(costs).any()
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_one_particle_is_one_track_with_its_velocity(tracker):
+    followed = tracker(moving(across=40.0), frames=80)
+    BELT_STATES.check(followed.states)
+    BELT_ENDS.check(followed.ends)
+    assert reasons(followed) == [LEFT]
+    assert reasons(tracker(moving(across=40.0))) == [RUNNING]  # who knows what comes after
+    last = followed.states[followed.states["row"] >= 0].iloc[-1]
+    assert last["velocity_x_mm_s"] == pytest.approx(1200, rel=1e-2)
+    assert last["velocity_y_mm_s"] == pytest.approx(40, abs=2)
+    assert last["x"] == pytest.approx(684.0, abs=0.01)
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_crowd_is_followed_as_it_is(tracker, seed):
+    table = crowd(seed)
+    found = owners(table, tracker(table))
+    inside = TRACKED.holds(table[["x", "y"]].to_numpy())
+    assert (found[inside] >= 0).all()
+    pairs = pd.DataFrame({"truth": table["particle"], "track": found})[inside].drop_duplicates()
+    assert len(pairs) <= 60 + 2
+
+
+def test_the_order_of_rows_does_not_matter():
+    table = crowd(0)
+    mixed = table.sample(frac=1.0, random_state=1)
+    one, other = owners(table, BeltTracker()(table)), owners(mixed, BeltTracker()(mixed))
+    np.testing.assert_array_equal(one[mixed.index], other)
+
+
+def test_a_gap_of_a_few_frames_is_bridged():
+    table = moving()
+    kept = table.drop(index=[20, 21, 22]).reset_index(drop=True)
+    followed = BeltTracker()(kept)
+    assert len(followed.ends) == 1
+    missed = followed.states[followed.states["row"] < 0]
+    assert set(missed["frame"]) >= {20, 21, 22}
+
+
+def test_a_particle_that_vanishes_is_lost():
+    goes_on = moving(particle=1, y=150.0, first=5)
+    followed = BeltTracker()(pd.concat([moving(frames=20), goes_on], ignore_index=True), 90)
+    assert sorted(reasons(followed)) == sorted([LOST, LEFT])
+
+
+def test_dirt_seen_once_is_no_valid_track():
+    speck = pd.DataFrame({"frame": [30], "x": [600.0], "y": [20.0], "particle": 9})
+    followed = BeltTracker()(pd.concat([moving(), speck], ignore_index=True))
+    dirt = followed.ends[followed.ends["valid"] == 0]
+    assert dirt["reason"].tolist() == [LOST]
+
+
+def test_a_track_that_leaves_sideways_says_so():
+    side = moving(y=150.0, across=300.0, first=2)
+    side = side[side["y"] < 180]
+    followed = BeltTracker()(pd.concat([side, moving(y=20.0)], ignore_index=True), 90)
+    assert sorted(reasons(followed)) == sorted([SIDEWAYS, LEFT])
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_particle_at_rest_stays_one_track(tracker):
+    followed = tracker(moving(x=391.0, along=0.0))
+    assert reasons(followed) == [RUNNING]
+    assert followed.states["velocity_x_mm_s"].iloc[-1] == pytest.approx(0, abs=5)
+
+
+def test_two_that_touch_for_a_while_are_one_missed_track():
+    """One measurement at their common place instead of two: nobody follows both."""
+    upper, lower = moving(y=90.0, across=-20.0), moving(y=86.0, across=20.0, particle=1)
+    table = pd.concat([upper, lower], ignore_index=True)
+    together = table["frame"].between(18, 21)
+    common = table[together].groupby("frame", as_index=False)[["x", "y"]].mean().assign(particle=7)
+    merged = pd.concat([table[~together], common], ignore_index=True)
+    followed = BeltTracker()(merged)
+    assert len(reasons(followed)) == 2
+    assert LOST not in reasons(followed)
+
+
+def test_scores_add_up_and_thresholds_are_those_of_the_ratio_test():
+    tracker = BeltTracker()
+    upper, fall = tracker.thresholds
+    assert upper == pytest.approx(np.log((1 - 1e-6) / 1e-4))
+    assert fall == pytest.approx(np.log((1 - 1e-4) / 1e-6))
+    table, score = moving(frames=10), 0.0
+    clutter = np.log(tracker.appearance.clutter_density)
+    for step in tracker.steps(table):
+        if len(step.costs):
+            score -= step.costs[0, 0] + clutter
+        else:
+            score = np.log(step.new[0]) - clutter
+        assert step.after.score[0] == pytest.approx(score)
+
+
+def test_an_empty_belt_has_no_tracks():
+    nothing = pd.DataFrame({"frame": [], "x": [], "y": []})
+    followed = BeltTracker()(nothing)
+    assert followed.states.columns.tolist() == BELT_STATES.names
+    assert followed.ends.columns.tolist() == [*BELT_ENDS.names, "reason"]
+    assert len(followed.states) == len(followed.ends) == 0
+    beside = BeltTracker()(moving(y=400.0))
+    assert len(beside.states) == 0
+
+
+def test_what_cannot_be_tracked_is_told():
+    with pytest.raises(InputError, match="missing"):
+        BeltTracker()(pd.DataFrame({"frame": [0], "x": [400.0]}))
+    with pytest.raises(InputError, match="not finite"):
+        BeltTracker()(pd.DataFrame({"frame": [0], "x": [np.nan], "y": [90.0]}))
+    far = pd.DataFrame({"frame": [0, 10**7], "x": 400.0, "y": 90.0})
+    with pytest.raises(InputError, match="count the frames"):
+        BeltTracker()(far)
+    with pytest.raises(InputError, match="is a class"):
+        BeltTracker(motion=type(constant_velocity()))
+    for wrong in ({"frame_s": 0.0}, {"false_valid": 0.0}, {"false_lost": 2.0}):
+        with pytest.raises(InputError, match=f"BeltTracker: {next(iter(wrong))}"):
+            BeltTracker(**wrong)
+    with pytest.raises(InputError, match="Appearance: missed"):
+        replace(Appearance(), missed=1.0)
