@@ -25,9 +25,9 @@ from kilnflight.files import clear_parts, locked, write_whole
 # Code that detections depend on, within the package; a folder stands for all of its files.
 CODE: Sequence[str] = (
     *("background", "camera.py", "combination.py", "correspondence.py", "cylinder.py"),
-    *("detection", "evidence.py", "flame.py", "frames.py", "keeping.py", "kiln.py"),
-    *("matching.py", "mlesac.py", "peaks.py", "scores/counts.py", "scores/detections.py"),
-    *("stages.py", "tables.py", "tallies.py", "trial.py", "twin"),
+    *("detection", "evidence.py", "flame.py", "frames.py", "frozen.py", "keeping.py"),
+    *("kiln.py", "matching.py", "mlesac.py", "peaks.py", "scores/counts.py"),
+    *("scores/detections.py", "stages.py", "tables.py", "tallies.py", "trial.py", "twin"),
 )
 
 
