@@ -98,6 +98,7 @@ for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
 
 # %%
 _ = [axes.set_xlabel("order of the polynomials") for axes in grid[1]]
+grid[0, 0].yaxis.set_major_formatter("{x:g}")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), title="axis")
 caption = (
     "Medians of the four measures with the same order along all axes, over up to 40 trajectories "
@@ -123,7 +124,7 @@ for k, (name, fits, found) in enumerate(samples):
         axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
         flight_drawing.curves(axes, fits, found, gray)
         axes.view_init(elev=15, azim=-65)
-        axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}")
+        axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.95)
 rows = [
     {"fraction": name, "particle": i, "t0_s": fit.t0_s, "orders": "".join(map(str, fit.orders))}
     for name, fits, _ in samples
@@ -134,7 +135,8 @@ data = pd.DataFrame(rows, columns=["fraction", "particle", "t0_s", "orders"])
 # %%
 caption = (
     "Fitted trajectories of eight particles each with their detections, above as thin lines, below "
-    "as points as bright as they were; the red cross is the lance. After Figs 4.22, 4.24 and 5.16."
+    "as points from dark (grey value 0) to yellow (30,000 or more); the red cross is the lance. "
+    "After Figs 4.22, 4.24 and 5.16."
 )
 figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=made)
 

@@ -118,6 +118,7 @@ def curves(
         x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
         axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
     axes.set(xlabel="depth z (m)", ylabel="x (m)", zlabel="up, -y (m)")
+    axes.locator_params(nbins=4)
 
 
 def flown_paths(axes: Any, flights: Flights, most: int) -> None:
