@@ -87,7 +87,7 @@ _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 caption = (
     "Velocity in depth within each metre from the lance, true of all flights in the same frames "
     "and measured; after Figs 5.21 to 5.24. Orange bars: published medians or their bounds. "
-    "Numbers: particles that passed the metre."
+    "Numbers: particles that passed the metre; what lies above 25 m/s is cut off."
 )
 both = {"true": survey.table(true), "measured": survey.table(found)}
 data = pd.concat(both, names=["source"]).reset_index("source")

@@ -198,8 +198,26 @@ def results_block() -> str:
         _sentence(totals),
         "",
         *_markdown(table, list(table["title"])),
+        *_trust(),
     ]
     return "\n".join([*lines, END_MARK])
+
+
+def _trust() -> list[str]:
+    """Return the main table of the notebook on trust, if it has run."""
+    path = places.figures() / "trust.csv"
+    if not path.is_file():
+        return []
+    table = pd.read_csv(path, keep_default_na=False, dtype=str)
+    rule = ["---" if k < 2 else "---:" for k in range(table.shape[1])]
+    rows = [table.columns.tolist(), rule, *table.to_numpy().tolist()]
+    return [
+        "",
+        "**How far to trust what is measured** on the twin, where the truth is known (notebook 56; "
+        "median of measured minus true +- half the range that holds 68 % of it):",
+        "",
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
 
 
 def update_readme() -> bool:
