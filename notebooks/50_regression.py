@@ -124,6 +124,7 @@ for k, (name, fits, found) in enumerate(samples):
         axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
         flight_drawing.curves(axes, fits, found, gray)
         axes.view_init(elev=15, azim=-65)
+        axes.set_box_aspect(None, zoom=0.85)
         axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.95)
 rows = [
     {"fraction": name, "particle": i, "t0_s": fit.t0_s, "orders": "".join(map(str, fit.orders))}

@@ -11,8 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from kilnflight.drawing import COLOURS, HATCHES, PAGE_MM, canvas, frame
-from kilnflight.drawing import tracks as draw_tracks
+from kilnflight.drawing import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
 from kilnflight.frames import PictureRecording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
@@ -130,14 +129,18 @@ def flown_paths(axes: Any, flights: Flights, most: int) -> None:
         marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
         axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
     axes.set(xlabel="from the lance (m)", ylabel="across (m)", zlabel="up (m)")
+    axes.locator_params(nbins=4)
+    axes.set_box_aspect(None, zoom=0.8)
 
 
-def summed_changes(recording: PictureRecording, frames: Sequence[int]) -> Array:
-    """Return the sum (rows, cols) of absolute differences of frames to the ones before."""
+def summed_changes(recording: PictureRecording, frames: range) -> Array:
+    """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
     total = np.zeros((recording.attributes.rows, recording.attributes.columns))
-    for t in frames:
-        if t > 0:
-            total += np.abs(recording.gray(t).astype(np.float64) - recording.gray(t - 1))
+    before = recording.gray(frames[0]).astype(np.float32)
+    for t in frames[1:]:
+        now = recording.gray(t).astype(np.float32)
+        total += np.abs(now - before)
+        before = now
     return total
 
 
@@ -150,9 +153,12 @@ def sums_and_tracks(
     picture, grid = canvas(2, max(len(cells), 2), **size)
     for panels, cell in zip(grid.T, cells, strict=False):
         total = sums[cell]
-        high = max(float(np.quantile(total, 0.999)), 1.0)
-        frame(panels[0], np.minimum(total / high, 1.0) * 60000.0, 4)
-        draw_tracks(panels[1], tracks[cell])
+        low, high = np.quantile(total, [0.05, 0.999])
+        shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
+        frame(panels[0], shown * 60000.0, 4)
+        for k, (_, one) in enumerate(tracks[cell].groupby("particle")):
+            look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
+            panels[1].plot(one["col"], one["row"], **look)
         rows, cols = total.shape
         panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
         panels[0].set_title(f"{fraction}, {cell[1]} bar: summed frame differences")
