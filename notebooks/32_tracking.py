@@ -34,7 +34,8 @@ others = pursuit.windows(scale, learned, seed, others=True, jobs=jobs)
 fractions = [one.fraction for one in windows]
 
 # %%
-printed = reference.published("table_5.15").set_index("fraction")
+printed = reference.published("table_5.15")
+printed.index = printed["fraction"].str.lower()
 counted = pd.DataFrame(
     {
         "fraction": fractions,
@@ -47,7 +48,8 @@ counted = pd.DataFrame(
 )
 
 # %%
-counted["trajectories_published"] = counted["fraction"].map(printed["amount_of_trajectories"])
+said = counted["fraction"].str.lower().map(printed["amount_of_trajectories"])
+counted["trajectories_published"] = said
 caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "
     "busiest part; the published frames hold other numbers on the twin."

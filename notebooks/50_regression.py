@@ -159,8 +159,8 @@ rmse, mape, r2 = wide["rmse_mm"], wide["mape_percent"], wide["r2"]
 ratio = (rmse["z"] / rmse[["x", "y"]].max(axis=1)).rename("ratio")
 lowest, least = {}, {}
 for name in names:
-    lowest[f"{name} z {mape.z[name]:.3g} %"] = mape.loc[name].idxmin() == "z"
-    least[f"{name} z {r2.z[name]:.2g}"] = r2.loc[name].idxmin() == "z"
+    lowest[f"{name} z {mape.z[name]:.3g} %"] = bool(mape.z[name] == mape.loc[name].min())
+    least[f"{name} z {r2.z[name]:.2g}"] = bool(r2.z[name] == r2.loc[name].min())
 worst = r2["z"].dropna().sort_values().index[:1].tolist()
 least[f"lowest of all: {worst}"] = worst == ["paper shred"]
 mean = by_order.groupby("order")["r2_adjusted"].mean()

@@ -47,13 +47,16 @@ for reading, table in both.items():
     for cell, one in table.groupby(keys, sort=False):
         row = {"reading": reading, "fraction": cell[0], "pressure_bar": cell[1]}
         rows.append(row | deviations.errors(one))
+
+# %%
 told = pd.DataFrame(rows)
 columns = ["reading", *keys, "found", "lit", "lit_told", "unlit", "unlit_told"]
 caption = (
     "Found particles that truly ignite in flight (lit) and that do not (unlit), and of how many "
     "ignition was told, by both readings of the grey values; with bias and spread of its time in s."
 )
-table = told[[*columns, "ignition_s_n", "ignition_s_bias", "ignition_s_spread"]]
+columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
+table = told.reindex(columns=columns)
 figures.save("ignition-told", table, caption=caption, provenance=made)
 
 # %%

@@ -131,8 +131,9 @@ figures.save("trust-coverage", cover[order], caption=caption, provenance=made)
 # ## Which differences can be told
 
 # %%
-printed = reference.published("table_5.15").set_index("fraction")["amount_of_trajectories"]
-sizes = {cell: int(printed[cell[0]]) for cell in found}
+printed = reference.published("table_5.15")
+printed.index = printed["fraction"].str.lower()
+sizes = {cell: int(printed["amount_of_trajectories"][cell[0].lower()]) for cell in found}
 pairs = survey.pairs(found)
 rows = []
 for quantity in ("dwell_s", "velocity_m_s"):
