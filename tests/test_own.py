@@ -162,7 +162,7 @@ def flown(stored, stored_flights, tmp_path):
     velocities = pd.DataFrame(
         {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
     )
-    return found._replace(flights=table, slices=velocities)
+    return found._replace(flights=table, slices=velocities.assign(observed=True))
 
 
 def test_the_summary_counts_flights_from_the_lance(flown, stored):
