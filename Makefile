@@ -17,7 +17,7 @@ SCALE ?= standard
 PARAMETERS ?=
 PYTHON ?= python3
 VENV ?= .venv
-export KILNFLIGHT_EXTERNAL KILNFLIGHT_FIGURES
+export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
 KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
 endif
@@ -38,7 +38,7 @@ keep = $(shell mkdir -p build; printf '%s\n' '$(subst ','\'',$(strip $(2)))' | c
 OTHER := quick full setup data test check bench clean help
 ifneq ($(filter-out $(OTHER),$(or $(MAKECMDGOALS),all)),)
 $(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(call settings,$(stem))))
-$(call keep,build/folders.settings,$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_FIGURES))
+$(call keep,build/folders.settings,$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES))
 # A notebook one of whose figures has gone missing is to run again.
 $(shell for list in build/*.saved; do [ -e "$$list" ] || continue; while IFS= read -r file; do [ -e "$$file" ] || rm -f "$${list%.saved}.ipynb"; done < "$$list"; done)
 endif
@@ -89,6 +89,7 @@ help: ## list the targets
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p' Makefile | expand -t 16
 	@echo "settings: SCALE=quick|standard|full, PARAMETERS=\"name=value NN.name=value\","
 	@echo "          KILNFLIGHT_EXTERNAL=folder with the authors' data, PYTHON=python3.11,"
+	@echo "          KILNFLIGHT_RECORDINGS=folder with the authors' belt recordings,"
 	@echo "          KILNFLIGHT_FIGURES=folder to write figures to instead of figures/"
 
 $(VENV)/installed: requirements.lock pyproject.toml
