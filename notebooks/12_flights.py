@@ -173,6 +173,8 @@ boxes = pd.DataFrame(
     for version, cells in flown.items()
     for (name, bar), one in cells.items()
 )
+
+# %% tags=["hide-input"]
 picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=110, sharey=True)
 for panels, version in zip(grid, versions, strict=True):
     panels[0].set_ylabel("dwell time (s)")

@@ -20,6 +20,8 @@ CODE = (
     "batch.py",
     "bulk.py",
     "conveyor.py",
+    "friction.py",
+    "machine.py",
     "physics.py",
     "simulation.py",
     "slide.py",
