@@ -126,12 +126,9 @@ for k, (name, fits, found) in enumerate(samples):
         axes.view_init(elev=15, azim=-65)
         axes.set_box_aspect(None, zoom=0.85)
         axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.95)
-rows = [
-    {"fraction": name, "particle": i, "t0_s": fit.t0_s, "orders": "".join(map(str, fit.orders))}
-    for name, fits, _ in samples
-    for i, fit in enumerate(fits)
-]
-data = pd.DataFrame(rows, columns=["fraction", "particle", "t0_s", "orders"])
+parts = [one.assign(fraction=name) for name, _, found in samples for one in found]
+columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
+data = pd.concat([tracks.head(0), *parts], ignore_index=True)[columns]
 
 # %%
 caption = (
@@ -144,7 +141,8 @@ figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, pr
 # %% [markdown]
 # ### To be turned
 #
-# All fitted trajectories from the lance of one campaign; drag to turn, scroll to come nearer.
+# The first 25 fitted trajectories from the lance of one campaign; drag to turn, scroll to come
+# nearer.
 
 # %%
 fits, found = survey.fits_of(measured, (shown[-1], 4.5), 25)

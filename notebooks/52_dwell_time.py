@@ -49,7 +49,8 @@ lit = counted["ignition"].isin(["seen", "before seen"]).map({True: " burning", F
 ending = (counted["ending"] + lit).where(counted["ending"] == "landed", counted["ending"])
 ends = pd.crosstab([counted["fraction"], counted["pressure_bar"]], ending).reset_index()
 out = measured.flights.groupby(keys)["from_lance"].agg(lambda good: int((~good).sum()))
-ends = ends.merge(out.rename("left out: not from the lance").reset_index())
+out = out.rename("left out: not from the lance").reset_index()
+ends = out.merge(ends, how="left", on=keys).fillna(0)
 caption = (
     "How measured flights end, after Fig. 5.18, and how many trajectories were left out because "
     "they do not start at the lance."

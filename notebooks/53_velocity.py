@@ -16,6 +16,7 @@ seed = 0  # of the scenes
 jobs = 2  # processes
 
 # %%
+import numpy as np
 import pandas as pd
 
 from kilnflight import deviations, drawing, figures, flight_drawing, provenance, reference, survey
@@ -23,7 +24,7 @@ from kilnflight import deviations, drawing, figures, flight_drawing, provenance,
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, findings, lessons, trust
+from kilnflight import campaigns, findings, intervals, lessons, trust
 from kilnflight.workers import Workers
 
 made = provenance.trace("53_velocity", {"scale": scale}, seed=seed)
@@ -124,6 +125,31 @@ caption = (
 figures.save("fig-5-20-remaining", left, picture=picture, caption=caption, provenance=made)
 
 # %%
+rows = []
+for (name, bar), one in found.items():
+    for k, metre in enumerate(findings.METRES):
+        passed = int(np.isfinite(one.velocity_m_s[:, k]).sum())
+        share = survey.named(intervals.share(passed, len(one.velocity_m_s)))
+        row = {"fraction": name, "pressure_bar": bar, "metre": metre}
+        rows.append(row | share | {"true": np.isfinite(true[name, bar].velocity_m_s[:, k]).mean()})
+caption = "Share that passes each metre, measured, with its 95 % interval (Wilson), and true."
+table = pd.DataFrame(rows).round(4)
+figures.save("velocity-remaining", table, caption=caption, provenance=made)
+
+# %% [markdown]
+# ### Backwards
+#
+# "Several velocity outliers of the paper shreds are negative". Eq. 5.8 with the first time a metre
+# is reached cannot be negative in front of the lance; slices behind it are counted here. A
+# trajectory that starts backwards is taken for one that did not come from the lance.
+
+# %%
+behind = measured.slices[measured.slices["slice_m"] < 0]
+behind = behind.groupby(keys)["velocity_m_s"].agg(["size", "median"]).reset_index()
+caption = "Slices behind the lance, with the median of their velocities (m/s)."
+figures.save("velocity-behind", behind, caption=caption, provenance=made)
+
+# %%
 caption = (
     "Every printed number about velocity and remaining share with its bounds, the truth and the "
     "measurement, and whether the twin was calibrated on it."
@@ -145,6 +171,19 @@ for bar, one in first.groupby("pressure_bar"):
     order[f"{bar} bar: heavy {heavy:.1f}, papers {light:.1f} m/s"] = bool(heavy > light)
 change = first.unstack("pressure_bar")
 ratio = (change[bars[-1]] / change[bars[0]]).rename("ratio")
+
+# %%
+rows, generator = [], np.random.default_rng(seed)
+for name in names:
+    pair = [found[name, bar].velocity_m_s[:, 0] for bar in (bars[-1], bars[0])]
+    pair = [values[np.isfinite(values)] for values in pair]
+    one = intervals.Bootstrap()(intervals.ratio_of_medians, pair, generator)
+    rows.append({"fraction": name, **survey.named(one)})
+caption = "Median velocity in the first metre at 5 bar over that at 4.5 bar, 95 % interval."
+table = pd.DataFrame(rows)
+figures.save("velocity-ratio", table, caption=caption, provenance=made)
+
+# %%
 
 # %%
 given = {"vel-1": order, "vel-6": ratio}

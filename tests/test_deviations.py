@@ -91,3 +91,20 @@ def test_the_true_depth_replaces_the_measured_one_where_the_owner_is_known():
 
 def test_every_quantity_has_a_unit():
     assert list(deviations.QUANTITIES) == ["dwell_s", "velocity_m_s", "ignition_s"]
+
+
+def test_every_flight_from_the_lance_is_accounted_for_once():
+    found = deviations.account(Flown(FLIGHTS, SLICES, OWNERS), TRUE)
+    assert found == {"flights": 3, "found": 1, "duplicates": 1, "cut": 0, "spurious": 1}
+    parts = [found[name] for name in ("found", "duplicates", "cut", "spurious")]
+    assert sum(parts) == found["flights"]
+
+
+def test_shares_are_told_apart_with_many_particles_and_not_with_few():
+    counts = {("a", 4.5): (40, 100), ("b", 4.5): (10, 100)}
+    pairs = [(("a", 4.5), ("b", 4.5))]
+    many = deviations.shares_told_apart(counts, pairs, true=counts)
+    assert many["resolved"].tolist() == [True]
+    assert many["true"].tolist() == [pytest.approx(0.3)]
+    few = deviations.shares_told_apart(counts, pairs, {("a", 4.5): 7, ("b", 4.5): 7})
+    assert few["resolved"].tolist() == [False]

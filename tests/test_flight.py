@@ -205,3 +205,10 @@ def test_bad_input_is_told(polynomials):
 def test_parameters_out_of_range_are_told(method, more):
     with pytest.raises(InputError, match=f"{method.__name__}: {next(iter(more))}"):
         method(**more)
+
+
+def test_what_starts_backwards_and_swings_round_did_not_leave_the_lance(polynomials):
+    forwards = polynomials(((0.0,), (0.0,), (-8000.0, 2000.0)), first_s=0.01, last_s=0.2)
+    assert one(seen(forwards), forwards)["from_lance"]
+    round_about = polynomials(((0.0,), (0.0,), (3000.0, -40000.0)), first_s=0.08, last_s=0.2)
+    assert not one(seen(round_about), round_about)["from_lance"]

@@ -126,6 +126,32 @@ def errors(both: pd.DataFrame) -> dict[str, float]:
     return row
 
 
+def account(way: Flown, true: pd.DataFrame) -> dict[str, int]:
+    """Return what became of every flight that starts at the lance; the parts add up.
+
+    Returns
+    -------
+    dict
+        ``flights``; of these ``found`` (the longest of a measurable particle whose whole
+        flight is recorded), ``duplicates`` (further ones of any particle), ``cut`` (of a
+        particle that flies on before or after the recording, or that nobody could follow)
+        and ``spurious`` (nobody's).
+    """
+    counted = way.flights[way.flights["from_lance"]]
+    owner = counted["particle"].map(way.owners).fillna(-1).astype(np.int64)
+    good = true.loc[true["whole"] & true["measurable"], "particle"]
+    known = owner[owner >= 0]
+    first = known.drop_duplicates()
+    found = int(first.isin(good).sum())
+    return {
+        "flights": len(counted),
+        "found": found,
+        "duplicates": len(known) - len(first),
+        "cut": len(first) - found,
+        "spurious": int((owner < 0).sum()),
+    }
+
+
 def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     """Return `errors` of every cell and way of `kilnflight.trust.ways`."""
     rows = []
@@ -135,8 +161,35 @@ def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
         tracks = of_cell(measured.tracks, cell).drop(columns=CELL).reset_index(drop=True)
         for name, way in ways(one, tracks):
             row = {"fraction": cell[0], "pressure_bar": cell[1], "way": name}
-            rows.append(row | errors(compared(way, true)))
+            rows.append(row | errors(compared(way, true)) | account(way, true))
     return pd.DataFrame(rows)
+
+
+def shares_told_apart(
+    counts: Mapping[Cell, tuple[int, int]],
+    pairs: Sequence[tuple[Cell, Cell]],
+    sizes: Mapping[Cell, int] | None = None,
+    true: Mapping[Cell, tuple[int, int]] | None = None,
+) -> pd.DataFrame:
+    """Return differences of shares like `told_apart`; ``counts``: how many, of how many."""
+    rows = []
+    for first, second in pairs:
+        one, two = counts[first], counts[second]
+        if sizes is not None:
+            one, two = _resized(one, sizes[first]), _resized(two, sizes[second])
+        found = intervals.difference_of_shares(one, two)
+        row = {"first": first, "second": second, **named(found)}
+        if true is not None:
+            shares = [true[cell][0] / max(true[cell][1], 1) for cell in (first, second)]
+            row |= {"true": shares[0] - shares[1]}
+        rows.append(row | {"resolved": found.resolves()})
+    return pd.DataFrame(rows)
+
+
+def _resized(count: tuple[int, int], size: int) -> tuple[int, int]:
+    """Return how many of ``size`` the same share is."""
+    number, of = count
+    return (round(size * number / of) if of else 0), size
 
 
 def told_apart(
@@ -144,6 +197,7 @@ def told_apart(
     pairs: Sequence[tuple[Cell, Cell]],
     generator: np.random.Generator,
     sizes: Mapping[Cell, int] | None = None,
+    true: Mapping[Cell, npt.NDArray[np.float64]] | None = None,
 ) -> pd.DataFrame:
     """Return differences of medians with their interval, and whether they are resolved.
 
@@ -157,6 +211,8 @@ def told_apart(
         Of the bootstrap.
     sizes
         How many particles to reckon with, if not with all.
+    true
+        True values by cell: their difference of medians stands beside.
     """
     known = {name: values[np.isfinite(values)] for name, values in groups.items()}
     rows = []
@@ -166,5 +222,8 @@ def told_apart(
             intervals.difference_of_medians, (known[first], known[second]), generator, wanted
         )
         row = {"first": first, "second": second, **named(found)}
+        if true is not None:
+            one, two = (np.nanmedian(true[cell]) for cell in (first, second))
+            row |= {"true": float(one - two)}
         rows.append(row | {"resolved": found.resolves()})
     return pd.DataFrame(rows)

@@ -52,7 +52,8 @@ class StartsAtLance:
     observed; and the regression's t0 is not the earliest of its range, which would say that the
     polynomials found no way back to the lance. The latest of the range, at the first detection,
     is where it lies if a particle was seen from the exit on. The median of three bears one
-    wrong depth.
+    wrong depth. And it leaves the exit towards the camera: polynomials that start backwards
+    and swing round behind the lance have found an exit that the particle did not take.
     """
 
     within_mm: float = 1000.0  # one slice; not printed
@@ -71,7 +72,9 @@ class StartsAtLance:
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
         exit_point = np.asarray(fit.exit_point_mm, dtype=np.float64)
         distance = float(np.median(np.linalg.norm(known - exit_point, axis=1)))
-        return distance <= self.within_mm and (self.at_bound or fit.t0_at_bound >= 0), distance
+        forwards = float(fit.velocity(np.array([fit.t0_s]))[0, 2]) < 0
+        found = self.at_bound or fit.t0_at_bound >= 0
+        return distance <= self.within_mm and found and forwards, distance
 
 
 @dataclass(frozen=True)

@@ -168,6 +168,11 @@ def metre(found: Mapping[Cell, Findings], number: int) -> dict[Cell, Findings]:
     }
 
 
+def lit(findings: Findings) -> tuple[int, int]:
+    """Return how many particles ignite, and of how many."""
+    return int(np.isfinite(findings.ignition_s).sum()), len(findings.ignition_s)
+
+
 def pairs(found: Mapping[Cell, Findings]) -> list[tuple[Cell, Cell]]:
     """Return what is compared: fractions at one pressure, and pressures of one fraction."""
     return [

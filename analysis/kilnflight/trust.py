@@ -4,6 +4,7 @@ true positions, true links -> regression -> flights      what regression and def
 our detections, true links -> regression -> flights      and what detection costs on top
 true positions, our tracks -> regression -> flights      or tracking
 our tracks at the true depth -> regression -> flights    our chain with a camera without scatter
+our tracks -> regression with weights, or also robust -> flights     another regression
 the whole chain
 """
 
@@ -25,6 +26,7 @@ from kilnflight.findings import METRES
 from kilnflight.matching import pair
 from kilnflight.pipeline import Passage
 from kilnflight.pursuit import GATE_PX
+from kilnflight.regression import Loss, Regression
 from kilnflight.survey import CELL, of_cell, twin_of
 from kilnflight.tracking import track
 from kilnflight.tracklets import postprocess, tracked
@@ -37,8 +39,13 @@ STEPS = (
     "true links",
     "true positions",
     "true depth",
+    "weighted axes",
+    "weighted, robust",
     "whole chain",
 )
+SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
+WEIGHTED = Regression(scale_mm=SCATTER_MM)
+ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
 
 
 class Flown(NamedTuple):
@@ -140,11 +147,14 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     owner = owned(tracks, true)
     known = tracks.assign(particle=owner)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
-    tables = (positions, known, followed, deepened(tracks, owner, true), tracks)
+    deep = deepened(tracks, owner, true)
+    tables = (positions, known, followed, deep, tracks, tracks, tracks)
+    other = {"weighted axes": WEIGHTED, "weighted, robust": ROBUST}
     for name, table in zip(STEPS, tables, strict=True):
-        belongs = owner if name in ("true links", "true depth", "whole chain") else None
-        belongs = owned(table, true) if belongs is None else belongs
-        yield name, flown(passage, table, owners(table, belongs))
+        ours = table is not positions and table is not followed
+        belongs = owner if ours else owned(table, true)
+        fitted = replace(passage, regression=other.get(name, passage.regression))
+        yield name, flown(fitted, table, owners(table, belongs))
 
 
 def deepened(
