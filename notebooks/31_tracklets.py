@@ -202,6 +202,21 @@ caption = "Post-processing under four readings of section 4.2.3, tracks of GNN."
 figures.save("tracklet-readings", readings, caption=caption, provenance=made)
 
 # %% [markdown]
+# ## Table 5.16
+
+# %%
+said = reference.published("table_5.16", as_printed=True)
+values = tracklets.parameters()
+letters = {"letter": list(values), "used": list(values.values())}
+table = said[["parameter_latex", "value", "unit"]].assign(**letters)
+table["unit"] = table["unit"].str.strip()
+caption = (
+    "Parameters of the post-processing as printed and as used here. The weights d and e are read "
+    "as printed: d of the gap, e of the overlap; f belongs to the thesis's grey values."
+)
+figures.save("table-5-16-parameters", table, caption=caption, provenance=made)
+
+# %% [markdown]
 # ## Verdicts
 
 # %%
@@ -219,5 +234,8 @@ verdicts = [reference.judge("track-7", better), reference.judge("track-8", edge)
 by_step = steps.set_index(["after", "fraction"])["alpha"]
 first, last = by_step["tracker"], by_step[names[-1]]
 parts = [f"{name} alpha {first[name]:.2f} to {last[name]:.2f}" for name in last.index]
-result = f"The four steps raise {'; '.join(parts)}. LE separates windows {others['LE']:.1f} times."
+result = (
+    f"From the tracker through the four steps: {'; '.join(parts)}. LE separates windows "
+    f"{others['LE']:.1f} times."
+)
 figures.conclude(result, verdicts, made)

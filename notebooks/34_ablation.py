@@ -69,6 +69,23 @@ panels[0].invert_yaxis()
 caption = "What each part costs: measures with true and with real parts, mean over the fractions."
 figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=made)
 
+# %% [markdown]
+# ## What limits each fraction
+#
+# Beta counts false tracks, alpha does not: what false detections cost shows in beta.
+
+# %%
+plain = table[(table["postprocessing"] == "without") & (table["tracker"] != "JPDA")]
+plain = plain.assign(case=plain["given"] + ", " + plain["tracker"])
+limits = plain.pivot(index="fraction", columns="case", values=["alpha", "beta"]).round(3)
+limits.columns = [f"{measure}: {case}" for measure, case in limits.columns]
+caption = (
+    "Alpha and beta of each fraction without post-processing, by what is given: from true "
+    "positions to all detections, and links by the truth."
+)
+table = limits.reset_index()
+figures.save("tracking-limits", table, caption=caption, provenance=made)
+
 # %%
 alpha = mean.set_index("what")["alpha"]
 result = (

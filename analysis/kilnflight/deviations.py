@@ -10,7 +10,7 @@ import pandas as pd
 
 from kilnflight import intervals
 from kilnflight.campaigns import Campaign, Measured
-from kilnflight.findings import METRES
+from kilnflight.findings import METRES, quartiles
 from kilnflight.survey import CELL, Cell, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
 
@@ -223,7 +223,7 @@ def told_apart(
         )
         row = {"first": first, "second": second, **named(found)}
         if true is not None:
-            one, two = (np.nanmedian(true[cell]) for cell in (first, second))
+            one, two = (quartiles(true[c][np.isfinite(true[c])])[1] for c in (first, second))
             row |= {"true": float(one - two)}
         rows.append(row | {"resolved": found.resolves()})
     return pd.DataFrame(rows)
