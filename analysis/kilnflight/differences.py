@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy.typing as npt
 import zarr
 
 from kilnflight.checks import InputError
-from kilnflight.stages import Stretch
+from kilnflight.stages import TILE, Stretch
 
 
 @dataclass(frozen=True)
@@ -37,17 +39,40 @@ class Differences:
         for frames in self.wanted.chunks:
             some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
             if some:
-                store = _opened(self.wanted.differences_of(frames))
+                folder = self.wanted.differences_of(frames)
                 cut = slice(some.start - frames.start, some.stop - frames.start)
-                roots = np.asarray(store[cut, top:bottom, left:right], dtype=np.float64)
-                total += np.sum(roots**2, axis=0)
+                for place, inside, within in _parts(top, left, bottom, right):
+                    roots = _tile(folder, *place)[(cut, *within)].astype(np.uint16)
+                    total[inside] += np.sum(roots * roots, axis=0, dtype=np.uint32)
         return total
 
 
-def _opened(folder: Path) -> zarr.Array:
+def _parts(
+    top: int, left: int, bottom: int, right: int
+) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
+    """Yield the tiles that a box touches: which, where in the box, and where in the tile."""
+    height, width = TILE
+    for row in range(top // height, (bottom - 1) // height + 1):
+        for col in range(left // width, (right - 1) // width + 1):
+            rows = max(top, row * height), min(bottom, (row + 1) * height)
+            cols = max(left, col * width), min(right, (col + 1) * width)
+            inside = slice(rows[0] - top, rows[1] - top), slice(cols[0] - left, cols[1] - left)
+            within = tuple(
+                slice(ends[0] - at * size, ends[1] - at * size)
+                for ends, at, size in ((rows, row, height), (cols, col, width))
+            )
+            yield (row, col), inside, (within[0], within[1])
+
+
+@lru_cache(maxsize=16)  # 20 MB each: neighbouring pairs look at the same frames and places
+def _tile(folder: Path, row: int, col: int) -> npt.NDArray[np.uint8]:
+    """Return the roots (frames, rows, cols) of one tile in all frames of a chunk."""
     try:
-        return zarr.open_array(folder, mode="r")
+        store = zarr.open_array(folder, mode="r")
     except (OSError, ValueError) as error:
         raise InputError(
             f"{folder}: frame differences cannot be read ({error}). Run `stages.detections` first."
         ) from error
+    height, width = TILE
+    rows, cols = slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)
+    return np.asarray(store[:, rows, cols], dtype=np.uint8)
