@@ -61,6 +61,23 @@ def test_the_whole_way_and_its_report(stored_flights, tmp_path, capsys):
     assert not re.findall(r"(?:src|href)=.?(?:https?:|//)", page)
 
 
+def test_a_run_is_kept_beside_the_recording(stored, tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "mine.zarr"
+    write_recording(stored, folder, range(3))
+    assert main(["run", str(folder), "--threshold", "200"]) == 0
+    assert f"tables and report: {tmp_path / 'mine-run' / 'report.html'}" in capsys.readouterr().out
+    monkeypatch.chdir(folder)
+    assert own.beside(own.Path(".")) == tmp_path / "mine-run"
+
+
+@pytest.mark.parametrize("inside", [".", "out", "a/../b/c"])
+def test_a_run_leaves_the_recording_alone(inside, stored_flights, capsys):
+    before = sorted(stored_flights.rglob("*"))
+    assert main(["run", str(stored_flights), "--to", str(stored_flights / inside)]) == 1
+    assert "lies in the recording" in capsys.readouterr().err
+    assert sorted(stored_flights.rglob("*")) == before
+
+
 def test_without_depth_there_are_tracks_in_2d(stored, tmp_path, capsys):
     folder = tmp_path / "flat.zarr"
     write_recording(Changed(stored, flat, lance_mm=None, name="<b>&"), folder)

@@ -86,9 +86,11 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
     Raises
     ------
     InputError
-        If there is no recording, or it has depth and nobody says where the lance ends.
+        If there is no recording, it has depth and nobody says where the lance ends, or the
+        target is in the recording's own folder.
     """
     origin = stored(folder)
+    _check_apart(folder, target)
     recording = open_recording(folder)
     notes: list[str] = []
     threshold = _threshold(recording, wishes, notes)
@@ -105,6 +107,26 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
     detector = Combination(DoG(threshold))
     stretch = Stretch(origin, 0, len(recording), detector, LONG_CHUNK, False, target / "parts")
     return Prepared(Passage(stretch, lance, wall, InAir(wishes.in_air_mm)), tuple(notes))
+
+
+def beside(folder: Path) -> Path:
+    """Return where a run is kept if nobody says: beside the recording, ``-run`` after its name.
+
+    Examples
+    --------
+    >>> beside(Path("kiln/chips.zarr")).as_posix()
+    'kiln/chips-run'
+    """
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    return named.with_name(named.name.removesuffix(".zarr") + "-run")
+
+
+def _check_apart(folder: Path, target: Path) -> None:
+    if target.resolve().is_relative_to(folder.resolve()):
+        raise InputError(
+            f"--to {target}: lies in the recording {folder}, which is only read. Give a folder "
+            f"of its own, such as {beside(folder)}."
+        )
 
 
 def _threshold(recording: PictureRecording, wishes: Wishes, notes: list[str]) -> float:
