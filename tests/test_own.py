@@ -70,6 +70,15 @@ def test_a_run_is_kept_beside_the_recording(stored, tmp_path, capsys, monkeypatc
     assert own.beside(own.Path(".")) == tmp_path / "mine-run"
 
 
+def test_a_short_recording_is_work_for_several(stored, tmp_path):
+    folder = tmp_path / "mine.zarr"
+    write_recording(stored, folder, range(3))
+    assert [own.chunk(n) for n in (1, 200, 201, 4000, 4001)] == [25, 25, 26, 500, 500]
+    stretch = own.prepare(folder, tmp_path, own.Wishes(200.0)).passage.stretch
+    assert stretch.chunks == [range(3)]
+    assert len(replace(stretch, stop=300, chunk=own.chunk(300)).chunks) == 8
+
+
 @pytest.mark.parametrize("inside", [".", "out", "a/../b/c"])
 def test_a_run_leaves_the_recording_alone(inside, stored_flights, capsys):
     before = sorted(stored_flights.rglob("*"))
