@@ -107,7 +107,7 @@ def _track(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     from kilnflight import outcome_page, own, pipeline  # here: it takes time to load them
-    from kilnflight.outcome import outcome, summary, text
+    from kilnflight.outcome import outcome, summary, text, used
     from kilnflight.workers import Workers
 
     lance = own.point(options.exit_point) if options.exit_point else None
@@ -118,7 +118,11 @@ def _run(options: argparse.Namespace) -> None:
     for note in prepared.notes:
         print(f"note: {note}")
     pipeline.run([prepared.passage], workers)
-    found = outcome(prepared.passage, prepared.notes)
+    jobs = str(options.jobs) if options.scheduler is None else f"those of {options.scheduler}"
+    told = used(prepared.passage, wishes.given, jobs)
+    found = outcome(prepared.passage, prepared.notes, told)
+    for note in found.notes[len(prepared.notes) :]:
+        print(f"note: {note}")
     report = outcome_page.publish(found, open_recording(options.folder), target)
     print(text(summary(found)))
     print(f"tables and report: {report}")

@@ -65,6 +65,12 @@ class Wishes:
             check_positive(self.threshold, "threshold")
         check_positive(self.in_air_mm, "in_air_mm")
 
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what is not left to the recording."""
+        names = ("threshold", "exit_point_mm")
+        return tuple(name for name in names if getattr(self, name) is not None)
+
 
 class Prepared(NamedTuple):
     """A recording ready to go, and what the reader is to know about it."""
