@@ -10,7 +10,7 @@ import pytest
 from kilnflight import outcome_page, own, pipeline
 from kilnflight.__main__ import main
 from kilnflight.frames import Frame
-from kilnflight.outcome import outcome, summary
+from kilnflight.outcome import outcome, summary, used
 from kilnflight.recording import open_recording, write_recording
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
@@ -49,7 +49,9 @@ def test_the_whole_way_and_its_report(stored_flights, tmp_path, capsys):
     said = capsys.readouterr().out
     assert re.search(r"tracks +3 with \d+ detections", said)
     assert re.search(r"trajectories fitted +\d", said)
-    assert "note:" not in said
+    assert re.search(r"threshold of DoG +200 grey values \(given\)", said)
+    assert re.search(r"jobs +1\n", said)
+    assert "without the texture term" in said
     tracks = pd.read_parquet(tmp_path / "tracks.parquet")
     assert tracks["particle"].max() == 2
     written = TRAJECTORIES.check(pd.read_parquet(tmp_path / "trajectories.parquet"))
@@ -57,8 +59,35 @@ def test_the_whole_way_and_its_report(stored_flights, tmp_path, capsys):
     FLIGHTS.check(pd.read_parquet(tmp_path / "flights.parquet"))
     SLICES.check(pd.read_parquet(tmp_path / "slices.parquet"))
     page = (tmp_path / "report.html").read_text()
+    assert "200 grey values (given)" in page
     assert 'src="data:image/png;base64,' in page
     assert not re.findall(r"(?:src|href)=.?(?:https?:|//)", page)
+
+
+def test_a_run_is_kept_beside_the_recording(stored, tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "mine.zarr"
+    write_recording(stored, folder, range(3))
+    assert main(["run", str(folder), "--threshold", "200"]) == 0
+    assert f"tables and report: {tmp_path / 'mine-run' / 'report.html'}" in capsys.readouterr().out
+    monkeypatch.chdir(folder)
+    assert own.beside(own.Path(".")) == tmp_path / "mine-run"
+
+
+def test_a_short_recording_is_work_for_several(stored, tmp_path):
+    folder = tmp_path / "mine.zarr"
+    write_recording(stored, folder, range(3))
+    assert [own.chunk(n) for n in (1, 200, 201, 4000, 4001)] == [25, 25, 26, 500, 500]
+    stretch = own.prepare(folder, tmp_path, own.Wishes(200.0)).passage.stretch
+    assert stretch.chunks == [range(3)]
+    assert len(replace(stretch, stop=300, chunk=own.chunk(300)).chunks) == 8
+
+
+@pytest.mark.parametrize("inside", [".", "out", "a/../b/c"])
+def test_a_run_leaves_the_recording_alone(inside, stored_flights, capsys):
+    before = sorted(stored_flights.rglob("*"))
+    assert main(["run", str(stored_flights), "--to", str(stored_flights / inside)]) == 1
+    assert "lies in the recording" in capsys.readouterr().err
+    assert sorted(stored_flights.rglob("*")) == before
 
 
 def test_without_depth_there_are_tracks_in_2d(stored, tmp_path, capsys):
@@ -147,6 +176,39 @@ def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored,
     assert ours != changed
 
 
+def test_the_summary_says_what_was_used(stored_flights, tmp_path):
+    wishes = own.Wishes(200.0)
+    passage = own.prepare(stored_flights, tmp_path, wishes).passage
+    said = dict(used(passage, wishes.given, "2"))
+    assert said["threshold of DoG"] == "200 grey values (given)"
+    assert said["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
+    assert f"{passage.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
+    assert said["kiln's axis"].startswith("through ")
+    assert said["kiln's radius"] == f"{passage.wall.radius_mm:.0f} mm"
+    assert said["taken for in the air"] == "up to 800 mm from the axis"
+    assert said["jobs"] == "2"
+    bare = dict(used(replace(passage, exit_point_mm=None, wall=None), (), "1"))
+    assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
+    assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"
+    assert own.Wishes(None, (1.0, 2.0, 3.0)).given == ("exit_point_mm",)
+
+
+def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
+    passage = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).passage
+    found = outcome(replace(passage, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
+    assert found.notes[0] == "first"
+    assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
+    assert re.search(r"lie \d{5} mm from it \(median\), and for \d of them", found.notes[1])
+
+
+def test_alight_when_first_seen_has_a_line_of_its_own(flown):
+    first = flown.flights["particle"] == 2
+    lit = flown.flights.assign(ignition=flown.flights["ignition"].mask(first, "before seen"))
+    value = summary(flown._replace(flights=lit)).set_index("what")["value"]
+    assert value["ignition seen"].startswith("50 [")
+    assert value["ignition seen, or alight when first seen"].startswith("100 [")
+
+
 @pytest.fixture
 def flown(stored, stored_flights, tmp_path):
     """An outcome with made-up flights."""
@@ -172,6 +234,8 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert value["flights landed"] == value["flights burnt out"] == "1"
     assert value["dwell time, median"] == "0.600 s"  # two are too few for an interval
     assert value["ignition seen"].startswith("50 [")
+    assert value["too few points to judge ignition"] == "0 of 2"  # the third is not counted
+    assert not [what for what in value.index if "alight" in what]
     assert value["velocity in the metre up to 2 m"] == "median 8.0 m/s, 50 % of the flights"
     page = outcome_page.page(flown, stored)
     assert page.count("<figure>") == 4

@@ -8,7 +8,7 @@ One particle enters as light on a sensor and leaves as a number in a report::
     belt:  pictures -> tracks -> prediction phase     +-> notebook -> figure -> site
                -> arrival and lateral models ---------+
 
-What stands today (the other rooms follow the plan in CHANGELOG.md):
+What each module does:
 
 ==============  ================================================================
 module          step

@@ -107,18 +107,23 @@ def _track(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     from kilnflight import outcome_page, own, pipeline  # here: it takes time to load them
-    from kilnflight.outcome import outcome, summary, text
+    from kilnflight.outcome import outcome, summary, text, used
     from kilnflight.workers import Workers
 
     lance = own.point(options.exit_point) if options.exit_point else None
     wishes = own.Wishes(options.threshold, lance, options.in_air)
     workers = Workers(options.jobs, options.scheduler)
-    prepared = own.prepare(options.folder, options.to, wishes)
+    target = options.to or own.beside(options.folder)
+    prepared = own.prepare(options.folder, target, wishes)
     for note in prepared.notes:
         print(f"note: {note}")
     pipeline.run([prepared.passage], workers)
-    found = outcome(prepared.passage, prepared.notes)
-    report = outcome_page.publish(found, open_recording(options.folder), options.to)
+    jobs = str(options.jobs) if options.scheduler is None else f"those of {options.scheduler}"
+    told = used(prepared.passage, wishes.given, jobs)
+    found = outcome(prepared.passage, prepared.notes, told)
+    for note in found.notes[len(prepared.notes) :]:
+        print(f"note: {note}")
+    report = outcome_page.publish(found, open_recording(options.folder), target)
     print(text(summary(found)))
     print(f"tables and report: {report}")
 
@@ -183,7 +188,10 @@ def _parser() -> argparse.ArgumentParser:
 def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=Path, metavar="RECORDING")
     command.add_argument(
-        "--to", type=Path, metavar="FOLDER", required=True, help="a killed run goes on there"
+        "--to",
+        type=Path,
+        metavar="FOLDER",
+        help="a killed run goes on there (default: <recording>-run)",
     )
     command.add_argument("--threshold", type=float, help="of DoG; default: five times the noise")
     command.add_argument(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from kilnflight import pipeline, stages
+from kilnflight.detection import DoG
 from kilnflight.flight import remaining
-from kilnflight.ignition import BEFORE, SEEN
+from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
 from kilnflight.intervals import Bootstrap, Interval, median, share
 from kilnflight.pipeline import Passage
 from kilnflight.tracklets import tracked
@@ -28,6 +30,7 @@ class Outcome(NamedTuple):
     flights: pd.DataFrame
     slices: pd.DataFrame
     notes: tuple[str, ...]
+    used: tuple[tuple[str, str], ...] = ()  # what and value: `used`
 
     @property
     def counted(self) -> pd.DataFrame:
@@ -35,10 +38,15 @@ class Outcome(NamedTuple):
         return self.flights[self.flights["from_lance"]]
 
 
-def outcome(passage: Passage, notes: tuple[str, ...] = ()) -> Outcome:
-    """Return the tables of a recording, made where they are not there."""
+def outcome(
+    passage: Passage, notes: tuple[str, ...] = (), used: tuple[tuple[str, str], ...] = ()
+) -> Outcome:
+    """Return the tables of a recording, made where they are not there.
+
+    A note is added if no flight starts at the lance.
+    """
     stretch = passage.stretch
-    return Outcome(
+    found = Outcome(
         stretch.origin.name,
         stretch.stop - stretch.start,
         stages.detections(stretch),
@@ -47,7 +55,61 @@ def outcome(passage: Passage, notes: tuple[str, ...] = ()) -> Outcome:
         pipeline.flights(passage),
         pipeline.slices(passage),
         notes,
+        used,
     )
+    return found._replace(notes=(*notes, *_none_from_lance(found)))
+
+
+def _none_from_lance(found: Outcome) -> list[str]:
+    """Return a note where trajectories were fitted and none counts; else none."""
+    if found.flights.empty or len(found.counted):
+        return []
+    fitted = found.trajectories["particle"].isin(found.flights["particle"])
+    early = int((found.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
+    return [
+        f"{len(found.flights)} trajectories were fitted, but none starts at the lance: the first "
+        f"positions lie {found.flights['start_mm'].median():.0f} mm from it (median), and for "
+        f"{early} of them t0 is the earliest that was searched, so no way back to the lance was "
+        "found. Is the lance's outlet right (mm, as captured, before Eq. 2.4)? Dwell times, "
+        "velocities and ignition are of flights from the lance only."
+    ]
+
+
+def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str, str], ...]:
+    """Return what a recording was worked on with, in rows of what and value.
+
+    Parameters
+    ----------
+    passage
+        How it is worked on.
+    given
+        What the user gave, of "threshold" and "exit_point_mm".
+    jobs
+        Who does the work, in a few words.
+    """
+    lance, wall, dog = passage.exit_point_mm, passage.wall, passage.stretch.detector.detector
+    rows = []
+    if isinstance(dog, DoG):
+        source = "given" if "threshold" in given else "not given, from the noise"
+        rows.append(("threshold of DoG", f"{dog.threshold:g} grey values ({source})"))
+    if lance is None:
+        rows.append(("lance's outlet", "not used"))
+    else:
+        source = "given" if "exit_point_mm" in given else "as recorded"
+        rows.append(("lance's outlet, after Eq. 2.4", f"{_listed(lance, 1)} mm ({source})"))
+    if wall is None:
+        rows.append(("kiln's wall", "not used"))
+    else:
+        axis = f"through {_listed(wall.centre_mm, 0)} mm along {_listed(wall.direction, 4)}"
+        rows += [("kiln's axis", axis), ("kiln's radius", f"{wall.radius_mm:.0f} mm")]
+        limit = f"up to {passage.in_air.threshold_mm:g} mm from the axis"
+        rows.append(("taken for in the air", limit))
+    rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
+    return (*rows, ("jobs", jobs))
+
+
+def _listed(values: tuple[float, ...], digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def summary(found: Outcome) -> pd.DataFrame:
@@ -60,6 +122,7 @@ def summary(found: Outcome) -> pd.DataFrame:
     rows = [
         ("recording", found.name),
         ("frames", str(found.frames)),
+        *found.used,
         ("detections", f"{len(found.detections)}, with depth {_with_depth(found.detections)}"),
         ("detections in the air or without depth", str(len(found.tracks))),
         ("tracks", f"{linked['particle'].nunique()} with {len(linked)} detections"),
@@ -87,10 +150,19 @@ def _flown(found: Outcome) -> list[tuple[str, str]]:
         return rows
     dwell = Bootstrap()(median, [counted["dwell_s"]], np.random.default_rng(SEED))
     rows.append(("dwell time, median", f"{_said(dwell, 3)} s"))
-    for what, outcomes in (("ignition seen", [SEEN]), ("ignited", [SEEN, BEFORE])):
-        lit = share(int(counted["ignition"].isin(outcomes).sum()), len(counted))
-        rows.append((what, f"{_said(lit, 0, 100)} %"))
-    return rows
+    return [*rows, *_ignited(counted)]
+
+
+def _ignited(counted: pd.DataFrame) -> list[tuple[str, str]]:
+    """Return the share that ignited; one more only where some were alight when first seen."""
+    ways = counted["ignition"]
+    asked = [("ignition seen", [SEEN])]
+    if (ways == BEFORE).any():
+        asked.append(("ignition seen, or alight when first seen", [SEEN, BEFORE]))
+    lit = [(what, share(int(ways.isin(some).sum()), len(counted))) for what, some in asked]
+    rows = [(what, f"{_said(interval, 0, 100)} %") for what, interval in lit]
+    few = f"{int((ways == TOO_FEW).sum())} of {len(counted)}"
+    return [*rows, ("too few points to judge ignition", few)]
 
 
 def _said(interval: Interval, digits: int, factor: float = 1.0) -> str:

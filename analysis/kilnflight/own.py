@@ -29,6 +29,8 @@ from kilnflight.stages import LONG_CHUNK, Stretch
 
 NOISE_FRAMES = 5  # spread over the first 150, the median's window
 WALL_FRAMES = 5  # spread over the recording
+PIECES = 8  # that a recording is detected in at least, if it is long enough: work for --jobs
+LEAST_CHUNK = 25  # frames; every piece reads the median's window, 150 frames, anew
 BLOCK_PX = 32  # side of the blocks in which noise is looked for
 NOISY_SHARE = 0.9  # of the blocks are quieter: noise grows with light, particles are few
 TIMES_NOISE = 5.0  # as `Combination.prominence`: what stands out of the noise
@@ -63,6 +65,12 @@ class Wishes:
             check_positive(self.threshold, "threshold")
         check_positive(self.in_air_mm, "in_air_mm")
 
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what is not left to the recording."""
+        names = ("threshold", "exit_point_mm")
+        return tuple(name for name in names if getattr(self, name) is not None)
+
 
 class Prepared(NamedTuple):
     """A recording ready to go, and what the reader is to know about it."""
@@ -86,9 +94,11 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
     Raises
     ------
     InputError
-        If there is no recording, or it has depth and nobody says where the lance ends.
+        If there is no recording, it has depth and nobody says where the lance ends, or the
+        target is in the recording's own folder.
     """
     origin = stored(folder)
+    _check_apart(folder, target)
     recording = open_recording(folder)
     notes: list[str] = []
     threshold = _threshold(recording, wishes, notes)
@@ -102,9 +112,40 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
             "and ignition times need depth and were not made."
         )
     _check_times(recording.per_frame["time_s"], recording.attributes.frame_rate_hz, notes)
-    detector = Combination(DoG(threshold))
-    stretch = Stretch(origin, 0, len(recording), detector, LONG_CHUNK, False, target / "parts")
+    detector, parts = Combination(DoG(threshold)), target / "parts"
+    stretch = Stretch(origin, 0, len(recording), detector, chunk(len(recording)), False, parts)
     return Prepared(Passage(stretch, lance, wall, InAir(wishes.in_air_mm)), tuple(notes))
+
+
+def beside(folder: Path) -> Path:
+    """Return where a run is kept if nobody says: beside the recording, ``-run`` after its name.
+
+    Examples
+    --------
+    >>> beside(Path("kiln/chips.zarr")).as_posix()
+    'kiln/chips-run'
+    """
+    named = folder if folder.name not in ("", "..") else folder.resolve()
+    return named.with_name(named.name.removesuffix(".zarr") + "-run")
+
+
+def chunk(frames: int) -> int:
+    """Return how many frames are detected in one piece, whoever does the work.
+
+    Examples
+    --------
+    >>> [chunk(frames) for frames in (10, 1001, 24_000)]
+    [25, 126, 500]
+    """
+    return min(LONG_CHUNK, max(LEAST_CHUNK, -(-frames // PIECES)))
+
+
+def _check_apart(folder: Path, target: Path) -> None:
+    if target.resolve().is_relative_to(folder.resolve()):
+        raise InputError(
+            f"--to {target}: lies in the recording {folder}, which is only read. Give a folder "
+            f"of its own, such as {beside(folder)}."
+        )
 
 
 def _threshold(recording: PictureRecording, wishes: Wishes, notes: list[str]) -> float:
