@@ -182,7 +182,7 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
 
 def _check_1000(bodies: pd.DataFrame) -> None:
     """Raise an `InputError` unless frame k is at k ms and each particle is in all of its frames."""
-    table = BELT_TRACKS.check(bodies).sort_values(["particle", "frame"], kind="stable")
+    table = BELT_TRACKS.check(bodies).sort_values(["particle", "frame"], ignore_index=True)
     late = np.abs(table["time_s"].to_numpy() - TRUTH_S * table["frame"].to_numpy())
     if (late > 1e-6).any():
         row = table.iloc[int(np.argmax(late > 1e-6))]
