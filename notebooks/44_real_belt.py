@@ -34,7 +34,7 @@ Markdown(found if files else absent)
 #
 # No setting is published, either. Velocity (85 px per frame), its spread, the noise, the seen
 # area and the arrivals were read off these recordings themselves, so how far the links agree
-# depends on them; the authors' tracks were not used for it.
+# depends on them.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one recording per material), standard or full
