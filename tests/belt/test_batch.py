@@ -8,12 +8,12 @@ import pytest
 from kilnflight.belt.batch import Batch
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.conveyor import Conveyor
-from kilnflight.belt.physics import Contacts, engine
+from kilnflight.belt.physics import Contacts, compiled, engine, missing
 from kilnflight.belt.slide import Fed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_BODIES
 
-pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco")
 G = 9810.0
 DRY = Contacts(belt_friction=0.2, rolling_friction=0.0)
 
@@ -75,6 +75,54 @@ def test_what_lies_on_the_belt_is_never_inside_it(material):
     assert settled["z"].max() < BULKS[material].rest_mm + 0.02
 
 
+def laid(material, slip, steps, contacts):
+    """Return heights and slip of a body laid on the belt, step by step, in mm and mm/s."""
+    model = compiled(BULKS[material], contacts, 1, Conveyor())
+    data = mujoco.MjData(model)
+    down = [np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0] if material == "cylinders" else [1.0, 0, 0, 0]
+    data.qpos[:] = [400.0, 90.0, BULKS[material].rest_mm, *down]
+    data.qvel[0] = 1500.0 - slip
+    way = np.empty((steps, 2))
+    for row in way:
+        mujoco.mj_step(model, data)
+        row[:] = data.qpos[2] - BULKS[material].rest_mm, 1500.0 - data.qvel[0]
+    return way.T
+
+
+@pytest.mark.parametrize("material", BULKS)
+def test_what_is_laid_on_the_belt_does_not_hop(material):
+    height, _ = laid(material, 500.0, 500, Contacts())
+    assert np.abs(height).max() < 0.01
+    equal = replace(Contacts(), slip_time_s=Contacts.belt_time_s)
+    assert laid(material, 500.0, 500, equal)[0].max() > 0.1  # what the slip time is for
+
+
+def test_the_last_slip_fades_over_four_milliseconds():
+    _, slip = laid("cuboids", 6.0, 40, Contacts())  # half of mu g / b_t
+    assert slip[19] == pytest.approx(6.0 / np.e, rel=0.1)
+
+
+def restitution(step_s, closing=100.0):
+    """Return relative speeds after and before two spheres meet, by the moment of meeting."""
+    model = compiled(BULKS["spheres"], Contacts(particle_friction=0.0), 2, Conveyor(step_s=step_s))
+    model.opt.gravity[:] = 0.0
+    shares = []
+    for part in np.linspace(0.0, 1.0, 5):
+        data = mujoco.MjData(model)
+        apart = 5.0 + (5.0 + part) * closing * step_s
+        data.qpos.reshape(2, 7)[:, :3] = [[0.0, 90.0, 500.0], [apart, 90.0, 500.0]]
+        data.qvel[0] = closing
+        mujoco.mj_step(model, data, round(0.02 / step_s))
+        shares.append((data.qvel[6] - data.qvel[0]) / closing)
+    return min(shares), max(shares)
+
+
+@pytest.mark.parametrize(("step_s", "low", "high"), [(0.0002, 0.2, 0.36), (0.00005, 0.27, 0.32)])
+def test_restitution_is_as_said_and_scatters_less_with_shorter_steps(step_s, low, high):
+    least, most = restitution(step_s)
+    assert low < least < most < high
+
+
 def test_a_wall_keeps_a_particle_on_the_belt():
     table = one("spheres", velocity=(600.0, 900.0))
     assert table["y"].max() < 180.0 - 2.3  # pressed 0.2 mm into the wall
@@ -118,9 +166,10 @@ def test_half_the_step_moves_a_particle_by_less_than_two_in_a_thousand():
 def test_mujoco_that_is_missing_or_old_is_told(monkeypatch):
     import sys
 
-    import mujoco
-
+    assert missing() == ""
     monkeypatch.delattr(mujoco.MjModel, "geom_surfacevel")
+    assert "needs MuJoCo 4" in missing()
+    assert "not installed" not in missing()
     with pytest.raises(InputError, match="needs MuJoCo 4"):
         engine()
     monkeypatch.setitem(sys.modules, "mujoco", None)

@@ -15,6 +15,7 @@ from kilnflight.belt.friction import FrictionBelt
 from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import SHAPES, Pictures
+from kilnflight.belt.sampling import thinned
 from kilnflight.belt.tracker import BeltTracker, Followed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
@@ -131,6 +132,44 @@ def test_the_simulation_velocity_is_taken_where_there_is_one(bodies):
     table = predictive.noise_free(wrong).set_index("approach")
     assert (table.loc["Sim", "temporal_ms"] > 50).all()
     assert (table.loc["Tracking", "temporal_ms"].abs() < 1e-2).all()
+
+
+def test_other_rates_and_gaps_are_told(bodies):
+    with pytest.raises(InputError, match="frame k must be at k ms"):
+        predictive.noise_free(thinned(bodies, 10))  # 100 Hz, as the authors' public tracks
+    with pytest.raises(InputError, match="frame k must be at k ms"):
+        predictive.noise_free(bodies.assign(time_s=bodies["time_s"] + 1.0))
+    with pytest.raises(InputError, match="particle 0 skips or repeats a frame"):
+        predictive.noise_free(bodies[bodies["frame"] % 10 == 0])
+    with pytest.raises(InputError, match="skips or repeats a frame"):
+        predictive.noise_free(pd.concat([bodies, bodies.tail(1)], ignore_index=True))
+
+
+def test_the_order_of_rows_does_not_matter(bodies):
+    mixed = bodies.sample(frac=1.0, random_state=2)
+    one, other = predictive.noise_free(bodies), predictive.noise_free(mixed)
+    keys = ["approach", "particle"]
+    pd.testing.assert_frame_equal(
+        one.sort_values(keys, ignore_index=True), other.sort_values(keys, ignore_index=True)
+    )
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_an_unknown_material_is_told_with_and_without_mujoco(monkeypatch, installed):
+    monkeypatch.setattr(predictive.physics, "is_installed", lambda: installed)
+    with pytest.raises(InputError, match="no material 'peas'; there are spheres"):
+        predictive.bodies("peas", 10, 0)
+    with pytest.raises(InputError, match="count"):
+        predictive.bodies("spheres", -1, 0)
+
+
+def test_who_was_predicted_is_counted():
+    bodies = pd.concat([path(k, 400, 90) for k in range(4)])
+    table = pd.DataFrame({"approach": "Tracking", "particle": [0, 2, 2]})
+    table = pd.concat([table, table.assign(approach="Straight", particle=3)])
+    counts = {"fed": 4, "predicted": 2, "predicted_twice": 1, "not_predicted": 2}
+    assert predictive.predicted(bodies, table) == counts
+    assert set(predictive.predicted(bodies[:0], table[:0]).values()) == {0}
 
 
 def test_images_give_the_same_to_a_millimetre(bodies):

@@ -28,7 +28,8 @@ from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, at_rate
 from kilnflight.belt.spots import Spots, average, measure
 from kilnflight.belt.tracker import BeltTracker, Followed
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
+from kilnflight.checks import InputError, check_count
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
@@ -41,7 +42,15 @@ def bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
     """Return tracks at 1000 Hz: of the simulated sorter, or of the friction model without MuJoCo.
 
     The friction model feeds as many particles per second as the papers, about 270.
+
+    Raises
+    ------
+    InputError
+        If there is no such material, or the number is none.
     """
+    if material not in MATERIALS:
+        raise InputError(f"no material {material!r}; there are {', '.join(MATERIALS)}.")
+    check_count(count, "bodies: count", least=0)
     if physics.is_installed():
         return simulation.tracks(material, count, seed, jobs)
     usual = MATERIALS[material]
@@ -73,7 +82,13 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         ``approach`` (Sim, Tracking, Straight), ``particle``, ``lateral_mm``, ``temporal_ms``
         (NaN for Straight, which the paper leaves out).
+
+    Raises
+    ------
+    InputError
+        If the tracks are not at 1000 Hz, or a particle is missing in a frame.
     """
+    _check_1000(bodies)
     observed = PHASE.observe(bodies)
     last = _with_velocity(observed.last, bodies)
     simulated = deviations(last, observed.arrival, PHASE.target_mm)
@@ -146,6 +161,22 @@ def rate_1000() -> BeltTracker:
     return BeltTracker(motion, appearance, frame_s=TRUTH_S)
 
 
+def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
+    """Return how many particles were fed, and predicted by tracking: once or more, twice, never.
+
+    Parameters
+    ----------
+    bodies
+        The true tracks.
+    table
+        From `from_images` or `noise_free`: a row for each track that was predicted.
+    """
+    times = table.loc[table["approach"] == TRACKING, "particle"].value_counts()
+    fed, found = int(bodies["particle"].nunique()), len(times)
+    again = int((times > 1).sum())
+    return {"fed": fed, "predicted": found, "predicted_twice": again, "not_predicted": fed - found}
+
+
 def summaries(table: pd.DataFrame) -> pd.DataFrame:
     """Return the box plots of Fig. 6: one row per what tells rows apart and quantity.
 
@@ -163,6 +194,26 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
                 known = dict(zip(names, key, strict=True)) | {"quantity": quantity}
                 rows.append(known | summarise(one[quantity].to_numpy()))
     return pd.DataFrame(rows)
+
+
+def _check_1000(bodies: pd.DataFrame) -> None:
+    """Raise an `InputError` unless frame k is at k ms and each particle is in all of its frames."""
+    table = BELT_TRACKS.check(bodies).sort_values(["particle", "frame"], ignore_index=True)
+    late = np.abs(table["time_s"].to_numpy() - TRUTH_S * table["frame"].to_numpy())
+    if (late > 1e-6).any():
+        row = table.iloc[int(np.argmax(late > 1e-6))]
+        raise InputError(
+            f"noise_free: frame {row['frame']:.0f} is at {row['time_s']:.6f} s; frame k must be at "
+            "k ms. Take tracks at 1000 Hz, counted from 0 s, as of predictive.bodies. The authors' "
+            "public tracks have 100 Hz; kilnflight.sorter evaluates them."
+        )
+    steps = table.groupby("particle")["frame"].diff().dropna()
+    if (steps != 1).any():
+        who = table.loc[steps.index[(steps != 1).to_numpy()][0]]
+        raise InputError(
+            f"noise_free: particle {who['particle']:.0f} skips or repeats a frame before frame "
+            f"{who['frame']:.0f}; the tracker takes a gap for a loss. Leave such particles out."
+        )
 
 
 def _with_velocity(last: pd.DataFrame, bodies: pd.DataFrame) -> pd.DataFrame:
