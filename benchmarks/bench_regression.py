@@ -10,6 +10,7 @@ import pandas as pd
 import plain_regression
 from measure import Row, compare
 
+from kilnflight import figures, provenance
 from kilnflight.regression import regress_all
 from kilnflight.regression.search import combinations, range_of_start
 
@@ -92,6 +93,18 @@ def growth() -> pd.DataFrame:
     return pd.DataFrame(found, columns=["trajectories", "points", "seconds", "cpu_seconds"])
 
 
+def save() -> None:
+    """Save what regression over all combinations of orders costs, by number and length."""
+    table = growth()
+    print(table.to_string(index=False))
+    caption = (
+        "Seconds, one core, of the regression of some trajectories of some points over all 125 "
+        "combinations of orders."
+    )
+    made = provenance.trace("benchmarks/bench_regression", {"scale": "full"})
+    figures.save("benchmark-regression", table, caption=caption, provenance=made)
+
+
 if __name__ == "__main__":
     print(*rows(), sep="\n")
-    print(growth().to_string(index=False))
+    save()
