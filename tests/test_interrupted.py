@@ -38,6 +38,7 @@ KILLS = [
     ("tracks", 1, "before"),
     ("trajectories", 1, "after"),
     ("flights", 1, "before"),
+    ("slices", 1, "before"),
     ("report", 1, "before"),
 ]
 
