@@ -13,8 +13,9 @@ from scipy.stats import multivariate_normal, norm
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
 from kilnflight.belt.association import associate, matrix, pair_costs
+from kilnflight.belt.crossing import last_states
 from kilnflight.belt.filters import constant_acceleration, constant_velocity
-from kilnflight.belt.tracker import LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
+from kilnflight.belt.tracker import BACK, LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.tables import BELT_ENDS, BELT_STATES
@@ -175,6 +176,14 @@ def test_a_track_that_leaves_sideways_says_so():
     side = side[side["y"] < 180]
     followed = BeltTracker()(pd.concat([side, moving(y=20.0)], ignore_index=True), 90)
     assert sorted(reasons(followed)) == sorted([SIDEWAYS, LEFT])
+
+
+def test_a_track_that_leaves_backwards_never_enters_the_prediction_phase():
+    back = moving(x=450.0, along=-400.0, frames=31)
+    followed = BeltTracker()(pd.concat([back, moving(y=20.0)], ignore_index=True), 90)
+    ends = followed.ends.set_index("reason")["particle"]
+    assert sorted(reasons(followed)) == sorted([BACK, LEFT])
+    assert last_states(followed, 0.005)["particle"].tolist() == [ends[LEFT]]
 
 
 @pytest.mark.parametrize("tracker", TRACKERS)

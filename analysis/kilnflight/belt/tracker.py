@@ -39,8 +39,9 @@ MEASURED = Table(
         Column("y", float, "mm", "across the belt"),
     ),
 )
-LEFT, SIDEWAYS, LOST, RUNNING = "left at the end", "left sideways", "lost", "recording ends"
-REASONS = (LEFT, SIDEWAYS, LOST, RUNNING)
+LEFT, BACK, SIDEWAYS = "left at the end", "left at the start", "left sideways"
+LOST, RUNNING = "lost", "recording ends"
+REASONS = (LEFT, BACK, SIDEWAYS, LOST, RUNNING)
 
 
 _MOTION, _APPEARANCE, _GATE = constant_velocity(), Appearance(), Gate()
@@ -220,12 +221,14 @@ class BeltTracker:
         return missed & ((tracks.outside > 0.5) | lost)
 
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
-        """Return why each track ended: out at the end or over a side, lost, or not at all."""
+        """Return why each track ended: out at an end or over a side, lost, or not at all."""
         order = np.lexsort((frame, tracks.particle))
         last = order[np.append(np.diff(tracks.particle[order]) != 0, True)]
         ended, area, (x, y) = _kept(tracks, last), self.appearance.area, tracks.state[last, :2].T
         sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
-        reason = np.where(ended.outside > 0.5, np.where(sideways, SIDEWAYS, LEFT), LOST)
+        # What is outside by probability may lie just inside: the nearer end decides.
+        way = np.where(2.0 * x < area.start_mm + area.end_mm, BACK, LEFT)
+        reason = np.where(ended.outside > 0.5, np.where(sideways, SIDEWAYS, way), LOST)
         reason = np.where(self._over(ended), reason, RUNNING)
         columns = (ended.particle, frame[last], ended.valid.astype(np.int64))
         table = pd.DataFrame(dict(zip(BELT_ENDS.names, columns, strict=True)))
