@@ -72,6 +72,20 @@ def test_damaged_files_are_told(folder):
         read_recording(path)
 
 
+def test_missing_frames_stay_missing(folder):
+    path = folder / "Kugeln" / "001.csv.gz"
+    write(path, MIDPOINTS + "3,1,5,10,NaN,NaN\n4,1,5,95,NaN,NaN\n9,1,5,500,NaN,NaN\n")
+    assert read_recording(path)["frame"].tolist() == [3, 4, 9]
+
+
+@pytest.mark.parametrize("numbers", [(0, 2, 1), (0, 1, 1), (0, "NaN", 2), (0, 0.5, 1), (-1, 0, 1)])
+def test_frames_that_do_not_ascend_are_told(folder, numbers):
+    path = folder / "Kugeln" / "001.csv.gz"
+    write(path, MIDPOINTS + "".join(f"{number},1,5,10,NaN,NaN\n" for number in numbers))
+    with pytest.raises(InputError, match=r"001.csv.gz: FrameNr is .* must ascend"):
+        read_recording(path)
+
+
 def real():
     project = Path(__file__).resolve().parents[2]
     named = os.environ.get("KILNFLIGHT_RECORDINGS")

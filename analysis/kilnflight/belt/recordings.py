@@ -53,20 +53,21 @@ def read_recording(path: Path) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``frame``; ``x`` along the belt and ``y`` across it in px; ``theirs``, the authors'
-        track, -1 where it is in none.
+        ``frame``, as the file counts (FrameNr); ``x`` along the belt and ``y`` across it in
+        px; ``theirs``, the authors' track, -1 where it is in none.
 
     Raises
     ------
     InputError
-        If a file is no table of pairs.
+        If a file is no table of pairs, or its frame numbers do not ascend.
     """
-    frame, _, across, along = _pairs(path, skip=2)
-    table = pd.DataFrame({"frame": frame, "x": along, "y": across})
+    cells = _cells(path)
+    row, _, across, along = _pairs(cells[:, 2:], path)
+    table = pd.DataFrame({"frame": _frames(cells, path)[row], "x": along, "y": across})
     history = path.with_name(path.name.replace(".csv.gz", HISTORY))
     if not history.is_file():
         return table.assign(theirs=-1)
-    _, particle, across, along = _pairs(history, skip=0)
+    _, particle, across, along = _pairs(_cells(history), history)
     theirs = pd.DataFrame({"x": along, "y": across, "theirs": particle})
     both = table.merge(theirs.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
     return both.fillna({"theirs": -1}).astype({"theirs": np.int64})
@@ -96,12 +97,30 @@ def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
     return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
 
 
-def _pairs(path: Path, skip: int) -> Pairs:
-    """Return row, column of pairs, and both numbers of every pair that is there."""
+def _cells(path: Path) -> Array:
+    """Return the numbers of a file."""
     try:
-        cells = pd.read_csv(path).to_numpy(dtype=np.float64)[:, skip:]
+        return pd.read_csv(path).to_numpy(dtype=np.float64)
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{path.name}: no table of numbers ({error}); fetch it again.") from error
+
+
+def _frames(cells: Array, path: Path) -> npt.NDArray[np.int64]:
+    """Return FrameNr of each row; frames may be missing, but never come twice or go back."""
+    numbers = cells[:, 0]
+    whole = np.isfinite(numbers) & (numbers == np.round(numbers)) & (numbers >= 0)
+    wrong = ~whole | (np.diff(numbers, prepend=-1.0) <= 0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"{path.name}: FrameNr is {numbers[row]} in row {row + 1}; whole numbers must ascend. "
+            "Sort the rows by frame, one row each, or give the recordings as separate files."
+        )
+    return numbers.astype(np.int64)
+
+
+def _pairs(cells: Array, path: Path) -> Pairs:
+    """Return row, column of pairs, and both numbers of every pair that is there."""
     if cells.shape[1] % 2:
         raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
     pairs = cells.reshape(len(cells), -1, 2)
