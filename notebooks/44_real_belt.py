@@ -16,7 +16,8 @@ from kilnflight.motion import ConstantAcceleration, ConstantVelocity
 
 # %% tags=["hide-input"]
 files = recordings.find_recordings()
-absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded."
+absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded. Name "
+absent += "their folder in `KILNFLIGHT_RECORDINGS` (with `Kugeln`, `Weizen` or `Zylinder` in it)."
 found = f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
 Markdown(found if files else absent)
 
@@ -30,6 +31,10 @@ Markdown(found if files else absent)
 # and compared with what was observed there. Frame rate and scale are not told, so lengths are px
 # and times are frames. There is no truth: a position is a measurement, and the camera's view is
 # not corrected. The claims on the 2020 paper stay with the simulations.
+#
+# No setting is published, either. Velocity (85 px per frame), its spread, the noise, the seen
+# area and the arrivals were read off these recordings themselves, so how far the links agree
+# depends on them.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one recording per material), standard or full
@@ -111,10 +116,10 @@ figures.save("belt-real-models", models, caption=caption, provenance=made) if fi
 
 # %% tags=["hide-input"]
 width = drawing.PAGE_MM
-picture, grid = drawing.canvas(2, 3, width_mm=width, height_mm=105)
+picture, grid = drawing.canvas(2, 3, width_mm=width, height_mm=105) if files else (None, ())
 some = models[models["filter"] == "CV filter"].set_index(["quantity", "data_set"])
 for row, (quantity, label) in zip(
-    grid, {"arrival_frames": "arrival (frames)", "lateral_px": "place (px)"}.items(), strict=True
+    grid, {"arrival_frames": "arrival (frames)", "lateral_px": "place (px)"}.items(), strict=False
 ):
     for axes, name in zip(row, seen, strict=False):
         one = some.loc[[(quantity, name)]]
