@@ -11,8 +11,7 @@ from kilnflight.belt import appearance, arrival, association, physics, pictures,
 from kilnflight.belt.friction import MATERIALS
 
 engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
-missing = " (MuJoCo is not installed: extra `sorter`)" if not physics.is_installed() else ""
-Markdown(f"**Own simulation**: {engine}{missing}.")
+Markdown(f"**Own simulation**: {engine}. {physics.missing()}".rstrip())
 
 # %% [markdown]
 # **Published** (2016 paper). A camera sees the whole belt, a tracker follows its particles up to
@@ -54,6 +53,7 @@ rows = []
 for name, one in looked.items():
     row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
     row["corner_error_mm"] = one.calibration.error_mm
+    row["hidden_corners"] = one.calibration.hidden
     row |= {"spots": len(one.spots), "touching_percent": 100 * one.spots["touching"].mean()}
     ends = one.followed.ends.query("valid == 1")["reason"].value_counts()
     rows.append(row | {"never_valid": (one.followed.ends["valid"] == 0).sum()} | dict(ends))
@@ -165,6 +165,21 @@ for name, one in bodies.items():
 every = pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
 boxes = predictive.summaries(every)
 boxes.round(4)
+
+# %% [markdown]
+# What follows counts predictions, not particles: a particle without a valid track has none, and
+# one whose track broke may have two.
+
+# %%
+counts = [
+    {"material": name} | predictive.predicted(one, parts[name, "images"])
+    for name, one in bodies.items()
+]
+caption = (
+    "Particles that were fed, and how many of them were predicted from images: at all, more than "
+    "once, or not."
+)
+figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=made)
 
 # %% tags=["hide-input"]
 picture, panels = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=105)

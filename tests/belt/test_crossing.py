@@ -163,6 +163,15 @@ def test_an_unknown_material_is_told_with_and_without_mujoco(monkeypatch, instal
         predictive.bodies("spheres", -1, 0)
 
 
+def test_who_was_predicted_is_counted():
+    bodies = pd.concat([path(k, 400, 90) for k in range(4)])
+    table = pd.DataFrame({"approach": "Tracking", "particle": [0, 2, 2]})
+    table = pd.concat([table, table.assign(approach="Straight", particle=3)])
+    counts = {"fed": 4, "predicted": 2, "predicted_twice": 1, "not_predicted": 2}
+    assert predictive.predicted(bodies, table) == counts
+    assert set(predictive.predicted(bodies[:0], table[:0]).values()) == {0}
+
+
 def test_images_give_the_same_to_a_millimetre(bodies):
     looked = predictive.look(Pictures(bodies, SHAPES["spheres"], 0), 40)
     table = predictive.from_images(looked, bodies)

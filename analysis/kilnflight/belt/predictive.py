@@ -161,6 +161,22 @@ def rate_1000() -> BeltTracker:
     return BeltTracker(motion, appearance, frame_s=TRUTH_S)
 
 
+def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
+    """Return how many particles were fed, and predicted by tracking: once or more, twice, never.
+
+    Parameters
+    ----------
+    bodies
+        The true tracks.
+    table
+        From `from_images` or `noise_free`: a row for each track that was predicted.
+    """
+    times = table.loc[table["approach"] == TRACKING, "particle"].value_counts()
+    fed, found = int(bodies["particle"].nunique()), len(times)
+    again = int((times > 1).sum())
+    return {"fed": fed, "predicted": found, "predicted_twice": again, "not_predicted": fed - found}
+
+
 def summaries(table: pd.DataFrame) -> pd.DataFrame:
     """Return the box plots of Fig. 6: one row per what tells rows apart and quantity.
 
