@@ -1,8 +1,7 @@
 """Single bodies in MuJoCo, for which mechanics gives the answer."""
 
-from dataclasses from itertools import pairwise
-
-import replace
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
