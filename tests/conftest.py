@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, settings
 
 from kilnflight import external
 from kilnflight.frames import Attributes, Frame
@@ -17,6 +18,9 @@ from kilnflight.twin import scenes
 
 mpl.use("Agg")
 PROJECT = Path(__file__).resolve().parents[1]
+# No test asserts a time: on a busy machine the first example may wait for the compiler.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 
 @pytest.fixture(autouse=True)
