@@ -207,9 +207,9 @@ figures.save("tracklet-readings", readings, caption=caption, provenance=made)
 # %%
 said = reference.published("table_5.16", as_printed=True)
 values = tracklets.parameters()
-letters = {"letter": list(values), "used": list(values.values())}
-table = said[["parameter_latex", "value", "unit"]].assign(**letters)
-table["unit"] = table["unit"].str.strip()
+table = pd.DataFrame({"letter": list(values), "unit": said["unit"].str.strip()})
+table["printed"] = said["value"].replace({"$10^{11}$": "1e11"}).astype(float)
+table["used"] = list(values.values())
 caption = (
     "Parameters of the post-processing as printed and as used here. The weights d and e are read "
     "as printed: d of the gap, e of the overlap; f belongs to the thesis's grey values."

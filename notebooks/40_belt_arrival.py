@@ -175,6 +175,9 @@ for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
     for name, mark in zip(plotted, drawing.MARKERS, strict=False):
         axes.plot(wide[name], marker=mark, label=name)
     axes.set(title=data_set, xlabel="sampling rate (Hz)", xscale="log", yscale="log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.minorticks_off()
 panels[0].set_ylabel("mean absolute error (ms)")
 panels[0].legend()
 caption = "Mean absolute error of the arrival time over the sampling rate, own simulation."

@@ -247,7 +247,7 @@ figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=m
 
 # %%
 box = boxes.query("material == 'spheres'").set_index(["quantity", "data", "approach"])
-iqr, bias = box["iqr"], box["median"]
+iqr, bias = box["iqr"].sort_index(), box["median"].sort_index()
 sim, free, straight = (
     iqr["lateral_mm", "noise-free", one] for one in ("Sim", "Tracking", "Straight")
 )

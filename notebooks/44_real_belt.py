@@ -145,7 +145,7 @@ figures.save("fig-belt-real-models", models, **part) if files else None
 # acceleration for CA. This table is no verdict: nobody claimed it of these recordings.
 
 # %%
-wide = models.set_index(["data_set", "filter", "quantity", "model"])[["mae", "iqr"]]
+wide = models.set_index(["data_set", "filter", "quantity", "model"])[["mae", "iqr"]].sort_index()
 rows = []
 for name in seen:
     first, other = wide.loc[name, "CV filter"], wide.loc[name, "CA filter"]
