@@ -28,7 +28,9 @@ CODE = (
 )  # that a batch depends on
 
 
-def kept(went_in: Mapping[str, object], make: Callable[[], pd.DataFrame]) -> pd.DataFrame:
+def kept(
+    went_in: Mapping[str, object], make: Callable[[], pd.DataFrame], folder: Path | None = None
+) -> pd.DataFrame:
     """Return a batch from data/derived, or make it and keep it there.
 
     Parameters
@@ -37,12 +39,14 @@ def kept(went_in: Mapping[str, object], make: Callable[[], pd.DataFrame]) -> pd.
         All that the batch depends on besides the code; kept in the file.
     make
         Called if there is no such file; a killed run goes on with the first that is missing.
+    folder
+        data/derived if None.
     """
     said = json.dumps(dict(went_in), sort_keys=True, default=repr).encode()
     digest = hashlib.sha256(said)
     for name in CODE:
         digest.update(Path(__file__).with_name(name).read_bytes())
-    path = places.derived() / f"belt-{digest.hexdigest()[:12]}.parquet"
+    path = (folder or places.derived()) / f"belt-{digest.hexdigest()[:12]}.parquet"
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_suffix(".lock")):
         if not path.is_file():

@@ -7,12 +7,14 @@ tracks do not depend on the number of processes; finished batches are kept.
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 
 import joblib
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight import places
 from kilnflight.belt import keeping
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.friction_values import calibrated_sorter
@@ -64,7 +66,8 @@ def tracks(
     engine()
     sorter = calibrated_sorter() if sorter is None else sorter
     sizes = batches(BULKS[material].count if count is None else count)
-    one = joblib.delayed(partial(_batch, sorter, material, seed))
+    folder = places.derived().absolute()  # a process that is used again may know another
+    one = joblib.delayed(partial(_batch, sorter, material, seed, folder))
     run = joblib.Parallel(n_jobs=min(jobs, len(sizes)) or 1, return_as="generator")
     made = run(one(number, size) for number, size in enumerate(sizes))
     bar = tqdm(made, desc=f"belt with {material}", total=len(sizes), unit="batch", disable=None)
@@ -78,10 +81,12 @@ def tracks(
     return pd.concat(parts, ignore_index=True)
 
 
-def _batch(sorter: Sorter, material: str, seed: int, number: int, size: int) -> pd.DataFrame:
+def _batch(
+    sorter: Sorter, material: str, seed: int, folder: Path, number: int, size: int
+) -> pd.DataFrame:
     bulk = BULKS[material]
     went_in = {"sorter": repr(sorter), "bulk": repr(bulk), "seed": [seed, number], "size": size}
     went_in["mujoco"] = engine().__version__
     order = list(BULKS).index(material)
     make = partial(sorter, bulk, size, np.random.default_rng([seed, order, number]))
-    return keeping.kept(went_in, make)
+    return keeping.kept(went_in, make, folder)
