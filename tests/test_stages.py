@@ -23,7 +23,7 @@ PACKAGE = Path(keeping.__file__).parent
 AWAY = {
     *("checks.py", "files.py", "places.py", "origins.py", "recording.py", "storage.py"),
     *("workers.py", "__init__.py", "reference.py", "scores/__init__.py", "scores/in_air.py"),
-    *("scores/spans.py", "scores/tracks.py"),
+    *("scores/spans.py", "scores/tracks.py", "findings.py"),
 }
 
 
