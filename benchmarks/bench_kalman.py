@@ -1,7 +1,7 @@
 """Kalman predict and update of all tracks at once against one filterpy object per track.
 
-Once with what filterpy is told, the detection of each track, and once with the dense weights
-of an associator, (tracks, 1 + detections), which are read in full.
+Ours is told the dense weights of an associator, (tracks, 1 + detections), as in the tracker;
+filterpy is told the detection of each track.
 """
 
 from __future__ import annotations
@@ -20,16 +20,8 @@ F, Q = MOTION.transition(1.0), MOTION.process_noise(1.0)
 H, R = MOTION.measurement(), MOTION.measurement_noise()
 
 
-def ours(state: np.ndarray, covariance: np.ndarray, seen: np.ndarray, taken: np.ndarray) -> tuple:
-    """Return state and covariance after one frame; the detection of each track is known."""
-    state, covariance = kalman.predict(state, covariance, F, Q)
-    return kalman.update_assigned(state, covariance, seen, taken, H, R)
-
-
-def dense(
-    state: np.ndarray, covariance: np.ndarray, seen: np.ndarray, weights: np.ndarray
-) -> tuple:
-    """Return the same from weights."""
+def ours(state: np.ndarray, covariance: np.ndarray, seen: np.ndarray, weights: np.ndarray) -> tuple:
+    """Return state and covariance after one frame."""
     state, covariance = kalman.predict(state, covariance, F, Q)
     return kalman.update(state, covariance, seen, weights, H, R)
 
@@ -61,19 +53,18 @@ def rows() -> list[Row]:
         filters = objects(state, covariance)
         one_by_one(filters, seen)
         expected = [one.x for one in filters], [one.P for one in filters]
-        taken, weights = np.arange(tracks), np.eye(tracks, 1 + tracks, 1)  # track i: detection i
-        for name, run, told in (("", ours, taken), (" from dense weights", dense, weights)):
-            moved, spread = run(state, covariance, seen, told)
-            np.testing.assert_allclose(moved, expected[0], rtol=1e-9)
-            np.testing.assert_allclose(spread, expected[1], rtol=1e-9, atol=1e-9)
-            what = f"Kalman predict and update{name}", "tracks", tracks, PEER
-            arguments = (state, covariance, seen, told)
-            result.append(
-                compare(
-                    what,
-                    lambda run=run, arguments=arguments: run(*arguments),
-                    lambda filters=filters, seen=seen: one_by_one(filters, seen),
-                    repeats=9,
-                )
+        weights = np.eye(tracks, 1 + tracks, 1)  # track i has detection i
+        arguments = (state, covariance, seen, weights)
+        moved, spread = ours(*arguments)
+        np.testing.assert_allclose(moved, expected[0], rtol=1e-9)
+        np.testing.assert_allclose(spread, expected[1], rtol=1e-9, atol=1e-9)
+        what = "Kalman predict and update", "tracks", tracks, PEER
+        result.append(
+            compare(
+                what,
+                lambda arguments=arguments: ours(*arguments),
+                lambda filters=filters, seen=seen: one_by_one(filters, seen),
+                repeats=9,
             )
+        )
     return result

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 from IPython.display import Markdown
+from matplotlib.ticker import LogLocator
 
 from kilnflight import belt, drawing, figures, provenance, reference, sorter
 from kilnflight.belt import answers, dem, deviation, velocity
@@ -176,10 +177,10 @@ for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
         axes.plot(wide[name], marker=mark, label=name)
     axes.set(title=data_set, xlabel="sampling rate (Hz)", xscale="log", yscale="log")
     axes.xaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
     axes.minorticks_off()
 panels[0].set_ylabel("mean absolute error (ms)")
-panels[0].legend()
+picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 caption = "Mean absolute error of the arrival time over the sampling rate, own simulation."
 figures.save("fig-belt-rate", table, picture=picture, caption=caption, provenance=made)
 

@@ -138,7 +138,7 @@ picture, ((axes,),) = drawing.canvas(width_mm=110, height_mm=95)
 axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
-        axes.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=5)
+        axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
 for i, j in enumerate(step.column):
     axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")

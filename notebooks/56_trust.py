@@ -74,9 +74,12 @@ figures.save("trust", table, caption=caption, provenance=made)
 # ## Where the error comes from
 #
 # True positions come without scatter, without false ones, and with grey values of two levels,
-# unlit and lit: what is told about ignition from them is as good as it can be. Two rows have
-# another regression on our own tracks: axes weighted by the RMSE of Table 5.18, and also a
-# robust loss; the printed one has no weights.
+# unlit and lit: what is told about ignition from them is as good as it can be. True links are
+# by place in the image: detections with the depth of what is behind the particle stay in, some
+# of which the tracker's gate in depth leaves out. True trajectories are those through the true
+# positions of the particle that a track belongs to, in place of what the regression makes of
+# the track. Two rows have another regression on our own tracks: axes weighted by the RMSE of
+# Table 5.18, and also a robust loss; the printed one has no weights.
 
 # %%
 columns = [*keys, "way", "true", "found", "spurious"]
@@ -84,7 +87,7 @@ columns += [f"{name}_{what}" for name in deviations.QUANTITIES for what in ("n",
 caption = (
     "Bias and spread with steps of the chain replaced by the truth: what remains with true "
     "positions and links is due to regression, landing and the test of ignition; true depth has "
-    "our tracks with depths without scatter."
+    "our tracks with depths without scatter, true trajectories our tracks without regression."
 )
 figures.save("trust-steps", budget[columns], caption=caption, provenance=made)
 
@@ -97,8 +100,8 @@ mean = budget.groupby(["way", "fraction"])
 for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
     bias, spread = (mean[f"{quantity}_{what}"].mean().unstack() for what in ("bias", "spread"))
     for k, way in enumerate(trust.STEPS):
-        place = np.arange(len(names)) + 0.12 * (k - 3)
-        one = {"color": drawing.COLOURS[k], "marker": drawing.MARKERS[k], "ms": 3}
+        place = np.arange(len(names)) + 0.11 * (k - 3.5)
+        one = {"color": [*drawing.COLOURS, "0.5"][k], "marker": [*drawing.MARKERS, "*"][k], "ms": 3}
         values = bias.loc[way].reindex(names), spread.loc[way].reindex(names)
         axes.errorbar(place, values[0], yerr=values[1], ls="", lw=0.8, label=way, **one)
     axes.axhline(0, color="0.6", lw=0.6, ls="-")

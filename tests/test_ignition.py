@@ -5,7 +5,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.ignition import Ignition, ignition_shares, ignitions
+from kilnflight.ignition import Ignition, ignitions
 from kilnflight.ignition_power import detection_power
 
 TIME = np.arange(60) / 330
@@ -113,17 +113,6 @@ def test_a_table_of_tracks():
     assert list(nothing.columns) == list(found.columns)
     with pytest.raises(InputError, match=r"particle 2: .* follows"):
         ignitions(pd.concat([tracks, tracks]), 330.0)
-
-
-def test_shares_of_all_particles():
-    table = ignition_shares([0.05, 0.3, 0.1, np.nan, 0.1, np.nan], 10)
-    np.testing.assert_allclose(table["from_s"], [0.0, 0.1, 0.2, 0.3])
-    assert list(table["number"]) == [1, 2, 0, 1]
-    np.testing.assert_allclose(table["share"], [0.1, 0.2, 0.0, 0.1])
-    assert len(ignition_shares([], 0)) == len(ignition_shares([np.nan], 5)) == 0
-    for times, counted in (([0.1, 0.2], 1), ([-0.1], 1)):
-        with pytest.raises(InputError, match="Count all particles"):
-            ignition_shares(times, counted)
 
 
 def test_the_test_holds_its_level_and_has_power():

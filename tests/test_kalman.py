@@ -95,37 +95,6 @@ def test_one_track_after_the_other_in_filterpy_is_the_same(motion, seed):
         np.testing.assert_allclose(covariance[i], peer.P, rtol=1e-7, atol=1e-7)
 
 
-@motions
-@settings(deadline=None)  # the first call compiles
-@given(seed=seeds, count=st.integers(0, 4), detections=st.integers(0, 4))
-def test_a_known_detection_is_a_row_of_0_and_1(motion, seed, count, detections):
-    generator = np.random.default_rng(seed)
-    state, covariance = some_tracks(motion, count, generator)
-    _, _, h, r = of(motion, 1)
-    taken = generator.integers(-1, detections, count)
-    weights = np.eye(1 + detections)[1 + taken]
-    given_ = state, covariance, generator.normal(0, 50, (detections, 2))
-    told = kalman.update_assigned(*given_, taken, h, r)
-    for one, expected in zip(told, kalman.update(*given_, weights, h, r), strict=True):
-        np.testing.assert_array_equal(one, expected)
-
-
-@pytest.mark.parametrize(
-    ("taken", "message"),
-    [
-        ([0, 2], "track 1 takes measurement 2 of 1"),
-        ([-2, 0], "track 0 takes measurement -2 of 1"),
-        ([0.0, 0.0], "detection holds float64, not whole numbers"),
-        ([0], "detection"),
-    ],
-)
-def test_a_detection_that_is_none_is_told(taken, message):
-    state, covariance = np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1))
-    _, _, h, r = of(KILN, 1)
-    with pytest.raises(InputError, match=message):
-        kalman.update_assigned(state, covariance, np.ones((1, 2)), np.array(taken), h, r)
-
-
 def test_a_measurement_of_nothing_is_told():
     empty = np.zeros((2, 0)), np.zeros((2, 0, 0))
     with pytest.raises(InputError, match="is empty"):
@@ -194,10 +163,8 @@ def test_a_singular_residual_names_its_track():
     with pytest.raises(InputError, match="of track 1 is singular"):
         kalman.update(state, covariance, np.ones((1, 2)), weights, h, np.zeros((2, 2)))
     covariance[1] = np.nan
-    for told in (weights, np.zeros(3, dtype=np.int64)):
-        run = kalman.update if told is weights else kalman.update_assigned
-        with pytest.raises(InputError, match="of track 1 is singular"):
-            run(state, covariance, np.ones((1, 2)), told, h, np.eye(2))
+    with pytest.raises(InputError, match="of track 1 is singular"):
+        kalman.update(state, covariance, np.ones((1, 2)), weights, h, np.eye(2))
 
 
 @pytest.mark.parametrize("bad", [[0.5, 0.4], [1.5, -0.5], [np.nan, 1.0]])

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.checks import InputError, check_positive
+
 Array = npt.NDArray[np.float64]
 
 METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
@@ -159,8 +161,18 @@ def ignition_histogram(ignition_s: Array, width_s: float = 0.1, bins: int = 8) -
     -------
     DataFrame
         ``from_s`` of each bin and ``percent`` of all particles.
+
+    Raises
+    ------
+    InputError
+        If a particle ignites before it leaves the lance.
     """
+    check_positive(width_s, "ignition_histogram: width_s")
     times = ignition_s[np.isfinite(ignition_s)]
+    if (times < 0).any():
+        raise InputError(
+            f"ignition_histogram: an ignition at {times.min():.3f} s; count from leaving the lance."
+        )
     place = np.minimum(((times - 1e-9) / width_s).astype(np.intp), bins - 1)
     counts = np.bincount(place, minlength=bins)
     percent = 100.0 * counts / max(len(ignition_s), 1)

@@ -155,7 +155,7 @@ def sums_and_tracks(
         total = sums[cell]
         low, high = np.quantile(total, [0.05, 0.999])
         shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
-        frame(panels[0], shown * 60000.0, 4)
+        frame(panels[0], shown * 60000.0, 8)
         for k, (_, one) in enumerate(tracks[cell].groupby("particle")):
             look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
             panels[1].plot(one["col"], one["row"], **look)

@@ -198,41 +198,6 @@ def ignitions(
     return table if rows else table.astype(empty)
 
 
-def ignition_shares(ignition_s: npt.ArrayLike, counted: int, width_s: float = 0.1) -> pd.DataFrame:
-    """Return how many of all particles ignite in each interval of time (Figs 5.25 and 5.26).
-
-    Parameters
-    ----------
-    ignition_s
-        From leaving the lance; NaN did not ignite.
-    counted
-        All particles, lit or not; 0 gives shares of 0.
-    width_s
-        Of an interval: 0.1 s, section 5.3.2.
-
-    Returns
-    -------
-    DataFrame
-        ``from_s``, ``to_s``, ``number``, ``share`` of all. An interval holds its lower end;
-        the intervals go from 0 to the last ignition. No ignition gives no rows.
-    """
-    check_positive(width_s, "ignition_shares: width_s")
-    check_count(counted, "ignition_shares: counted", least=0)
-    times = np.asarray(ignition_s, dtype=np.float64).ravel()
-    known = check_finite(times[~np.isnan(times)], "ignition_shares: ignition_s")
-    if len(known) > counted or (known < 0).any():
-        raise InputError(
-            f"ignition_shares: {len(known)} ignitions of {counted} particles, the earliest at "
-            f"{known.min():.3f} s. Count all particles, and times from leaving the lance."
-        )
-    # A time that lies on an edge but for rounding belongs above it.
-    bins = np.floor(known / width_s + 1e-9).astype(np.int64)
-    number = np.bincount(bins) if len(bins) else np.empty(0, dtype=np.int64)
-    edges = width_s * np.arange(len(number) + 1)
-    share = number / max(counted, 1)
-    return pd.DataFrame({"from_s": edges[:-1], "to_s": edges[1:], "number": number, "share": share})
-
-
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
     """Return times and grey values, checked."""
     time = check_finite(time_s, "Ignition: time_s").ravel()

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from kilnflight import __version__, drawing
 from kilnflight.files import clear_parts, locked, write_whole
+from kilnflight.findings import ignition_histogram
 from kilnflight.flight import remaining
 from kilnflight.frames import PictureRecording
 from kilnflight.keeping import parquet
@@ -142,11 +143,10 @@ def velocity_figure(found: Outcome, _: PictureRecording) -> Figure:
 
 def ignition_figure(found: Outcome, _: PictureRecording) -> Figure:
     """Draw when flights ignite, as shares of all of them."""
-    counted = found.counted
-    times = counted["ignition_s"].dropna()
-    edges = np.arange(0.0, max(times.max() if len(times) else 0.0, BIN_S) + BIN_S, BIN_S)
-    share = 100 * np.histogram(times, edges)[0] / len(counted)
+    bins = ignition_histogram(found.counted["ignition_s"].to_numpy(np.float64), BIN_S)
     picture, axes = drawing.canvas(width_mm=drawing.PAGE_MM * 2 / 3)
-    axes[0, 0].bar(edges[:-1], share, BIN_S, align="edge", color="0.7", edgecolor="black")
-    axes[0, 0].set(xlabel="ignition after leaving the lance (s)", ylabel="flights (%)")
+    look = {"align": "edge", "color": "0.7", "edgecolor": "black"}
+    axes[0, 0].bar(bins["from_s"], bins["percent"], BIN_S, **look)
+    label = "ignition after leaving the lance (s); the last bin holds all later"
+    axes[0, 0].set(xlabel=label, ylabel="flights (%)")
     return picture

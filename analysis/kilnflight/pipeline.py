@@ -9,7 +9,7 @@ Eq. 4.24: its frame differences would take 2.8 MB a frame, 68 GB for eight campa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -175,13 +175,24 @@ def _regress(passage: Passage) -> pd.DataFrame:
 
 
 def _fly(passage: Passage) -> pd.DataFrame:
+    return flown(passage, tracks(passage), regression.fits(trajectories(passage)))
+
+
+def _slice(passage: Passage) -> pd.DataFrame:
+    return sliced(flights(passage), regression.fits(trajectories(passage)))
+
+
+def flown(
+    passage: Passage, table: pd.DataFrame, fits: Mapping[int, regression.Fit]
+) -> pd.DataFrame:
+    """Return the flights of a table with ``particle`` and these fits; none without a wall."""
     if passage.wall is None:
         return FLIGHTS.empty()
     stretch = passage.stretch
     roi = stretch.origin.recording().attributes.roi
     return flight.flights(
-        tracked(tracks(passage)),
-        regression.fits(trajectories(passage)),
+        tracked(table),
+        fits,
         passage.wall,
         passage.in_air,
         passage.frame_rate_hz,
@@ -190,12 +201,11 @@ def _fly(passage: Passage) -> pd.DataFrame:
     )
 
 
-def _slice(passage: Passage) -> pd.DataFrame:
-    flown = flights(passage)
-    counted = flown[flown["from_lance"]]
+def sliced(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
+    """Return the velocity in every metre from the lance of the flights that start there."""
+    counted = flights[flights["from_lance"]]
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
-    every = regression.fits(trajectories(passage))
-    return flight.slices({particle: every[particle] for particle in ends}, ends)
+    return flight.slices({particle: fits[particle] for particle in ends}, ends)
 
 
 def _before(*names: str) -> Callable[[Passage], dict[str, object]]:

@@ -19,7 +19,7 @@ def best_step(values: Any, least: int) -> tuple[int, float]:
     """Return the best step upwards: first index after it, and what it leaves.
 
     Best is the least sum of absolute deviations from the medians on both sides, among the
-    splits whose median is higher after than before; the first of equals.
+    splits whose median is higher after than before; the first of those equal but for rounding.
 
     Parameters
     ----------
@@ -36,10 +36,11 @@ def best_step(values: Any, least: int) -> tuple[int, float]:
     count = len(values)
     median, spread = _growing(values)
     median_after, spread_after = _growing(values[::-1])
+    rounding = count * np.finfo(np.float64).eps * np.abs(values).sum()
     split, deviation = -1, np.inf
     for k in range(least, count - least + 1):
         rest = spread[k - 1] + spread_after[count - k - 1]
-        if median_after[count - k - 1] > median[k - 1] and rest < deviation:
+        if median_after[count - k - 1] > median[k - 1] and rest < deviation - rounding:
             split, deviation = k, rest
     return split, deviation
 

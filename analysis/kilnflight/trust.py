@@ -10,7 +10,7 @@ the whole chain
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import flight, regression, stages
+from kilnflight import pipeline, regression, stages
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.checks import InputError
 from kilnflight.correspondence import mean_gray
@@ -39,10 +39,12 @@ STEPS = (
     "true links",
     "true positions",
     "true depth",
+    "true trajectories",
     "weighted axes",
     "weighted, robust",
     "whole chain",
 )
+PICTURES = 21  # frames in the median picture that stands for the background; ours
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
 WEIGHTED = Regression(scale_mm=SCATTER_MM)
 ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
@@ -145,16 +147,24 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
     positions = true.assign(gray=lit)
     owner = owned(tracks, true)
+    belongs, exact = owners(tracks, owner), fitted(passage, positions)
     known = tracks.assign(particle=owner)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
-    deep = deepened(tracks, owner, true)
-    tables = (positions, known, followed, deep, tracks, tracks, tracks)
-    other = {"weighted axes": WEIGHTED, "weighted, robust": ROBUST}
-    for name, table in zip(STEPS, tables, strict=True):
-        ours = table is not positions and table is not followed
-        belongs = owner if ours else owned(table, true)
-        fitted = replace(passage, regression=other.get(name, passage.regression))
-        yield name, flown(fitted, table, owners(table, belongs))
+    deep, own = deepened(tracks, owner, true), fitted(passage, tracks)
+    told = own | {name: exact[one] for name, one in belongs.items() if one in exact}
+    each = (
+        (positions, exact, owners(positions, owned(positions, true))),
+        (known, fitted(passage, known), owners(known, owner)),
+        (followed, fitted(passage, followed), owners(followed, owned(followed, true))),
+        (deep, fitted(passage, deep), belongs),
+        (tracks, told, belongs),
+        (tracks, fitted(replace(passage, regression=WEIGHTED), tracks), belongs),
+        (tracks, fitted(replace(passage, regression=ROBUST), tracks), belongs),
+        (tracks, own, belongs),
+    )
+    for name, (table, fits, whose) in zip(STEPS, each, strict=True):
+        flights = pipeline.flown(passage, table, fits)
+        yield name, Flown(flights, pipeline.sliced(flights, fits), whose)
 
 
 def deepened(
@@ -169,20 +179,14 @@ def deepened(
     return tracks.assign(**{axis: better[:, k] for k, axis in enumerate("xyz")})
 
 
-def flown(passage: Passage, table: pd.DataFrame, belongs: pd.Series) -> Flown:
-    """Return the flights of tracks that did not come from the chain's own tables."""
+def fitted(passage: Passage, table: pd.DataFrame) -> dict[int, regression.Fit]:
+    """Return the trajectories by track of a table that did not come from the chain."""
     if passage.exit_point_mm is None:
         raise InputError(f"{passage.stretch.origin.name}: the lance's exit is not known.")
-    rate = passage.frame_rate_hz
-    fitted = regression.regress_all(tracked(table), passage.exit_point_mm, rate, passage.regression)
-    fits = regression.fits(fitted)
-    flights = _flights(passage, table, fits)
-    counted = flights[flights["from_lance"]]
-    ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
-    return Flown(flights, flight.slices({name: fits[name] for name in ends}, ends), belongs)
-
-
-PICTURES = 21  # frames in the median picture that stands for the background
+    rate, method = passage.frame_rate_hz, passage.regression
+    return regression.fits(
+        regression.regress_all(tracked(table), passage.exit_point_mm, rate, method)
+    )
 
 
 def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
@@ -201,27 +205,8 @@ def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataF
         behind = mean_gray(picture, tracks[["row", "col", "radius_px"]].to_numpy(np.float64))
         rules = replace(one.passage.rules, above_background=True)
         passage = replace(one.passage, rules=rules)
-        found = _flights(passage, tracks.assign(background=behind), regression.fits(fitted))
+        found = pipeline.flown(passage, tracks.assign(background=behind), regression.fits(fitted))
         found.insert(0, "fraction", cell[0])
         found.insert(1, "pressure_bar", cell[1])
         parts.append(found)
     return pd.concat(parts, ignore_index=True)
-
-
-def _flights(
-    passage: Passage, table: pd.DataFrame, fits: Mapping[int, regression.Fit]
-) -> pd.DataFrame:
-    """Return the flights of tracks with these fits."""
-    if passage.wall is None:
-        raise InputError(f"{passage.stretch.origin.name}: no wall, so no flights.")
-    attributes = passage.stretch.origin.recording().attributes
-    view = flight.View(attributes.roi, range(passage.stretch.start, passage.stretch.stop))
-    return flight.flights(
-        tracked(table),
-        fits,
-        passage.wall,
-        passage.in_air,
-        passage.frame_rate_hz,
-        passage.rules,
-        view,
-    )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kilnflight import findings
+from kilnflight.checks import InputError
 from kilnflight.twin import outcomes
 from kilnflight.twin.flight import ENDS, Flight, Flights
 from kilnflight.twin.gas import Gas
@@ -110,6 +111,9 @@ def test_the_histogram_counts_each_ignition_once_in_per_cent_of_all():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.1, 0.15, 2.0, np.nan])
     bins = findings.ignition_histogram(flights.ignition_s)
     np.testing.assert_allclose(bins["percent"], [25, 25, 0, 0, 0, 0, 0, 25])
+    with pytest.raises(InputError, match=r"an ignition at -0\.100 s; count from leaving the lance"):
+        findings.ignition_histogram(np.array([0.2, -0.1]))
+    assert findings.ignition_histogram(np.empty(0))["percent"].tolist() == [0.0] * 8
 
 
 def test_along_the_way_every_cell_has_five_velocities_and_five_shares():

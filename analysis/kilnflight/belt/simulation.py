@@ -15,14 +15,17 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import places
-from kilnflight.belt import keeping
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.friction_values import calibrated_sorter
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import engine
 from kilnflight.checks import InputError, check_count
+from kilnflight.keeping import kept
 from kilnflight.tables import BELT_BODIES
 
+# What a batch depends on besides its arguments.
+PARTS = ("batch", "bulk", "conveyor", "friction", "machine", "physics", "simulation", "slide")
+CODE = tuple(f"belt/{name}.py" for name in PARTS)
 BATCH = 500  # particles that are simulated together: about two seconds of feed
 
 
@@ -89,4 +92,4 @@ def _batch(
     went_in["mujoco"] = engine().__version__
     order = list(BULKS).index(material)
     make = partial(sorter, bulk, size, np.random.default_rng([seed, order, number]))
-    return keeping.kept(went_in, make, folder)
+    return kept("belt", went_in, make, folder, CODE)

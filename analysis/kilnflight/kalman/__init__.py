@@ -5,8 +5,8 @@ array. The update takes association weights, so one function serves the textbook
 (rows of 0 and 1) and probabilistic data association (rows of probabilities).
 """
 
-from kilnflight.kalman.correction import update, update_assigned
+from kilnflight.kalman.correction import update
 from kilnflight.kalman.matrices import factor, residual_covariance
 from kilnflight.kalman.prediction import predict
 
-__all__ = ["factor", "predict", "residual_covariance", "update", "update_assigned"]
+__all__ = ["factor", "predict", "residual_covariance", "update"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from kilnflight.checks import InputError, check_finite, check_shape
@@ -73,43 +72,6 @@ def update(
     return moved, spread
 
 
-def update_assigned(
-    state: Array,
-    covariance: Array,
-    measurements: Array,
-    detection: npt.NDArray[np.int64],
-    measurement: Array,
-    noise: Array,
-) -> tuple[Array, Array]:
-    """Return what `update` does where each track takes one measurement or none.
-
-    Parameters
-    ----------
-    detection
-        (n,) the row of ``measurements`` that each track takes, -1 none: what a one-hot row of
-        weights says, without the nought of every other pair being written and read.
-    state, covariance, measurements, measurement, noise
-        As `update` takes them.
-
-    Raises
-    ------
-    InputError
-        As `update` does, or if a track takes a measurement that is not there.
-    """
-    h, r = _checked(state, covariance, measurements, measurement, noise)
-    check_shape(detection, (len(state),), "detection")
-    if not np.issubdtype(detection.dtype, np.integer):
-        raise InputError(f"update: detection holds {detection.dtype}, not whole numbers.")
-    moved, spread, code = _assigned(state, covariance, measurements, detection, h, r)
-    if code < 0:
-        raise InputError(
-            f"update: track {-code - 1} takes measurement {detection[-code - 1]} of "
-            f"{len(measurements)}. Count from 0, and give -1 to a track without one."
-        )
-    _refuse_singular(code)
-    return moved, spread
-
-
 def _checked(
     state: Array, covariance: Array, measurements: Array, measurement: Array, noise: Array
 ) -> tuple[Rows, Rows]:
@@ -157,24 +119,4 @@ def _update(state: Any, covariance: Any, positions: Any, weights: Any, h: Any, r
             scatter_of(state, i, positions, weights, lower, mean, h, scatter)
             add_sandwich(root, scatter, spread[i])  # Eq. 2.56
             mirror(spread[i])
-    return moved, spread, 0
-
-
-@njit(cache=True)
-def _assigned(state: Any, covariance: Any, positions: Any, detection: Any, h: Any, r: Any) -> Any:
-    """Do as `_update` does with rows of 0 and 1; -i - 1 is a measurement that is not there."""
-    d, k = len(h), len(h[0])
-    moved, spread = state.copy(), covariance.copy()
-    lower, root, mean = np.zeros((d, d)), np.empty((k, d)), np.empty(d)
-    for i in range(len(state)):
-        if not -1 <= detection[i] < len(positions):
-            return moved, spread, -i - 1
-        if detection[i] < 0:
-            continue
-        if not root_of(covariance, i, h, r, lower, root):
-            return moved, spread, i + 1
-        mean[:] = 0.0
-        add_innovation(state, i, positions, detection[i], 1.0, h, mean)
-        whiten(lower, mean, h)
-        correct(moved, spread, i, root, mean, 1.0, h)
     return moved, spread, 0
