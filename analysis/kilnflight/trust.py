@@ -151,13 +151,13 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     known = tracks.assign(particle=owner)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
     deep, own = deepened(tracks, owner, true), fitted(passage, tracks)
-    told = own | {name: exact[one] for name, one in belongs.items() if one in exact}
+    replaced = {int(str(name)): exact[one] for name, one in belongs.items() if one in exact}
     each = (
         (positions, exact, owners(positions, owned(positions, true))),
         (known, fitted(passage, known), owners(known, owner)),
         (followed, fitted(passage, followed), owners(followed, owned(followed, true))),
         (deep, fitted(passage, deep), belongs),
-        (tracks, told, belongs),
+        (tracks, own | replaced, belongs),
         (tracks, fitted(replace(passage, regression=WEIGHTED), tracks), belongs),
         (tracks, fitted(replace(passage, regression=ROBUST), tracks), belongs),
         (tracks, own, belongs),
