@@ -18,7 +18,7 @@ class Given:
 
     spots: tuple = ()
 
-    def __call__(self, foreground):
+    def __call__(self, foreground, within=None):
         return np.array(self.spots, dtype=float).reshape(-1, 3)
 
 

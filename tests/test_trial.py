@@ -4,6 +4,7 @@ import pytest
 
 from kilnflight import background, contenders, kiln, tallies, trial
 from kilnflight.checks import InputError
+from kilnflight.combination import View
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
@@ -130,3 +131,17 @@ def test_unsigned_differences_keep_what_is_brighter(subset):
         assert (cut[~brighter] == 0).all()
         assert brighter.any()
         assert not brighter.all()
+
+
+def test_one_look_for_all_thresholds_is_the_detector_at_each():
+    image = np.zeros((120, 160), dtype=np.float32)
+    image[40:46, 50:56], image[90:93, 120:123] = 9000.0, 4000.0
+    none = np.empty((0, 2), dtype=np.intp)
+    view = View(image.astype(np.uint16), image.astype(np.uint16), image, none, np.empty((0, 3)))
+    for look in (lambda foreground: foreground, lambda foreground: foreground / 4):
+        methods = contenders.by_threshold((2000, 200, 700), look)
+        assert sorted(methods) == [200, 700, 2000]
+        for threshold, method in methods.items():
+            expected = DoG(float(threshold))(look(image))
+            np.testing.assert_array_equal(method(view), expected)
+    assert contenders.by_threshold(()) == {}

@@ -60,8 +60,11 @@ class DepthCalibration:
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
         """Return the calibrated depth, in mm, in the shape of ``captured_mm``."""
         depth = check_finite(captured_mm, "captured depth")
-        branch = np.stack([np.polyval(c, depth) for c in self.coefficients])
-        return np.take_along_axis(branch, self.segment(depth)[None], axis=0)[0]
+        segment, found = self.segment(depth), np.empty(depth.shape)
+        for index, coefficients in enumerate(self.coefficients):
+            here = segment == index
+            found[here] = np.polyval(coefficients, depth[here])
+        return found
 
     def jumps(self) -> Array:
         """Return right limit minus left limit at each breakpoint, in mm."""

@@ -114,7 +114,7 @@ class Combination:
             `kilnflight.tables.DETECTIONS`.
         """
         labels = second_pass(view.xyz, self.wall, self.clusterer)
-        return self.decide(view, self.detector(view.foreground), labels, roi, frame)
+        return self.decide(view, self.detector(view.foreground, roi), labels, roi, frame)
 
     def decide(
         self,
@@ -135,10 +135,11 @@ class Combination:
         check_shape(keypoints, (None, 3), f"frame {frame}: keypoints")
         check_view(view, labels, f"frame {frame}")
         clusters = summarise(view.pixels, view.xyz, labels)
-        clusters = clusters.take(clusters.extent <= self.largest_px)
+        small = clusters.extent <= self.largest_px
         if roi is not None:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
-            clusters = clusters.take(inside(roi, clusters.row, clusters.col))
+            small &= inside(roi, clusters.row, clusters.col)
+        clusters = clusters.take(small)
         evidence = Evidence.of(view.gray, view.previous, self.prominence, self.share)
         moved = evidence.moved(widened(clusters.rectangles, self.margin_px))
         found: list[Particle] = []
@@ -159,8 +160,8 @@ def check_view(view: View, labels: Index, where: str) -> None:
     check_shape(view.foreground, shape, f"{where}: foreground")
     check_shape(view.pixels, (len(view.xyz), 2), f"{where}: pixels of the points")
     check_shape(labels, (len(view.xyz),), f"{where}: labels of the points")
-    outside = ((view.pixels < 0) | (view.pixels >= shape)).any(axis=1)
-    if outside.any():
+    if len(labels) and (view.pixels.min() < 0 or (view.pixels.max(axis=0) >= shape).any()):
+        outside = ((view.pixels < 0) | (view.pixels >= shape)).any(axis=1)
         first = int(np.argmax(outside))
         raise InputError(
             f"{where}: point {first} belongs to pixel {tuple(view.pixels[first].tolist())} of an "

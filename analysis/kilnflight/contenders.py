@@ -31,6 +31,7 @@ THRESHOLDS = tuple(round(100 * 2 ** (k / 2)) for k in range(12))
 
 
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more) row, col
+Foreground = npt.NDArray[np.float32]
 
 
 # First and second pass of the combination (section 5.1.3); DBSCAN's first pass is printed as
@@ -45,6 +46,23 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
 def by_picture(detector: Detector2D) -> Method:
     """Return a 2D detector as a method."""
     return lambda view: detector(view.foreground)
+
+
+def by_threshold(
+    thresholds: Iterable[float], look: Callable[[Foreground], Foreground] = lambda image: image
+) -> dict[float, Method]:
+    """Return DoG with each threshold as a method, from one look at each view.
+
+    Parameters
+    ----------
+    thresholds
+        In grey values.
+    look
+        What is done to a foreground before.
+    """
+    some = sorted(thresholds)
+    share = _Graded(DoG(float(min(some, default=0.0))), look)
+    return {threshold: partial(_above, share, float(threshold)) for threshold in some}
 
 
 def by_cloud(clusterer: Clusterer) -> Method:
@@ -82,6 +100,24 @@ def eleven(threshold: float, roi: Polygon | None) -> dict[str, Method]:
         for name, detector in pictures.items():
             methods[f"Combi {name}+{cloud}"] = partial(_combined, detector, share, roi)
     return methods
+
+
+class _Graded:
+    """Particles of the last view that was asked for, with their highest thresholds."""
+
+    def __init__(self, lowest: DoG, look: Callable[[Foreground], Foreground]) -> None:
+        self.lowest, self.look = lowest, look
+        self.last: tuple[View, npt.NDArray[np.float64]] | None = None
+
+    def __call__(self, view: View) -> npt.NDArray[np.float64]:
+        if self.last is None or self.last[0] is not view:
+            self.last = (view, self.lowest.graded(self.look(view.foreground)))
+        return self.last[1]
+
+
+def _above(share: _Graded, threshold: float, view: View) -> npt.NDArray[np.float64]:
+    every = share(view)
+    return every[every[:, 3] >= threshold, :3]
 
 
 class _Shared:

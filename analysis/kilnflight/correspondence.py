@@ -19,6 +19,7 @@ from kilnflight.checks import check_shape
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
+SHORT = 1 << 16  # labels of 16 bits
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
 
 
@@ -124,10 +125,13 @@ def summarise(pixels: npt.NDArray[np.integer], xyz: Array, labels: Index) -> Clu
     """
     check_shape(np.asarray(pixels), (len(labels), 2), "clusters: pixels")
     check_shape(np.asarray(xyz), (len(labels), 3), "clusters: xyz")
-    order = np.argsort(labels, kind="stable")
-    order = order[np.searchsorted(labels[order], 0) :]
-    _, sizes = np.unique(labels[order], return_counts=True)
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
+    labelled = np.flatnonzero(labels >= 0)
+    label = labels[labelled]
+    sizes = np.bincount(label)
+    # numpy sorts 16 bits by digits, which is ten times faster
+    short = label.astype(np.uint16) if len(sizes) <= SHORT else label
+    order = labelled[np.argsort(short, kind="stable")]
+    start = np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.intp)
     return Clusters(
         np.asarray(pixels, dtype=np.intp)[order], np.asarray(xyz, dtype=np.float64)[order], start
     )

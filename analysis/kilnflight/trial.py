@@ -19,8 +19,7 @@ from tqdm import tqdm
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError, check_columns
 from kilnflight.combination import Combination, Polygon, View
-from kilnflight.contenders import THRESHOLDS, Method, by_picture
-from kilnflight.detection import DoG
+from kilnflight.contenders import THRESHOLDS, Method, by_threshold
 from kilnflight.frames import PictureRecording
 from kilnflight.kiln import views
 from kilnflight.scores import FrameScore, score_detections, score_in_pixels, total_in_air
@@ -111,11 +110,12 @@ def thresholds(
     -------
     DataFrame
         Of `attempt`, the threshold in place of the method; ``chosen`` where the threshold is
-        the one that is best on the other subsets (section 5.1.3).
+        the one that is best on the other subsets (section 5.1.3). Their ``seconds`` are not
+        known: one look at a frame answers for all thresholds.
     """
     some = THRESHOLDS[:: 4 if scale == "quick" else 1]
-    methods = {threshold: by_picture(DoG(float(threshold))) for threshold in some}
-    return marked_best(run(subsets, methods, background).rename(columns={"method": "threshold"}))
+    tried = run(subsets, by_threshold(some), background).assign(seconds=np.nan)
+    return marked_best(tried.rename(columns={"method": "threshold"}))
 
 
 def attempt(
@@ -152,12 +152,13 @@ def attempt(
             _compile(methods.values(), view)
         here = subset.particles[subset.particles["frame"] == t]
         image = subset.instances(t)
+        shown = here["particle"][here["particle"].isin(np.unique(image))].to_numpy()
         for name, method in methods.items():
             begin = time.perf_counter()
             spots = method(view)[:, :2]
             seconds = time.perf_counter() - begin
             row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-            rows.append(row | _counts(here, image, spots, roi))
+            rows.append(row | _counts(here, image, shown, spots, roi))
     return pd.DataFrame(rows)
 
 
@@ -171,11 +172,12 @@ def _compile(methods: Iterable[Method], view: View) -> None:
 def _counts(
     here: pd.DataFrame,
     image: npt.NDArray[np.integer],
+    shown: npt.NDArray[np.integer],
     spots: npt.NDArray[np.float64],
     roi: Polygon | None,
 ) -> dict[str, int]:
+    """Return the counts of a frame; ``shown`` are its particles that have a pixel."""
     gated = score_detections(here[["row", "col"]].to_numpy(), spots, roi=roi)
-    shown = here["particle"][here["particle"].isin(np.unique(image))].to_numpy()
     within = score_in_pixels(image, shown, spots, roi=roi)
     label = here["label"].to_numpy()
     hit = label[gated.pairs[:, 0]]

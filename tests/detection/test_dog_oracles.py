@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from kilnflight.camera import inside
 from kilnflight.detection import DoG, dog, scale_space
 from kilnflight.twin.scenes import open_scene
 
@@ -18,6 +19,7 @@ plain_dog = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(plain_dog)
 
 BOTH = DoG(double=True, dark=True)
+CORNER = st.tuples(st.floats(-40.0, 220.0), st.floats(-40.0, 280.0))
 
 
 def scene(seed, shape=(150, 210), blobs=14, noise=70.0):
@@ -86,6 +88,39 @@ def test_what_is_left_out_changes_nothing(seed, threshold, double):
 def everywhere(image, taps, level, signs):
     blocks = [-(-n // scale_space.BLOCK) for n in image.shape]
     return np.ones(blocks, dtype=np.bool_)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.booleans(), st.lists(st.floats(60.0, 3000.0), min_size=1))
+def test_one_look_answers_for_every_higher_threshold(seed, double, thresholds):
+    """Bit for bit, and in the same order."""
+    lowest = DoG(min(thresholds), double=double, dark=True)
+    image, _ = scene(seed, (90, 120), blobs=5)
+    every = lowest.graded(image)
+    for threshold in thresholds:
+        kept = every[every[:, 3] >= threshold, :3]
+        np.testing.assert_array_equal(kept, replace(lowest, threshold=threshold)(image))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.booleans(), st.lists(CORNER, min_size=3, max_size=7, unique=True))
+def test_all_particles_in_a_polygon_are_found_and_no_others_invented(seed, double, polygon):
+    assume(np.linalg.matrix_rank(np.subtract(polygon, polygon[0])) == 2)
+    detector = DoG(60.0, double=double)
+    image, _ = scene(seed, (180, 240), blobs=5)
+    every, some = detector(image), detector(image, polygon)
+    rows = {tuple(one) for one in every}
+    assert {tuple(one) for one in some} <= rows
+    wanted = every[inside(polygon, every[:, 0], every[:, 1])]
+    assert {tuple(one) for one in wanted} <= {tuple(one) for one in some}
+
+
+def test_what_is_far_from_the_polygon_is_not_looked_for():
+    image = np.zeros((300, 400))
+    image[46:55, 56:65], image[246:255, 336:345] = 60_000.0, 60_000.0
+    found = DoG(200.0)(image, [(30, 30), (30, 90), (90, 90), (90, 30)])
+    assert len(DoG(200.0)(image)) == 2 * len(found) > 0
+    assert found[:, 0].max() < 100
 
 
 @settings(max_examples=20, deadline=None)

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.detection.dbscan import DBSCAN, k_distances
-from kilnflight.detection.dog import DoG
+from kilnflight.detection.dog import DoG, Polygon
 from kilnflight.detection.morphology import MorphologicalClustering
 from kilnflight.detection.otsu import Otsu, otsu_threshold
 from kilnflight.detection.quasi_centers import QuasiClusterCenters
@@ -38,8 +38,13 @@ from kilnflight.detection.quasi_centers import QuasiClusterCenters
 class Detector2D(Protocol):
     """A foreground (rows, cols) -> particles (n, 3): row, col, radius in px."""
 
-    def __call__(self, foreground: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-        """Return the particles, those of a foreground of one grey value being none."""
+    def __call__(
+        self, foreground: npt.NDArray[np.generic], within: Polygon | None = None, /
+    ) -> npt.NDArray[np.float64]:
+        """Return the particles, those of a foreground of one grey value being none.
+
+        Outside a polygon (row, col) in the second place particles need not be found.
+        """
 
 
 class Clusterer(Protocol):

@@ -7,8 +7,10 @@ descriptor (Eqs 2.29 ff.) are not computed.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import find_objects, label
@@ -18,6 +20,7 @@ from kilnflight.detection import extrema, scale_space
 from kilnflight.detection.foreground import check_foreground
 
 Array = npt.NDArray[np.float64]
+Polygon = Sequence[tuple[float, float]]
 
 TILE = 12  # largest side, in blocks, of the boxes that are blurred at a time
 WALK = extrema.FITS  # px around a sample at which a fit that moves may look
@@ -92,7 +95,7 @@ class DoG:
                 f"{self.sigma} px; take a camera_blur from 0 to that."
             )
 
-    def __call__(self, foreground: npt.NDArray[np.generic]) -> Array:
+    def __call__(self, foreground: npt.NDArray[np.generic], within: Polygon | None = None) -> Array:
         """Return the particles in a foreground.
 
         Parameters
@@ -100,6 +103,9 @@ class DoG:
         foreground
             (rows, cols) grey values: unsigned or signed integers (16 bits; 8 bits are
             taken as the grey values they hold) or floats, computed in float32.
+        within
+            Corners (row, col) of a polygon. All particles in it are found; most of those
+            outside are not looked for, which saves time.
 
         Returns
         -------
@@ -122,56 +128,70 @@ class DoG:
         >>> len(DoG(10)(faint)), len(DoG(10)(np.rint(faint / 257) * 257))
         (1, 0)
         """
+        return self.graded(foreground, within)[:, :3]
+
+    def graded(self, foreground: npt.NDArray[np.generic], within: Polygon | None = None) -> Array:
+        """Return the particles (n, 4) with the largest threshold at which each is found.
+
+        So the particles at any higher threshold are the rows whose last value is not below
+        it, to the bit: one look at a foreground answers for a whole sweep.
+
+        Parameters
+        ----------
+        foreground, within
+            As of a call.
+        """
         image = check_foreground(foreground, "DoG").astype(np.float32)
-        if image.size == 0:
-            return np.empty((0, 3))
-        spacing, found = 1.0, []
-        if self.double:
+        found, spacing = [np.empty((0, 4))], 1.0
+        if image.size and self.double:
             blur = 2 * self.camera_blur
-            found.append(self._octave(image, blur, double=True) * 0.5)
+            found.append(self._octave(scale_space.doubled(image), blur, 0.5, within))
             image = scale_space.smooth_doubled(image, math.sqrt(4 * self.sigma**2 - blur**2))
-        else:
+        elif image.size:
             image = scale_space.smooth(image, math.sqrt(self.sigma**2 - self.camera_blur**2))
         while min(image.shape) >= SMALLEST_SIDE:
-            found.append(self._octave(image, self.sigma) * spacing)
+            found.append(self._octave(image, self.sigma, spacing, within))
             image = scale_space.smooth(image, self.sigma * math.sqrt(3.0), step=2)
             spacing *= 2
-        return np.concatenate([*found, np.empty((0, 3))])
+        return np.concatenate(found)
 
-    def _octave(self, image: scale_space.Image, blur: float, *, double: bool = False) -> Array:
-        """Return row, col and radius of the keypoints of an octave, in its own px.
+    def _octave(
+        self, image: scale_space.Image, blur: float, spacing: float, within: Polygon | None
+    ) -> Array:
+        """Return row, col, radius in px and highest threshold of the keypoints of an octave.
 
         Parameters
         ----------
         image
             Image from which the Gaussians of the octave are made.
         blur
-            Its own blur, after doubling.
-        double
-            Whether the octave is that of the doubled image.
+            Its own blur, in its px.
+        spacing
+            Its px in px of the foreground.
+        within
+            As of a call.
         """
         sigmas = self.sigma * 2.0 ** (np.arange(self.layers + 3) / self.layers)
         taps = tuple(scale_space.gaussian_taps(s) for s in np.sqrt(sigmas**2 - blur**2))
-        pad = 2 * (len(taps[-1]) // 2)
-        if double:
-            wide = scale_space.doubled(scale_space.mirrored(image, pad // 2))
-            image = wide[pad:-pad, pad:-pad]
-        else:
-            wide = scale_space.mirrored(image, pad)
         signs = (1.0, -1.0) if self.dark else (1.0,)
         live = scale_space.reachable(image, taps, self.threshold / 2, signs)
-        found = [np.empty((0, 6))]
+        if within is not None:
+            live &= _near(within, live.shape, scale_space.BLOCK * spacing)
+        found = [np.empty((0, 7))]
         for start in _boxes(live, image.shape):
             box, inside, visit = _around(start, image.shape)
-            stack = scale_space.differences(wide, pad, box, taps)
+            stack = scale_space.differences(image, box, taps)
             points = extrema.keypoints(stack, inside, visit, self.threshold, self.edge, signs)
             points[:, 1:3] += box[0], box[2]
             found.append(points)
         points = np.concatenate(found)
-        # Two maxima may lead to one sample, at which the fit is the same.
+        # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
+        points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
         scale = self.sigma * 2.0 ** ((points[:, 0] + points[:, 3]) / self.layers)
-        return np.column_stack([points[:, 1:3] + points[:, 4:], scale * disc_radius(self.layers)])
+        place = points[:, 1:3] + points[:, 4:6]
+        radius = scale * disc_radius(self.layers)
+        return np.column_stack([place * spacing, radius * spacing, points[:, 6]])
 
 
 def disc_radius(layers: int) -> float:
@@ -198,6 +218,17 @@ def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[scale_sp
                     start, end = max(box[0], 1), max(box[2], 1)
                     boxes.append((start, min(box[1], shape[0] - 1), end, min(box[3], shape[1] - 1)))
     return boxes
+
+
+def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[np.bool_]:
+    """Return the blocks of ``side`` px from which a particle in a polygon can be found.
+
+    The polygon is drawn on the blocks with its border; what a fit may move by, and what is
+    rounded, is less than the two blocks that are added on every side.
+    """
+    corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
+    drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
+    return np.asarray(cv2.dilate(drawn, np.ones((5, 5), dtype=np.uint8)) > 0)
 
 
 def _around(

@@ -111,9 +111,10 @@ def keypoints(stack: Any, start: Any, visit: Any, threshold: float, edge: float,
     Returns
     -------
     ndarray
-        (n, 6): layer, row, col of the sample, then the offset of the extremum from it.
+        (n, 7): layer, row, col of the sample, the offset of the extremum from it, and the
+        largest threshold with which the same keypoint is found from the same maximum.
     """
-    found = np.empty((stack[1:-1].size * len(signs) // 8 + stack.size // 4 + 8, 6))
+    found = np.empty((stack[1:-1].size * len(signs) // 8 + stack.size // 4 + 8, 7))
     count = 0
     for layer in range(1, len(stack) - 1):
         for row in range(start[0], start[1]):
@@ -141,5 +142,6 @@ def keypoints(stack: Any, start: Any, visit: Any, threshold: float, edge: float,
                         continue
                     found[count, 0], found[count, 1], found[count, 2] = layer, at_row, at_col
                     found[count, 3], found[count, 4], found[count, 5] = offset
+                    found[count, 6] = min(sign * peak, 2 * np.float64(sign * sample))
                     count += 1
     return found[:count].copy()

@@ -121,13 +121,14 @@ class Otsu:
         """Refuse a size that is none."""
         check_count(self.smallest_px, "Otsu smallest_px")
 
-    def __call__(self, foreground: npt.NDArray[np.generic]) -> Array:
+    def __call__(self, foreground: npt.NDArray[np.generic], _within: object = None) -> Array:
         """Return the particles in a foreground.
 
         Parameters
         ----------
         foreground
-            (rows, cols) 16-bit grey values, or floats, which are rounded.
+            (rows, cols) 16-bit grey values, or floats, which are rounded. All of it is
+            looked at, whatever polygon is asked for: the threshold depends on every pixel.
 
         Returns
         -------

@@ -151,13 +151,42 @@ def smooth_doubled(image: Image, sigma: float) -> Image:
 
 
 @njit(cache=True)
-def differences(wide: Any, pad: int, box: Box, taps: Any) -> Any:
+def _inward(i: int, length: int) -> int:
+    """Return the sample that stands for one beyond the border, mirrored as often as needed."""
+    if length == 1:
+        return 0
+    period = 2 * (length - 1)
+    i %= period
+    return period - i if i >= length else i
+
+
+@njit(cache=True)
+def _patch(image: Any, top: int, bottom: int, left: int, right: int) -> Any:
+    """Return rows and columns of an image one after the other, mirrored beyond its border."""
+    rows, cols = image.shape
+    out = np.empty((bottom - top) * (right - left), dtype=np.float32)
+    inner, end = max(left, 0), min(right, cols)
+    for i in range(top, bottom):
+        line = image[_inward(i, rows)]
+        begin = (i - top) * (right - left) - left
+        target, source = out[begin + inner : begin + end], line[inner:end]
+        for x in range(len(target)):
+            target[x] = source[x]
+        for j in range(left, inner):
+            out[begin + j] = line[_inward(j, cols)]
+        for j in range(end, right):
+            out[begin + j] = line[_inward(j, cols)]
+    return out
+
+
+@njit(cache=True)
+def differences(image: Any, box: Box, taps: Any) -> Any:
     """Return the differences of neighbouring Gaussians in a box of the image.
 
     Parameters
     ----------
-    wide
-        Image mirrored by ``pad`` px.
+    image
+        (rows, cols), at least 2 px wide and high.
     box
         First row, end row, first column, end column.
     taps
@@ -173,9 +202,8 @@ def differences(wide: Any, pad: int, box: Box, taps: Any) -> Any:
     out = np.empty((len(taps) - 1, rows, cols), dtype=np.float32)
     for index in range(len(taps)):
         radius = len(taps[index]) - 1
-        stride, margin = cols + 2 * radius, pad - radius
-        patch = wide[top + margin : bottom + pad + radius, left + margin : right + pad + radius]
-        flat = patch.copy().ravel()
+        stride = cols + 2 * radius
+        flat = _patch(image, top - radius, bottom + radius, left - radius, right + radius)
         # The ends of the lines are blurred across, too; they are cut off below.
         down = np.empty((rows + 2) * stride, dtype=np.float32)
         _pass(flat, radius * stride, stride, taps[index], down[stride:-stride])
