@@ -30,6 +30,10 @@ NUMBERS := $(foreach stem,$(STEMS),$(firstword $(subst _, ,$(stem))))
 LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' | sort))
 FACTS := $(shell find data/reference -name '*.csv' | sort)
 
+# Freed memory is kept for the next frame: to be given it anew costs more than to reuse it.
+export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
+export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
+
 # Settings are kept in files that change only when the setting does, so that make knows
 # what to run again: one for each notebook's parameters, one for the folders that the
 # environment names. Targets that run no notebook leave them alone.

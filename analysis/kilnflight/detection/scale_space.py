@@ -6,6 +6,7 @@ and normalised; beyond the border the image is mirrored about its outermost pixe
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -41,6 +42,13 @@ def reach_and_mass(narrow: Image, wide: Image) -> tuple[int, float]:
     The weights sum to zero, so the answer to an image is at most the mass times (the
     largest value within the radius - the smallest value under the kernel).
     """
+    return _reach_and_mass(narrow.tobytes(), wide.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _reach_and_mass(some: bytes, more: bytes) -> tuple[int, float]:
+    """Work `reach_and_mass` out, once for each pair: a sweep asks for the same few."""
+    narrow, wide = np.frombuffer(some, np.float32), np.frombuffer(more, np.float32)
     size = len(wide) - 1
     inner = np.pad(np.concatenate([narrow[:0:-1], narrow]), len(wide) - len(narrow))
     outer = np.concatenate([wide[:0:-1], wide])

@@ -239,8 +239,8 @@ class Twin:
     def _particle_depth(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Array]:
         """Return pixels and true depth with error of the points on particles."""
         depth, blobs = self.scene.depth, seen.blobs
-        _, common = self.particle_errors(t)
-        chosen = self._chosen_points(t, seen)
+        has, common = self.particle_errors(t)
+        chosen = self._chosen_points(t, seen, has)
         index, first = np.unique(seen.pixels.place[chosen], return_index=True)
         blob = seen.pixels.blob[chosen[first]]
         row = index // self.scene.geometry.columns
@@ -250,12 +250,16 @@ class Twin:
 
     def points_of(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
         """Return the particles that have at least one valid point in frame ``t``, seen so."""
-        chosen = self._chosen_points(t, seen)
+        chosen = self._chosen_points(t, seen, self.particle_errors(t)[0])
         return np.unique(seen.blobs.particle[seen.pixels.blob[chosen]])
 
-    def _chosen_points(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
-        """Return which entries of the frame's particle pixels are valid points."""
-        has, _ = self.particle_errors(t)
+    def _chosen_points(
+        self, t: int, seen: Seen, has: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.intp]:
+        """Return which entries of the frame's particle pixels are valid points.
+
+        ``has``: which particles have depth at all.
+        """
         flat = seen.picture.reshape(-1)[seen.pixels.place]
         on = seen.show & has[seen.blobs.particle][seen.pixels.blob] & (seen.pixels.radius <= 1.0)
         # A saturated core has no texture, and so no depth; its rim against the wall has.
@@ -264,12 +268,18 @@ class Twin:
         luck = self._random(t, 2).random(len(chosen))
         return chosen[luck < self.scene.depth.points_per_pixel]
 
+    @cached_property
+    def _particle_luck(self) -> tuple[Array, Array]:
+        """Size (n,) of each particle's error, and phase and pace (2, n) of its own wave."""
+        table = self.life.table
+        size: Array = table["fraction"].map(self.scene.depth.error_of).to_numpy(dtype=np.float64)
+        return size, np.random.default_rng([self.scene.seed, 302]).uniform(0, 1, (2, len(table)))
+
     def particle_errors(self, t: int) -> tuple[npt.NDArray[np.bool_], Array]:
         """Return for every particle whether it has depth and its common error in mm."""
-        depth, table = self.scene.depth, self.life.table
-        n = len(table)
+        depth, (size, luck) = self.scene.depth, self._particle_luck
+        n = len(size)
         generator = self._random(t, 3)
-        size = table["fraction"].map(depth.error_of).to_numpy(dtype=np.float64)
         outlier = generator.random(n) < depth.outlier_share
         size = depth.scale * size * np.where(outlier, depth.outlier_factor, 1.0)
         moment = self.life.at(self.time_s(t))
@@ -277,7 +287,6 @@ class Twin:
         in_air = np.where(moment.burning, depth.available[0], depth.available[1])
         share[moment.particle] = np.where(moment.landed, depth.available[2], in_air)
         # whether a particle has depth persists over a few frames: its own slow wave decides
-        luck = np.random.default_rng([self.scene.seed, 302]).uniform(0, 1, (2, n))
         wave = (luck[0] + (0.5 + luck[1]) * self.time_s(t) / 0.1) % 1.0
         return wave < share, size * generator.standard_normal(n)
 
