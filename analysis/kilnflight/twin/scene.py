@@ -272,8 +272,9 @@ class Twin:
     def _particle_luck(self) -> tuple[Array, Array]:
         """Size (n,) of each particle's error, and phase and pace (2, n) of its own wave."""
         table = self.life.table
-        size: Array = table["fraction"].map(self.scene.depth.error_of).to_numpy(dtype=np.float64)
-        return size, np.random.default_rng([self.scene.seed, 302]).uniform(0, 1, (2, len(table)))
+        size = table["fraction"].map(self.scene.depth.error_of).to_numpy(dtype=np.float64)
+        wave = np.random.default_rng([self.scene.seed, 302])
+        return np.asarray(size, dtype=np.float64), wave.uniform(0, 1, (2, len(table)))
 
     def particle_errors(self, t: int) -> tuple[npt.NDArray[np.bool_], Array]:
         """Return for every particle whether it has depth and its common error in mm."""
