@@ -91,11 +91,12 @@ def run(
     background
         That of the subset if None.
     """
-    parts = []
+    parts: list[pd.DataFrame] = []
     for subset in subsets:
         frames = views(subset.recording, subset.wanted, background or subset.background)
         bar = tqdm(frames, desc=subset.name, total=len(subset.wanted), unit="frame", disable=None)
-        parts.append(attempt(bar, subset, methods, subset.recording.attributes.roi))
+        roi = subset.recording.attributes.roi
+        parts.append(attempt(bar, subset, methods, roi, compiled=bool(parts)))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -123,6 +124,8 @@ def attempt(
     subset: Subset,
     methods: Mapping[Any, Method],
     roi: Polygon | None,
+    *,
+    compiled: bool = False,
 ) -> pd.DataFrame:
     """Return how each method does on each frame.
 
@@ -136,6 +139,8 @@ def attempt(
         By name.
     roi
         Polygon (row, col) outside which nothing counts (section 5.1.2).
+    compiled
+        The methods have been called before, on another subset.
 
     Returns
     -------
@@ -148,7 +153,7 @@ def attempt(
     check_columns(subset.particles, ["frame", "particle", "row", "col", "label"], subset.name)
     rows: list[dict[str, Any]] = []
     for t, view in frames:
-        if not rows:
+        if not rows and not compiled:
             _compile(methods.values(), view)
         here = subset.particles[subset.particles["frame"] == t]
         image = subset.instances(t)

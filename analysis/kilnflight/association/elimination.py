@@ -139,7 +139,7 @@ def make_plan(graph: Graph) -> Plan:
     )
     work = Work(
         np.zeros(vertices, np.int64),
-        np.diff(graph.starts),
+        graph.starts[1:] - graph.starts[:-1],
         np.empty(vertices, np.int64),
         np.empty(vertices, np.int64),
         np.full(vertices, -1),

@@ -31,7 +31,9 @@ def _average(
     variance = np.empty(TILE)
     for first in range(0, out.size, TILE):
         last = min(first + TILE, out.size)
-        mu[: last - first] = pixels[slots[0], first:last]
+        begin = pixels[slots[0], first:last]
+        for p in range(begin.size):  # a slice assigned is slow to compile
+            mu[p] = begin[p]
         variance[:] = 0.0
         for slot in slots[1:]:
             frame = pixels[slot, first:last]

@@ -168,8 +168,16 @@ def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> flo
         for i in range(k):
             chosen[i] = order[place[i]]
         return largest
-    smaller = place[:count][near[:count] < largest]
-    equal = np.sort(order[place[:count][near[:count] == largest]])
-    chosen[: len(smaller)] = order[smaller]
-    chosen[len(smaller) :] = equal[: k - len(smaller)]
+    smaller, equal = 0, np.empty(count, order.dtype)
+    same = 0
+    for i in range(count):
+        if near[i] < largest:
+            chosen[smaller] = order[place[i]]
+            smaller += 1
+        elif near[i] == largest:
+            equal[same] = order[place[i]]
+            same += 1
+    first = np.sort(equal[:same])
+    for i in range(smaller, k):
+        chosen[i] = first[i - smaller]
     return largest

@@ -7,7 +7,7 @@ The static part is made once per scene. The changing part is a function of time 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -53,6 +53,15 @@ class Surroundings:
     )
 
 
+@lru_cache(maxsize=1)
+def _depth_mm(geometry: Geometry) -> Array:
+    """Return the depth at which each pixel meets wall or plate, (rows, columns), read-only."""
+    row, column = np.indices((geometry.rows, geometry.columns), dtype=np.float64)
+    depth = geometry.wall_depth(row, column)
+    depth.flags.writeable = False
+    return depth
+
+
 @dataclass(frozen=True)
 class Background:
     """The picture without particles at any time."""
@@ -78,9 +87,8 @@ class Background:
 
     @cached_property
     def depth_mm(self) -> Array:
-        """True depth of wall and plate, (rows, columns)."""
-        row, column = np.indices((self.geometry.rows, self.geometry.columns), dtype=np.float64)
-        return self.geometry.wall_depth(row, column)
+        """True depth of wall and plate, (rows, columns); shared by the scenes of a kiln."""
+        return _depth_mm(self.geometry)
 
     def relit(self, optics: Optics, surroundings: Surroundings) -> Background:
         """Return the same walls in other light: levels of `Optics` and of the burner.
