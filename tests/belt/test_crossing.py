@@ -145,6 +145,16 @@ def test_other_rates_and_gaps_are_told(bodies):
         predictive.noise_free(pd.concat([bodies, bodies.tail(1)], ignore_index=True))
 
 
+def test_the_authors_rate_gives_the_same_without_a_tracker(bodies):
+    slow = thinned(bodies[bodies["x"] < 788.0], 10)
+    table = predictive.sampled(slow)
+    assert table["approach"].unique().tolist() == ["Sim", "Straight"]
+    moving = table[table["approach"] == "Sim"]
+    assert moving["particle"].nunique() == 12
+    assert (moving[["lateral_mm", "temporal_ms"]].abs() < 1e-2).all(axis=None)
+    assert len(predictive.sampled(slow[:0])) == 0
+
+
 def test_the_order_of_rows_does_not_matter(bodies):
     mixed = bodies.sample(frac=1.0, random_state=2)
     one, other = predictive.noise_free(bodies), predictive.noise_free(mixed)

@@ -32,6 +32,8 @@ from kilnflight.checks import InputError, check_count
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
+# The same 10 cm where tracks end at the edge: 15 mm upstream, as in `PredictionPhase`.
+UPSTREAM = PredictionPhase(PHASE.start_mm - 15.0, PHASE.target_mm - 15.0)
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 _CV = CV()
@@ -104,6 +106,17 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
             (STRAIGHT, simulated, "straight_mm"),
         )
     )
+
+
+def sampled(bodies: pd.DataFrame, phase: PredictionPhase = UPSTREAM) -> pd.DataFrame:
+    """Return the deviations of "sim" and "straight" on true positions at any rate.
+
+    For the authors' public tracks: 100 Hz, ending at the edge, without velocities. The
+    velocity is that of the parabola through the last three positions; nothing is tracked.
+    """
+    observed = phase.observe(bodies)
+    simulated = deviations(observed.last, observed.arrival, phase.target_mm)
+    return _table(((SIM, simulated, "lateral_mm"), (STRAIGHT, simulated, "straight_mm")))
 
 
 def look(pictures: Pictures, background_of: int = 200) -> Looked:
