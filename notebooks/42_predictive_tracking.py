@@ -31,14 +31,12 @@ seed = 2020  # of the simulation and of the noise in the pictures
 jobs = 2  # processes of the simulation
 
 # %%
-from kilnflight.belt import answers, dem
-from kilnflight.belt.sampling import thinned
+from kilnflight.belt import answers, dem, filters, sampling, touching
 
 drawing.use_style()
 count = {"quick": 120, "standard": 300, "full": 1500}[scale]  # particles per material
 files = dem.find_dem()
-setting = {"scale": scale, "count": count}
-inputs = list(files.values())
+setting, inputs = {"scale": scale, "count": count}, list(files.values())
 made = provenance.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
 bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
 looked = {
@@ -175,15 +173,27 @@ boxes.round(4)
 # %% [markdown]
 # What follows counts predictions, not particles: a particle without a valid track has none, and
 # one whose track broke may have two.
+#
+# Nearly all of both are particles that touch. They are one spot at their common centroid, half a
+# particle away from where either is expected: outside the gate. Both tracks are missed and, after
+# six frames, lost; the pair is followed as one track, and where it parts two new tracks begin. The
+# paper's tracker, as it is described, gives each measurement to one track and has no state for
+# two in one spot; neither paper mentions the case. So it stays as it is: the spots are marked,
+# the tracker does not use the mark, and the table says what that costs.
 
 # %%
-counts = [
-    {"material": name} | predictive.predicted(one, parts[name, "images"])
-    for name, one in bodies.items()
-]
+counts = []
+for name, one in bodies.items():
+    truth = pictures.at_rate(one, 1 / filters.BELT_FRAME_S)
+    together = touching.seen_together(looked[name].spots, truth)
+    for label, who in (("all", one["particle"].unique()), ("seen with another", together)):
+        fed, told = (some[some["particle"].isin(who)] for some in (one, parts[name, "images"]))
+        counts.append({"material": name, "particles": label, **predictive.predicted(fed, told)})
+
+# %%
 caption = (
     "Particles that were fed, and how many of them were predicted from images: at all, more than "
-    "once, or not."
+    "once, or not; the same for those that were ever seen as one spot with another."
 )
 figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=made)
 
@@ -259,7 +269,7 @@ answered = {name: answers.tracking_answers(one) for name, one in every.groupby("
 sources = dict.fromkeys(answered["spheres"], "own simulation, 1000 Hz")
 sources |= dict.fromkeys(("belt16-3", "belt16-5"), "own pictures, 200 frames/s")
 asked = [(name, sources[id], id, one) for name in MATERIALS for id, one in answered[name].items()]
-slow = {("own simulation, 100 Hz", name): thinned(one, 10) for name, one in bodies.items()}
+slow = {("own simulation, 100 Hz", name): sampling.thinned(one, 10) for name, one in bodies.items()}
 slow |= {("authors' DEM, 100 Hz", name): dem.read_dem(path) for name, path in files.items()}
 for (source, name), one in slow.items():
     off = predictive.sampled(one).assign(data="noise-free")
