@@ -3,6 +3,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from kilnflight.belt.recordings import HISTORY, find_recordings, joined, links, read_recording
@@ -84,6 +85,27 @@ def test_frames_that_do_not_ascend_are_told(folder, numbers):
     write(path, MIDPOINTS + "".join(f"{number},1,5,10,NaN,NaN\n" for number in numbers))
     with pytest.raises(InputError, match=r"001.csv.gz: FrameNr is .* must ascend"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("rows", ["", "0,0,NaN,NaN,NaN,NaN\n1,0,NaN,NaN,NaN,NaN\n"])
+@pytest.mark.parametrize("tracked", [True, False])
+def test_a_recording_without_a_measurement_is_empty_and_joins(folder, rows, tracked):
+    path = folder / "Kugeln" / "001.csv.gz"
+    whole = read_recording(path)
+    write(path, MIDPOINTS + rows)
+    if not tracked:
+        path.with_name(path.name.replace(".csv.gz", HISTORY)).unlink(missing_ok=True)
+    empty = read_recording(path)
+    assert len(empty) == 0
+    assert empty.columns.tolist() == whole.columns.tolist()
+    pd.testing.assert_series_equal(empty.dtypes, whole.dtypes)
+    both = joined([empty, whole, empty, whole], pause=50)
+    assert both["frame"].min() == 50
+    first, second = both[: len(whole)], both[len(whole) :]
+    apart = second["frame"].to_numpy() - first["frame"].to_numpy()
+    assert (apart == whole["frame"].max() + 2 * 50).all()
+    assert not set(first["theirs"]) & set(second["theirs"]) - {-1}
+    pd.testing.assert_frame_equal(joined([empty, empty]), empty)
 
 
 def real():

@@ -74,13 +74,21 @@ def read_recording(path: Path) -> pd.DataFrame:
 
 
 def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
-    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart."""
+    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart.
+
+    A recording without a measurement has no last frame: it adds the pause and nothing else.
+
+    Raises
+    ------
+    InputError
+        If there is no recording.
+    """
     parts, frame, particle = [], 0, 0
     for one in recordings:
         theirs = one["theirs"].where(one["theirs"] < 0, one["theirs"] + particle)
         parts.append(one.assign(frame=one["frame"] + frame, theirs=theirs))
-        frame += int(one["frame"].max()) + pause
-        particle += int(one["theirs"].max()) + 1
+        frame += pause + (int(one["frame"].max()) if len(one) else 0)
+        particle += 1 + (int(one["theirs"].max()) if len(one) else -1)
     if not parts:
         raise InputError("no recording to join; give at least one.")
     return pd.concat(parts, ignore_index=True)
@@ -123,7 +131,7 @@ def _pairs(cells: Array, path: Path) -> Pairs:
     """Return row, column of pairs, and both numbers of every pair that is there."""
     if cells.shape[1] % 2:
         raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
-    pairs = cells.reshape(len(cells), -1, 2)
+    pairs = cells.reshape(len(cells), cells.shape[1] // 2, 2)
     row, column = np.nonzero(np.isfinite(pairs).all(axis=2))
     first, second = pairs[row, column].T
     return row.astype(np.int64), column.astype(np.int64), first, second
