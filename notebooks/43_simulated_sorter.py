@@ -138,9 +138,11 @@ misfit
 # 0.55: most particles touch nobody on the belt. The contact with the belt does matter where a
 # particle lands: it comes down at some 0.3 m/s, and how much of that push friction takes part in
 # depends on how long the push lasts against the slip time. Twice as soft adds up to 4 mm/s to the
-# mean velocity, twice as stiff takes up to 14 mm/s off, and spheres catch up with it later. So
-# these two times have not converged; they are part of what was fitted with the spheres, and
-# the predicted means of cuboids and cylinders are no better than these 14 mm/s.
+# mean velocity, twice as stiff takes up to 14 mm/s off, and particles catch up with it later, most
+# of all what rolls. So these two times have not converged: they are part of the sorter that was
+# fitted to the spheres, and the predicted means of cuboids and cylinders are no better than
+# these 14 mm/s. Spread along the belt and velocity across it change by 2 to 4 mm/s at most, less
+# than by feeding other particles.
 
 # %%
 fed = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
