@@ -4,6 +4,11 @@ Without pictures: Stone Soup's nearest neighbour by linear assignment with the s
 the same tracker written with scipy, a filterpy object per track. With pictures: finding
 particles and tracking them, rendering excluded, against scipy.ndimage and that tracker. Every
 tracker's links are held against the truth before anything is timed.
+
+norfair, which the task names beside them, is not measured: it is none of this project's
+dependencies (nor of its extras), and its tracker associates greedily by distance, without
+likelihoods of appearing and leaving, so that what it returns would not be the same result. Stone
+Soup stands for other people's libraries, filterpy with scipy for the same method written plainly.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """The simulated sorter: what a simulated second costs, and what the time step changes.
 
+It needs MuJoCo (the extra ``sorter``); without it, or with an older one, `save` says so and saves
+nothing. What the contacts change is in notebook 43 (`kilnflight.belt.contact_study`).
+
 Beside it the usual way to a conveyor, a heavy body that moves: it costs less, because its
 particles hop and are in contact for a part of the time only.
 """
@@ -8,8 +11,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
-import mujoco
 import numpy as np
 import pandas as pd
 from measure import Row
@@ -18,7 +21,7 @@ from kilnflight import figures, provenance
 from kilnflight.belt.bulk import BULKS, Bulk
 from kilnflight.belt.conveyor import Conveyor
 from kilnflight.belt.friction_values import calibrated_sorter
-from kilnflight.belt.physics import compiled
+from kilnflight.belt.physics import compiled, engine, missing
 from kilnflight.belt.velocity import velocities, velocity_profile
 
 SIZES = (20, 60, 120)
@@ -39,16 +42,16 @@ def places(count: int, bulk: Bulk) -> np.ndarray:
     return np.column_stack([15.0 * (k // 10), 20.0 + 14.0 * (k % 10), np.full(count, bulk.rest_mm)])
 
 
-def surface(count: int, bulk: Bulk) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def surface(count: int, bulk: Bulk) -> tuple[Any, Any]:
     """Return particles on our belt, a plane at rest whose surface moves."""
     model = compiled(bulk, calibrated_sorter().contacts, count, Conveyor())
-    data = mujoco.MjData(model)
+    data = engine().MjData(model)
     data.qpos.reshape(-1, 7)[:, :3] = places(count, bulk)
     data.qvel.reshape(-1, 6)[:, 0] = START_MM_S
     return model, data
 
 
-def moving_body(count: int, bulk: Bulk) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def moving_body(count: int, bulk: Bulk) -> tuple[Any, Any]:
     """Return the same on a heavy body that moves."""
     size = " ".join(map(str, bulk.half_mm))
     one = '<body pos="{} {} {}"><freejoint/><geom type="{}" size="{}" density="{}"/></body>'
@@ -59,8 +62,8 @@ def moving_body(count: int, bulk: Bulk) -> tuple[mujoco.MjModel, mujoco.MjData]:
     text = MOVING.format(
         step=Conveyor.step_s, mu=touch.belt_friction, time=touch.belt_time_s, bodies=bodies
     )
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
+    model = engine().MjModel.from_xml_string(text)
+    data = engine().MjData(model)
     data.qvel[0], data.qvel[1:].reshape(-1, 6)[:, 0] = Conveyor.speed_mm_s, START_MM_S
     return model, data
 
@@ -77,7 +80,7 @@ def costs() -> pd.DataFrame:
     known = START_MM_S + 9810.0 * friction * SECONDS
     for count in SIZES:
         for build in (surface, moving_body):
-            model, data = build(count, bulk)
+            (model, data), mujoco = build(count, bulk), engine()
             highest, start = 0.0, time.process_time()
             for _ in range(round(SECONDS / model.opt.timestep)):
                 mujoco.mj_step(model, data)
@@ -106,7 +109,10 @@ def convergence(count: int = 150, seed: int = 1) -> pd.DataFrame:
 
 
 def save() -> None:
-    """Save what a simulated second costs, and what the time step changes."""
+    """Save what a simulated second costs, and what the time step changes, if MuJoCo is here."""
+    if missing():
+        print(f"bench_sorter: skipped. {missing()}", flush=True)
+        return
     made = provenance.trace("benchmarks/bench_sorter", {"scale": "full"})
     caption = (
         "Seconds of computing per simulated second of cuboids on the belt, one process; how high "

@@ -7,7 +7,6 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 from IPython.display import Markdown
-from matplotlib.ticker import LogLocator
 
 from kilnflight import belt, drawing, figures, provenance, reference, sorter
 from kilnflight.belt import answers, dem, deviation, velocity
@@ -37,6 +36,8 @@ draws = 0  # calibration draws; 0: 5, 200 or 1000 by scale
 jobs = 2  # processes of our own simulation
 
 # %%
+from matplotlib.ticker import LogLocator
+
 drawing.use_style()
 draws = draws or {"quick": 5, "standard": 200, "full": 1000}[scale]
 setting = {"scale": scale, "draws": draws}

@@ -31,9 +31,13 @@ seed = 2020  # of the simulation and of the noise in the pictures
 jobs = 2  # processes of the simulation
 
 # %%
+from kilnflight.belt import answers, dem, filters, sampling, touching
+
 drawing.use_style()
 count = {"quick": 120, "standard": 300, "full": 1500}[scale]  # particles per material
-made = provenance.trace("42_predictive_tracking", {"scale": scale, "count": count}, seed=seed)
+files = dem.find_dem()
+setting, inputs = {"scale": scale, "count": count}, list(files.values())
+made = provenance.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
 bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
 looked = {
     name: predictive.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
@@ -169,15 +173,27 @@ boxes.round(4)
 # %% [markdown]
 # What follows counts predictions, not particles: a particle without a valid track has none, and
 # one whose track broke may have two.
+#
+# Nearly all of both are particles that touch. They are one spot at their common centroid, half a
+# particle away from where either is expected: outside the gate. Both tracks are missed and, after
+# six frames, lost; the pair is followed as one track, and where it parts two new tracks begin. The
+# paper's tracker, as it is described, gives each measurement to one track and has no state for
+# two in one spot; neither paper mentions the case. So it stays as it is: the spots are marked,
+# the tracker does not use the mark, and the table says what that costs.
 
 # %%
-counts = [
-    {"material": name} | predictive.predicted(one, parts[name, "images"])
-    for name, one in bodies.items()
-]
+counts = []
+for name, one in bodies.items():
+    truth = pictures.at_rate(one, 1 / filters.BELT_FRAME_S)
+    together = touching.seen_together(looked[name].spots, truth)
+    for label, who in (("all", one["particle"].unique()), ("seen with another", together)):
+        fed, told = (some[some["particle"].isin(who)] for some in (one, parts[name, "images"]))
+        counts.append({"material": name, "particles": label, **predictive.predicted(fed, told)})
+
+# %%
 caption = (
     "Particles that were fed, and how many of them were predicted from images: at all, more than "
-    "once, or not."
+    "once, or not; the same for those that were ever seen as one spot with another."
 )
 figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=made)
 
@@ -240,28 +256,40 @@ figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=m
 # %% [markdown]
 # ## Verdicts
 #
-# By the spheres, as in the paper. Spread is the interquartile range; "very similar" is read as
-# not half as much again, "far worse" as more than twice as much. Whether particles still
-# accelerate follows from the friction, which the simulated sorter takes from the authors'
+# By the spheres, as in the paper; the table has all materials, and the authors' DEM tracks of
+# 2020 for what can be asked of them (100 Hz, no pictures, their velocity that of three
+# positions; target and start 15 mm upstream, as the tracks end at the edge), with our own
+# simulation thinned to the same beside them. Spread is the interquartile range; "very similar"
+# is read as not half as much again, "far worse" as more than twice as much. Whether particles
+# still accelerate follows from the friction, which the simulated sorter takes from the authors'
 # spheres of 2020; where that decides, agreement is no result.
 
 # %%
-box = boxes.query("material == 'spheres'").set_index(["quantity", "data", "approach"])
-iqr, bias = box["iqr"].sort_index(), box["median"].sort_index()
-sim, free, straight = (
-    iqr["lateral_mm", "noise-free", one] for one in ("Sim", "Tracking", "Straight")
-)
-similar = {
-    f"Tracking {free:.3f} mm, Sim {sim:.3f} mm": bool(free < 1.5 * sim),
-    f"Straight {straight:.3f} mm": bool(straight > 2 * max(sim, free)),
-}
+answered = {name: answers.tracking_answers(one) for name, one in every.groupby("material")}
+sources = dict.fromkeys(answered["spheres"], "own simulation, 1000 Hz")
+sources |= dict.fromkeys(("belt16-3", "belt16-5"), "own pictures, 200 frames/s")
+asked = [(name, sources[id], id, one) for name in MATERIALS for id, one in answered[name].items()]
+slow = {("own simulation, 100 Hz", name): sampling.thinned(one, 10) for name, one in bodies.items()}
+slow |= {("authors' DEM, 100 Hz", name): dem.read_dem(path) for name, path in files.items()}
+for (source, name), one in slow.items():
+    off = predictive.sampled(one).assign(data="noise-free")
+    asked += [(name, source, id, answer) for id, answer in answers.tracking_answers(off).items()]
 
 # %%
-early = bias["temporal_ms", "noise-free"]
-larger = {}
-for name, value in (("spread", iqr["temporal_ms"]), ("bias", bias["temporal_ms"].abs())):
-    one, other = value["images", "Tracking"], value["noise-free", "Tracking"]
-    larger[f"{name} from images {one:.2f}, noise-free {other:.2f} ms"] = bool(one > other)
+rows = []
+for name, source, claim, answer in asked:
+    said = reference.judge(claim, answer)
+    holds = "yes" if said.verdict == reference.REPRODUCED else "no"
+    row = {"id": claim, "material": name, "source": source, "criterion_holds": holds}
+    rows.append(row | {"measured": said.measured, "criterion": said.criterion})
+by_material = pd.DataFrame(rows).sort_values("id", kind="stable", ignore_index=True)
+caption = (
+    "Claims of the 2016 paper by material and source: what was measured, and whether the claim's "
+    "criterion holds. The paper looked at spheres."
+)
+if physics.is_installed():
+    caption += " Our spheres' velocities were fitted, so that belt16-4 is no result for them."
+figures.save("belt16-by-material", by_material, caption=caption, provenance=made)
 
 # %%
 share = shares.loc["spheres"]
@@ -269,14 +297,18 @@ calibrated = "friction and slide were fitted to how fast the authors' spheres mo
 free = boxes.query("quantity == 'temporal_ms' and data == 'noise-free' and approach == 'Sim'")
 others = free.set_index("material")["median"].drop("spheres")
 told = "; ".join(f"{name} {value:.2f} ms" for name, value in others.items())
-biased = reference.judge("belt16-4", early, note=f"{count} spheres of {engine}; median; {told}")
 note = f"{count} spheres of {engine}"
+biased = answered["spheres"]["belt16-4"]
+biased = reference.judge("belt16-4", biased, note=f"{note}; median; {told}")
+
+# %%
+said = answered["spheres"]
 verdicts = [
-    reference.judge("belt16-1", share.loc[("noise-free", "Sim"), "within_02_mm"], note=note),
-    reference.judge("belt16-2", similar, note=f"{note}; interquartile range"),
-    reference.judge("belt16-3", share.loc[("images", "Tracking"), "within_15_mm"], note=note),
+    reference.judge("belt16-1", said["belt16-1"], note=note),
+    reference.judge("belt16-2", said["belt16-2"], note=f"{note}; interquartile range"),
+    reference.judge("belt16-3", said["belt16-3"], note=note),
     reference.fitted(biased, calibrated) if physics.is_installed() else biased,
-    reference.judge("belt16-5", larger, note=f"{note}; interquartile range and median"),
+    reference.judge("belt16-5", said["belt16-5"], note=f"{note}; interquartile range and median"),
 ]
 
 # %%

@@ -16,8 +16,9 @@ from kilnflight.motion import ConstantAcceleration, ConstantVelocity
 
 # %% tags=["hide-input"]
 files = recordings.find_recordings()
-absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded. Name "
-absent += "their folder in `KILNFLIGHT_RECORDINGS` (with `Kugeln`, `Weizen` or `Zylinder` in it)."
+absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded. `make "
+absent += "data` fetches them, or name their folder in `KILNFLIGHT_RECORDINGS` (with `Kugeln`, "
+absent += "`Weizen` or `Zylinder` in it)."
 found = f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
 Markdown(found if files else absent)
 

@@ -49,6 +49,45 @@ def test_the_next_address_is_tried(folder, server):
     assert external.fetch(FILE, urls).read_bytes() == CONTENT
 
 
+def test_the_recordings_have_a_place_and_an_address_each():
+    names = [file.name for file in external.RECORDINGS]
+    assert len(set(names)) == len(names) == 32
+    tracked = [file for file in external.RECORDINGS if "trackHistory" in file.name]
+    assert len(tracked) == 16
+    for file in external.RECORDINGS:
+        part, name = file.name.split("/")[1:]
+        beside = f"trackSortResult{part}/" if file in tracked else ""
+        assert file.address == f"{part}/{beside}{name}"
+        assert len(file.sha256) == 64
+
+
+def test_a_file_with_an_address_of_its_own_is_fetched_to_its_place(folder, server, monkeypatch):
+    monkeypatch.setattr(external, "REPOSITORY", server)
+    monkeypatch.setattr(external, "COMMITS", ("nowhere", "../."))
+    one = external.ExternalFile("belt/a/t.zip", FILE.sha256, "tracks", "../good.zip")
+    assert external.fetch(one) == folder / "belt" / "a" / "t.zip"
+    assert external.find(one).read_bytes() == CONTENT
+
+
+@pytest.mark.parametrize("named", [None, *external.NAMED])
+def test_recordings_are_fetched_unless_a_folder_is_named(folder, monkeypatch, capsys, named):
+    fetched = []
+
+    def fetch(file):
+        fetched.append(file)
+        return folder / file.name
+
+    monkeypatch.setattr(external, "fetch", fetch)
+    for name in external.NAMED:
+        monkeypatch.delenv(name, raising=False)
+    if named:
+        monkeypatch.setenv(named, str(folder))
+    assert external.main([]) == 0
+    wanted = [*external.FILES] if named else [*external.FILES, *external.RECORDINGS]
+    assert fetched == wanted
+    assert ("belt_recordings: 32 files" in capsys.readouterr().out) == (named is None)
+
+
 def test_a_damaged_download_is_told_and_not_kept(folder, server):
     with pytest.raises(InputError, match=r"t\.zip: what .* another SHA-256.*nothing was kept"):
         external.fetch(FILE, [f"{server}/damaged.zip"])

@@ -9,9 +9,12 @@ No file is used before its SHA-256 is right.
 from __future__ import annotations
 
 import argparse
+import gzip
 import hashlib
+import json
 import os
 import sys
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,9 +32,10 @@ COMMITS = ("7fff1e5", "8de8d3a904884c804ef38cb552012b4b4619e2f2")
 class ExternalFile:
     """One file of the authors' repository."""
 
-    name: str
+    name: str  # where it lies in the folder of the authors' data
     sha256: str
     meaning: str
+    address: str = ""  # where it lies in the data folder of the repository; empty: its name
 
 
 BELT_DEM = {
@@ -54,6 +58,25 @@ BELT_DEM = {
 FILES: tuple[ExternalFile, ...] = tuple(BELT_DEM.values())
 
 
+def _recordings() -> tuple[ExternalFile, ...]:
+    """Return the files of the real sorter, from address and SHA-256 in the file beside this."""
+    listed = Path(__file__).with_name("external_recordings.json").read_text("utf-8")
+    return tuple(
+        ExternalFile(
+            f"{RECORDINGS_FOLDER}/{address.split('/')[0]}/{address.split('/')[-1]}",
+            sha256,
+            "measured on the authors' real sorter",
+            address,
+        )
+        for address, sha256 in json.loads(listed).items()
+    )
+
+
+RECORDINGS_FOLDER = "belt_recordings"  # Kugeln (spheres), Weizen (wheat), Zylinder (cylinders)
+RECORDINGS = _recordings()
+NAMED = ("KILNFLIGHT_EXTERNAL", "KILNFLIGHT_RECORDINGS")
+
+
 def find(file: ExternalFile) -> Path | None:
     """Return where a file is, its checksum verified; None where it was never fetched.
 
@@ -65,17 +88,7 @@ def find(file: ExternalFile) -> Path | None:
     """
     path = places.external() / file.name
     if path.is_file():
-        found = hashlib.sha256(path.read_bytes()).hexdigest()
-        if found != file.sha256:
-            raise InputError(
-                f"{path}: SHA-256 {found[:12]}..., expected {file.sha256[:12]}...; the file is "
-                "damaged or another version. "
-                + (
-                    "Put a good copy there, or unset KILNFLIGHT_EXTERNAL."
-                    if os.environ.get("KILNFLIGHT_EXTERNAL")
-                    else "Delete it and run make data."
-                )
-            )
+        check(path, file)
         return path
     if os.environ.get("KILNFLIGHT_EXTERNAL"):
         raise InputError(
@@ -83,6 +96,27 @@ def find(file: ExternalFile) -> Path | None:
             "there or unset the variable."
         )
     return None
+
+
+def check(path: Path, file: ExternalFile) -> None:
+    """Raise an `InputError` unless a file, or what is packed in it (.gz), is the published one."""
+    content = path.read_bytes()
+    if path.suffix == ".gz" and not file.name.endswith(".gz"):
+        try:
+            content = gzip.decompress(content)
+        except (OSError, EOFError, zlib.error):
+            content = b""  # no checksum of it is right
+    found = hashlib.sha256(content).hexdigest()
+    if found != file.sha256:
+        raise InputError(
+            f"{path}: SHA-256 {found[:12]}..., expected {file.sha256[:12]}...; the file is "
+            "damaged or another version. "
+            + (
+                "Put a good copy there, or unset KILNFLIGHT_EXTERNAL."
+                if os.environ.get("KILNFLIGHT_EXTERNAL")
+                else "Delete it and run make data."
+            )
+        )
 
 
 def fetch(file: ExternalFile, urls: Sequence[str] | None = None) -> Path:
@@ -104,19 +138,20 @@ def fetch(file: ExternalFile, urls: Sequence[str] | None = None) -> Path:
     import requests
 
     pooch.get_logger().setLevel("WARNING")  # its progress lines repeat ours
-    folder = places.external()
-    folder.mkdir(parents=True, exist_ok=True)
-    for url in urls or [f"{REPOSITORY}/{commit}/data/{file.name}" for commit in COMMITS]:
+    path = places.external() / file.name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    address = file.address or file.name
+    for url in urls or [f"{REPOSITORY}/{commit}/data/{address}" for commit in COMMITS]:
         print(f"fetching {file.name} ({file.meaning})", flush=True)
         try:
             pooch.retrieve(
                 url,
                 known_hash=f"sha256:{file.sha256}",
-                fname=file.name,
-                path=folder,
+                fname=path.name,
+                path=path.parent,
                 downloader=pooch.HTTPDownloader(progressbar=sys.stderr.isatty(), timeout=30),
             )
-            return folder / file.name
+            return path
         except requests.exceptions.HTTPError:
             continue  # this address does not have it; the next may
         except (requests.exceptions.RequestException, OSError) as error:
@@ -137,10 +172,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for file in FILES:
             print(f"have {fetch(file).name}: {file.meaning}")
+        if not any(map(os.environ.get, NAMED)):  # who names a folder has what there is in it
+            for file in RECORDINGS:
+                fetch(file)
+            print(f"have {RECORDINGS_FOLDER}: {len(RECORDINGS)} files, {RECORDINGS[0].meaning}")
     except ConnectionError as error:
         print(
-            f"no authors' data: {error}. The notebooks use our own simulation instead; with a "
-            "network run make data, or set KILNFLIGHT_EXTERNAL to a folder that has the files.",
+            f"no authors' data: {error}. The notebooks use what is here, and our own simulation; "
+            "with a network run make data, or set KILNFLIGHT_EXTERNAL to a folder that has the "
+            "files.",
             file=sys.stdout if optional else sys.stderr,
         )
         return 0 if optional else 1

@@ -1,8 +1,14 @@
+import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight import reference
-from kilnflight.belt.answers import arrival_answers, lateral_answers, speed_answers
+from kilnflight.belt.answers import (
+    arrival_answers,
+    lateral_answers,
+    speed_answers,
+    tracking_answers,
+)
 
 SETS = ("spheres", "cuboids", "cylinders")
 
@@ -48,3 +54,42 @@ def test_a_world_as_published_reproduces_every_claim_about_the_position():
     said["iqr"] = 6.0 - said["iqr"]
     opposite = verdicts(lateral_answers(said))
     assert opposite["belt20-7"] == opposite["belt20-8"] == reference.NOT_REPRODUCED
+
+
+def tracked(spreads, late=1.0):
+    """Return deviations of one material, evenly spread; by data and approach."""
+    parts = [
+        pd.DataFrame(
+            {
+                "data": data,
+                "approach": approach,
+                "lateral_mm": spread * np.linspace(-1, 1, 41),
+                "temporal_ms": late * spread * np.linspace(0, 2, 41),
+            }
+        )
+        for (data, approach), spread in spreads.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+AS_IN_2016 = {
+    ("noise-free", "Sim"): 0.1,
+    ("noise-free", "Tracking"): 0.11,
+    ("noise-free", "Straight"): 1.0,
+    ("images", "Tracking"): 1.0,
+    ("images", "Straight"): 2.0,
+}
+
+
+def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_none():
+    said = tracking_answers(tracked(AS_IN_2016))
+    assert list(said) == [f"belt16-{k}" for k in range(1, 6)]
+    assert set(verdicts(said).values()) == {reference.REPRODUCED}
+    opposite = {key: 2.1 / value for key, value in AS_IN_2016.items()}
+    said = verdicts(tracking_answers(tracked(opposite, late=-1.0)))
+    assert set(said.values()) == {reference.NOT_REPRODUCED}
+
+
+def test_what_a_source_has_no_data_for_is_not_answered():
+    some = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
+    assert list(tracking_answers(tracked(some))) == ["belt16-1", "belt16-4"]

@@ -18,7 +18,7 @@ from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.sampling import thinned
 from kilnflight.belt.tracker import BeltTracker, Followed
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_SPOTS, BELT_STATES, BELT_TRACKS
 
 # Three lanes of particles at constant velocity, so that every prediction is exact.
 SMOOTH = FrictionBelt(
@@ -145,6 +145,16 @@ def test_other_rates_and_gaps_are_told(bodies):
         predictive.noise_free(pd.concat([bodies, bodies.tail(1)], ignore_index=True))
 
 
+def test_the_authors_rate_gives_the_same_without_a_tracker(bodies):
+    slow = thinned(bodies[bodies["x"] < 788.0], 10)
+    table = predictive.sampled(slow)
+    assert table["approach"].unique().tolist() == ["Sim", "Straight"]
+    moving = table[table["approach"] == "Sim"]
+    assert moving["particle"].nunique() == 12
+    assert (moving[["lateral_mm", "temporal_ms"]].abs() < 1e-2).all(axis=None)
+    assert len(predictive.sampled(slow[:0])) == 0
+
+
 def test_the_order_of_rows_does_not_matter(bodies):
     mixed = bodies.sample(frac=1.0, random_state=2)
     one, other = predictive.noise_free(bodies), predictive.noise_free(mixed)
@@ -202,3 +212,31 @@ def test_an_empty_belt_gives_empty_tables():
     followed = BeltTracker()(nothing)
     assert len(last_states(followed, 0.005)) == 0
     assert len(observe(followed, nothing, predictive.PHASE, 0.005).last) == 0
+
+
+def rolling(y, first=0):
+    """Return one particle at 1000 Hz and 1200 mm/s, from a frame on."""
+    frame = first + np.arange(360)
+    columns = {"frame": frame, "particle": 0, "time_s": 0.001 * frame}
+    return pd.DataFrame(columns | {"x": 370.0 + 1.2 * np.arange(360), "y": y})
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_pictures_of_an_empty_belt_give_empty_tables(beside):
+    """Nothing was ever fed, or what there is lies beyond the picture."""
+    nothing = rolling(400.0) if beside else BELT_TRACKS.empty()
+    looked = predictive.look(Pictures(nothing, SHAPES["spheres"], 0), 5)
+    assert looked.calibration.error_mm < 0.1
+    assert looked.spots.columns.tolist() == BELT_SPOTS.names
+    assert len(looked.spots) == len(looked.followed.states) == len(looked.followed.ends) == 0
+    table = predictive.from_images(looked, nothing)
+    assert table.columns.tolist() == ["approach", "particle", "lateral_mm", "temporal_ms"]
+    assert len(table) == 0
+    assert len(predictive.with_acceleration(looked, 5).followed.states) == 0
+
+
+def test_one_particle_in_many_pictures_is_enough_to_size_it():
+    """None of the pictures that are looked at first shows it."""
+    looked = predictive.look(Pictures(rolling(90.0, first=40), SHAPES["spheres"], 0), 2)
+    assert len(looked.spots) > 20
+    assert (looked.spots["touching"] == 0).all()

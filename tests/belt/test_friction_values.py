@@ -1,4 +1,5 @@
 import json
+from dataclasses import fields
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,8 @@ from kilnflight import frozen
 from kilnflight.belt import calibration, friction_values
 from kilnflight.belt.friction_values import INPUTS_ONLY, LIMITS, FreeValues, calibrated, record
 from kilnflight.belt.machine import Sorter
+from kilnflight.belt.physics import Contacts
+from kilnflight.belt.slide import Slide
 from kilnflight.checks import InputError
 
 
@@ -22,6 +25,18 @@ def test_the_frozen_values_lie_within_the_limits_and_cost_less():
     for name, (low, high) in LIMITS.items():
         assert low <= getattr(calibrated(), name) <= high
     assert record()["cost_calibrated"] < record()["cost_inputs_only"] / 2
+
+
+def test_every_value_says_where_it_comes_from():
+    table = friction_values.all_values(calibrated()).set_index("value")
+    names = {field.name for field in fields(Contacts)}
+    slide = {field.name for field in fields(Slide)} - {"yaw_spread_deg"}
+    names |= {name if name in LIMITS else f"slide_{name}" for name in slide}
+    assert set(table.index) == names
+    fitted = table["source"].str.startswith("fitted")
+    assert set(table.index[fitted]) == set(LIMITS)
+    assert (table["inputs_only"] == table["found_with_spheres"])[~fitted].all()
+    assert table.loc["wall_friction", "source"].startswith("assumed")
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,18 @@
 import gzip
+import hashlib
 import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from kilnflight.belt.recordings import HISTORY, find_recordings, joined, links, read_recording
+from kilnflight import external
+from kilnflight.belt.recordings import TRACKED, find_recordings, joined, links, read_recording
 from kilnflight.checks import InputError
 
 MIDPOINTS = "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
+HISTORY = f"{TRACKED}.csv.gz"
 TRACKS = "TrackID_1_X,TrackID_1_Y,TrackID_2_X,TrackID_2_Y\n"
 
 
@@ -36,6 +40,34 @@ def test_positions_and_the_tracks_of_the_authors(folder):
     table = read_recording(files["spheres"][0])
     assert table.columns.tolist() == ["frame", "x", "y", "theirs"]
     assert table.to_numpy().tolist() == [[0, 10, 5, 0], [0, 30, 50, -1], [1, 95, 5.5, 0]]
+
+
+def test_files_that_are_not_packed_will_do_and_count_once(folder):
+    packed = folder / "Kugeln" / "001.csv.gz"
+    known = read_recording(packed)
+    for path in (packed, packed.with_name("001" + HISTORY)):
+        path.with_suffix("").write_bytes(gzip.decompress(path.read_bytes()))
+    plain = packed.with_suffix("")
+    assert find_recordings() == {"spheres": [plain]}
+    packed.with_name("001" + HISTORY).unlink()
+    pd.testing.assert_frame_equal(read_recording(plain), known)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".csv.gz"])
+def test_beside_the_other_data_only_the_published_files_are_used(folder, monkeypatch, ending):
+    monkeypatch.delenv("KILNFLIGHT_RECORDINGS")
+    monkeypatch.setattr("kilnflight.places.external", lambda: folder)
+    (folder / "belt_recordings" / "Kugeln").mkdir(parents=True)
+    path = folder / "belt_recordings" / "Kugeln" / f"001{ending}"
+    path.write_bytes(b"other")
+    with pytest.raises(InputError, match=r"001\.csv.* SHA-256 .* expected"):
+        find_recordings()
+    file = external.ExternalFile(
+        "belt_recordings/Kugeln/001.csv", hashlib.sha256(b"").hexdigest(), ""
+    )
+    monkeypatch.setattr(external, "RECORDINGS", (file,))
+    path.write_bytes(gzip.compress(b"") if ending.endswith("gz") else b"")
+    assert find_recordings() == {"spheres": [path]}
 
 
 def test_links_leave_out_what_is_in_no_track(folder):
@@ -84,6 +116,27 @@ def test_frames_that_do_not_ascend_are_told(folder, numbers):
     write(path, MIDPOINTS + "".join(f"{number},1,5,10,NaN,NaN\n" for number in numbers))
     with pytest.raises(InputError, match=r"001.csv.gz: FrameNr is .* must ascend"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("rows", ["", "0,0,NaN,NaN,NaN,NaN\n1,0,NaN,NaN,NaN,NaN\n"])
+@pytest.mark.parametrize("tracked", [True, False])
+def test_a_recording_without_a_measurement_is_empty_and_joins(folder, rows, tracked):
+    path = folder / "Kugeln" / "001.csv.gz"
+    whole = read_recording(path)
+    write(path, MIDPOINTS + rows)
+    if not tracked:
+        path.with_name(path.name.replace(".csv.gz", HISTORY)).unlink(missing_ok=True)
+    empty = read_recording(path)
+    assert len(empty) == 0
+    assert empty.columns.tolist() == whole.columns.tolist()
+    pd.testing.assert_series_equal(empty.dtypes, whole.dtypes)
+    both = joined([empty, whole, empty, whole], pause=50)
+    assert both["frame"].min() == 50
+    first, second = both[: len(whole)], both[len(whole) :]
+    apart = second["frame"].to_numpy() - first["frame"].to_numpy()
+    assert (apart == whole["frame"].max() + 2 * 50).all()
+    assert not set(first["theirs"]) & set(second["theirs"]) - {-1}
+    pd.testing.assert_frame_equal(joined([empty, empty]), empty)
 
 
 def real():

@@ -29,6 +29,16 @@ def test_every_model_and_bar_has_a_row(observed):
     assert (longer[10.0] >= longer[2.0]).all()
 
 
+def test_a_wider_jet_hits_no_fewer(observed):
+    bars = [ValveBar(valve_mm=width) for width in (2.0, None, 20.0)]
+    table = shares(observed, PHASE, bars, seed=1)
+    assert table["valve_mm"].unique().tolist() == [2.0, 180.0 / 32, 20.0]
+    for column in ("hit_percent", "inadvertent_percent"):
+        wide = table.pivot(index="model", columns="valve_mm", values=column)
+        assert (np.diff(wide.to_numpy(), axis=1) >= 0).all()
+        assert wide.loc["IA-Ratio", 20.0] > wide.loc["IA-Ratio", 2.0]
+
+
 def test_the_same_seed_gives_the_same_shares(observed):
     one, other = (shares(observed, PHASE, BARS, seed=1) for _ in range(2))
     assert one.equals(other)

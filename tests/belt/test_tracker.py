@@ -235,6 +235,10 @@ def test_what_cannot_be_tracked_is_told():
         BeltTracker()(pd.DataFrame({"frame": [0], "x": [400.0]}))
     with pytest.raises(InputError, match="not finite"):
         BeltTracker()(pd.DataFrame({"frame": [0], "x": [np.nan], "y": [90.0]}))
+    twice = pd.concat([moving(), moving()[30:31], moving(y=50.0)], ignore_index=True)
+    with pytest.raises(InputError, match=r"frame 30 has two .* x 570, y 90 mm \(rows 30 and 80"):
+        BeltTracker()(twice)
+    assert len(BeltTracker()(twice.drop_duplicates()).ends) == 2
     far = pd.DataFrame({"frame": [0, 10**7], "x": 400.0, "y": 90.0})
     with pytest.raises(InputError, match="count the frames"):
         BeltTracker()(far)

@@ -1,4 +1,4 @@
-"""What deviations say about the claims of the 2020 paper: conditions for `reference.judge`.
+"""What deviations say about the claims of both papers: conditions for `reference.judge`.
 
 The same questions to every source of tracks. Spread is the interquartile range.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import pandas as pd
 
 from kilnflight.belt import friction
+from kilnflight.belt.predictive import SIM, STRAIGHT, TRACKING, summaries
 
 Answer = dict[str, bool] | pd.Series
 
@@ -84,6 +85,53 @@ def lateral_answers(table: pd.DataFrame) -> dict[str, Answer]:
         "belt20-9": iqr["LV-DSC"] / iqr["CA-CA"] - 1,
         "belt20-10": best,
     }
+
+
+def tracking_answers(table: pd.DataFrame) -> dict[str, Answer]:
+    """Return the answers to belt16-1 to belt16-5 that a table has data for.
+
+    "Very similar" is read as not half as much again, "far worse" as more than twice as much.
+
+    Parameters
+    ----------
+    table
+        Of one material: ``data`` ("noise-free" or "images"), ``approach``, ``lateral_mm``,
+        ``temporal_ms``, as `kilnflight.belt.predictive` gives them.
+    """
+    off = table.set_index(["data", "approach"])["lateral_mm"].abs().sort_index()
+    box = summaries(table[["data", "approach", "lateral_mm", "temporal_ms"]])
+    box = box.set_index(["quantity", "data", "approach"]).sort_index()
+    there = set(off.index)
+    answers: dict[str, Answer] = {}
+    if ("noise-free", SIM) in there:
+        answers["belt16-1"] = pd.Series({"": (off["noise-free", SIM] < 0.2).mean()})
+    if {("noise-free", one) for one in (SIM, TRACKING, STRAIGHT)} <= there:
+        answers["belt16-2"] = _narrower(box["iqr"]["lateral_mm", "noise-free"])
+    if ("images", TRACKING) in there:
+        answers["belt16-3"] = pd.Series({"": (off["images", TRACKING] < 1.5).mean()})
+    if ("noise-free", SIM) in there:
+        answers["belt16-4"] = box["median"]["temporal_ms", "noise-free"]
+    if {("images", TRACKING), ("noise-free", TRACKING)} <= there:
+        answers["belt16-5"] = _larger(box["iqr"]["temporal_ms"], box["median"]["temporal_ms"])
+    return answers
+
+
+def _narrower(iqr: pd.Series) -> dict[str, bool]:
+    """Return the conditions of belt16-2 from the lateral spread by approach."""
+    sim, free, straight = (float(iqr[one]) for one in (SIM, TRACKING, STRAIGHT))
+    return {
+        f"Tracking {free:.3f} mm, Sim {sim:.3f} mm": free < 1.5 * sim,
+        f"Straight {straight:.3f} mm": straight > 2 * max(sim, free),
+    }
+
+
+def _larger(iqr: pd.Series, median: pd.Series) -> dict[str, bool]:
+    """Return the conditions of belt16-5 from spread and median by data and approach."""
+    larger = {}
+    for name, value in (("spread", iqr), ("bias", median.abs())):
+        one, other = value["images", TRACKING], value["noise-free", TRACKING]
+        larger[f"{name} from images {one:.2f}, noise-free {other:.2f} ms"] = bool(one > other)
+    return larger
 
 
 def _wide(table: pd.DataFrame, quantity: str) -> pd.DataFrame:

@@ -32,6 +32,8 @@ from kilnflight.checks import InputError, check_count
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
+# The same 10 cm where tracks end at the edge: 15 mm upstream, as in `PredictionPhase`.
+UPSTREAM = PredictionPhase(PHASE.start_mm - 15.0, PHASE.target_mm - 15.0)
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 _CV = CV()
@@ -106,6 +108,17 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def sampled(bodies: pd.DataFrame, phase: PredictionPhase = UPSTREAM) -> pd.DataFrame:
+    """Return the deviations of "sim" and "straight" on true positions at any rate.
+
+    For the authors' public tracks: 100 Hz, ending at the edge, without velocities. The
+    velocity is that of the parabola through the last three positions; nothing is tracked.
+    """
+    observed = phase.observe(bodies)
+    simulated = deviations(observed.last, observed.arrival, phase.target_mm)
+    return _table(((SIM, simulated, "lateral_mm"), (STRAIGHT, simulated, "straight_mm")))
+
+
 def look(pictures: Pictures, background_of: int = 200) -> Looked:
     """Return what is measured in pictures and tracked: the whole way of the images (IV.B).
 
@@ -115,11 +128,16 @@ def look(pictures: Pictures, background_of: int = 200) -> Looked:
         A recording of the belt.
     background_of
         Pictures, evenly spread, that background and the area of one particle come from.
+
+    Notes
+    -----
+    An empty belt gives empty tables. Its corners are found all the same, in a picture of the
+    belt alone if nothing was ever fed.
     """
-    step = max(1, len(pictures) // background_of)
-    background = average(pictures.frames(range(0, len(pictures), step)))
+    step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
+    background = average(pictures.frames(range(0, frames, step)))
     calibration = calibrate(FindCorners()(background))
-    spots = Spots().calibrated(pictures.frames(range(0, len(pictures), 10 * step)), background)
+    spots = _sized(pictures, background, 10 * step)
     seen = measure(pictures.frames(range(len(pictures))), background, spots, calibration)
     return Looked(background, calibration, seen, BeltTracker()(seen, len(pictures)))
 
@@ -194,6 +212,18 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
                 known = dict(zip(names, key, strict=True)) | {"quantity": quantity}
                 rows.append(known | summarise(one[quantity].to_numpy()))
     return pd.DataFrame(rows)
+
+
+def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
+    """Return what finds particles, with the area of one if there is any in the pictures.
+
+    Every ``step``-th picture is looked at, all of them if these show none.
+    """
+    usual = Spots()
+    for wanted in (range(0, len(pictures), step), range(len(pictures))):
+        if any(len(usual(one, background)) for one in pictures.frames(wanted)):
+            return usual.calibrated(pictures.frames(wanted), background)
+    return usual
 
 
 def _check_1000(bodies: pd.DataFrame) -> None:

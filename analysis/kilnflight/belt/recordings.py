@@ -1,9 +1,9 @@
 """The authors' recordings of their real sorter: measured positions and their own tracks.
 
-``NNN.csv.gz`` holds, for each frame, its number, how many midpoints were measured, and x, y of
-each in pixels (NaN where there are no more); ``NNN_trackHistory_NothingDeleted.csv.gz`` one pair
-of columns for each track that the authors found. The belt runs along y. Neither the frame
-rate nor the size of a pixel is told.
+``NNN.csv`` (or ``.csv.gz``) holds, for each frame, its number, how many midpoints were
+measured, and x, y of each in pixels (NaN where there are no more);
+``NNN_trackHistory_NothingDeleted.csv`` one pair of columns for each track that the authors
+found. The belt runs along y. Neither the frame rate nor the size of a pixel is told.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import places
+from kilnflight import external, places
 from kilnflight.checks import InputError
 
 Array = npt.NDArray[np.float64]
@@ -24,21 +24,28 @@ Array = npt.NDArray[np.float64]
 Pairs = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]
 
 MATERIALS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
-HISTORY = "_trackHistory_NothingDeleted.csv.gz"
+TRACKED = "_trackHistory_NothingDeleted"
+ENDINGS = (".csv", ".csv.gz")
 
 
 def find_recordings() -> dict[str, list[Path]]:
     """Return the files of measured positions by material; nothing where there are none.
 
     Looked for in the folder that ``KILNFLIGHT_RECORDINGS`` names, else in
-    ``belt_recordings`` beside the authors' other data.
+    ``belt_recordings`` beside the authors' other data, where ``make data`` puts them and
+    they must be the published ones. Packed (``.csv.gz``) they will do as well.
+
+    Raises
+    ------
+    InputError
+        If the folder that is named has none, or a file beside the authors' other data is not the
+        published one.
     """
     named = os.environ.get("KILNFLIGHT_RECORDINGS")
-    folder = Path(named) if named else places.external() / "belt_recordings"
-    found = {
-        name: sorted(path for path in (folder / part).glob("*.csv.gz") if HISTORY not in path.name)
-        for name, part in MATERIALS.items()
-    }
+    folder = Path(named) if named else places.external() / external.RECORDINGS_FOLDER
+    found = {name: _measured(folder / part) for name, part in MATERIALS.items()}
+    if not named:
+        _check_published(folder)
     if named and not any(found.values()):
         raise InputError(
             f"KILNFLIGHT_RECORDINGS is {named}, which has no recording in "
@@ -64,8 +71,9 @@ def read_recording(path: Path) -> pd.DataFrame:
     cells = _cells(path)
     row, _, across, along = _pairs(cells[:, 2:], path)
     table = pd.DataFrame({"frame": _frames(cells, path)[row], "x": along, "y": across})
-    history = path.with_name(path.name.replace(".csv.gz", HISTORY))
-    if not history.is_file():
+    beside = [path.with_name(_stem(path) + TRACKED + ending) for ending in ENDINGS]
+    history = next((one for one in beside if one.is_file()), None)
+    if history is None:
         return table.assign(theirs=-1)
     _, particle, across, along = _pairs(_cells(history), history)
     theirs = pd.DataFrame({"x": along, "y": across, "theirs": particle})
@@ -74,13 +82,21 @@ def read_recording(path: Path) -> pd.DataFrame:
 
 
 def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
-    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart."""
+    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart.
+
+    A recording without a measurement has no last frame: it adds the pause and nothing else.
+
+    Raises
+    ------
+    InputError
+        If there is no recording.
+    """
     parts, frame, particle = [], 0, 0
     for one in recordings:
         theirs = one["theirs"].where(one["theirs"] < 0, one["theirs"] + particle)
         parts.append(one.assign(frame=one["frame"] + frame, theirs=theirs))
-        frame += int(one["frame"].max()) + pause
-        particle += int(one["theirs"].max()) + 1
+        frame += pause + (int(one["frame"].max()) if len(one) else 0)
+        particle += 1 + (int(one["theirs"].max()) if len(one) else -1)
     if not parts:
         raise InputError("no recording to join; give at least one.")
     return pd.concat(parts, ignore_index=True)
@@ -95,6 +111,26 @@ def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
     order = np.lexsort((frame, name))
     same = (np.diff(name[order]) == 0) & (name[order][:-1] >= 0)
     return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
+
+
+def _stem(path: Path) -> str:
+    return path.name.removesuffix(".gz").removesuffix(".csv")
+
+
+def _measured(folder: Path) -> list[Path]:
+    """Return the recordings of one material, packed or not, each once."""
+    every = [path for ending in reversed(ENDINGS) for path in folder.glob(f"*{ending}")]
+    known = {_stem(path): path for path in every if TRACKED not in path.name}
+    return [known[stem] for stem in sorted(known)]
+
+
+def _check_published(folder: Path) -> None:
+    """Raise an `InputError` if a file that `external.RECORDINGS` lists is another one."""
+    for file in external.RECORDINGS:
+        plain = folder.parent / file.name
+        for path in (plain, plain.with_name(f"{plain.name}.gz")):
+            if path.is_file():
+                external.check(path, file)
 
 
 def _cells(path: Path) -> Array:
@@ -123,7 +159,7 @@ def _pairs(cells: Array, path: Path) -> Pairs:
     """Return row, column of pairs, and both numbers of every pair that is there."""
     if cells.shape[1] % 2:
         raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
-    pairs = cells.reshape(len(cells), -1, 2)
+    pairs = cells.reshape(len(cells), cells.shape[1] // 2, 2)
     row, column = np.nonzero(np.isfinite(pairs).all(axis=2))
     first, second = pairs[row, column].T
     return row.astype(np.int64), column.astype(np.int64), first, second

@@ -65,6 +65,16 @@ class ValveBar:
             check_positive(self.valve_mm, "ValveBar: valve_mm")
         check_limit(self.open_s, "ValveBar: open_s")
 
+    @property
+    def pitch_mm(self) -> float:
+        """The way from one valve to the next."""
+        return self.belt_mm / self.valves
+
+    @property
+    def width_mm(self) -> float:
+        """The width of a jet: as told, else the pitch."""
+        return self.pitch_mm if self.valve_mm is None else self.valve_mm
+
     def __call__(
         self, wanted: Flags, predicted: tuple[Array, Array], true: tuple[Array, Array]
     ) -> Blown:
@@ -95,14 +105,13 @@ class ValveBar:
             check_shape(values, wanted.shape, f"ValveBar: {name}")
         check_finite(np.stack(true), "ValveBar: true times and places")
         known = wanted & np.isfinite(predicted[0]) & np.isfinite(predicted[1])
-        pitch = self.belt_mm / self.valves
-        valve = np.floor(predicted[1][known] / pitch).clip(0, self.valves - 1).astype(np.int64)
+        nearest = np.floor(predicted[1][known] / self.pitch_mm)
+        valve = nearest.clip(0, self.valves - 1).astype(np.int64)
         return Blown(self._hit(valve, predicted[0][known], *true), wanted)
 
     def _hit(self, valve: npt.NDArray[np.int64], opened: Array, time: Array, y: Array) -> Flags:
         """Return which true arrivals find a valve open; valve k opens around ``opened``."""
-        pitch = self.belt_mm / self.valves
-        half = (pitch if self.valve_mm is None else self.valve_mm) / 2
+        pitch, half = self.pitch_mm, self.width_mm / 2
         nearest = np.floor(y / pitch).astype(np.int64)
         hit = np.zeros(len(time), dtype=bool)
         for step in range(-int(half / pitch) - 1, int(half / pitch) + 2):

@@ -1,4 +1,4 @@
-"""What each model makes of a bar of valves: hits and inadvertent hits, by valves and time."""
+"""What each model makes of a bar of valves: hits and inadvertent ones, by valves, width, time."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def shares(
     Returns
     -------
     DataFrame
-        ``model``, ``valves``, ``open_ms``, ``wanted`` and ``others`` (particles),
-        ``hit_percent``, ``inadvertent_percent``.
+        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``wanted`` and
+        ``others`` (particles), ``hit_percent``, ``inadvertent_percent``.
 
     Raises
     ------
@@ -80,6 +80,7 @@ def shares(
                 {
                     "model": name,
                     "valves": bar.valves,
+                    "valve_mm": bar.width_mm,
                     "open_ms": 1000 * bar.open_s,
                     "wanted": int(chosen.sum()),
                     "others": int((~chosen).sum()),

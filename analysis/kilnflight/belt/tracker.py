@@ -127,7 +127,8 @@ class BeltTracker:
         Raises
         ------
         InputError
-            If a column is missing or holds what is no number.
+            If a column is missing or holds what is no number, or one frame has two measurements
+            at the same place, which would make two tracks of one particle.
         """
         numbers, parts = [], []
         for step in self.steps(measured, frames):
@@ -195,6 +196,7 @@ class BeltTracker:
             )
         inside = np.flatnonzero(self.appearance.area.holds(places))
         order = inside[np.lexsort((places[inside, 1], places[inside, 0], frames[inside]))]
+        _check_once(frames[order], places[order], order)
         return frames[order], order, np.ascontiguousarray(places[order])
 
     def _scored(self, tracks: Tracks, costs: Array, gone: Array, column: Integers) -> Array:
@@ -233,6 +235,18 @@ class BeltTracker:
         columns = (ended.particle, frame[last], ended.valid.astype(np.int64))
         table = pd.DataFrame(dict(zip(BELT_ENDS.names, columns, strict=True)))
         return table.assign(reason=reason)
+
+
+def _check_once(frames: Integers, places: Array, rows: Integers) -> None:
+    """Raise an `InputError` if a measurement is there twice; sorted by frame and place."""
+    again = (np.diff(frames) == 0) & (np.diff(places, axis=0) == 0).all(axis=1)
+    if again.any():
+        k = int(np.argmax(again))
+        raise InputError(
+            f"{MEASURED.name}: frame {frames[k]} has two measurements at x {places[k, 0]:g}, "
+            f"y {places[k, 1]:g} mm (rows {rows[k]} and {rows[k + 1]}); they would be two tracks "
+            "of one particle. Keep one of them (pandas: drop_duplicates)."
+        )
 
 
 def _predicted(expected: Array, residual: Array) -> Predicted:
