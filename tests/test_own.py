@@ -236,7 +236,9 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert value["ignition seen"].startswith("50 [")
     assert value["too few points to judge ignition"] == "0 of 2"  # the third is not counted
     assert not [what for what in value.index if "alight" in what]
-    assert value["velocity in the metre up to 2 m"] == "median 8.0 m/s, 50 % of the flights"
+    assert value["velocity in the metre up to 2 m"] == (
+        "median 8.0 m/s, 50 [9, 91] % of the flights"
+    )
     page = outcome_page.page(flown, stored)
     assert page.count("<figure>") == 4
     assert "a &lt;note&gt;" in page

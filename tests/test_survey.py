@@ -96,3 +96,20 @@ def test_medians_have_intervals_and_few_particles_have_none():
     rows = survey.medians({("a", 4.5): few, ("b", 4.5): many}, "dwell_s", np.random.default_rng(0))
     assert rows["low"].isna().tolist() == [True, False]
     assert rows.loc[1, "low"] < 0.4 < rows.loc[1, "high"]
+
+
+def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them():
+    keys = {"fraction": "confetti", "pressure_bar": 4.5}
+    single = with_cell(TRAJECTORIES[TRAJECTORIES["particle"] == 1])
+    many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
+    flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
+    table = survey.regression_table(
+        Measured(None, many, flown, None), np.random.default_rng(0)
+    ).set_index("axis")
+    deep = table.loc["z"]
+    assert (deep["tracks"], deep["rmse_mm"]) == (20, 95.0)
+    assert 0.0 < deep["rmse_mm_low"] < 95.0 < deep["rmse_mm_high"] < 190.0
+    few = survey.regression_table(
+        Measured(None, many, flown.head(3), None), np.random.default_rng(0)
+    )
+    assert few["rmse_mm_low"].isna().all()

@@ -172,14 +172,17 @@ def _said(interval: Interval, digits: int, factor: float = 1.0) -> str:
 
 
 def _velocities(found: Outcome) -> list[tuple[str, str]]:
-    table = remaining(found.slices, len(found.counted))
-    return [
-        (
-            f"velocity in the metre up to {far:g} m",
-            f"median {median:.1f} m/s, {100 * share:.0f} % of the flights",
-        )
-        for far, median, share in table[["slice_m", "median_m_s", "share"]].to_numpy()
-    ]
+    """Return the median velocity in each metre, and which share of the flights passed it."""
+    groups = found.slices.groupby("slice_m")["velocity_m_s"]
+    rows = []
+    for far, number in remaining(found.slices, len(found.counted))[
+        ["slice_m", "number"]
+    ].to_numpy():
+        middle = Bootstrap()(median, [groups.get_group(far)], np.random.default_rng(SEED))
+        passed = _said(share(int(number), len(found.counted)), 0, 100)
+        said = f"median {_said(middle, 1)} m/s, {passed} % of the flights"
+        rows.append((f"velocity in the metre up to {far:g} m", said))
+    return rows
 
 
 def text(table: pd.DataFrame) -> str:

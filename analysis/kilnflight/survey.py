@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import intervals, reference, regression
@@ -148,14 +149,19 @@ def holds(said: pd.DataFrame, cell: Cell) -> dict[str, bool]:
     return found or {"nothing measured": False}
 
 
+def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+    """Return the median of what is known with its 95 % interval (bootstrap)."""
+    known = np.asarray(values, dtype=np.float64)
+    return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
+
+
 def medians(
     found: Mapping[Cell, Findings], quantity: str, generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return the median of a field of `Findings` by cell with its 95 % interval."""
     rows = []
     for (name, bar), one in found.items():
-        values = getattr(one, quantity)
-        interval = Bootstrap()(intervals.median, [values[np.isfinite(values)]], generator)
+        interval = median_of(getattr(one, quantity), generator)
         rows.append({"fraction": name, "pressure_bar": bar, **named(interval)})
     return pd.DataFrame(rows)
 
@@ -227,18 +233,24 @@ PLURALS = {"wood chip": "Wood chips", "confetti": "Confetti"}
 PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
 
 
-def regression_table(measured: Measured) -> pd.DataFrame:
+def counted_trajectories(measured: Measured) -> pd.DataFrame:
+    """Return the trajectories from the lance."""
+    keys = [*CELL, "particle"]
+    table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
+    return table[table["from_lance"]]
+
+
+def regression_table(measured: Measured, generator: np.random.Generator) -> pd.DataFrame:
     """Return medians over the trajectories from the lance beside Table 5.18.
 
     Returns
     -------
     DataFrame
         ``fraction``, ``axis``, ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``,
-        ``tracks``, and the four published ones.
+        ``tracks``, the four published ones, and of each of ours ``_low`` and ``_high``: its
+        95 % interval (bootstrap over trajectories).
     """
-    keys = [*CELL, "particle"]
-    table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
-    table = table[table["from_lance"]]
+    table = counted_trajectories(measured)
     rows = [
         {"fraction": name, "axis": axis}
         | {to: one[of.format(axis)].median() for of, to in FITTED.items()}
@@ -254,4 +266,11 @@ def regression_table(measured: Measured) -> pd.DataFrame:
     place = [(PLURALS[str(one.fraction)], one.axis) for one in ours.itertuples()]
     for name in FITTED.values():
         ours[f"{name}_published"] = said[name].reindex(place).to_numpy()
+    for of, to in FITTED.items():
+        found = [
+            median_of(table.loc[table["fraction"] == one.fraction, of.format(one.axis)], generator)
+            for one in ours.itertuples()
+        ]
+        for side in ("low", "high"):
+            ours[f"{to}_{side}"] = [named(interval)[side] for interval in found]
     return ours

@@ -1,0 +1,121 @@
+"""How certain is what campaigns come to: an interval for every kind of number.
+
+95 % intervals: medians and quartiles by bootstrap over particles, shares by Wilson
+(`kilnflight.intervals` says what they leave out). A velocity is that of the particles that
+passed the metre, and of those the interval is; "velocity last" is of the metre that is the last
+one in the sample. The longest dwell time has none: no bootstrap gives one for a maximum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import intervals, survey
+from kilnflight.findings import LAST_SHARE, METRES, Findings, outcomes, remaining
+from kilnflight.intervals import Bootstrap, Interval, Quantile
+from kilnflight.survey import CELL, Cell, median_of
+
+Array = npt.NDArray[np.float64]
+QUARTILE = Bootstrap(least=11)  # `Quantile` says why
+NOTHING = Interval(np.nan, -np.inf, np.inf, (0,))
+
+
+def intervals_of(findings: Findings, generator: np.random.Generator) -> dict[str, Interval]:
+    """Return the interval of each of `kilnflight.findings.outcomes`, by name and in its unit."""
+    lit = findings.ignition_s[np.isfinite(findings.ignition_s)]
+    every = len(findings.ignition_s)
+    found = _along(findings.velocity_m_s, generator) | _dwell(findings.dwell_s, generator)
+    found |= {
+        "penetration (m)": median_of(findings.reached_m, generator),
+        "ignited (%)": _percent(len(lit), every),
+        "ignited < 0.1 s (%)": _percent(int((lit <= 0.1).sum()), every),
+        "ignition median (s)": median_of(lit, generator),
+    }
+    for name, low, high in (("< 0.2", 0.0, 0.2), ("< 0.4", 0.0, 0.4), ("0.2-0.3", 0.2, 0.3)):
+        number = int(((lit > low) & (lit <= high)).sum())
+        found[f"ignited {name} s (% of ignited)"] = _percent(number, len(lit))
+    return {name: found[name] for name in outcomes(findings).index}
+
+
+def _along(velocity_m_s: Array, generator: np.random.Generator) -> dict[str, Interval]:
+    """Return velocities and remaining shares by metre; velocities (n, 5)."""
+    count = len(velocity_m_s)
+    passed = np.isfinite(velocity_m_s).sum(axis=0).tolist()
+    each = [median_of(velocity_m_s[:, k], generator) for k in range(len(METRES))]
+    far = np.flatnonzero(remaining(velocity_m_s) >= 100.0 * LAST_SHARE)
+    last = each[far[-1]] if len(far) else NOTHING
+    found = {f"velocity {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, each, strict=True)}
+    share = {f"remaining {m} m (%)": _percent(passed[m - 1], count) for m in METRES}
+    found |= {"velocity last (m/s)": last} | share
+    return found | {"landed 1 m (%)": _percent(count - passed[0], count)}
+
+
+def _dwell(times: Array, generator: np.random.Generator) -> dict[str, Interval]:
+    """Return what is said of dwell times (n,)."""
+    within = int(((times >= 0.3) & (times <= 0.4)).sum())
+    longest = times.max() if len(times) else np.nan
+    return {
+        "dwell q25 (s)": QUARTILE(Quantile(0.25), [times], generator),
+        "dwell median (s)": median_of(times, generator),
+        "dwell q75 (s)": QUARTILE(Quantile(0.75), [times], generator),
+        "dwell longest (s)": Interval(longest, -np.inf, np.inf, (len(times),)),
+        "dwell 0.3-0.4 s (%)": _percent(within, len(times)),
+        "dwell > 0.4 s (%)": _percent(int((times >= 0.4).sum()), len(times)),
+    }
+
+
+def _percent(number: int, counted: int) -> Interval:
+    """Return a share in per cent; of none nothing is known."""
+    if counted == 0:
+        return NOTHING
+    estimate, low, high, numbers = intervals.share(number, counted)
+    return Interval(100 * estimate, 100 * low, 100 * high, numbers)
+
+
+def table(
+    found: Mapping[Cell, Findings],
+    true: Mapping[Cell, Findings],
+    quantities: Sequence[str],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Return every number that begins with one of these words, by cell.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``outcome``, ``number`` (of particles), ``estimate``,
+        ``low``, ``high`` (empty where the sample is too small) and ``true``.
+    """
+    rows = []
+    for cell, one in found.items():
+        truth = outcomes(true[cell])
+        for name, interval in intervals_of(one, generator).items():
+            if name.split(" ")[0] in quantities:
+                row = {**dict(zip(CELL, cell, strict=True)), "outcome": name}
+                rows.append(row | survey.named(interval) | {"true": truth[name]})
+    columns = [*CELL, "outcome", "number", "estimate", "low", "high", "true"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def beside(said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured") -> pd.DataFrame:
+    """Return a table of `kilnflight.survey.beside_published` with intervals behind a column.
+
+    Parameters
+    ----------
+    said
+        With ``fraction``, ``pressure_bar``, ``outcome`` and the column ``name``.
+    certain
+        Of `table`, of the findings that the column was worked out from.
+    name
+        Of the column; ``_low`` and ``_high`` are put behind it.
+    """
+    keys = [*CELL, "outcome"]
+    known = certain.set_index(keys).reindex(pd.MultiIndex.from_frame(said[keys]))
+    wide, place = said.copy(), list(said.columns).index(name)
+    for k, side in enumerate(("low", "high")):
+        wide.insert(place + 1 + k, f"{name}_{side}", known[side].to_numpy())
+    return wide
