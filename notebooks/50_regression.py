@@ -27,7 +27,7 @@ from kilnflight import drawing, figures, flight_drawing, provenance, survey
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, lessons, regression
+from kilnflight import campaigns, certainty, lessons, regression
 from kilnflight.workers import Workers
 
 made = provenance.trace("50_regression", {"scale": scale}, seed=seed)
@@ -167,9 +167,19 @@ mean = by_order.groupby("order")["r2_adjusted"].mean()
 gain = float(mean.get(7, float("nan")) - mean.get(6, float("nan")))
 
 # %%
+table = survey.counted_trajectories(measured)
+apart, pairs = {}, [((name, "z"), (name, axis)) for name in names for axis in "xy"]
+worse = [(("paper shred", "z"), (name, "z")) for name in names if name != "paper shred"]
+for claim, of, wanted in (("fit-2", "mape_{}_percent", pairs), ("fit-3", "r2_{}", pairs + worse)):
+    groups = {}
+    for name, one in table.groupby("fraction"):
+        groups |= {(name, axis): one[of.format(axis)].to_numpy() for axis in "xyz"}
+    apart[claim] = certainty.in_words(certainty.resolution(groups, wanted, generator), "medians")
+
+# %%
 note = "trajectories from the lance; the scatter of the depth is an input"
 given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": gain}
-verdicts = survey.decided(measured, given, note)
+verdicts = survey.decided(measured, given, note, apart)
 deep = ", ".join(f"{name} {value:.0f}" for name, value in rmse["z"].items())
 counted = int(flights["from_lance"].sum())
 result = (

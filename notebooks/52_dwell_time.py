@@ -137,9 +137,21 @@ numbers, most = survey.table(found).set_index(keys), {}
 for name, limits in zip(names, ["0.3-0.4", "> 0.4", "> 0.4", "0.3-0.4"], strict=False):
     share = numbers[f"dwell {limits} s (%)"].get((name, 5.0), np.nan)
     most[f"{name} {limits} s {share:.0f} %"] = bool(share > 50)
+
+# %%
+others, last = [name for name in names if name != "wood chip"], ("PE granule", 4.5)
+pairs = {"dwell-2": [(("wood chip", bar), (name, bar)) for bar in bars for name in others]}
+pairs["dwell-3"] = [(last, (name, 4.5)) for name in names if name != "PE granule"]
+pairs["dwell-3"] += [(last, ("PE granule", 5.0))]
+times = {cell: one.dwell_s for cell, one in found.items()}
+generator, apart = np.random.default_rng(seed), {}
+for claim, some in pairs.items():
+    apart[claim] = certainty.in_words(certainty.resolution(times, some, generator), "medians")
+
+# %%
 given = {"dwell-1": first, "dwell-2": ranks, "dwell-3": fly, "dwell-4": most}
 note = "lost flights count with the time they were seen; much shorter: by over a tenth, a reading"
-verdicts = survey.decided(measured, given, note)
+verdicts = survey.decided(measured, given, note, apart)
 
 # %%
 parts = [f"{name} {value:.2f}" for name, value in first.items()]

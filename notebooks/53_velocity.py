@@ -192,13 +192,20 @@ table = pd.DataFrame(rows)
 figures.save("velocity-ratio", table, caption=caption, provenance=made)
 
 # %%
+heavy = ["wood chip", "PE granule"]
+light = [name for name in names if name not in heavy]
+pairs = {"vel-1": [((a, bar), (b, bar)) for bar in bars for a in heavy for b in light]}
+pairs["vel-6"] = [((name, 5.0), (name, 4.5)) for name in names]
+speeds, apart = {cell: one.velocity_m_s[:, 0] for cell, one in found.items()}, {}
+for claim, some in pairs.items():
+    apart[claim] = certainty.in_words(certainty.resolution(speeds, some, generator), "medians")
 
 # %%
 given = {"vel-1": order, "vel-6": ratio}
 claims = {"vel-2": "wood chip", "vel-3": "confetti", "vel-4": "paper shred", "vel-5": "PE granule"}
 given |= {claim: survey.holds(said, (name, 4.5)) for claim, name in claims.items()}
 note = "medians measured on the twin; bounds of the printed sentences"
-verdicts = survey.decided(measured, given, note)
+verdicts = survey.decided(measured, given, note, apart)
 aims = {"vel-2", "vel-3"}
 fit = "the twin's flights were fitted to this cell"
 verdicts = [reference.fitted(one, fit) if one.id in aims else one for one in verdicts]

@@ -181,9 +181,18 @@ for name in papers:
 given["ign-4"] = more
 
 # %%
+pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
+pairs += [((name, 5.0), (name, 4.5)) for name in papers]
+times = {cell: one.ignition_s for cell, one in kinds["as published"].items()}
+lit = {cell: survey.lit(one) for cell, one in kinds["as published"].items()}
+parts = [certainty.in_words(certainty.resolution_of_shares(lit, pairs), "shares")]
+parts += [certainty.in_words(certainty.resolution(times, pairs, generator), "median times")]
+apart = {"ign-4": "; ".join(parts)}
+
+# %%
 other = ", ".join(f"{a} {b} bar {v:.0f} %" for (a, b), v in better.items())
 note = f"grey values as they are; above the background: {other}"
-verdicts = survey.decided(measured, given, note)
+verdicts = survey.decided(measured, given, note, apart)
 fit = "the twin was fitted to the share of confetti at 4.5 bar"
 verdicts = [reference.fitted(one, fit) if one.id == "ign-2" else one for one in verdicts]
 parts = [f"{a} {b} bar {v:.0f} % (true {share['true'][a, b]:.0f} %)" for (a, b), v in ours.items()]

@@ -72,3 +72,36 @@ def test_intervals_stand_behind_the_column_they_belong_to():
     assert wide["measured_low"].isna().tolist() == [True, False]
     assert wide["measured_low"].iloc[1] == certain.set_index("outcome")["low"][names[0]]
     assert "measured_low" not in said
+
+
+def test_what_is_told_apart_with_our_numbers_need_not_be_with_the_theses():
+    draw = np.random.default_rng(0)
+    groups = {
+        ("wood chip", 4.5): draw.normal(0.30, 0.1, 400),
+        ("confetti", 4.5): draw.normal(0.34, 0.1, 400),
+        ("PE granule", 4.5): draw.normal(0.80, 0.1, 400),
+    }
+    first, second, third = groups
+    pairs = [(first, second), (third, second), (first, ("paper shred", 4.5))]
+    table = certainty.resolution(groups, pairs, draw)
+    assert table["resolved"].tolist() == [True, True]  # the third pair was not measured
+    assert table["resolved_with_table_5_15"].tolist() == [False, True]
+    said = certainty.in_words(table, "medians")
+    assert "wood chip 4.5 < confetti 4.5 / PE granule 4.5 > confetti 4.5" in said
+    assert said.endswith("with the numbers of Table 5.15: 1 of 2")
+    assert certainty.table_5_15(groups) == {first: 7, second: 37, third: 25}
+    assert certainty.in_words(certainty.resolution(groups, [], draw), "medians") == ""
+
+
+def test_shares_are_told_apart_likewise():
+    counts = {("confetti", 4.5): (100, 400), ("confetti", 5.0): (140, 400)}
+    table = certainty.resolution_of_shares(counts, [tuple(counts)])
+    assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, False]]
+    assert "shares told apart: confetti 4.5 < confetti 5.0" in certainty.in_words(table, "shares")
+
+
+def test_a_quantity_that_nobody_has_is_not_told_apart():
+    groups = {("confetti", 4.5): np.full(9, np.nan), ("confetti", 5.0): np.linspace(0, 1, 9)}
+    table = certainty.resolution(groups, [tuple(groups)], np.random.default_rng(0))
+    assert table["resolved"].tolist() == [False]
+    assert "none; not: confetti 4.5, confetti 5.0" in certainty.in_words(table, "medians")

@@ -9,6 +9,8 @@ from kilnflight.campaigns import Measured
 from kilnflight.findings import Findings
 from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.outcomes import PRESSURES_BAR
 
 EXIT = (0.0, 0.0, 6500.0)
 CELL = ("confetti", 4.5)
@@ -113,3 +115,13 @@ def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them
         Measured(None, many, flown.head(3), None), np.random.default_rng(0)
     )
     assert few["rmse_mm_low"].isna().all()
+
+
+def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict():
+    every = measured([(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR])
+    flights = pd.concat([every.flights.assign(particle=k) for k in range(survey.LEAST)])
+    many, given = every._replace(flights=flights), {"dwell-1": 0.4, "dwell-2": {"first": True}}
+    plain = survey.decided(many, given, "a note")
+    told = survey.decided(many, given, "a note", {"dwell-2": "medians told apart: none"})
+    assert [one.verdict for one in told] == [one.verdict for one in plain]
+    assert [one.reason for one in told] == ["a note", "a note; medians told apart: none"]

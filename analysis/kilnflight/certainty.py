@@ -1,4 +1,4 @@
-"""How certain is what campaigns come to: an interval for every kind of number.
+"""How certain is what campaigns come to: intervals, and which differences are beyond chance.
 
 95 % intervals: medians and quartiles by bootstrap over particles, shares by Wilson
 (`kilnflight.intervals` says what they leave out). A velocity is that of the particles that
@@ -8,13 +8,14 @@ one in the sample. The longest dwell time has none: no bootstrap gives one for a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import intervals, survey
+from kilnflight import intervals, reference, survey
+from kilnflight.deviations import Key, shares_told_apart, told_apart
 from kilnflight.findings import LAST_SHARE, METRES, Findings, outcomes, remaining
 from kilnflight.intervals import Bootstrap, Interval, Quantile
 from kilnflight.survey import CELL, Cell, median_of
@@ -119,3 +120,85 @@ def beside(said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured") ->
     for k, side in enumerate(("low", "high")):
         wide.insert(place + 1 + k, f"{name}_{side}", known[side].to_numpy())
     return wide
+
+
+def resolution(
+    groups: Mapping[Key, Array],
+    pairs: Sequence[tuple[Key, Key]],
+    generator: np.random.Generator,
+    true: Mapping[Key, Array] | None = None,
+) -> pd.DataFrame:
+    """Return `kilnflight.deviations.told_apart`, also with the thesis's numbers of particles.
+
+    Parameters
+    ----------
+    groups
+        Values by cell, or by fraction and axis.
+    pairs
+        First and second; those that are not in ``groups`` are left out.
+    generator
+        Of the bootstrap.
+    true
+        True values likewise.
+
+    Returns
+    -------
+    DataFrame
+        With a column ``resolved_with_table_5_15``: whether the same medians and scatter, but as
+        many particles as Table 5.15 has, would be told apart.
+
+    Notes
+    -----
+    Different axes of one track are taken as if they were of different tracks: what they share
+    would only narrow the interval of their difference.
+    """
+    there = [one for one in pairs if one[0] in groups and one[1] in groups]
+    ours = told_apart(groups, there, generator, true=true)
+    theirs = told_apart(groups, there, generator, table_5_15(groups))
+    return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
+
+
+def resolution_of_shares(
+    counts: Mapping[Key, tuple[int, int]],
+    pairs: Sequence[tuple[Key, Key]],
+    true: Mapping[Key, tuple[int, int]] | None = None,
+) -> pd.DataFrame:
+    """Return `resolution` of shares; ``counts``: how many, of how many."""
+    there = [one for one in pairs if one[0] in counts and one[1] in counts]
+    ours = shares_told_apart(counts, there, true=true)
+    theirs = shares_told_apart(counts, there, table_5_15(counts))
+    return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
+
+
+def table_5_15(keys: Iterable[Key]) -> dict[Key, int]:
+    """Return how many trajectories of each fraction the thesis has (Table 5.15)."""
+    printed = reference.published("table_5.15")
+    amount = dict(
+        zip(printed["fraction"].str.lower(), printed["amount_of_trajectories"], strict=True)
+    )
+    return {key: int(amount[key[0].lower()]) for key in keys}
+
+
+def in_words(table: pd.DataFrame, what: str) -> str:
+    """Return which differences of a `resolution` are beyond chance, as part of a reason.
+
+    Examples
+    --------
+    >>> pairs = {"first": [("a", 4.5), ("a", 4.5)], "second": [("b", 4.5), ("c", 4.5)]}
+    >>> found = pd.DataFrame({**pairs, "estimate": [0.2, 0.1], "resolved": [True, False]})
+    >>> in_words(found.assign(resolved_with_table_5_15=False), "medians")
+    'medians told apart: a 4.5 > b 4.5; not: a 4.5, c 4.5; with the numbers of Table 5.15: 0 of 2'
+    """
+    if table.empty:
+        return ""
+    apart, close = [], []
+    for one in table.to_dict("records"):
+        first, second = (" ".join(map(str, one[side])) for side in ("first", "second"))
+        if one["resolved"]:
+            apart.append(f"{first} {'>' if one['estimate'] > 0 else '<'} {second}")
+        else:
+            close.append(f"{first}, {second}")
+    said = [f"{what} told apart: {' / '.join(apart) or 'none'}"]
+    said += [f"not: {' / '.join(close)}"] if close else []
+    few = int(table["resolved_with_table_5_15"].sum())
+    return "; ".join([*said, f"with the numbers of Table 5.15: {few} of {len(table)}"])

@@ -206,6 +206,7 @@ def decided(
     measured: Measured,
     given: Mapping[str, float | pd.Series | Mapping[str, bool]],
     note: str = "",
+    apart: Mapping[str, str] | None = None,
 ) -> list[reference.Verdict]:
     """Return verdicts on claims about all eight cells; "not decidable" where flights are missing.
 
@@ -217,6 +218,9 @@ def decided(
         By claim: what `kilnflight.reference.judge` asks for.
     note
         What a reader must know beside the verdicts.
+    apart
+        By claim: what of it is beyond chance (`kilnflight.certainty.in_words`). It stands in the
+        reason; the verdict is that of the criterion, on the numbers as they are.
     """
     counted = measured.flights[measured.flights["from_lance"]].groupby(CELL).size()
     few = counted[counted < LEAST]
@@ -224,7 +228,8 @@ def decided(
     if missing:
         reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
         return [reference.undecidable(name, reason) for name in given]
-    return [reference.judge(name, value, note=note) for name, value in given.items()]
+    notes = {name: "; ".join(filter(None, [note, (apart or {}).get(name, "")])) for name in given}
+    return [reference.judge(name, value, note=notes[name]) for name, value in given.items()]
 
 
 FITTED = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
