@@ -243,3 +243,16 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert page.count("<figure>") == 4
     assert "a &lt;note&gt;" in page
     assert page == outcome_page.page(flown, stored)
+
+
+def test_the_summary_names_what_to_doubt(flown):
+    table = flown.trajectories.head(3).assign(particle=[1, 2, 3], rmse_z_mm=[200.0, 1400.0, 9e9])
+    slices = flown.slices.assign(observed=[True, False, True], velocity_m_s=[10.0, -99.0, 12.0])
+    found = flown._replace(trajectories=table, slices=slices)
+    value = summary(found).set_index("what")["value"]
+    assert value["RMSE of their fits in x, y, z, median"].endswith(", 800 mm")
+    assert value["largest RMSE in depth"] == "1400 mm (particle 2)"  # 3 is not from the lance
+    assert value["fastest metre"] == "-99.0 m/s (particle 1, up to 2 m)"
+    assert value["metres passed before the particle was first seen"] == "1 of 3"
+    none = found._replace(flights=found.flights.head(0), slices=slices.head(0))
+    assert not [what for what in summary(none)["what"] if "RMSE" in what or "fastest" in what]

@@ -130,7 +130,7 @@ def summary(found: Outcome) -> pd.DataFrame:
     ways = found.trajectories["outcome"].value_counts().sort_index()
     rows += [("trajectories fitted", str(int(ways.get("fitted", 0))))]
     rows += [(f"not fitted: {why}", str(n)) for why, n in ways.items() if why != "fitted"]
-    rows += [*_flown(found), *_velocities(found)]
+    rows += [*_flown(found), *_velocities(found), *_to_doubt(found)]
     return pd.DataFrame(rows, columns=["what", "value"])
 
 
@@ -182,6 +182,29 @@ def _velocities(found: Outcome) -> list[tuple[str, str]]:
         passed = _said(share(int(number), len(found.counted)), 0, 100)
         said = f"median {_said(middle, 1)} m/s, {passed} % of the flights"
         rows.append((f"velocity in the metre up to {far:g} m", said))
+    return rows
+
+
+def _to_doubt(found: Outcome) -> list[tuple[str, str]]:
+    """Return by what a reader sees that depths jumped, or that a flight is too fast to be true.
+
+    Only told: nothing is left out for it. The thesis sets no limit either.
+    """
+    fitted = found.trajectories[found.trajectories["particle"].isin(found.counted["particle"])]
+    fitted = fitted.dropna(subset=["rmse_z_mm"])
+    rows = []
+    if len(fitted):
+        each = (f"{fitted[f'rmse_{axis}_mm'].median():.0f}" for axis in "xyz")
+        rows.append(("RMSE of their fits in x, y, z, median", f"{', '.join(each)} mm"))
+        worst = fitted.iloc[int(np.argmax(fitted["rmse_z_mm"]))]
+        said = f"{worst['rmse_z_mm']:.0f} mm (particle {worst['particle']})"
+        rows.append(("largest RMSE in depth", said))
+    if len(found.slices):
+        fast = found.slices.iloc[int(np.argmax(found.slices["velocity_m_s"].abs()))]
+        said = f"{fast['velocity_m_s']:.1f} m/s (particle {fast['particle']}, "
+        rows.append(("fastest metre", f"{said}up to {fast['slice_m']:g} m)"))
+        unseen = f"{int((~found.slices['observed']).sum())} of {len(found.slices)}"
+        rows.append(("metres passed before the particle was first seen", unseen))
     return rows
 
 
