@@ -105,3 +105,23 @@ def test_a_quantity_that_nobody_has_is_not_told_apart():
     table = certainty.resolution(groups, [tuple(groups)], np.random.default_rng(0))
     assert table["resolved"].tolist() == [False]
     assert "none; not: confetti 4.5, confetti 5.0" in certainty.in_words(table, "medians")
+
+
+def test_metres_that_nobody_saw_are_counted_and_left_out_beside():
+    speed, seen = [8.0, 9.0, 10.0, 50.0, 40.0], [True, True, True, False, True]
+    rows = {"fraction": CELL[0], "pressure_bar": CELL[1], "particle": range(5), "slice_m": 1.0}
+    slices = pd.DataFrame({**rows, "velocity_m_s": speed, "observed": seen})
+    other = slices.assign(slice_m=-1.0)  # behind the lance: not asked for
+    velocity = np.array([[9.0, np.nan], [12.0, np.nan]])[:, [0, 1, 1, 1, 1]]
+    true = {CELL: NONE._replace(velocity_m_s=velocity), ("confetti", 5.0): NONE}
+    table = certainty.unseen(pd.concat([slices, other]), true, np.random.default_rng(0))
+    assert len(table) == 10
+    assert table.loc[0, ["number", "unseen", "too_fast", "too_fast_unseen"]].tolist() == [
+        5,
+        1,
+        2,
+        1,
+    ]
+    assert table.loc[0, ["median_m_s", "seen_m_s", "true_m_s"]].tolist() == [10.0, 9.5, 10.5]
+    assert table["number"].iloc[1:].sum() == 0
+    assert table["median_m_s"].iloc[1:].isna().all()

@@ -16,7 +16,7 @@ import pandas as pd
 
 from kilnflight import intervals, reference, survey
 from kilnflight.deviations import Key, shares_told_apart, told_apart
-from kilnflight.findings import LAST_SHARE, METRES, Findings, outcomes, remaining
+from kilnflight.findings import LAST_SHARE, METRES, Findings, outcomes, quartiles, remaining
 from kilnflight.intervals import Bootstrap, Interval, Quantile
 from kilnflight.survey import CELL, Cell, median_of
 
@@ -120,6 +120,45 @@ def beside(said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured") ->
     for k, side in enumerate(("low", "high")):
         wide.insert(place + 1 + k, f"{name}_{side}", known[side].to_numpy())
     return wide
+
+
+def unseen(
+    slices: pd.DataFrame, true: Mapping[Cell, Findings], generator: np.random.Generator
+) -> pd.DataFrame:
+    """Return what the velocities come to without the metres that were passed before being seen.
+
+    Parameters
+    ----------
+    slices
+        `kilnflight.tables.SLICES` of flights from the lance, with fraction and pressure.
+    true
+        What is true of each cell.
+    generator
+        Of the bootstrap.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``metre``; ``number`` of flights that passed it and how
+        many of them ``unseen``; how many were ``too_fast``, faster than any true particle of the
+        cell in that metre, and how many of these unseen; ``median_m_s``; ``seen_m_s`` with
+        ``low`` and ``high``: the median of the seen ones; ``true_m_s``.
+    """
+    rows: list[dict[str, object]] = []
+    for cell, one in true.items():
+        part = survey.of_cell(slices, cell)
+        for k, metre in enumerate(METRES):
+            here = part[part["slice_m"] == metre]
+            speed, seen = here["velocity_m_s"].to_numpy(np.float64), here["observed"].to_numpy(bool)
+            real = one.velocity_m_s[np.isfinite(one.velocity_m_s[:, k]), k]
+            fast = speed > real.max(initial=0.0)
+            found = survey.named(median_of(speed[seen], generator))
+            row = {**dict(zip(CELL, cell, strict=True)), "metre": metre, "number": len(speed)}
+            row |= {"unseen": int((~seen).sum()), "too_fast": int(fast.sum())}
+            row |= {"too_fast_unseen": int((fast & ~seen).sum()), "median_m_s": quartiles(speed)[1]}
+            row |= {"seen_m_s": found["estimate"], "low": found["low"], "high": found["high"]}
+            rows.append(row | {"true_m_s": quartiles(real)[1]})
+    return pd.DataFrame(rows)
 
 
 def resolution(
