@@ -104,6 +104,9 @@ def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str
         rows += [("kiln's axis", axis), ("kiln's radius", f"{wall.radius_mm:.0f} mm")]
         limit = f"up to {passage.in_air.threshold_mm:g} mm from the axis"
         rows.append(("taken for in the air", limit))
+        bright = passage.rules.ignition.bright
+        level = "not asked" if bright is None else f"from {bright:g} grey values on (given)"
+        rows.append(("taken for alight when first seen", level))
     rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
     return (*rows, ("jobs", jobs))
 
