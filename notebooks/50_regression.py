@@ -141,14 +141,15 @@ for name in shown:
     samples.append((name, list(fits.values()), [one for _, one in found.groupby("particle")]))
 
 # %% tags=["hide-input"]
-picture = plt.figure(figsize=(drawing.PAGE_MM / 25.4, 150 / 25.4))
+size = (drawing.PAGE_MM / 25.4, 110 / 25.4)
+picture = plt.figure(figsize=size, layout="none")  # axes in space say nothing of their borders
+picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
 for k, (name, fits, found) in enumerate(samples):
     for row, gray in enumerate((False, True)):
         axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
         flight_drawing.curves(axes, fits, found, gray)
         axes.view_init(elev=15, azim=-65)
-        axes.set_box_aspect(None, zoom=0.85)
-        axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.95)
+        axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.98)
 parts = [one.assign(fraction=name) for name, _, found in samples for one in found]
 columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
 data = pd.concat([tracks.head(0), *parts], ignore_index=True)[columns]
