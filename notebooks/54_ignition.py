@@ -13,7 +13,7 @@
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (400 frames each) or full
-seed = 0  # of the scenes
+seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 
 # %%
@@ -25,7 +25,7 @@ from kilnflight import deviations, drawing, figures, findings, provenance, refer
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, intervals, lessons, trust
+from kilnflight import campaigns, certainty, intervals, lessons, trust
 from kilnflight.workers import Workers
 
 made = provenance.trace("54_ignition", {"scale": scale}, seed=seed)
@@ -128,10 +128,27 @@ caption = (
 figures.save("ignition-shares", shares.round(4), caption=caption, provenance=made)
 
 # %%
-table = said["as published"].rename(columns={"measured": "as_published"})
-table.insert(8, "above_background", said["above background"]["measured"])
-caption = "Every printed number about ignition with its bounds, the truth and both readings."
-figures.save("ignition-published", table.round(3), caption=caption, provenance=made)
+generator = np.random.default_rng(seed)
+parts = {}
+for name in readings:
+    parts[name] = certainty.table(kinds[name], true, ["ignition", "ignited"], generator)
+caption = (
+    "Shares of the particles that ignite, or of those that do, and the median time in s, by both "
+    "readings, with 95 % intervals (Wilson; bootstrap over particles), and true."
+)
+table = pd.concat(parts, names=["reading"]).reset_index("reading").round(3)
+figures.save("ignition-intervals", table, caption=caption, provenance=made)
+
+# %%
+beside = said["as published"].rename(columns={"measured": "as_published"})
+beside.insert(8, "above_background", said["above background"]["measured"])
+for name, part in parts.items():
+    beside = certainty.beside(beside, part, name.replace(" ", "_"))
+caption = (
+    "Every printed number about ignition with its bounds, the truth and both readings with their "
+    "95 % intervals."
+)
+figures.save("ignition-published", beside.round(3), caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Verdicts
@@ -164,9 +181,18 @@ for name in papers:
 given["ign-4"] = more
 
 # %%
+pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
+pairs += [((name, 5.0), (name, 4.5)) for name in papers]
+times = {cell: one.ignition_s for cell, one in kinds["as published"].items()}
+lit = {cell: survey.lit(one) for cell, one in kinds["as published"].items()}
+parts = [certainty.in_words(certainty.resolution_of_shares(lit, pairs), "shares")]
+parts += [certainty.in_words(certainty.resolution(times, pairs, generator), "median times")]
+apart = {"ign-4": "; ".join(parts)}
+
+# %%
 other = ", ".join(f"{a} {b} bar {v:.0f} %" for (a, b), v in better.items())
 note = f"grey values as they are; above the background: {other}"
-verdicts = survey.decided(measured, given, note)
+verdicts = survey.decided(measured, given, note, apart)
 fit = "the twin was fitted to the share of confetti at 4.5 bar"
 verdicts = [reference.fitted(one, fit) if one.id == "ign-2" else one for one in verdicts]
 parts = [f"{a} {b} bar {v:.0f} % (true {share['true'][a, b]:.0f} %)" for (a, b), v in ours.items()]

@@ -19,12 +19,12 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import deviations, drawing, figures, provenance, reference, survey
+from kilnflight import deviations, drawing, figures, provenance, survey
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, lessons, trust
+from kilnflight import campaigns, certainty, lessons, trust
 from kilnflight.workers import Workers
 
 made = provenance.trace("56_trust", {"scale": scale}, seed=seed)
@@ -147,21 +147,14 @@ figures.save("trust-coverage", cover[order], caption=caption, provenance=made)
 # ## Which differences can be told
 
 # %%
-printed = reference.published("table_5.15")
-printed.index = printed["fraction"].str.lower()
-sizes = {cell: int(printed["amount_of_trajectories"][cell[0].lower()]) for cell in found}
 pairs = survey.pairs(found)
 rows = []
 for quantity in ("dwell_s", "velocity_m_s"):
     first = [one if quantity == "dwell_s" else survey.metre(one, 1) for one in (found, true)]
     values, truth = ({cell: getattr(f, quantity) for cell, f in one.items()} for one in first)
-    ours = deviations.told_apart(values, pairs, generator, true=truth)
-    theirs = deviations.told_apart(values, pairs, generator, sizes)["resolved"]
-    rows.append(ours.assign(quantity=quantity, resolved_with_table_5_15=theirs))
+    rows.append(certainty.resolution(values, pairs, generator, truth).assign(quantity=quantity))
 lit, truly = ({cell: survey.lit(f) for cell, f in one.items()} for one in (found, true))
-ours = deviations.shares_told_apart(lit, pairs, true=truly)
-theirs = deviations.shares_told_apart(lit, pairs, sizes)["resolved"]
-rows.append(ours.assign(quantity="ignited share", resolved_with_table_5_15=theirs))
+rows.append(certainty.resolution_of_shares(lit, pairs, truly).assign(quantity="ignited share"))
 
 # %%
 apart = pd.concat(rows, ignore_index=True)

@@ -108,3 +108,10 @@ def test_shares_are_told_apart_with_many_particles_and_not_with_few():
     assert many["true"].tolist() == [pytest.approx(0.3)]
     few = deviations.shares_told_apart(counts, pairs, {("a", 4.5): 7, ("b", 4.5): 7})
     assert few["resolved"].tolist() == [False]
+
+
+def test_sizes_count_particles_with_and_without_a_value():
+    values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
+    groups = {("a", 4.5): values, ("b", 4.5): values}
+    found = told_apart(groups, [tuple(groups)], np.random.default_rng(0), dict.fromkeys(groups, 40))
+    assert found["number"].tolist() == [20]  # a quarter of 40, twice

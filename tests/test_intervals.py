@@ -9,6 +9,7 @@ from scipy import stats
 from kilnflight.checks import InputError
 from kilnflight.intervals import (
     Bootstrap,
+    Quantile,
     difference_of_medians,
     difference_of_shares,
     median,
@@ -148,3 +149,13 @@ def test_bad_input_is_told():
             share(1, 2, level)
         with pytest.raises(InputError, match="level"):
             Bootstrap(level=level)
+
+
+def test_the_median_is_the_quantile_in_the_middle():
+    ours = DRAW(Quantile(0.5), [some()], np.random.default_rng(3))
+    peer = DRAW(median, [some()], np.random.default_rng(3))
+    assert ours[:3] == pytest.approx(peer[:3])
+    lower = DRAW(Quantile(0.25), [some()], np.random.default_rng(3))
+    assert lower.low < lower.estimate < ours.estimate
+    with pytest.raises(InputError, match="Quantile: part"):
+        Quantile(25)

@@ -9,9 +9,11 @@ import pytest
 
 from kilnflight import outcome_page, own, pipeline
 from kilnflight.__main__ import main
+from kilnflight.flight import Rules
 from kilnflight.frames import Frame
 from kilnflight.outcome import outcome, summary, used
 from kilnflight.recording import open_recording, write_recording
+from kilnflight.regression import Fit
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
 
@@ -124,7 +126,9 @@ def test_an_exit_point_may_begin_with_a_minus(stored, tmp_path, capsys):
     assert main([*command, "--exit-point", "-77,250.7,6828"]) == 0
 
 
-@pytest.mark.parametrize("option", [["--threshold", "0"], ["--in-air", "-1"], ["--jobs", "0"]])
+@pytest.mark.parametrize(
+    "option", [["--threshold", "0"], ["--in-air", "-1"], ["--jobs", "0"], ["--bright", "0"]]
+)
 def test_numbers_that_make_no_sense(option, stored_flights, tmp_path, capsys):
     assert main(["run", str(stored_flights), "--to", str(tmp_path), *option]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
@@ -186,6 +190,7 @@ def test_the_summary_says_what_was_used(stored_flights, tmp_path):
     assert said["kiln's axis"].startswith("through ")
     assert said["kiln's radius"] == f"{passage.wall.radius_mm:.0f} mm"
     assert said["taken for in the air"] == "up to 800 mm from the axis"
+    assert said["taken for alight when first seen"] == "not asked"
     assert said["jobs"] == "2"
     bare = dict(used(replace(passage, exit_point_mm=None, wall=None), (), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
@@ -199,6 +204,24 @@ def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
     assert found.notes[0] == "first"
     assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
     assert re.search(r"lie \d{5} mm from it \(median\), and for \d of them", found.notes[1])
+
+
+def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
+    stored_flights, tmp_path
+):
+    plain = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).passage
+    asked = own.prepare(stored_flights, tmp_path, own.Wishes(200.0, bright=1.0)).passage
+    assert plain.rules == Rules()  # nothing changes unless it is asked for
+    assert asked.rules.ignition.bright == 1.0
+    assert dict(used(asked, (), "1"))["taken for alight when first seen"].startswith("from 1 ")
+    level = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))
+    fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), level, 0.05, 0.3, 80)
+    frame = np.arange(17, 97)
+    places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
+    track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
+    track["gray"] = 5000.0 + np.sin(7 * frame)
+    for passage, told in ((plain, "none"), (asked, "before seen")):
+        assert pipeline.flown(passage, track, {0: fit})["ignition"].tolist() == [told]
 
 
 def test_alight_when_first_seen_has_a_line_of_its_own(flown):
@@ -236,8 +259,23 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert value["ignition seen"].startswith("50 [")
     assert value["too few points to judge ignition"] == "0 of 2"  # the third is not counted
     assert not [what for what in value.index if "alight" in what]
-    assert value["velocity in the metre up to 2 m"] == "median 8.0 m/s, 50 % of the flights"
+    assert value["velocity in the metre up to 2 m"] == (
+        "median 8.0 m/s, 50 [9, 91] % of the flights"
+    )
     page = outcome_page.page(flown, stored)
     assert page.count("<figure>") == 4
     assert "a &lt;note&gt;" in page
     assert page == outcome_page.page(flown, stored)
+
+
+def test_the_summary_names_what_to_doubt(flown):
+    table = flown.trajectories.head(3).assign(particle=[1, 2, 3], rmse_z_mm=[200.0, 1400.0, 9e9])
+    slices = flown.slices.assign(observed=[True, False, True], velocity_m_s=[10.0, -99.0, 12.0])
+    found = flown._replace(trajectories=table, slices=slices)
+    value = summary(found).set_index("what")["value"]
+    assert value["RMSE of their fits in x, y, z, median"].endswith(", 800 mm")
+    assert value["largest RMSE in depth"] == "1400 mm (particle 2)"  # 3 is not from the lance
+    assert value["fastest metre"] == "-99.0 m/s (particle 1, up to 2 m)"
+    assert value["metres passed before the particle was first seen"] == "1 of 3"
+    none = found._replace(flights=found.flights.head(0), slices=slices.head(0))
+    assert not [what for what in summary(none)["what"] if "RMSE" in what or "fastest" in what]

@@ -83,13 +83,16 @@ def test_two_processes_find_the_same(wanted, monkeypatch, tmp_path):
     pd.testing.assert_frame_equal(stages.detections(wanted, Workers(2)), one)
 
 
-def test_a_cluster_finds_the_same_bytes(wanted, monkeypatch, tmp_path):
+@pytest.mark.parametrize("processes", [False, True], ids=["threads", "a process"])
+def test_a_cluster_finds_the_same_bytes(wanted, tmp_path, processes):
     distributed = pytest.importorskip("distributed")
     stages.detections(wanted)
     here = replace(wanted, folder=tmp_path / "cluster")
-    options = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+    options = {"processes": processes, "n_workers": 1, "threads_per_worker": 1 + (not processes)}
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
-        stages.detections(here, Workers(scheduler=cluster.scheduler_address))
+        address = cluster.scheduler_address
+        assert address.startswith("tcp://" if processes else "inproc://")
+        stages.detections(here, Workers(scheduler=address, patience_s=60.0))
     for frames in wanted.chunks:
         assert here.table(frames).read_bytes() == wanted.table(frames).read_bytes()
 

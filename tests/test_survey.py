@@ -9,6 +9,8 @@ from kilnflight.campaigns import Measured
 from kilnflight.findings import Findings
 from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS
+from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.twin.outcomes import PRESSURES_BAR
 
 EXIT = (0.0, 0.0, 6500.0)
 CELL = ("confetti", 4.5)
@@ -96,3 +98,30 @@ def test_medians_have_intervals_and_few_particles_have_none():
     rows = survey.medians({("a", 4.5): few, ("b", 4.5): many}, "dwell_s", np.random.default_rng(0))
     assert rows["low"].isna().tolist() == [True, False]
     assert rows.loc[1, "low"] < 0.4 < rows.loc[1, "high"]
+
+
+def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them():
+    keys = {"fraction": "confetti", "pressure_bar": 4.5}
+    single = with_cell(TRAJECTORIES[TRAJECTORIES["particle"] == 1])
+    many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
+    flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
+    table = survey.regression_table(
+        Measured(None, many, flown, None), np.random.default_rng(0)
+    ).set_index("axis")
+    deep = table.loc["z"]
+    assert (deep["tracks"], deep["rmse_mm"]) == (20, 95.0)
+    assert 0.0 < deep["rmse_mm_low"] < 95.0 < deep["rmse_mm_high"] < 190.0
+    few = survey.regression_table(
+        Measured(None, many, flown.head(3), None), np.random.default_rng(0)
+    )
+    assert few["rmse_mm_low"].isna().all()
+
+
+def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict():
+    every = measured([(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR])
+    flights = pd.concat([every.flights.assign(particle=k) for k in range(survey.LEAST)])
+    many, given = every._replace(flights=flights), {"dwell-1": 0.4, "dwell-2": {"first": True}}
+    plain = survey.decided(many, given, "a note")
+    told = survey.decided(many, given, "a note", {"dwell-2": "medians told apart: none"})
+    assert [one.verdict for one in told] == [one.verdict for one in plain]
+    assert [one.reason for one in told] == ["a note", "a note; medians told apart: none"]

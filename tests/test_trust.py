@@ -57,3 +57,14 @@ def test_links_that_are_wrong_are_mended_where_links_are_true(campaign):
     found = flights(campaign, torn)
     assert len(found["whole chain"]) > len(found["true links"])
     pd.testing.assert_frame_equal(found["true links"], found["true positions and links"])
+
+
+def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign):
+    true = seen(campaign)
+    blind = true["particle"].iloc[0]
+    unknown = true["particle"].to_numpy() == blind
+    dark = true.assign(**{axis: true[axis].mask(unknown) for axis in "xyz"})
+    found = flights(campaign, dark)
+    assert blind not in set(found["true trajectories"]["particle"])
+    assert blind in set(found["true depth"]["particle"])
+    assert len(found["true trajectories"]) == len(found["whole chain"])

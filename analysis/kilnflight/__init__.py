@@ -58,6 +58,7 @@ pursuit         trackers on stretches of campaigns, scored
 survey          what campaigns come to, beside printed and true numbers
 trust           flights with one step after the other replaced by the truth
 deviations      measured minus true: bias, spread, what is found and resolved
+certainty       an interval for every kind of number, and what it can tell apart
 flight_drawing  boxes, velocity by metre, curves in space
 contest         settings of trackers, chosen on stretches of campaigns
 ladders         values of their parameters that may be tried

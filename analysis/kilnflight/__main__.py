@@ -111,7 +111,7 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.workers import Workers
 
     lance = own.point(options.exit_point) if options.exit_point else None
-    wishes = own.Wishes(options.threshold, lance, options.in_air)
+    wishes = own.Wishes(options.threshold, lance, options.in_air, options.bright)
     workers = Workers(options.jobs, options.scheduler)
     target = options.to or own.beside(options.folder)
     prepared = own.prepare(options.folder, target, wishes)
@@ -203,6 +203,12 @@ def _add_run(command: argparse.ArgumentParser) -> None:
         default=800.0,
         metavar="MM",
         help="largest distance from the kiln's axis of what is in the air (default: 800)",
+    )
+    command.add_argument(
+        "--bright",
+        type=float,
+        metavar="GRAY",
+        help="grey value that only what burns reaches: alight when first seen (default: not asked)",
     )
     command.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that detects")

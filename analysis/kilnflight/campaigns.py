@@ -2,7 +2,8 @@
 
 The threshold, the wall and the limit in the air come from the labelled frames
 (`kilnflight.lessons`); the lance's outlet is known of every recording. No table of a campaign
-is made with its truth.
+is made with its truth. Nothing is taken for alight when first seen: the thesis prints no grey
+value from which on a particle burns (`kilnflight.ignition.Ignition.bright`).
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,10 @@ import pandas as pd
 from kilnflight import intervals
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.findings import METRES, quartiles
-from kilnflight.survey import CELL, Cell, named, of_cell
+from kilnflight.survey import CELL, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
 
+Key = TypeVar("Key", bound=tuple[str, object])  # a cell, or a fraction and an axis
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 
 
@@ -166,10 +168,10 @@ def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
 
 
 def shares_told_apart(
-    counts: Mapping[Cell, tuple[int, int]],
-    pairs: Sequence[tuple[Cell, Cell]],
-    sizes: Mapping[Cell, int] | None = None,
-    true: Mapping[Cell, tuple[int, int]] | None = None,
+    counts: Mapping[Key, tuple[int, int]],
+    pairs: Sequence[tuple[Key, Key]],
+    sizes: Mapping[Key, int] | None = None,
+    true: Mapping[Key, tuple[int, int]] | None = None,
 ) -> pd.DataFrame:
     """Return differences of shares like `told_apart`; ``counts``: how many, of how many."""
     rows = []
@@ -193,11 +195,11 @@ def _resized(count: tuple[int, int], size: int) -> tuple[int, int]:
 
 
 def told_apart(
-    groups: Mapping[Cell, npt.NDArray[np.float64]],
-    pairs: Sequence[tuple[Cell, Cell]],
+    groups: Mapping[Key, npt.NDArray[np.float64]],
+    pairs: Sequence[tuple[Key, Key]],
     generator: np.random.Generator,
-    sizes: Mapping[Cell, int] | None = None,
-    true: Mapping[Cell, npt.NDArray[np.float64]] | None = None,
+    sizes: Mapping[Key, int] | None = None,
+    true: Mapping[Key, npt.NDArray[np.float64]] | None = None,
 ) -> pd.DataFrame:
     """Return differences of medians with their interval, and whether they are resolved.
 
@@ -210,17 +212,21 @@ def told_apart(
     generator
         Of the bootstrap.
     sizes
-        How many particles to reckon with, if not with all.
+        How many particles to reckon with, if not with all, with and without a value: as many
+        of them as of ours have one.
     true
         True values by cell: their difference of medians stands beside.
     """
     known = {name: values[np.isfinite(values)] for name, values in groups.items()}
     rows = []
     for first, second in pairs:
-        wanted = None if sizes is None else (sizes[first], sizes[second])
-        found = intervals.Bootstrap()(
-            intervals.difference_of_medians, (known[first], known[second]), generator, wanted
-        )
+        both = known[first], known[second]
+        wanted = None
+        if sizes is not None:
+            counts = ((len(known[name]), len(groups[name])) for name in (first, second))
+            ends = zip(counts, (sizes[first], sizes[second]), strict=True)
+            wanted = [_resized(count, size)[0] for count, size in ends]
+        found = intervals.Bootstrap()(intervals.difference_of_medians, both, generator, wanted)
         row = {"first": first, "second": second, **named(found)}
         if true is not None:
             one, two = (quartiles(true[c][np.isfinite(true[c])])[1] for c in (first, second))

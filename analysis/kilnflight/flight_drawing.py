@@ -116,8 +116,12 @@ def curves(
     if fits:
         x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
         axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
-    axes.set(xlabel="depth z (m)", ylabel="x (m)", zlabel="up, -y (m)")
+    axes.set_xlabel("depth z (m)", labelpad=-2)
+    axes.set_ylabel("x (m)", labelpad=-4)
+    axes.set_zlabel("up, -y (m)", labelpad=-1)
+    axes.tick_params(pad=-2)
     axes.locator_params(nbins=4)
+    axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the way is longest in depth
 
 
 def flown_paths(axes: Any, flights: Flights, most: int) -> None:

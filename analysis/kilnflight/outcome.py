@@ -104,6 +104,9 @@ def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str
         rows += [("kiln's axis", axis), ("kiln's radius", f"{wall.radius_mm:.0f} mm")]
         limit = f"up to {passage.in_air.threshold_mm:g} mm from the axis"
         rows.append(("taken for in the air", limit))
+        bright = passage.rules.ignition.bright
+        level = "not asked" if bright is None else f"from {bright:g} grey values on (given)"
+        rows.append(("taken for alight when first seen", level))
     rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
     return (*rows, ("jobs", jobs))
 
@@ -130,7 +133,7 @@ def summary(found: Outcome) -> pd.DataFrame:
     ways = found.trajectories["outcome"].value_counts().sort_index()
     rows += [("trajectories fitted", str(int(ways.get("fitted", 0))))]
     rows += [(f"not fitted: {why}", str(n)) for why, n in ways.items() if why != "fitted"]
-    rows += [*_flown(found), *_velocities(found)]
+    rows += [*_flown(found), *_velocities(found), *_to_doubt(found)]
     return pd.DataFrame(rows, columns=["what", "value"])
 
 
@@ -172,14 +175,40 @@ def _said(interval: Interval, digits: int, factor: float = 1.0) -> str:
 
 
 def _velocities(found: Outcome) -> list[tuple[str, str]]:
-    table = remaining(found.slices, len(found.counted))
-    return [
-        (
-            f"velocity in the metre up to {far:g} m",
-            f"median {median:.1f} m/s, {100 * share:.0f} % of the flights",
-        )
-        for far, median, share in table[["slice_m", "median_m_s", "share"]].to_numpy()
-    ]
+    """Return the median velocity in each metre, and which share of the flights passed it."""
+    groups = found.slices.groupby("slice_m")["velocity_m_s"]
+    rows = []
+    for far, number in remaining(found.slices, len(found.counted))[
+        ["slice_m", "number"]
+    ].to_numpy():
+        middle = Bootstrap()(median, [groups.get_group(far)], np.random.default_rng(SEED))
+        passed = _said(share(int(number), len(found.counted)), 0, 100)
+        said = f"median {_said(middle, 1)} m/s, {passed} % of the flights"
+        rows.append((f"velocity in the metre up to {far:g} m", said))
+    return rows
+
+
+def _to_doubt(found: Outcome) -> list[tuple[str, str]]:
+    """Return by what a reader sees that depths jumped, or that a flight is too fast to be true.
+
+    Only told: nothing is left out for it. The thesis sets no limit either.
+    """
+    fitted = found.trajectories[found.trajectories["particle"].isin(found.counted["particle"])]
+    fitted = fitted.dropna(subset=["rmse_z_mm"])
+    rows = []
+    if len(fitted):
+        each = (f"{fitted[f'rmse_{axis}_mm'].median():.0f}" for axis in "xyz")
+        rows.append(("RMSE of their fits in x, y, z, median", f"{', '.join(each)} mm"))
+        worst = fitted.iloc[int(np.argmax(fitted["rmse_z_mm"]))]
+        said = f"{worst['rmse_z_mm']:.0f} mm (particle {worst['particle']})"
+        rows.append(("largest RMSE in depth", said))
+    if len(found.slices):
+        fast = found.slices.iloc[int(np.argmax(found.slices["velocity_m_s"].abs()))]
+        said = f"{fast['velocity_m_s']:.1f} m/s (particle {fast['particle']}, "
+        rows.append(("fastest metre", f"{said}up to {fast['slice_m']:g} m)"))
+        unseen = f"{int((~found.slices['observed']).sum())} of {len(found.slices)}"
+        rows.append(("metres passed before the particle was first seen", unseen))
+    return rows
 
 
 def text(table: pd.DataFrame) -> str:

@@ -21,7 +21,9 @@ from kilnflight.checks import InputError, check_positive
 from kilnflight.combination import Combination
 from kilnflight.cylinder import Cylinder, CylinderFit, InAir
 from kilnflight.detection import DBSCAN, DoG
+from kilnflight.flight import Rules
 from kilnflight.frames import PictureRecording
+from kilnflight.ignition import Ignition
 from kilnflight.origins import stored
 from kilnflight.pipeline import Passage, Vector
 from kilnflight.recording import StoredRecording, open_recording
@@ -53,17 +55,25 @@ class Wishes:
         a manifest.
     in_air_mm
         Largest distance from the kiln's axis of what is in the air.
+    bright
+        Grey value that only what burns reaches, such as the camera's full scale: a particle whose
+        first grey values reach it and that shows no step was alight when it was first seen. None:
+        nothing tells it from a bright unlit one, and it counts as unlit, as in the thesis, which
+        prints no such value (`kilnflight.ignition.Ignition`).
     """
 
     threshold: float | None = None
     exit_point_mm: Vector | None = None
     in_air_mm: float = 800.0  # sec. 5.1.4
+    bright: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no threshold and no distance."""
+        """Refuse what is no threshold, no distance and no grey value."""
         if self.threshold is not None:
             check_positive(self.threshold, "threshold")
         check_positive(self.in_air_mm, "in_air_mm")
+        if self.bright is not None:
+            check_positive(self.bright, "bright")
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -114,7 +124,9 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
     _check_times(recording.per_frame["time_s"], recording.attributes.frame_rate_hz, notes)
     detector, parts = Combination(DoG(threshold)), target / "parts"
     stretch = Stretch(origin, 0, len(recording), detector, chunk(len(recording)), False, parts)
-    return Prepared(Passage(stretch, lance, wall, InAir(wishes.in_air_mm)), tuple(notes))
+    rules = Rules(ignition=Ignition(bright=wishes.bright))
+    passage = Passage(stretch, lance, wall, InAir(wishes.in_air_mm), rules=rules)
+    return Prepared(passage, tuple(notes))
 
 
 def beside(folder: Path) -> Path:

@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import intervals, reference, regression
@@ -148,14 +149,19 @@ def holds(said: pd.DataFrame, cell: Cell) -> dict[str, bool]:
     return found or {"nothing measured": False}
 
 
+def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+    """Return the median of what is known with its 95 % interval (bootstrap)."""
+    known = np.asarray(values, dtype=np.float64)
+    return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
+
+
 def medians(
     found: Mapping[Cell, Findings], quantity: str, generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return the median of a field of `Findings` by cell with its 95 % interval."""
     rows = []
     for (name, bar), one in found.items():
-        values = getattr(one, quantity)
-        interval = Bootstrap()(intervals.median, [values[np.isfinite(values)]], generator)
+        interval = median_of(getattr(one, quantity), generator)
         rows.append({"fraction": name, "pressure_bar": bar, **named(interval)})
     return pd.DataFrame(rows)
 
@@ -200,6 +206,7 @@ def decided(
     measured: Measured,
     given: Mapping[str, float | pd.Series | Mapping[str, bool]],
     note: str = "",
+    apart: Mapping[str, str] | None = None,
 ) -> list[reference.Verdict]:
     """Return verdicts on claims about all eight cells; "not decidable" where flights are missing.
 
@@ -211,6 +218,9 @@ def decided(
         By claim: what `kilnflight.reference.judge` asks for.
     note
         What a reader must know beside the verdicts.
+    apart
+        By claim: what of it is beyond chance (`kilnflight.certainty.in_words`). It stands in the
+        reason; the verdict is that of the criterion, on the numbers as they are.
     """
     counted = measured.flights[measured.flights["from_lance"]].groupby(CELL).size()
     few = counted[counted < LEAST]
@@ -218,7 +228,8 @@ def decided(
     if missing:
         reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
         return [reference.undecidable(name, reason) for name in given]
-    return [reference.judge(name, value, note=note) for name, value in given.items()]
+    notes = {name: "; ".join(filter(None, [note, (apart or {}).get(name, "")])) for name in given}
+    return [reference.judge(name, value, note=notes[name]) for name, value in given.items()]
 
 
 FITTED = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
@@ -227,18 +238,24 @@ PLURALS = {"wood chip": "Wood chips", "confetti": "Confetti"}
 PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
 
 
-def regression_table(measured: Measured) -> pd.DataFrame:
+def counted_trajectories(measured: Measured) -> pd.DataFrame:
+    """Return the trajectories from the lance."""
+    keys = [*CELL, "particle"]
+    table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
+    return table[table["from_lance"]]
+
+
+def regression_table(measured: Measured, generator: np.random.Generator) -> pd.DataFrame:
     """Return medians over the trajectories from the lance beside Table 5.18.
 
     Returns
     -------
     DataFrame
         ``fraction``, ``axis``, ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``,
-        ``tracks``, and the four published ones.
+        ``tracks``, the four published ones, and of each of ours ``_low`` and ``_high``: its
+        95 % interval (bootstrap over trajectories).
     """
-    keys = [*CELL, "particle"]
-    table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
-    table = table[table["from_lance"]]
+    table = counted_trajectories(measured)
     rows = [
         {"fraction": name, "axis": axis}
         | {to: one[of.format(axis)].median() for of, to in FITTED.items()}
@@ -254,4 +271,11 @@ def regression_table(measured: Measured) -> pd.DataFrame:
     place = [(PLURALS[str(one.fraction)], one.axis) for one in ours.itertuples()]
     for name in FITTED.values():
         ours[f"{name}_published"] = said[name].reindex(place).to_numpy()
+    for of, to in FITTED.items():
+        found = [
+            median_of(table.loc[table["fraction"] == one.fraction, of.format(one.axis)], generator)
+            for one in ours.itertuples()
+        ]
+        for side in ("low", "high"):
+            ours[f"{to}_{side}"] = [named(interval)[side] for interval in found]
     return ours

@@ -151,7 +151,7 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     known = tracks.assign(particle=owner)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
     deep, own = deepened(tracks, owner, true), fitted(passage, tracks)
-    replaced = {int(str(name)): exact[one] for name, one in belongs.items() if one in exact}
+    replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
     each = (
         (positions, exact, owners(positions, owned(positions, true))),
         (known, fitted(passage, known), owners(known, owner)),
