@@ -31,7 +31,7 @@ made = provenance.trace("56_trust", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 trust.prepare(wanted, Workers(jobs))
-budget = deviations.budget(wanted, measured)
+budget = deviations.budget(wanted, measured, jobs)
 keys = ["fraction", "pressure_bar"]
 found = survey.cells(measured)
 generator = np.random.default_rng(seed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
+import joblib
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -154,17 +155,23 @@ def account(way: Flown, true: pd.DataFrame) -> dict[str, int]:
     }
 
 
-def budget(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
-    """Return `errors` of every cell and way of `kilnflight.trust.ways`."""
-    rows = []
-    for one in wanted:
-        cell = (one.fraction, one.pressure_bar)
-        true = true_flights(one)
-        tracks = of_cell(measured.tracks, cell).drop(columns=CELL).reset_index(drop=True)
-        for name, way in ways(one, tracks):
-            row = {"fraction": cell[0], "pressure_bar": cell[1], "way": name}
-            rows.append(row | errors(compared(way, true)) | account(way, true))
-    return pd.DataFrame(rows)
+def budget(wanted: Sequence[Campaign], measured: Measured, jobs: int = 1) -> pd.DataFrame:
+    """Return `errors` of every cell and way of `kilnflight.trust.ways`, in so many processes."""
+    rows = joblib.Parallel(n_jobs=jobs)(
+        joblib.delayed(_budget)(one, of_cell(measured.tracks, (one.fraction, one.pressure_bar)))
+        for one in wanted
+    )
+    return pd.DataFrame([row for part in rows for row in part])
+
+
+def _budget(campaign: Campaign, measured: pd.DataFrame) -> list[dict[str, object]]:
+    """Return the rows of one campaign, given its tracks."""
+    cell = {"fraction": campaign.fraction, "pressure_bar": campaign.pressure_bar}
+    tracks = measured.drop(columns=CELL).reset_index(drop=True)
+    true, rows = true_flights(campaign), []
+    for name, way in ways(campaign, tracks):
+        rows.append({**cell, "way": name, **errors(compared(way, true)), **account(way, true)})
+    return rows
 
 
 def shares_told_apart(
