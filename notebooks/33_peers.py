@@ -60,7 +60,8 @@ slow = {name: contestants[name] for name in contestants if name == "JPDA, Stone 
 rest = {name: contestants[name] for name in contestants if name not in slow}
 parts = [contest.best_setting(others, rest).assign(frames=len(others[0].frames))]
 if slow:
-    short = [contest.beginning(one, 40) for one in others]
+    length = 4 if scale == "quick" else 40
+    short = [contest.beginning(one, length) for one in others]
     parts.append(contest.best_setting(short, slow).assign(frames=len(short[0].frames)))
 tried = pd.concat(parts, ignore_index=True)
 best = contest.chosen(tried, contestants)

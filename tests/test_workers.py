@@ -49,6 +49,44 @@ def test_a_cluster_does_the_same(cluster, tmp_path):
         Workers(scheduler=cluster)(fails, [1], [5], "failing")
 
 
+@pytest.fixture
+def process(monkeypatch):
+    """A cluster of one process with one thread, which is given up when it dies once."""
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(processes=True, **options) as found,
+    ):
+        yield found.scheduler_address
+
+
+def test_a_cluster_of_one_core_does_the_work_itself(process, tmp_path):
+    def note_there(piece):  # a worker cannot import this file
+        (tmp_path / str(piece)).write_text(str(os.getpid()))
+
+    Workers(scheduler=process)(note_there, [1, 2], [4, 4], "noting")
+    ids = {(tmp_path / name).read_text() for name in ("1", "2")}
+    assert len(ids) == 1
+    assert str(os.getpid()) not in ids
+
+
+def test_a_worker_of_the_cluster_that_is_killed_is_told(process):
+    def die_there(piece):
+        os.kill(os.getpid(), 9)
+
+    with pytest.raises(InputError, match=r"workers of tcp://.* were killed .* goes on from there"):
+        Workers(scheduler=process)(die_there, [1], [1], "dying")
+
+
+def test_a_worker_without_kilnflight_is_told(cluster, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"worker .* has no kilnflight. Install the same"):
+        Workers(scheduler=cluster)(fails, [1], [1], "none")
+
+
 def test_the_bar_counts_frames_and_what_was_there(tmp_path, capsys, monkeypatch):
     def always(**options):
         return tqdm(**{**options, "disable": False, "mininterval": 0})

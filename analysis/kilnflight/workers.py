@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import joblib
 from tqdm import tqdm
@@ -70,37 +71,59 @@ class Workers:
         """
         if not pieces:
             return
-        with (
-            self._cluster() as jobs,
-            warnings.catch_warnings(),
-            tqdm(
-                total=before + sum(frames),
-                initial=before,
-                desc=label,
-                unit="frame",
-                smoothing=0,  # the mean rate: pieces end in bunches
-                disable=None,
-            ) as bar,
-        ):
+        with tqdm(
+            total=before + sum(frames),
+            initial=before,
+            desc=label,
+            unit="frame",
+            smoothing=0,  # the mean rate: pieces end in bunches
+            disable=None,
+        ) as bar:
+            done = self._here if self.scheduler is None else self._elsewhere
+            for k in done(make, pieces, label):
+                bar.update(frames[k])
+
+    def _here(
+        self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
+    ) -> Iterator[int]:
+        """Yield the numbers of the pieces that processes of this machine have finished."""
+        run = joblib.Parallel(n_jobs=min(self.jobs, len(pieces)), return_as="generator_unordered")
+        calls = (joblib.delayed(_numbered)(make, k, piece) for k, piece in enumerate(pieces))
+        with warnings.catch_warnings():
             # joblib renews a process that has grown, and tells
             warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-            run = joblib.Parallel(n_jobs=min(jobs, len(pieces)), return_as="generator_unordered")
-            calls = (joblib.delayed(_numbered)(make, k, piece) for k, piece in enumerate(pieces))
             try:
-                for k in run(calls):
-                    bar.update(frames[k])
+                yield from run(calls)
             except BrokenExecutor as error:
                 raise InputError(
                     f"{label}: a process was killed (out of memory?). What was finished is kept: "
                     "run it again, perhaps with fewer jobs; it goes on from there."
                 ) from error
 
+    def _elsewhere(
+        self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
+    ) -> Iterator[int]:
+        """Yield the numbers of the pieces that the cluster has finished."""
+        with self._cluster() as client:
+            from distributed import KilledWorker, as_completed
+
+            numbers = list(range(len(pieces)))
+            futures = client.map(partial(_numbered, make), numbers, list(pieces), pure=False)
+            try:
+                for future in as_completed(futures, loop=client.loop):
+                    yield future.result()
+            except KilledWorker as error:
+                raise InputError(
+                    f"{label}: workers of {self.scheduler} were killed over one piece again and "
+                    "again (out of memory?). What was finished is kept: give the workers more "
+                    "memory or fewer threads and run it again; it goes on from there."
+                ) from error
+            finally:
+                client.cancel(futures)
+
     @contextmanager
-    def _cluster(self) -> Iterator[int]:
-        """Let joblib work on the cluster; yield the number of jobs."""
-        if self.scheduler is None:
-            yield self.jobs
-            return
+    def _cluster(self) -> Iterator[Any]:
+        """Yield a client of the cluster."""
         try:
             from distributed import Client
         except ImportError as error:
@@ -123,8 +146,23 @@ class Workers:
                     f"scheduler {self.scheduler}: it has no workers. Start some there: "
                     f"dask worker {self.scheduler}"
                 ) from error
-            with joblib.parallel_config(backend="dask", client=client):
-                yield sum(client.ncores().values())
+            self._refuse_strangers(client)
+            yield client
+
+    def _refuse_strangers(self, client: Any) -> None:
+        """Raise an `InputError` if a worker has no kilnflight: it would never answer."""
+
+        def installed() -> bool:  # within, so that it travels whole
+            import importlib.util
+
+            return importlib.util.find_spec("kilnflight") is not None
+
+        without = [address for address, found in client.run(installed).items() if not found]
+        if without:
+            raise InputError(
+                f"scheduler {self.scheduler}: worker {without[0]} has no kilnflight. Install the "
+                "same version there as here."
+            )
 
 
 def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int:
