@@ -122,7 +122,10 @@ caption = (
     "Share of the particles that pass each metre: true of all flights in the same frames, and "
     "measured, where what is lost on the way counts as not remaining. Orange bars: published."
 )
-figures.save("fig-5-20-remaining", left, picture=picture, caption=caption, provenance=made)
+parts = {"true": survey.table(true), "measured": survey.table(found)}
+drawn = pd.concat([findings.along(one).assign(source=name) for name, one in parts.items()])
+drawn = pd.concat([drawn[drawn["quantity"] == "remaining"], left.assign(source="published")])
+figures.save("fig-5-20-remaining", drawn, picture=picture, caption=caption, provenance=made)
 
 # %%
 generator = np.random.default_rng(seed)
@@ -164,12 +167,15 @@ figures.save("velocity-unseen", unseen.round(3), caption=caption, provenance=mad
 #
 # "Several velocity outliers of the paper shreds are negative". Eq. 5.8 with the first time a metre
 # is reached cannot be negative in front of the lance; slices behind it are counted here. A
-# trajectory that starts backwards is taken for one that did not come from the lance.
+# trajectory that starts backwards is taken for one that did not come from the lance. One that
+# starts forwards and turns back behind it counts, although no particle of the twin flies so: it
+# is the polynomials that turn.
 
 # %%
 behind = measured.slices[measured.slices["slice_m"] < 0]
-behind = behind.groupby(keys)["velocity_m_s"].agg(["size", "median"]).reset_index()
-caption = "Slices behind the lance, with the median of their velocities (m/s)."
+told = {"slices": ("velocity_m_s", "size"), "flights": ("particle", "nunique")}
+behind = behind.groupby(keys).agg(**told, median_m_s=("velocity_m_s", "median")).reset_index()
+caption = "Slices behind the lance, in how many flights, and the median of their velocities."
 figures.save("velocity-behind", behind, caption=caption, provenance=made)
 
 # %%

@@ -48,6 +48,14 @@ def test_errors_are_those_of_measurable_particles():
     assert found["velocity_m_s_bias"] == pytest.approx(0.5)
     assert found["ignition_s_bias"] == pytest.approx(0.05)
     assert (found["lit"], found["lit_told"], found["unlit"]) == (1, 1, 0)
+    assert found["found_low"] < 0.5 < found["found_high"]
+    assert found["dwell_s_low"] == -np.inf  # of one particle nothing is sure
+
+
+def test_shorter_tracks_of_a_particle_do_not_count_twice():
+    lengths = FLIGHTS.assign(last_s=[0.1, 0.3, 0.5, 0.1])
+    assert deviations._shorter(lengths, OWNERS).tolist() == [1]
+    assert deviations._shorter(FLIGHTS, OWNERS).tolist() == [2]
 
 
 def test_without_any_flight_nothing_is_found_and_nothing_is_known():

@@ -112,7 +112,7 @@ def test_a_full_disk_loses_nothing(name, command, tmp_path, monkeypatch, capsys)
         patch.setattr(type(tmp_path), "write_bytes", full)
         assert main(command(folder)) == 1
     told = capsys.readouterr().err
-    assert "No space left on device" in told
+    assert "cannot be written (No space left on device). What was finished before is kept" in told
     assert len(told.splitlines()) == 1
     assert not list(folder.rglob("*.part"))
     assert not [file for file in folder.rglob(f"{name}*") if file.suffix != ".lock"]

@@ -80,6 +80,8 @@ def whole_chain(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
 def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     """Return the velocity in each metre, measured and true, one row per particle and metre.
 
+    Of several tracks of a particle the one that was followed for longest counts.
+
     Returns
     -------
     DataFrame
@@ -89,9 +91,10 @@ def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
-        tracks, _, _, slices = (of_cell(table, cell) for table in measured)
+        tracks, _, flights, slices = (of_cell(table, cell) for table in measured)
         belongs = owners(tracks, owned(tracks.reset_index(drop=True), sightings(one)))
         seen = slices[["particle", "slice_m", "velocity_m_s"]].copy()
+        seen = seen[~seen["particle"].isin(_shorter(flights, belongs))]
         seen["particle"] = seen["particle"].map(belongs).fillna(-1).astype(np.int64)
         seen = seen.rename(columns={"velocity_m_s": "measured_m_s"})
         true = true_flights(one)
@@ -104,12 +107,30 @@ def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def errors(both: pd.DataFrame) -> dict[str, float]:
+def _shorter(flights: pd.DataFrame, belongs: pd.Series) -> pd.Series:
+    """Return the tracks from the lance that are not the longest one of their particle."""
+    counted = flights[flights["from_lance"]]
+    owner = counted["particle"].map(belongs).fillna(-1)
+    length = (counted["last_s"] - counted["first_s"]).sort_values(kind="stable")
+    mine = owner[owner >= 0].reindex(length.index).dropna()
+    return counted.loc[mine.index[mine.duplicated(keep="last")], "particle"]
+
+
+def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     """Return number, bias and spread of each quantity, and how ignition was told.
 
     Bias is the median of measured minus true, spread half the range that holds 68 % of it,
-    over particles of which both are known.
+    over particles of which both are known; ``low`` and ``high`` are the 95 % interval of the
+    bias (bootstrap over particles), and of the share that was found (Wilson).
+
+    Parameters
+    ----------
+    both
+        `compared`.
+    seed
+        Of the bootstrap.
     """
+    generator = np.random.default_rng(seed)
     real = both[(both["particle"] >= 0) & both["measurable"]]
     found = real["track"] >= 0
     row = {
@@ -117,11 +138,15 @@ def errors(both: pd.DataFrame) -> dict[str, float]:
         "found": float(found.sum()),
         "spurious": float((both["particle"] < 0).sum()),
     }
+    share = intervals.share(int(found.sum()), len(real))
+    row |= {"found_low": share.low, "found_high": share.high}
     for name in QUANTITIES:
         off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
         low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
         row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
         row |= {f"{name}_spread": (high - low) / 2}
+        sure = intervals.Bootstrap()(intervals.median, [off], generator)
+        row |= {f"{name}_low": sure.low, f"{name}_high": sure.high}
     lit = real["true_ignition_s"].notna()
     told = real["measured_ignition_s"].notna()
     row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}

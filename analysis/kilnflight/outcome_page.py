@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from kilnflight import __version__, drawing
+from kilnflight.checks import InputError
 from kilnflight.files import clear_parts, locked, write_whole
 from kilnflight.findings import ignition_histogram
 from kilnflight.flight import remaining
@@ -54,6 +55,11 @@ def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
     """Write the tables, the summary and the report; return the report.
 
     Each file is there whole or not at all; what ``parts`` holds lets a run go on.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written, as on a full disk.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = ("detections", "tracks", "trajectories", "flights", "slices")
@@ -63,7 +69,13 @@ def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)
-            write_whole(folder / name, content)
+            try:
+                write_whole(folder / name, content)
+            except OSError as error:
+                raise InputError(
+                    f"{folder / name}: cannot be written ({error.strerror or error}). What was "
+                    "finished before is kept: make room and run it again; it goes on from there."
+                ) from error
     return folder / "report.html"
 
 

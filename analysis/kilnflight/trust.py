@@ -23,6 +23,7 @@ from kilnflight.campaigns import Campaign, Measured
 from kilnflight.checks import InputError
 from kilnflight.correspondence import mean_gray
 from kilnflight.findings import METRES
+from kilnflight.gating import Gate
 from kilnflight.matching import pair
 from kilnflight.pipeline import Passage
 from kilnflight.pursuit import GATE_PX
@@ -148,7 +149,7 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     positions = true.assign(gray=lit)
     owner = owned(tracks, true)
     belongs, exact = owners(tracks, owner), fitted(passage, positions)
-    known = tracks.assign(particle=owner)
+    known = linked(tracks, owner, true)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
     deep, own = deepened(tracks, owner, true), fitted(passage, tracks)
     replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
@@ -165,6 +166,20 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     for name, (table, fits, whose) in zip(STEPS, each, strict=True):
         flights = pipeline.flown(passage, table, fits)
         yield name, Flown(flights, pipeline.sliced(flights, fits), whose)
+
+
+def linked(tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame) -> pd.DataFrame:
+    """Return the detections with their true particle, without the depths that are another's.
+
+    A detection belongs to a particle by its place in the image; a depth that is off by more
+    than the tracker's gate lets pass is that of something behind it, and left out.
+    """
+    place = true.set_index(["frame", "particle"])["z"]
+    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
+    off = np.abs(tracks["z"].to_numpy(np.float64) - place.reindex(index).to_numpy(np.float64))
+    known = tracks.assign(particle=owner)
+    known.loc[off >= Gate().depth_mm, ["x", "y", "z"]] = np.nan
+    return known
 
 
 def deepened(
