@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pandas as pd
 from filterpy.kalman import KalmanFilter
@@ -39,6 +40,7 @@ VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region
 RIGHT = 0.99  # share of the true links that a tracker must find to be timed
 TRACKER = BeltTracker()
 MOTION = constant_velocity()
+cv2.setNumThreads(1)  # frames per second are told of one core
 
 
 def bodies(frames: int, rate: float = 1 / BELT_FRAME_S) -> pd.DataFrame:

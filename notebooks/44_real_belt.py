@@ -89,19 +89,32 @@ figures.save("belt-real-links", links, caption=caption, provenance=made) if file
 # From x = 1150 px to x = 1550 px, four to five frames. Position, velocity and acceleration are
 # the filter's at the last measurement before. CALV needs the belt's velocity, which is not
 # known here, so it and LV-DSC are left out.
+#
+# A track is left out, by the first of these that applies, if a frame is missing in it (velocity
+# and arrival need frames on both sides), if it has fewer than three measurements before 1150 px
+# (dirt, pieces of a broken track, particles that came into view late), or if it is not seen at
+# 1550 px: lost, over the side, or still under way when a recording ended.
 
 # %%
 evaluation, kinds = deviation.Evaluation(draws=draws), {}
 kinds["arrival_frames"] = deviation.arrival_deviations, 0.001  # from thousandths of a frame
 kinds["lateral_px"] = deviation.lateral_deviations, 1.0
-parts = []
+parts, omitted = [], []
 for (name, filtered), one in followed.items():
     observed = crossing.observe(one, seen[name], phase, 1.0)
+    row = {"data_set": name, "filter": filtered, "predicted": len(observed.last)}
+    omitted.append(row | {f"left out: {why}": count for why, count in observed.left_out.items()})
     for quantity, (measure, unit) in kinds.items():
         table = deviation.over_draws(evaluation(observed, phase, measure, seed))
         table[deviation.SUMMARY[1:8]] *= unit
         keys = {"data_set": name, "filter": filtered, "quantity": quantity}
         parts.append(table.assign(**keys, left_out=sum(observed.left_out.values())))
+
+# %%
+columns = ["data_set", "filter", "predicted"]
+reasons = pd.DataFrame(omitted, columns=None if omitted else columns)
+caption = "Tracks that are predicted and that are left out, by reason, over all recordings."
+figures.save("belt-real-left-out", reasons, caption=caption, provenance=made) if files else None
 
 # %%
 keys = ["data_set", "filter", "quantity", "model"]

@@ -1,11 +1,13 @@
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight import sorter
 from kilnflight.belt import PredictionPhase, deviation
+from kilnflight.belt.sampling import thinned
 
 
 @pytest.fixture
@@ -92,11 +94,28 @@ def test_thinning_changes_the_rate_and_nothing_else(small):
     evaluation = deviation.Evaluation(draws=1, share=0.05)
     table = sorter.vary_rate(small, (1, 2), evaluation, deviation.arrival_deviations, 1)
     assert table["sampling_hz"].unique().tolist() == [100.0, 50.0]
-    observed = {key: PredictionPhase().observe(one) for key, one in small.items()}
-    same = sorter.compare(observed, PredictionPhase(), evaluation, deviation.arrival_deviations, 1)
+    observed = {key: sorter.AT_EDGE.observe(one) for key, one in small.items()}
+    same = sorter.compare(observed, sorter.AT_EDGE, evaluation, deviation.arrival_deviations, 1)
     assert table.loc[table["sampling_hz"] == 100.0, "mae"].to_numpy() == pytest.approx(
         same["mae"].to_numpy()
     )
+
+
+def test_the_same_particles_count_at_every_rate():
+    """1 mm per frame to 799 mm: of every 20th frame the last one may lie before the edge."""
+    frame = np.arange(409)
+    parts = [
+        pd.DataFrame({"frame": frame + k, "particle": k, "x": 391.0 + frame, "y": 90.0})
+        for k in range(120)
+    ]
+    table = pd.concat(parts, ignore_index=True).assign(time_s=lambda one: one["frame"] / 1000)
+    tracks = {(sorter.OWN, "spheres"): table}
+    evaluation = deviation.Evaluation(draws=1, share=0.05)
+    rated = sorter.vary_rate(tracks, (1, 20), evaluation, deviation.arrival_deviations, 1)
+    slow = sorter.AT_EDGE.observe(thinned(table, 20)).last["particle"]
+    assert len(sorter.AT_EDGE.observe(table).last) == 120
+    assert len(slow) == 120 * 12 / 20
+    assert set(rated["n"] + rated["unpredicted"]) == {len(slow) - int(0.05 * len(slow))}
 
 
 def test_misfits_are_root_mean_squares_over_the_belt():

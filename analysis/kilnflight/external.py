@@ -3,7 +3,8 @@
 The files are not ours to ship (their repository names no licence), so whoever has a
 network fetches them once (``make data``) and everything works without them. Where
 there is no network, ``KILNFLIGHT_EXTERNAL`` names a folder that already holds them.
-No file is used before its SHA-256 is right.
+No file of either is used before its SHA-256 is right. A folder of recordings that
+``KILNFLIGHT_RECORDINGS`` names is not looked at here: its files are the user's, taken as they are.
 """
 
 from __future__ import annotations

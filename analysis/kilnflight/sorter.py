@@ -28,6 +28,8 @@ OWN = "own-simulation"
 DATA_SETS = tuple(MATERIALS)
 # Particles of each material in the simulated sorter, by scale; None: as many as published.
 PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
+# The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
+AT_EDGE = PredictionPhase(638.0, 788.0)
 
 Key = tuple[str, str]  # source, data set
 
@@ -193,29 +195,43 @@ def vary_rate(
     evaluation: Evaluation,
     deviations: Deviations,
     seed: int,
+    phase: PredictionPhase = AT_EDGE,
 ) -> pd.DataFrame:
     """Return the deviations for tracks of which only every n-th frame is kept.
+
+    Only particles that are observed at every rate count, the same ones in the same draws: the
+    slower the rate, the more have no observation between the edge and the end of the tracks.
 
     Returns
     -------
     DataFrame
         ``sampling_hz`` and the columns of `kilnflight.belt.deviation.over_draws`.
     """
-    phase, parts = PredictionPhase(), []
-    for n in every:
-        less = {key: thinned(one, n) for key, one in tracks.items()}
-        table = over_draws(
-            compare(
-                {key: phase.observe(one) for key, one in less.items()},
-                phase,
-                evaluation,
-                deviations,
-                seed,
-            )
-        )
-        table.insert(0, "sampling_hz", table["source"].map(_rates(less)))
+    less = {n: {key: thinned(one, n) for key, one in tracks.items()} for n in every}
+    observed = _shared(
+        {n: {key: phase.observe(one) for key, one in some.items()} for n, some in less.items()}
+    )
+    parts = []
+    for n, seen in observed.items():
+        table = over_draws(compare(seen, phase, evaluation, deviations, seed))
+        table.insert(0, "sampling_hz", table["source"].map(_rates(less[n])))
         parts.append(table)
     return pd.concat(parts, ignore_index=True)
+
+
+def _shared(observed: dict[int, dict[Key, Observed]]) -> dict[int, dict[Key, Observed]]:
+    """Keep the particles that are observed at every rate."""
+    shared: dict[Key, set[int]] = {}
+    for seen in observed.values():
+        for key, one in seen.items():
+            shared[key] = shared.get(key, set(one.last["particle"])) & set(one.last["particle"])
+    return {n: {key: _only(seen[key], shared[key]) for key in seen} for n, seen in observed.items()}
+
+
+def _only(one: Observed, particles: set[int]) -> Observed:
+    kept = one.last["particle"].isin(particles).to_numpy()
+    left_out = {**one.left_out, "not observed at every rate": int((~kept).sum())}
+    return Observed(one.last[kept], one.arrival[kept], left_out)
 
 
 def _rates(tracks: Mapping[Key, pd.DataFrame]) -> dict[str, float]:

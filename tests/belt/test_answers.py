@@ -5,6 +5,7 @@ import pytest
 from kilnflight import reference
 from kilnflight.belt.answers import (
     arrival_answers,
+    by_data_set,
     lateral_answers,
     speed_answers,
     tracking_answers,
@@ -36,6 +37,17 @@ def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
 def test_the_opposite_reproduces_none():
     said = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
     assert set(verdicts(arrival_answers(said)).values()) == {reference.NOT_REPRODUCED}
+
+
+def test_an_answer_has_a_part_for_each_data_set_or_stays_whole():
+    said = arrival_answers(
+        table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 2})
+    )
+    assert all(list(by_data_set(one)) == list(SETS) for one in said.values())
+    assert list(by_data_set(said["belt20-3"])["cuboids"].values()) == [False]
+    assert by_data_set(said["belt20-4"])["spheres"].to_dict() == said["belt20-4"][:1].to_dict()
+    counted = {"CA-CA below CV-CV for none": False}
+    assert by_data_set(counted) == {"all": counted}
 
 
 @pytest.mark.parametrize(("last", "holds"), [(1.4, True), (1.05, False), (1.51, False)])

@@ -66,6 +66,20 @@ def test_a_particle_that_rests_in_all_pictures_is_background():
     assert not ((found["row"] - 30).abs() < 3).any()
 
 
+@pytest.mark.parametrize(
+    ("share", "lying", "ghost"), [(0.2, True, False), (0.5, True, True), (0.9, False, True)]
+)
+def test_a_particle_that_rests_for_a_while_is_found_or_leaves_a_ghost(share, lying, ghost):
+    """The contrast is 140, the threshold 40 grey values."""
+    rests = round(20 * share)
+    pictures = [with_discs((30, 40))] * rests + [EMPTY] * (20 - rests)
+    found = measure(pictures, average(pictures), Spots(), HALF)
+    before = list(range(rests)) if lying else []
+    after = list(range(rests, 20)) if ghost else []
+    assert found["frame"].tolist() == before + after
+    np.testing.assert_allclose(found[["row", "col"]], [[30, 40]] * len(found), atol=0.1)
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_spots_are_those_of_scipy(seed):

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.touching import seen_together
+from kilnflight.belt.touching import place_errors, seen_together
 from kilnflight.checks import InputError
 
 SPOTS = pd.DataFrame(
@@ -39,3 +39,22 @@ def test_nothing_gives_nobody_and_a_missing_column_is_told():
     assert len(seen_together(SPOTS, truth())) == 0
     with pytest.raises(InputError, match="touching"):
         seen_together(SPOTS.drop(columns="touching"), truth())
+
+
+def test_errors_of_places_are_those_of_single_spots():
+    """Spots 0.3 mm too far along and 0.1 mm across, give or take 0.4 mm; the marked one is off."""
+    off = np.array([0.4, -0.4, 50.0, 0.4, -0.4])
+    known = SPOTS.assign(x=SPOTS["x"] - 0.3 - off, y=SPOTS["y"] - 0.1).drop(columns="touching")
+    found = place_errors(SPOTS, known.sample(frac=1.0, random_state=1))
+    assert found["bias_along_mm"] == pytest.approx(0.3)
+    assert found["rms_along_mm"] == pytest.approx(0.5)  # root of 0.3^2 + 0.4^2
+    assert found["bias_across_mm"] == found["rms_across_mm"] == pytest.approx(0.1)
+    less = place_errors(SPOTS, known[known["frame"] < 2])  # frame 2 has no truth
+    assert less["bias_along_mm"] == pytest.approx(0.3 - 0.4 / 3)
+
+
+def test_without_spots_there_is_no_error_to_tell():
+    for spots in (SPOTS[:0], SPOTS.assign(touching=1), SPOTS.assign(frame=9)):
+        assert np.isnan(list(place_errors(spots, SPOTS).values())).all()
+    with pytest.raises(InputError, match="touching"):
+        place_errors(SPOTS.drop(columns="touching"), SPOTS)

@@ -193,6 +193,21 @@ def test_a_particle_at_rest_stays_one_track(tracker):
     assert followed.states["velocity_x_mm_s"].iloc[-1] == pytest.approx(0, abs=5)
 
 
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_ghost_is_one_track_at_rest_and_never_predicted(tracker):
+    """Where a particle lay for long, in the middle of the belt; others pass beside it."""
+    ghost = moving(x=550.0, y=60.0, along=0.0, frames=70, first=20, particle=1)
+    table = pd.concat([moving(y=120.0), ghost, moving(y=90.0, first=15, particle=2)])
+    followed = tracker(table.reset_index(drop=True), 90)
+    ends = followed.ends[followed.ends["valid"] == 1].set_index("particle")["reason"]
+    assert sorted(ends) == sorted([LEFT, LEFT, RUNNING])
+    still = followed.states[followed.states["particle"] == ends.index[ends == RUNNING][0]]
+    assert len(still[still["row"] >= 0]) == 70
+    assert still["velocity_x_mm_s"].iloc[-1] == pytest.approx(0, abs=5)
+    predicted = last_states(followed, 0.005)["particle"].tolist()
+    assert sorted(predicted) == sorted(ends.index[ends == LEFT])
+
+
 def test_two_that_touch_for_a_while_are_one_missed_track():
     """One measurement at their common place instead of two: nobody follows both."""
     upper, lower = moving(y=90.0, across=-20.0), moving(y=86.0, across=20.0, particle=1)
@@ -244,6 +259,11 @@ def test_what_cannot_be_tracked_is_told():
         BeltTracker()(far)
     with pytest.raises(InputError, match="is a class"):
         BeltTracker(motion=type(constant_velocity()))
+    for wrong in ("10", 80.5, -3, True):
+        for table in (moving(), moving()[:0]):
+            with pytest.raises(InputError, match="frames: must be a whole number from 0"):
+                BeltTracker()(table, wrong)
+    assert len(BeltTracker()(moving()[:0], 0).ends) == 0
     for wrong in ({"frame_s": 0.0}, {"false_valid": 0.0}, {"false_lost": 2.0}):
         with pytest.raises(InputError, match=f"BeltTracker: {next(iter(wrong))}"):
             BeltTracker(**wrong)

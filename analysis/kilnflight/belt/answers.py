@@ -43,6 +43,17 @@ def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
     }
 
 
+def by_data_set(answer: Answer) -> dict[str, Answer]:
+    """Return an answer data set by data set; one that counts data sets stays whole, as "all"."""
+    if isinstance(answer, pd.Series):
+        return {str(name): answer.loc[[name]] for name in answer.index}
+    parts: dict[str, Answer] = {}
+    for text, holds in answer.items():
+        name, colon, _ = text.partition(":")
+        parts[name if colon else "all"] = {text: holds}
+    return parts
+
+
 def speed_answers(profiles: pd.DataFrame) -> dict[str, Answer]:
     """Return the answer to belt20-6.
 

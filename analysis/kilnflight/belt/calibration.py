@@ -3,7 +3,8 @@
 Run as ``python -m kilnflight.belt.calibration`` (some minutes, needs the authors' DEM tracks
 and MuJoCo); it writes friction_values.json beside this file. Only the spheres' velocities
 are read: mean and standard deviation along the belt, and the median of the absolute velocity
-across it. No deviation of any motion model takes part.
+across it. No deviation of any motion model takes part. The search ends after `ROUNDS`, converged
+or not, and the costs are those of the particles that it ran with.
 """
 
 from __future__ import annotations

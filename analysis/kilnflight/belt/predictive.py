@@ -132,7 +132,9 @@ def look(pictures: Pictures, background_of: int = 200) -> Looked:
     Notes
     -----
     An empty belt gives empty tables. Its corners are found all the same, in a picture of the
-    belt alone if nothing was ever fed.
+    belt alone if nothing was ever fed. What rests for a part of the recording may leave a ghost
+    or go unseen (`kilnflight.belt.spots.average`). Either is a track at rest, or none: it never
+    enters the prediction phase and is never predicted; who passes over a ghost is one spot with it.
     """
     step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
     background = average(pictures.frames(range(0, frames, step)))

@@ -25,7 +25,12 @@ MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
 def average(pictures: Iterable[Picture]) -> Picture:
     """Return the mean of pictures, "the constant background" (section II.B).
 
-    What lies still in all of them is part of the background and never found.
+    What lies still in all of them is part of the background and never found. A particle that
+    rests in a share s of the pictures is in the background with s times its contrast c, as the
+    plain mean has it. With the threshold t of `Spots`: while it lies it is found if
+    (1 - s) c > t, and once it has gone its place is found as a ghost, which never moves, if
+    s c > t. With wood on a dark belt (c = 140, t = 40 grey values): no ghost below s = 0.29, not
+    seen while it lies above s = 0.71, both in between.
     """
     total, count = np.zeros(0), 0
     for picture in pictures:

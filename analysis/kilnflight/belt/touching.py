@@ -1,4 +1,4 @@
-"""Which true particles were seen in one spot with another (2016 paper, section II.B).
+"""Spots held against the truth: who shared one, and how far off the others are (2016, II.B).
 
 Two particles that touch are one spot at their common centroid, and nothing tells the tracker so:
 each measurement goes to one track. What that costs is counted with the truth.
@@ -48,3 +48,34 @@ def seen_together(
     _, nearest = tree.query(scale * there[names].to_numpy(np.float64))
     several = spots["touching"].to_numpy()[nearest] == 1
     return np.unique(there["particle"].to_numpy(np.int64)[several])
+
+
+def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
+    """Return how far the places of single particles are off, spot minus nearest true centre.
+
+    Parameters
+    ----------
+    spots
+        ``frame``, ``x``, ``y``, ``touching``; those that are marked as several do not count.
+    truth
+        ``frame``, ``x``, ``y`` of the particles; a frame without any does not count.
+
+    Returns
+    -------
+    dict
+        ``bias_along_mm``, ``rms_along_mm``, ``bias_across_mm``, ``rms_across_mm`` (of the error
+        itself, so that the bias is part of it); NaN where no spot counts.
+    """
+    check_columns(spots, ["frame", "x", "y", "touching"], "spots")
+    check_columns(truth, ["frame", "x", "y"], "truth")
+    names = ["frame", "x", "y"]
+    single = spots.loc[(spots["touching"] == 0) & spots["frame"].isin(truth["frame"]), names]
+    found: dict[str, float] = {}
+    known = truth[names].to_numpy(np.float64)
+    seen, scale = single.to_numpy(np.float64), np.array([APART, 1.0, 1.0])
+    nearest = KDTree(scale * known).query(scale * seen)[1] if len(seen) else []
+    for column, name in ((1, "along"), (2, "across")):
+        off = seen[:, column] - known[nearest, column] if len(seen) else np.array([np.nan])
+        found[f"bias_{name}_mm"] = float(off.mean())
+        found[f"rms_{name}_mm"] = float(np.sqrt((off**2).mean()))
+    return found

@@ -23,7 +23,14 @@ from kilnflight.association.pairs import one_hot
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.association import associate, pair_costs
 from kilnflight.belt.filters import BELT_FRAME_S, constant_velocity
-from kilnflight.checks import InputError, check_between, check_columns, check_offers, check_positive
+from kilnflight.checks import (
+    InputError,
+    check_between,
+    check_columns,
+    check_count,
+    check_offers,
+    check_positive,
+)
 from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.motion import Motion
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
@@ -127,8 +134,9 @@ class BeltTracker:
         Raises
         ------
         InputError
-            If a column is missing or holds what is no number, or one frame has two measurements
-            at the same place, which would make two tracks of one particle.
+            If a column is missing or holds what is no number, if one frame has two measurements
+            at the same place, which would make two tracks of one particle, or if ``frames`` is no
+            whole number from 0.
         """
         numbers, parts = [], []
         for step in self.steps(measured, frames):
@@ -142,13 +150,15 @@ class BeltTracker:
 
     def steps(self, measured: pd.DataFrame, frames: int | None = None) -> Iterator[Step]:
         """Yield what happens in each frame from the first measurement on; same arguments."""
+        if frames is not None:
+            check_count(frames, "BeltTracker: frames", least=0)
         at, rows, places = self._read(measured)
         if not len(at):
             return
         motion, dimension = self.motion, self.motion.measurement()
         noise = motion.measurement_noise()
         moves = motion.transition(self.frame_s), motion.process_noise(self.frame_s)
-        numbers = np.arange(at[0], max(at[-1] + 1, frames or 0))
+        numbers = np.arange(at[0], max(at[-1] + 1, int(frames or 0)))
         starts = np.searchsorted(at, numbers)
         stops = np.append(starts[1:], len(at))
         tracks, started = _nothing(motion), 0
