@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
+import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
@@ -167,4 +170,16 @@ class Workers:
 
 def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int:
     make(piece)
+    _give_back()
     return number
+
+
+def _give_back() -> None:
+    """Give freed memory back to the system: joblib takes a process that keeps it for leaking.
+
+    It would be renewed after every piece, and load and open everything anew.
+    """
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    if trim is not None:  # a call of glibc
+        trim(0)

@@ -73,7 +73,9 @@ def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
     found: dict[str, float] = {}
     known = truth[names].to_numpy(np.float64)
     seen, scale = single.to_numpy(np.float64), np.array([APART, 1.0, 1.0])
-    nearest = KDTree(scale * known).query(scale * seen)[1] if len(seen) else []
+    nearest = np.empty(0, dtype=np.intp)
+    if len(seen):
+        nearest = np.asarray(KDTree(scale * known).query(scale * seen)[1])
     for column, name in ((1, "along"), (2, "across")):
         off = seen[:, column] - known[nearest, column] if len(seen) else np.array([np.nan])
         found[f"bias_{name}_mm"] = float(off.mean())
