@@ -121,7 +121,8 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
     Bias is the median of measured minus true, spread half the range that holds 68 % of it,
     over particles of which both are known; ``low`` and ``high`` are the 95 % interval of the
-    bias (bootstrap over particles), and of the share that was found (Wilson).
+    bias (bootstrap over particles; NaN of fewer than six), and of the share that was found
+    (Wilson).
 
     Parameters
     ----------
@@ -146,7 +147,8 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
         row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
         row |= {f"{name}_spread": (high - low) / 2}
         sure = intervals.Bootstrap()(intervals.median, [off], generator)
-        row |= {f"{name}_low": sure.low, f"{name}_high": sure.high}
+        sides = [side if np.isfinite(side) else np.nan for side in (sure.low, sure.high)]
+        row |= {f"{name}_low": sides[0], f"{name}_high": sides[1]}
     lit = real["true_ignition_s"].notna()
     told = real["measured_ignition_s"].notna()
     row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}
