@@ -81,7 +81,8 @@ figures.save("trust-account", account, caption=caption, provenance=made)
 caption = (
     "What the whole chain finds, with the 95 % interval of the share, and how far it is off, "
     "particle by particle: median of measured minus true with its 95 % interval (nan: of fewer "
-    "than six) +- half the range that holds 68 % of it. Cell's dwell: the median that would be published, of all flights that "
+    "than six) +- half the range that holds 68 % of it. Cell's dwell: the median that would be "
+    "published, of all flights that "
     "were measured, and of all true ones; who is found and where tracks break is in it, too. Lit: "
     "of those found, how many were told to ignite of the truly lit and of the unlit ones."
 )
