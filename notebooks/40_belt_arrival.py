@@ -210,7 +210,7 @@ figures.save("belt-arrival-by-rate", table.reset_index(), caption=caption, prove
 whole = [id for id, name in by_rate.index[differs] if name == "all"]
 alone = [f"{id} for {name}" for id, name in by_rate.index[differs] if name != "all"]
 slowest, fastest = rated["sampling_hz"].agg(["min", "max"])
-mae = rated.set_index(["sampling_hz", "data_set", "model"])["mae"]
+mae = rated.set_index(["sampling_hz", "data_set", "model"])["mae"].sort_index()
 lowest = [f"{name} {mae[fastest, name].idxmin()}" for name in sorter.DATA_SETS]
 changed = f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(whole) or 'no claim'} changes its "
 changed += f"verdict on the own simulation, and of single data sets {', '.join(alone) or 'none'}"

@@ -27,8 +27,9 @@ def test_every_order_is_the_linear_least_squares_fit(seed, lead, points):
         basis = np.sqrt(w)[:, None] * (u / u[-1])[:, None] ** np.arange(1, order + 1)
         q, _ = np.linalg.qr(basis)
         expected = np.sqrt(w) * place - q @ (q.T @ (np.sqrt(w) * place))
-        assert profile[order, COST] == pytest.approx(expected @ expected, rel=1e-6)
-    np.testing.assert_allclose(np.sqrt(w) * left, expected, atol=1e-6)
+        assert profile[order, COST] == pytest.approx(expected @ expected, rel=1e-4)
+    # powers of eight times far from their zero are nearly dependent: six digits are lost
+    np.testing.assert_allclose(np.sqrt(w) * left, expected, atol=1e-4)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(list(Loss)), st.integers(1, 4))
