@@ -17,6 +17,7 @@ from kilnflight.slicing import Flown
 Array = npt.NDArray[np.float64]
 
 STEP_S = 0.001  # between the times at which the distance from the axis is looked at
+TOUCH_MM = 1e-6  # short of the limit is at it: times of hours round a place by less
 
 
 class Landed(NamedTuple):
@@ -31,8 +32,8 @@ class Landed(NamedTuple):
 class Landing:
     """When a fitted trajectory meets the wall: leaves what counts as in the air (section 3.2).
 
-    Landed is, in this order, what (1) passes the limit between first and last detection, at
-    that time; (2) passes it when it flies straight on from the last detection for at most
+    Landed is, in this order, what (1) reaches the limit between first and last detection, at
+    that time; (2) reaches it when it flies straight on from the last detection for at most
     ``beyond_s``, at that time; (3) is last seen within ``near_mm`` of the limit, at its last
     detection. Else the flight ends in the air, with the last detection.
 
@@ -69,12 +70,12 @@ class Landing:
         time = np.append(time, fit.last_s + self.beyond_s)
         off = outside(time)
         last = float(off[count - 1])
-        beyond = np.flatnonzero(off > 0)
+        beyond = np.flatnonzero(off >= -TOUCH_MM)
         end = float(fit.last_s)
         if len(beyond):
             k = int(beyond[0])
             end = float(time[k])
-            if k > 0 and off[k - 1] < 0:
+            if k > 0 and off[k - 1] < 0 < off[k]:
                 end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
-        landed = bool(len(beyond)) or last >= -self.near_mm
+        landed = bool(len(beyond)) or last >= -self.near_mm - TOUCH_MM
         return Landed(landed, end, last + in_air.threshold_mm)

@@ -1,5 +1,7 @@
 """The fast way against the definition."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,12 +26,31 @@ def test_every_order_is_the_linear_least_squares_fit(seed, lead, points):
     profile = np.zeros((7, 3))
     left = project(u, place, w, 6, profile)
     for order in range(1, 7):
-        basis = np.sqrt(w)[:, None] * (u / u[-1])[:, None] ** np.arange(1, order + 1)
-        q, _ = np.linalg.qr(basis)
-        expected = np.sqrt(w) * place - q @ (q.T @ (np.sqrt(w) * place))
-        assert profile[order, COST] == pytest.approx(expected @ expected, rel=1e-4)
-    # powers of eight times far from their zero are nearly dependent: six digits are lost
-    np.testing.assert_allclose(np.sqrt(w) * left, expected, atol=1e-4)
+        residuals = exact(u, place, w, order)
+        expected = sum(
+            Fraction(mass) * rest**2 for mass, rest in zip(w.tolist(), residuals, strict=True)
+        )
+        assert profile[order, COST] == pytest.approx(float(expected), rel=1e-9)
+    np.testing.assert_allclose(left, [float(rest) for rest in residuals], atol=1e-9)
+
+
+def exact(u, place, w, order):
+    """Residuals of the normal equations, in fractions: a QR in float64 loses six digits here."""
+    u, place, w = ([Fraction(value) for value in values.tolist()] for values in (u, place, w))
+    powers = [[time ** (k + 1) for time in u] for k in range(order)]
+    rows = [
+        [
+            sum(m * a * b for m, a, b in zip(w, one, other, strict=True))
+            for other in [*powers, place]
+        ]
+        for one in powers
+    ]
+    for i in range(order):  # Gauss and Jordan
+        rows[i] = [value / rows[i][i] for value in rows[i]]
+        for k in set(range(order)) - {i}:
+            rows[k] = [a - rows[k][i] * b for a, b in zip(rows[k], rows[i], strict=True)]
+    fitted = [sum(rows[k][-1] * powers[k][n] for k in range(order)) for n in range(len(u))]
+    return [value - fit for value, fit in zip(place, fitted, strict=True)]
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(list(Loss)), st.integers(1, 4))
