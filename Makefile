@@ -34,6 +34,9 @@ FACTS := $(shell find data/reference -name '*.csv' | sort)
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
 export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 
+# Work is shared among processes; threads of linear algebra would only wait for each other.
+export OPENBLAS_NUM_THREADS ?= 1
+
 # Settings are kept in files that change only when the setting does, so that make knows
 # what to run again: one for each notebook's parameters, one for the folders that the
 # environment names. Targets that run no notebook leave them alone.

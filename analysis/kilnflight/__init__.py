@@ -90,7 +90,8 @@ chain           a notebook's text -> an executed notebook
 pages           executed notebooks -> a site that needs no network
 external        the authors' public data: fetch, check, find
 tables          columns, units and checks of every table that is handed on
-checks          the one place that words an error about input
+checks          how input is looked at: columns, shapes, numbers
+errors          the one kind of error about input
 files           files that are there whole or not at all
 frozen          what a calibration wrote once: with a hash, read only whole
 places          where the project's folders are

@@ -9,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-
-class InputError(ValueError):
-    """Input that cannot be used; the message says what, where and what to do."""
+from kilnflight.errors import InputError as InputError
 
 
 def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:
@@ -51,8 +49,9 @@ def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
         array = given.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         index = tuple(int(i) for i in bad[0])
         raise InputError(
             f"{where}: {len(bad)} value(s) are not finite, the first ({array[index]}) at "

@@ -13,6 +13,7 @@ import pandas as pd
 from kilnflight import intervals
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.findings import METRES, quartiles
+from kilnflight.regression import fits
 from kilnflight.survey import CELL, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
 
@@ -185,18 +186,23 @@ def account(way: Flown, true: pd.DataFrame) -> dict[str, int]:
 def budget(wanted: Sequence[Campaign], measured: Measured, jobs: int = 1) -> pd.DataFrame:
     """Return `errors` of every cell and way of `kilnflight.trust.ways`, in so many processes."""
     rows = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(_budget)(one, of_cell(measured.tracks, (one.fraction, one.pressure_bar)))
+        joblib.delayed(_budget)(
+            one, *(of_cell(part, (one.fraction, one.pressure_bar)) for part in measured[:2])
+        )
         for one in wanted
     )
     return pd.DataFrame([row for part in rows for row in part])
 
 
-def _budget(campaign: Campaign, measured: pd.DataFrame) -> list[dict[str, object]]:
-    """Return the rows of one campaign, given its tracks."""
+def _budget(
+    campaign: Campaign, tracked: pd.DataFrame, trajectories: pd.DataFrame
+) -> list[dict[str, object]]:
+    """Return the rows of one campaign, given its tracks and their trajectories."""
     cell = {"fraction": campaign.fraction, "pressure_bar": campaign.pressure_bar}
-    tracks = measured.drop(columns=CELL).reset_index(drop=True)
+    tracks = tracked.drop(columns=CELL).reset_index(drop=True)
+    own = fits(trajectories.drop(columns=CELL))
     true, rows = true_flights(campaign), []
-    for name, way in ways(campaign, tracks):
+    for name, way in ways(campaign, tracks, own):
         rows.append({**cell, "way": name, **errors(compared(way, true)), **account(way, true)})
     return rows
 

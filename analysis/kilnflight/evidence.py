@@ -63,14 +63,14 @@ class Evidence:
                 f"frame of {gray.shape} after one of {previous.shape}: all frames of a "
                 "recording have one size."
             )
-        now = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), SMOOTHING_PX)
-        change = now - cv2.GaussianBlur(previous.astype(np.float32), (0, 0), SMOOTHING_PX)
-        some = change.reshape(-1)[:: max(change.size // SAMPLES, 1) | 1]  # odd: no column twice
+        now, before = _smoothed(gray), _smoothed(previous)
+        flat = slice(None, None, max(now.size // SAMPLES, 1) | 1)  # odd: no column twice
+        some = now.reshape(-1)[flat] - before.reshape(-1)[flat]
         spread = float(np.median(np.abs(some - np.median(some))))
         noise = max(1.4826 * spread, LEAST_NOISE)
         needed = prominence * noise
-        moved = np.abs(change).astype(np.float32, copy=False)
-        return cls(now.astype(np.float32, copy=False), moved, needed / np.sqrt(2.0), needed, share)
+        moved = np.asarray(cv2.absdiff(now, before), dtype=np.float32)
+        return cls(now, moved, needed / np.sqrt(2.0), needed, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
         """Return the peaks (k, 3) of the frame in an area (4,), highest first."""
@@ -88,6 +88,13 @@ class Evidence:
         inside = _cut(self.gray, area)
         whole = np.array([[0, inside.shape[0], 0, inside.shape[1]]])
         return any(len(find_peaks(sign * inside, whole, self.threshold)[1]) for sign in (1, -1))
+
+
+def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
+    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`, cut at four of it."""
+    taps = cv2.getGaussianKernel(2 * round(4 * SMOOTHING_PX) + 1, SMOOTHING_PX, cv2.CV_32F)
+    blurred = cv2.sepFilter2D(image.astype(np.float32), cv2.CV_32F, taps, taps)
+    return np.asarray(blurred, dtype=np.float32)
 
 
 def _cut(image: Float32, area: npt.NDArray[np.integer]) -> Float32:

@@ -21,10 +21,14 @@ class Flame(NamedTuple):
 
     def cover(self, image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Return a copy of a foreground (rows, cols) that is 0 where the flame is."""
-        top, bottom, left, right = self.rectangle
         cleared = image.copy()
-        cleared[top:bottom, left:right][self.mask] = 0
+        self.clear(cleared)
         return cleared
+
+    def clear(self, image: npt.NDArray[np.float32]) -> None:
+        """Make a foreground (rows, cols) itself 0 where the flame is."""
+        top, bottom, left, right = self.rectangle
+        image[top:bottom, left:right][self.mask] = 0
 
     def holds(self, pixels: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
         """Return which pixels (n, 2) of row and col belong to the flame."""

@@ -63,7 +63,7 @@ def views(
         pixels, xyz = frame.pixels, calibrate_points(frame.xyz)
         if recording.attributes.flame_roi is not None:
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
-            foreground = flame.cover(foreground)
+            flame.clear(foreground)  # nobody else has it: models give every one anew
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels[keep], xyz[keep]
         before, gray = t, frame.gray

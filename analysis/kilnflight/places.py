@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from kilnflight.checks import InputError
+from kilnflight.errors import InputError
 
 SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
 

@@ -10,7 +10,7 @@ the whole chain
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -134,7 +134,9 @@ def owners(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
     return best["owner"].where(known, -1).set_axis(best["particle"].to_numpy())
 
 
-def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]]:
+def ways(
+    campaign: Campaign, tracks: pd.DataFrame, own: Mapping[int, regression.Fit] | None = None
+) -> Iterator[tuple[str, Flown]]:
     """Yield the flights with one step after the other replaced by the truth; `STEPS`.
 
     Parameters
@@ -143,6 +145,8 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
         Of the twin.
     tracks
         Its detections in the air with ``particle``, as measured.
+    own
+        Their trajectories; worked out if None.
     """
     true, passage = sightings(campaign), campaign.passage
     lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
@@ -151,14 +155,15 @@ def ways(campaign: Campaign, tracks: pd.DataFrame) -> Iterator[tuple[str, Flown]
     belongs, exact = owners(tracks, owner), fitted(passage, positions)
     known = linked(tracks, owner, true)
     followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
-    deep, own = deepened(tracks, owner, true), fitted(passage, tracks)
+    deep = deepened(tracks, owner, true)
+    own = fitted(passage, tracks) if own is None else own
     replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
     each = (
         (positions, exact, owners(positions, owned(positions, true))),
         (known, fitted(passage, known), owners(known, owner)),
         (followed, fitted(passage, followed), owners(followed, owned(followed, true))),
         (deep, fitted(passage, deep), belongs),
-        (tracks, own | replaced, belongs),
+        (tracks, {**own, **replaced}, belongs),
         (tracks, fitted(replace(passage, regression=WEIGHTED), tracks), belongs),
         (tracks, fitted(replace(passage, regression=ROBUST), tracks), belongs),
         (tracks, own, belongs),

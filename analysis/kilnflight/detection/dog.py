@@ -141,7 +141,7 @@ class DoG:
         foreground, within
             As of a call.
         """
-        image = check_foreground(foreground, "DoG").astype(np.float32)
+        image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         found, spacing = [np.empty((0, 4))], 1.0
         if image.size and self.double:
             blur = 2 * self.camera_blur

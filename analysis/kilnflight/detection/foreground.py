@@ -29,7 +29,8 @@ def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDA
     # compiled code takes the machine's byte order, and no half floats
     kind = np.dtype(np.float32) if image.dtype == np.float16 else image.dtype.newbyteorder("=")
     image = image.astype(kind, copy=False)
-    if image.dtype.kind == "f" and not (np.abs(image) < LARGEST).all():
+    least, most = (image.min(), image.max()) if image.size else (0, 0)  # NaN if one is
+    if image.dtype.kind == "f" and not -LARGEST < least <= most < LARGEST:
         row, col = (int(i) for i in np.argwhere(~(np.abs(image) < LARGEST))[0])
         raise InputError(
             f"{where}: the foreground is {image[row, col]} at row {row}, col {col}; "
