@@ -37,6 +37,12 @@ export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 # Work is shared among processes; threads of linear algebra would only wait for each other.
 export OPENBLAS_NUM_THREADS ?= 1
 
+# In which order notebooks start: what others wait for early, and beside what does not wait.
+# 30 to 34 share the detections that 31 makes, 50 to 56 those that 50 makes.
+starts = $(foreach number,$(1),$(filter build/$(number)%,$(EXECUTED)))
+QUEUE := $(call starts,0 1 2 31 30 40 41 50 32 42 43 33)
+QUEUE += $(filter-out $(QUEUE),$(EXECUTED))
+
 # Settings are kept in files that change only when the setting does, so that make knows
 # what to run again: one for each notebook's parameters, one for the folders that the
 # environment names. Targets that run no notebook leave them alone.
@@ -119,7 +125,7 @@ $(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(LIBRARY) $(FACTS) 
 	@$(RUN) -m kilnflight.chain $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
 
 # The first notebook collects what the others conclude.
-build/$(FIRST).ipynb: $(filter-out build/$(FIRST).ipynb,$(EXECUTED))
+build/$(FIRST).ipynb: $(filter-out build/$(FIRST).ipynb,$(QUEUE))
 
 site/index.html: $(EXECUTED) analysis/kilnflight/pages.py
 	@$(RUN) -m kilnflight.pages $(EXECUTED)

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from kilnflight import camera, drawing, figures, places, provenance, reference
+from kilnflight import camera, drawing, figures, places, provenance, reference, trial
 from kilnflight.twin import mixture, prepared, truth
 
 drawing.use_style()
@@ -30,7 +30,8 @@ frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [places.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 made = provenance.trace("10_ground_truth", setting, seed=seed, inputs=tables)
-twins = {name: prepared.prepared_scene(name, seed) for name in mixture.SUBSETS}
+names = trial.FEWER if scale == "quick" else tuple(mixture.SUBSETS)
+twins = {name: prepared.prepared_scene(name, seed) for name in names}
 wanted = mixture.LABELLED[:frames]
 
 # %% [markdown]
@@ -43,7 +44,7 @@ parts = {
 seen = pd.concat(parts, names=["subset"]).reset_index("subset")
 seen = seen[seen["visible"]]
 counts = seen.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
-published = reference.published("table_5.2")[list(mixture.SUBSETS)].iloc[:3]
+published = reference.published("table_5.2")[list(names)].iloc[:3]
 table = pd.concat([counts.round(0), published.set_axis(counts.index)], keys=["twin", "published"])
 table = table.rename_axis(["source", "label"]).reset_index()
 table.insert(2, "class", table["label"].map(truth.CLASSES))
@@ -68,7 +69,7 @@ figures.save("table-5-3-ground-truth", table, caption=caption, provenance=made)
 # ## An annotated frame
 
 # %% tags=["hide-input"]
-twin = twins["V1"]
+twin = twins[names[0]]
 frame = twin.frame(mixture.LABELLED[0])
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 72}
 picture, ((left, right),) = drawing.canvas(1, 2, **size)
@@ -86,11 +87,11 @@ picture.colorbar(shown, ax=right, label="captured depth (m)", shrink=0.8)
 for axes, title in ((left, "grey values and labels"), (right, "depth")):
     axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
 caption = (
-    "A frame of the twin (V1). Left: grey values, burning in air (blue outline), non-burning in "
-    "air (orange), burning on the wall (purple), region of interest (dashed). Right: captured "
-    "depth where there is one."
+    f"A frame of the twin ({names[0]}). Left: grey values, burning in air (blue outline), "
+    "non-burning in air (orange), burning on the wall (purple), region of interest (dashed). "
+    "Right: captured depth where there is one."
 )
-table = parts["V1"][parts["V1"]["frame"] == frame.index].drop(columns="time_s")
+table = parts[names[0]][parts[names[0]]["frame"] == frame.index].drop(columns="time_s")
 figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]

@@ -19,7 +19,7 @@ frames = 0  # frames summed per fraction; 0: 5, 100 or 300 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, kiln, provenance, thermography, trial
+from kilnflight import drawing, figures, kiln, provenance, pursuit, thermography, trial
 from kilnflight.flame import segment_flame
 from kilnflight.twin import prepared, scenes
 from kilnflight.twin.geometry import Geometry
@@ -34,7 +34,7 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 
 # %%
 sums, paths, rooms = {}, [], {}
-for name in scenes.WINDOWS:
+for name in pursuit.FEWER if scale == "quick" else scenes.WINDOWS:
     twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
@@ -57,7 +57,8 @@ for name, room in rooms.items():
 tracks = pd.concat(paths)
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(4, 2, width_mm=drawing.PAGE_MM, height_mm=250)
+height = 62.5 * len(sums)
+picture, grid = drawing.canvas(len(sums), 2, width_mm=drawing.PAGE_MM, height_mm=height)
 for panels, (name, image) in zip(grid, sums.items(), strict=True):
     top = max(np.quantile(image[image > 0], 0.9), 1) if image.any() else 1
     panels[0].imshow(np.clip(image / top, 0, 1) ** 0.5, cmap="gray", interpolation="bilinear")
@@ -115,7 +116,7 @@ off = float(np.abs(profile - truth)[2:-2].max())
 figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=made)
 
 # %%
-crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(scenes.WINDOWS), fill_value=0)
+crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(sums), fill_value=0)
 result = (
     f"Particles in the air during up to {frames} frames of the tracking windows: "
     + ", ".join(f"{name} {count}" for name, count in crowd.items())

@@ -58,10 +58,10 @@ for name in [one for one in contestants if package.get(one, one) in missing]:
 # %%
 slow = {name: contestants[name] for name in contestants if name == "JPDA, Stone Soup"}
 rest = {name: contestants[name] for name in contestants if name not in slow}
-parts = [contest.best_setting(others, rest).assign(frames=len(others[0].frames))]
+few = [contest.beginning(one, 4) for one in others] if scale == "quick" else others
+parts = [contest.best_setting(few, rest).assign(frames=len(few[0].frames))]
 if slow:
-    length = 4 if scale == "quick" else 40
-    short = [contest.beginning(one, length) for one in others]
+    short = [contest.beginning(one, 40) for one in few]
     parts.append(contest.best_setting(short, slow).assign(frames=len(short[0].frames)))
 tried = pd.concat(parts, ignore_index=True)
 best = contest.chosen(tried, contestants)
