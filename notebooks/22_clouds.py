@@ -20,7 +20,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full
 seed = 0  # of the scenes
-frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
+frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
 import numpy as np

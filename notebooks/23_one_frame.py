@@ -13,7 +13,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames of the table at the end
 seed = 0  # of the scene
-frames = 0  # labelled frames per subset for that table; 0: 1, 2 or 10 by scale
+frames = 0  # labelled frames per subset for that table; 0: 1, 1 or 10 by scale
 
 # %%
 import numpy as np
@@ -24,7 +24,7 @@ from kilnflight import drawing, figures, provenance
 drawing.use_style()
 
 # %%
-from kilnflight import camera, combination, contenders, kiln, scores, trial
+from kilnflight import camera, combination, contenders, scores, trial
 from kilnflight.correspondence import potential_particles, summarise
 from kilnflight.detection import DoG
 from kilnflight.evidence import Evidence
@@ -38,7 +38,7 @@ subsets = trial.ground_truth(scale, seed, frames)
 some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
-t, view = next(kiln.views(some.recording, some.wanted[:1], some.background))
+t, view = next(trial.look(some))
 tried = trial.thresholds(subsets, scale)  # each subset takes what is best on the others
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 threshold = threshold.astype(float)
@@ -174,7 +174,7 @@ figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenan
 rows = []
 for subset in subsets:
     detector = combination.Combination(DoG(threshold[subset.name]))
-    for t, view in kiln.views(subset.recording, subset.wanted, subset.background):
+    for t, view in trial.look(subset):
         here = subset.particles[subset.particles["frame"] == t]
         table = detector(view, known.roi, t)
         score = scores.score_detections(here[["row", "col"]], table[["row", "col"]], roi=known.roi)

@@ -12,7 +12,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
 seed = 0  # of the scenes and of the draws of frames
-frames = 0  # labelled frames per subset; 0: 1, 2 or 10 by scale
+frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
 import numpy as np

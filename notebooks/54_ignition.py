@@ -12,7 +12,7 @@
 # beside the truth. The share of confetti that ignites at 4.5 bar is what the twin was fitted to.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (400 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

@@ -72,6 +72,21 @@ def test_detectors_of_each_kind_are_methods(subset):
     assert printed < set(methods)
 
 
+def test_views_that_are_held_are_those_of_a_first_look(subset):
+    holding = subset._replace(wanted=(75, 77), background=MEDIAN, held={})
+    first = list(trial.look(holding))
+    again = list(trial.look(holding._replace(wanted=(77,))))
+    assert [t for t, _ in first] == [75, 77]
+    assert again[0][1] is first[1][1]
+    anew = list(trial.look(holding._replace(held=None, wanted=(77,))))
+    for one, other in zip(anew[0][1], again[0][1], strict=True):
+        np.testing.assert_array_equal(one, other)
+    other = list(trial.look(holding, background=background.Median(window=6)))
+    assert other[1][1] is not first[1][1]
+    assert not np.array_equal(other[1][1].foreground, first[1][1].foreground)
+    assert next(view for _, view in trial.look(holding)) is first[0][1]
+
+
 def test_measured_places_are_means_of_the_points_in_the_pixels(subset):
     ((t, view),) = kiln.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)

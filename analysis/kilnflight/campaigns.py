@@ -31,7 +31,7 @@ from kilnflight.workers import Workers
 
 # First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
 # lasts 100 to 165 frames.
-FRAMES = {"quick": (100, 24), "standard": (100, 400), "full": (0, 0)}
+FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
 FEWER = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 
@@ -56,7 +56,7 @@ def campaigns(
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (400 frames of each) or "full".
+        "quick" (two campaigns, 24 frames each), "standard" (250 frames of each) or "full".
     learned
         Threshold, wall and limit.
     seed

@@ -32,7 +32,7 @@ from kilnflight.workers import Workers
 GATE_PX = 10.0
 MARGIN = 150  # frames between a window and the stretch for settings: no shared background
 # Frames of a window and of the stretch for settings, by scale; 0: as long as Table 5.15's.
-LENGTHS = {"quick": (12, 12), "standard": (60, 40), "full": (0, 100)}
+LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
 FEWER = ("wood chip", "paper shred")  # fractions of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
