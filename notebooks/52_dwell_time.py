@@ -20,12 +20,12 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import deviations, drawing, figures, flight_drawing, provenance, survey
+from kilnflight import definitions, deviations, drawing, figures, flight_drawing, provenance, survey
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, lessons, trust
+from kilnflight import campaigns, certainty, lessons, regression, trust
 from kilnflight.workers import Workers
 
 made = provenance.trace("52_dwell_time", {"scale": scale}, seed=seed)
@@ -56,6 +56,30 @@ caption = (
     "they do not start at the lance."
 )
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=made)
+
+# %% tags=["hide-input"]
+picture, grid = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+some = definitions.examples(measured.flights, measured.trajectories)
+for axes, letter, case in zip(grid[0], "abc", definitions.CASES, strict=True):
+    axes.set_title(f"({letter}) {case}" + ("" if case in some else ": none measured"))
+    if case in some:
+        one, cell = some[case], (some[case]["fraction"], some[case]["pressure_bar"])
+        parts = [survey.of_cell(table, cell).drop(columns=keys) for table in measured[:2]]
+        track, fit = (part[part["particle"] == one["particle"]] for part in parts)
+        definitions.dwell(axes, regression.fits(fit)[one["particle"]], one, track)
+        axes.set_title(f"{axes.get_title()}: {cell[0]}, {cell[1]} bar")
+for axes in grid[0, 1:]:
+    axes.set_ylabel("")
+
+# %%
+_ = grid[0, -1].legend(*grid[0, -1].get_legend_handles_labels(), loc="lower left")
+columns = [*keys, "particle", "points", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
+data = pd.DataFrame(list(some.values()), columns=columns)
+caption = (
+    "What dwell time means, after Fig. 5.18, on measured flights from the side: from the lance to "
+    "landing or burning out. Of each case that with most detections."
+)
+figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Dwell times, measured and true

@@ -24,7 +24,8 @@ from kilnflight import deviations, drawing, figures, flight_drawing, provenance,
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, findings, intervals, lessons, trust
+from kilnflight import campaigns, certainty, definitions, findings, intervals, lessons, trust
+from kilnflight.regression import fits
 from kilnflight.workers import Workers
 
 made = provenance.trace("53_velocity", {"scale": scale}, seed=seed)
@@ -34,6 +35,32 @@ trust.prepare(wanted, Workers(jobs))
 found, true = survey.cells(measured), survey.true_cells(wanted)
 keys = ["fraction", "pressure_bar"]
 names = list(dict.fromkeys(one.fraction for one in wanted))
+
+# %% [markdown]
+# ## What is measured
+#
+# Eq. 5.8 on the flight that was seen over most metres.
+
+# %%
+front = measured.slices[measured.slices["slice_m"] > 0]
+longest = front.groupby([*keys, "particle"])["observed"].agg(["sum", "size"]).reset_index()
+chosen = longest.sort_values(["sum", "size"], kind="stable").iloc[-1]
+cell = (chosen["fraction"], chosen["pressure_bar"])
+flight, fit, passed = (
+    table[table["particle"] == chosen["particle"]].drop(columns=keys)
+    for table in (survey.of_cell(part, cell) for part in (measured.flights, *measured[1::2]))
+)
+picture, grid = drawing.canvas(1, 1, width_mm=drawing.PAGE_MM, height_mm=75)
+way, end_s = fits(fit)[chosen["particle"]], flight["end_s"].iloc[0]
+definitions.slices(grid[0, 0], way, passed, end_s)
+_ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
+
+# %%
+caption = (
+    f"Space-sliced velocity (Eq. 5.8) of one {cell[0]} at {cell[1]} bar, after Fig. 5.20: V_n is "
+    "one metre over the time between passing metre n - 1 and metre n."
+)
+figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Every particle, every metre

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from kilnflight import drawing, figures, findings, flight_drawing, provenance, survey
+from kilnflight import definitions, drawing, figures, findings, flight_drawing, provenance, survey
 
 drawing.use_style()
 
@@ -69,6 +69,28 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 # %% [markdown]
 # ## Dwell times
 
+# %% tags=["hide-input"]
+size = {"width_mm": drawing.PAGE_MM, "height_mm": 95}
+picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+for axes, name in zip(grid.flat, names, strict=False):
+    lines = definitions.from_the_side(axes, flown[name], flown[name].end_s, (0.2, 1.0), 40)
+    axes.set_title(f"{name}, {bar} bar")
+    axes.label_outer()
+picture.colorbar(lines, ax=grid, label="dwell time (s)", extend="both")
+rows = [
+    {"fraction": name, "flight": k, "end_s": flown[name].end_s[k], "depth_m": place[0]}
+    for name in names
+    for k, place in enumerate(flown[name].end_position_m[:40])
+]
+
+# %%
+caption = (
+    "Forty simulated flights of each fraction from the side, coloured by dwell time, after the "
+    "left part of Fig. A.6; the table says when and how far from the lance each ends."
+)
+data = pd.DataFrame(rows)
+figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=made)
+
 # %%
 picture, grid = drawing.canvas(1, 1, width_mm=drawing.PAGE_MM, height_mm=75)
 both = {"simulated": simulated, "measured": found}
@@ -81,12 +103,36 @@ boxes = [
     for source, one in both.items()
     for name in names
 ]
-caption = "Dwell times, simulated and measured; after Fig. A.6."
+caption = "Dwell times, simulated and measured; after the right part of Fig. A.6."
 data = pd.DataFrame(boxes)
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=made)
 
 # %% [markdown]
 # ## Velocity in depth
+
+# %% tags=["hide-input"]
+size = {"width_mm": drawing.PAGE_MM, "height_mm": 95}
+picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+for axes, name in zip(grid.flat, names, strict=False):
+    speed = flown[name].velocity_m_s[:, :, 0]
+    lines = definitions.from_the_side(axes, flown[name], speed, (0.0, 16.0), 40)
+    axes.set_title(f"{name}, {bar} bar")
+    axes.label_outer()
+picture.colorbar(lines, ax=grid, label="velocity in depth (m/s)", extend="both")
+rows = [
+    {"fraction": name, "flight": k, "metre": metre, "velocity_m_s": speed}
+    for name in names
+    for k, one in enumerate(simulated[name, bar].velocity_m_s[:40])
+    for metre, speed in zip(findings.METRES, one, strict=True)
+]
+
+# %%
+caption = (
+    "The same flights coloured by their velocity in depth, after the left part of Fig. A.7; the "
+    "table has the mean velocity in each metre (Eq. 5.8), empty where it was not passed."
+)
+data = pd.DataFrame(rows)
+figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=made)
 
 # %%
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 110}
@@ -102,7 +148,7 @@ _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 # %%
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
-    "that passed it; after Fig. A.7."
+    "that passed it; after the right part of Fig. A.7."
 )
 there = {"simulated": simulated, "measured": {cell: found[cell] for cell in simulated}}
 data = pd.concat({name: survey.table(one) for name, one in there.items()}, names=["source"])

@@ -54,6 +54,25 @@ def test_parameters_reach_the_notebook(notebook, tmp_path):
     assert [p.name for p in (tmp_path / "b").iterdir()] == ["07_test.ipynb"]
 
 
+@pytest.mark.parametrize(
+    ("given", "jobs"), [("scale=quick", 1), ("scale=full", 4), ("scale=quick,jobs=3", 3)]
+)
+def test_a_smoke_run_starts_no_processes_unless_told(notebook, tmp_path, given, jobs):
+    path = notebook("jobs")
+    path.write_text(path.read_text().replace("seed = 1", "seed = 1\njobs = 4"))
+    build, options = tmp_path / "b", [part for one in given.split(",") for part in ("-p", one)]
+    assert chain.main([str(path), "--build", str(build), *options]) == 0
+    assert outputs(build / "07_test.ipynb")[-1] == str(jobs)
+
+
+def test_a_parameter_that_another_notebook_does_not_know_stops_this_one(notebook, tmp_path, capsys):
+    path, other = notebook(), notebook(stem="08_other")
+    other.write_text(other.read_text().replace("width = 2.0", "height = 2.0"))
+    assert chain.main([str(path), "--build", str(tmp_path / "b"), "-p", "width=3"]) == 1
+    assert "08_other: unknown parameter 'width'" in capsys.readouterr().err
+    assert not (tmp_path / "b").exists()
+
+
 def test_a_failing_cell_is_told_and_the_rest_is_kept_for_inspection(notebook, tmp_path, capsys):
     build = tmp_path / "b"
     build.mkdir()

@@ -38,6 +38,17 @@ def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
         pd.testing.assert_frame_equal(found[name], found["whole chain"])
 
 
+def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
+    true = seen(campaign)
+    own = trust.fitted(campaign.passage, true)
+    given = dict(trust.ways(campaign, true, own))
+    for name, one in trust.ways(campaign, true):
+        pd.testing.assert_frame_equal(given[name].flights, one.flights)
+    none = dict(trust.ways(campaign, true, {}))
+    assert not none["whole chain"].flights["from_lance"].any()
+    assert len(none["true positions and links"].flights) > 3
+
+
 def test_each_step_takes_away_the_error_of_that_step_alone(campaign):
     true = seen(campaign)
     exact = flights(campaign, true)["whole chain"]

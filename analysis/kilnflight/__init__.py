@@ -60,6 +60,7 @@ trust           flights with one step after the other replaced by the truth
 deviations      measured minus true: bias, spread, what is found and resolved
 certainty       an interval for every kind of number, and what it can tell apart
 flight_drawing  boxes, velocity by metre, curves in space
+definitions     dwell time and space-sliced velocity drawn on flights
 contest         settings of trackers, chosen on stretches of campaigns
 ladders         values of their parameters that may be tried
 lessons         what the labelled frames teach for recordings without labels
