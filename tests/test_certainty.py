@@ -40,6 +40,8 @@ def test_shares_are_in_per_cent_and_few_values_have_no_interval():
     assert np.isfinite(found["dwell median (s)"].low)  # seven are enough for a median
     assert np.isinf(found["dwell q25 (s)"].low)  # and too few for a quartile
     assert np.isinf(found["dwell longest (s)"].high)
+    assert found["dwell spread (s)"].estimate == pytest.approx(0.55 - 0.375)
+    assert np.isinf(found["dwell spread (s)"].high)
     assert np.isnan(found["ignited (%)"].estimate)
 
 
@@ -50,6 +52,9 @@ def test_a_metre_of_few_has_a_median_but_no_interval():
     found = certainty.intervals_of(one._replace(velocity_m_s=few), np.random.default_rng(0))
     assert found["velocity 4-5 m (m/s)"] == (3.0, -np.inf, np.inf, (5,))
     assert found["remaining 5 m (%)"].numbers == (60,)
+    assert found["spread 4-5 m (m/s)"] == (0.0, -np.inf, np.inf, (5,))
+    wide = found["spread 0-1 m (m/s)"]  # of a normal distribution 1.349 standard deviations
+    assert wide.low < 1.349 < wide.high < 2.0
 
 
 def test_a_table_has_a_row_for_every_number_and_cell():

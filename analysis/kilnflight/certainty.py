@@ -39,6 +39,9 @@ def intervals_of(findings: Findings, generator: np.random.Generator) -> dict[str
     for name, low, high in (("< 0.2", 0.0, 0.2), ("< 0.4", 0.0, 0.4), ("0.2-0.3", 0.2, 0.3)):
         number = int(((lit > low) & (lit <= high)).sum())
         found[f"ignited {name} s (% of ignited)"] = _percent(number, len(lit))
+    found["dwell spread (s)"] = _spread(findings.dwell_s, generator)
+    for k, m in enumerate(METRES):
+        found[f"spread {m - 1}-{m} m (m/s)"] = _spread(findings.velocity_m_s[:, k], generator)
     return {name: found[name] for name in outcomes(findings).index}
 
 
@@ -67,6 +70,11 @@ def _dwell(times: Array, generator: np.random.Generator) -> dict[str, Interval]:
         "dwell 0.3-0.4 s (%)": _percent(within, len(times)),
         "dwell > 0.4 s (%)": _percent(int((times >= 0.4).sum()), len(times)),
     }
+
+
+def _spread(values: Array, generator: np.random.Generator) -> Interval:
+    """Return the range between the quartiles of what is known."""
+    return QUARTILE(intervals.between_quartiles, [values[np.isfinite(values)]], generator)
 
 
 def _percent(number: int, counted: int) -> Interval:

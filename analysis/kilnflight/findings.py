@@ -37,6 +37,12 @@ def median_velocities(velocity_m_s: Array) -> Array:
     return found
 
 
+def spreads(velocity_m_s: Array) -> Array:
+    """Return the range between the quartiles of the velocity in each metre in m/s, (5,)."""
+    known = [values[np.isfinite(values)] for values in velocity_m_s.T]
+    return np.array([float(np.ptp(quartiles(values)[[0, 2]])) for values in known])
+
+
 def remaining(velocity_m_s: Array) -> Array:
     """Return the share of particles that pass 1 ... 5 m in per cent, (5,); NaN of none."""
     if not len(velocity_m_s):
@@ -102,7 +108,10 @@ def outcomes(findings: Findings) -> pd.Series:
         "ignited < 0.4 s (% of ignited)": share_of_ignited(ignition_s, 0.0, 0.4),
         "ignited 0.2-0.3 s (% of ignited)": share_of_ignited(ignition_s, 0.2, 0.3),
         "ignition median (s)": median_ignition(ignition_s),
+        "dwell spread (s)": q75 - q25,
     }
+    spread = spreads(each)
+    found |= {f"spread {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, spread, strict=True)}
     return pd.Series(found, dtype=np.float64)
 
 
