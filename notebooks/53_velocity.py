@@ -44,21 +44,23 @@ names = list(dict.fromkeys(one.fraction for one in wanted))
 # %%
 front = measured.slices[measured.slices["slice_m"] > 0]
 longest = front.groupby([*keys, "particle"])["observed"].agg(["sum", "size"]).reset_index()
-chosen = longest.sort_values(["sum", "size"], kind="stable").iloc[-1]
-cell = (chosen["fraction"], chosen["pressure_bar"])
-flight, fit, passed = (
-    table[table["particle"] == chosen["particle"]].drop(columns=keys)
-    for table in (survey.of_cell(part, cell) for part in (measured.flights, *measured[1::2]))
-)
+chosen = longest.sort_values(["sum", "size"], kind="stable").tail(1)
 picture, grid = drawing.canvas(1, 1, width_mm=drawing.PAGE_MM, height_mm=75)
-way, end_s = fits(fit)[chosen["particle"]], flight["end_s"].iloc[0]
-definitions.slices(grid[0, 0], way, passed, end_s)
-_ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
+name, passed = "flight (no metre was passed)", front.head(0)
+for one in chosen.itertuples():  # of a smoke run, none
+    cell, name = (one.fraction, one.pressure_bar), f"{one.fraction} at {one.pressure_bar} bar"
+    flight, fit, passed = (
+        table[table["particle"] == one.particle].drop(columns=keys)
+        for table in (survey.of_cell(part, cell) for part in (measured.flights, *measured[1::2]))
+    )
+    way, end_s = fits(fit)[one.particle], flight["end_s"].iloc[0]
+    definitions.slices(grid[0, 0], way, passed, end_s)
 
 # %%
+_ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
 caption = (
-    f"Space-sliced velocity (Eq. 5.8) of one {cell[0]} at {cell[1]} bar, after Fig. 5.20: V_n is "
-    "one metre over the time between passing metre n - 1 and metre n."
+    f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20: V_n is one metre over the "
+    "time between passing metre n - 1 and metre n."
 )
 figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=made)
 

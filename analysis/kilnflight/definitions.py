@@ -173,5 +173,5 @@ def from_the_side(
     lines.set_clim(*limits)
     axes.add_collection(lines)
     axes.autoscale_view()
-    axes.set(xlabel="from the lance (m)", ylabel="up (m)")
+    axes.set(xlabel="from the lance (m)", ylabel="above the kiln's axis (m)")
     return lines
