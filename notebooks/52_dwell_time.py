@@ -59,7 +59,7 @@ figures.save("fig-5-18-endings", ends, caption=caption, provenance=made)
 
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
-some = definitions.examples(measured.flights, measured.trajectories)
+some = definitions.examples(measured.flights)
 for axes, letter, case in zip(grid[0], "abc", definitions.CASES, strict=True):
     axes.set_title(f"({letter}) {case}" + ("" if case in some else ": none measured"))
     if case in some:
@@ -72,12 +72,13 @@ for axes in grid[0, 1:]:
     axes.set_ylabel("")
 
 # %%
-_ = grid[0, -1].legend(*grid[0, -1].get_legend_handles_labels(), loc="lower left")
-columns = [*keys, "particle", "points", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
+handles = grid[0, -1].get_legend_handles_labels()
+_ = picture.legend(*handles, loc="outside lower center", ncols=5)
+columns = [*keys, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
 data = pd.DataFrame(list(some.values()), columns=columns)
 caption = (
     "What dwell time means, after Fig. 5.18, on measured flights from the side: from the lance to "
-    "landing or burning out. Of each case that with most detections."
+    "landing or burning out. Of each case the one with the median dwell time."
 )
 figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=made)
 

@@ -48,20 +48,20 @@ def test_cases_are_those_of_the_figure(ending, ignition, case):
     assert definitions.case_of({"ending": ending, "ignition": ignition}) == case
 
 
-def test_of_each_case_the_flight_that_was_seen_most_often():
-    endings = ["landed", "landed", "landed", "lost", "burnt out"]
-    flights = pd.DataFrame({"fraction": "confetti", "pressure_bar": 4.5, "particle": range(5)})
-    flights = flights.assign(ending=endings, ignition="none", from_lance=True)
-    flights.loc[4, "ignition"] = "seen"
-    flights.loc[2, "from_lance"] = False  # does not count, however often it was seen
-    trajectories = flights[["fraction", "pressure_bar", "particle"]].assign(
-        points=[5, 9, 50, 70, 6]
-    )
-    found = definitions.examples(flights, trajectories)
+def test_of_each_case_the_flight_with_the_median_dwell_time():
+    endings = ["landed", "landed", "landed", "landed", "lost", "burnt out"]
+    flights = pd.DataFrame({"particle": range(6), "ending": endings, "from_lance": True})
+    flights = flights.assign(ignition="none", dwell_s=[0.5, 0.3, 0.4, 0.1, 0.2, 0.9])
+    flights.loc[5, "ignition"] = "seen"
+    flights.loc[3, "from_lance"] = False  # does not count
+    found = definitions.examples(flights)
     assert {case: one["particle"] for case, one in found.items()} == {
-        "landed unlit": 1,
-        "burnt out": 4,
+        "landed unlit": 2,
+        "burnt out": 5,
     }
+    fewer = definitions.examples(flights.drop(index=1))
+    assert fewer["landed unlit"]["particle"] == 2
+    assert definitions.examples(flights.head(0)) == {}
 
 
 def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_ends(axes):

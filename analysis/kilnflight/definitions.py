@@ -17,12 +17,12 @@ from kilnflight.drawing import COLOURS
 from kilnflight.flight import BURNT_OUT, LANDED
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.regression import Fit
-from kilnflight.survey import CELL
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
 MOMENTS = 60  # of a fitted curve
 CASES = ("landed unlit", "landed burning", "burnt out")  # (a), (b) and (c) of Fig. 5.18
+SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
@@ -36,26 +36,26 @@ def case_of(flight: Mapping[str, Any]) -> str | None:
     return CASES[2] if flight["ending"] == BURNT_OUT and flight["ignition"] == SEEN else None
 
 
-def examples(flights: pd.DataFrame, trajectories: pd.DataFrame) -> dict[str, dict[str, Any]]:
-    """Return of each of `CASES` the flight from the lance with most detections, where there is one.
+def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
+    """Return of each of `CASES` the flight from the lance with the median dwell time.
 
     Parameters
     ----------
-    flights, trajectories
+    flights
         Of all campaigns (`kilnflight.campaigns.Measured`).
 
     Returns
     -------
     dict
-        The case's row of ``flights`` with ``points``.
+        Rows of ``flights`` by case; of an even number the shorter of the two in the middle.
+        A case that was not measured is missing.
     """
-    keys = [*CELL, "particle"]
-    there = flights[flights["from_lance"]].merge(trajectories[[*keys, "points"]], on=keys)
-    found: dict[str, dict[str, Any]] = {}
-    for row in there.sort_values("points", ascending=False, kind="stable").to_dict("records"):
+    there = flights[flights["from_lance"]].sort_values("dwell_s", kind="stable")
+    found: dict[str, list[dict[str, Any]]] = {case: [] for case in CASES}
+    for row in there.to_dict("records"):
         known = {str(name): value for name, value in row.items()}
-        found.setdefault(case_of(known) or "", known)
-    return {case: found[case] for case in CASES if case in found}
+        found.get(case_of(known) or "", []).append(known)
+    return {case: rows[(len(rows) - 1) // 2] for case, rows in found.items() if rows}
 
 
 def dwell(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
@@ -136,11 +136,12 @@ def slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
         axes.hlines(far[n], 0, after, color="0.6", lw=0.6, ls=":")
         speed = lengths[n - 1] / (after - before)
         axes.annotate(
-            f"$V_{{{n}}}$ = {speed:.1f} m/s",
+            f"V{str(n).translate(SUBSCRIPT)} = {speed:.1f} m/s",
             (after, (far[n - 1] + far[n]) / 2),
             xytext=(4, 0),
             textcoords="offset points",
             va="center",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
         )
     axes.set(xlabel="time from the lance (s)", ylabel="depth from the lance (m)")
     axes.margins(x=0.2)
