@@ -88,9 +88,8 @@ def dwell(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) 
     axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label="end")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
     axes.text(
-        *(0.97, 0.95, f"dwell time {flight['dwell_s']:.2f} s"),
+        *(0.03, 0.95, f"dwell time {flight['dwell_s']:.2f} s"),
         transform=axes.transAxes,
-        ha="right",
         va="top",
     )
 
