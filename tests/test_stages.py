@@ -21,7 +21,15 @@ SCENE = "confetti-4.5-bar@small"
 PACKAGE = Path(keeping.__file__).parent
 # Code that words errors, and writes or reads what does not depend on how.
 AWAY = {
-    *("checks.py", "files.py", "places.py", "origins.py", "recording.py", "storage.py"),
+    *(
+        "checks.py",
+        "errors.py",
+        "files.py",
+        "places.py",
+        "origins.py",
+        "recording.py",
+        "storage.py",
+    ),
     *("workers.py", "__init__.py", "reference.py", "scores/__init__.py", "scores/in_air.py"),
     *("scores/spans.py", "scores/tracks.py", "findings.py"),
 }
