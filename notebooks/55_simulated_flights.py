@@ -70,23 +70,25 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 # ## Dwell times
 
 # %% tags=["hide-input"]
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 95}
+shown, size = 40, {"width_mm": drawing.PAGE_MM, "height_mm": 95}  # flights of each fraction
 picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+limits = np.quantile(np.concatenate([one.end_s for one in flown.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
-    lines = definitions.from_the_side(axes, flown[name], flown[name].end_s, (0.2, 1.0), 40)
+    lines = definitions.from_the_side(axes, flown[name], flown[name].end_s, limits, shown)
     axes.set_title(f"{name}, {bar} bar")
     axes.label_outer()
 picture.colorbar(lines, ax=grid, label="dwell time (s)", extend="both")
 rows = [
     {"fraction": name, "flight": k, "end_s": flown[name].end_s[k], "depth_m": place[0]}
     for name in names
-    for k, place in enumerate(flown[name].end_position_m[:40])
+    for k, place in enumerate(flown[name].end_position_m[:shown])
 ]
 
 # %%
 caption = (
-    "Forty simulated flights of each fraction from the side, coloured by dwell time, after the "
-    "left part of Fig. A.6; the table says when and how far from the lance each ends."
+    f"{shown} simulated flights of each fraction from the side, coloured by dwell time (scale: 5 "
+    "to 95 % of all), after the left part of Fig. A.6; the table says when and how far from the "
+    "lance each ends."
 )
 data = pd.DataFrame(rows)
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=made)
@@ -113,23 +115,25 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 # %% tags=["hide-input"]
 size = {"width_mm": drawing.PAGE_MM, "height_mm": 95}
 picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+speeds = {name: one.velocity_m_s[:, :, 0] for name, one in flown.items()}
+limits = np.nanquantile(np.concatenate([one.ravel() for one in speeds.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
-    speed = flown[name].velocity_m_s[:, :, 0]
-    lines = definitions.from_the_side(axes, flown[name], speed, (0.0, 16.0), 40)
+    lines = definitions.from_the_side(axes, flown[name], speeds[name], limits, shown)
     axes.set_title(f"{name}, {bar} bar")
     axes.label_outer()
 picture.colorbar(lines, ax=grid, label="velocity in depth (m/s)", extend="both")
 rows = [
     {"fraction": name, "flight": k, "metre": metre, "velocity_m_s": speed}
     for name in names
-    for k, one in enumerate(simulated[name, bar].velocity_m_s[:40])
+    for k, one in enumerate(simulated[name, bar].velocity_m_s[:shown])
     for metre, speed in zip(findings.METRES, one, strict=True)
 ]
 
 # %%
 caption = (
-    "The same flights coloured by their velocity in depth, after the left part of Fig. A.7; the "
-    "table has the mean velocity in each metre (Eq. 5.8), empty where it was not passed."
+    "The same flights coloured by their velocity in depth (scale: 5 to 95 % of all moments), after "
+    "the left part of Fig. A.7; the table has the mean velocity in each metre (Eq. 5.8), empty "
+    "where it was not passed."
 )
 data = pd.DataFrame(rows)
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=made)

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kilnflight import external
+from kilnflight import drawing, external
 from kilnflight.frames import Attributes, Frame
 from kilnflight.recording import write_recording
 from kilnflight.tables import BELT_TRACKS
@@ -50,6 +51,14 @@ def authors_data(monkeypatch) -> Path:
         pytest.skip("the authors' DEM tracks are not here (make data fetches them)")
     monkeypatch.setenv("KILNFLIGHT_EXTERNAL", str(AUTHORS_DATA))
     return AUTHORS_DATA
+
+
+@pytest.fixture
+def axes():
+    """Empty axes in the project's style."""
+    figure, grid = drawing.canvas(1, 1)
+    yield grid[0, 0]
+    plt.close(figure)
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
 """Definitions drawn on flights: what is marked lies where the definition says."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import definitions, drawing
+from kilnflight import definitions
 from kilnflight.checks import InputError
 from kilnflight.flight import slices
 from kilnflight.regression import Fit
@@ -20,13 +19,6 @@ FLIGHT = {
     "dwell_s": 0.5,
 }
 TRACK = pd.DataFrame({"y": [200.0, np.nan], "z": [5500.0, np.nan]})
-
-
-@pytest.fixture
-def axes():
-    figure, grid = drawing.canvas(1, 1)
-    yield grid[0, 0]
-    plt.close(figure)
 
 
 def lines(axes):
@@ -74,6 +66,14 @@ def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_e
     np.testing.assert_allclose(drawn["burning"][0], lit)
     np.testing.assert_allclose(drawn["burning"][-1], drawn["end"][0])
     assert [text.get_text() for text in axes.texts] == ["dwell time 0.50 s"]
+
+
+def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
+    definitions.dwell(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
+    last, speed = FIT(0.6)[0], FIT.velocity(0.6)[0]
+    far = (np.array(FIT.exit_point_mm) - last - speed)[2:] / 1000
+    np.testing.assert_allclose(lines(axes)["end"][0][:1], far)
+    np.testing.assert_allclose(lines(axes)["burning"][-1], lines(axes)["end"][0])
 
 
 def test_what_never_burns_is_drawn_unlit_to_its_end(axes):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import drawing, flight_drawing
+from kilnflight import flight_drawing
 from kilnflight.regression import Fit
 
 FIT = Fit(
@@ -17,13 +17,6 @@ FIT = Fit(
 TRACK = pd.DataFrame(
     {"particle": 3, "frame": [60, 70], "x": 0.0, "y": 1.0, "z": [5600.0, np.nan], "gray": 900.0}
 )
-
-
-@pytest.fixture
-def axes():
-    figure, grid = drawing.canvas(1, 1)
-    yield grid[0, 0]
-    plt.close(figure)
 
 
 def test_boxes_stand_side_by_side_with_their_numbers(axes):

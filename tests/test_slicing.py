@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.flight import remaining, slices, space_sliced_velocity
+from kilnflight.slicing import straight_on
 from kilnflight.tables import SLICES
 
 SPEEDS = st.floats(3_000.0, 20_000.0)  # mm/s
@@ -119,3 +120,14 @@ def test_what_cannot_be_sliced_is_told(polynomials):
         space_sliced_velocity(polynomials(((), (), (np.nan,))))
     with pytest.raises(InputError, match="2 particles in a slice, but 1 counted"):
         remaining(slices({0: fit, 1: fit}), 1)
+
+
+def test_past_the_last_detection_a_flight_goes_straight_on(polynomials):
+    bent = polynomials(((0.0, 500.0), (100.0, 4900.0), (-9000.0, 4000.0, 7000.0)), last_s=0.4)
+    seen = np.linspace(bent.t0_s, bent.last_s, 9)
+    np.testing.assert_array_equal(straight_on(bent, seen), bent(seen))
+    later = bent.last_s + np.array([0.1, 0.5])
+    steps = straight_on(bent, later) - bent(bent.last_s)
+    np.testing.assert_allclose(steps, np.outer([0.1, 0.5], bent.velocity([bent.last_s])[0]))
+    with pytest.raises(InputError, match="fitted trajectory"):
+        straight_on(polynomials(((0.0,), (np.nan,), (0.0,))), 0.1)

@@ -17,6 +17,7 @@ from kilnflight.drawing import COLOURS
 from kilnflight.flight import BURNT_OUT, LANDED
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.regression import Fit
+from kilnflight.slicing import straight_on
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
@@ -61,6 +62,8 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
 def dwell(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
     """Draw a flight from the side, from the lance to its end, thick where it burns.
 
+    Past its last detection it flies straight on, as `kilnflight.landing` has it.
+
     Parameters
     ----------
     axes
@@ -80,11 +83,11 @@ def dwell(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) 
     if lit < flight["end_s"]:
         parts.append((lit, flight["end_s"], "burning", COLOURS[3], 2.6))
     for start, end, name, colour, width in parts:
-        way = _from_the_lance(fit, fit(np.linspace(start, end, MOMENTS))[:, 1:])
+        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, MOMENTS))[:, 1:])
         axes.plot(*way.T, color=colour, lw=width, ls="-", label=name)
     axes.plot(0, 0, **LANCE, label="lance")
     mark = "s" if flight["ending"] == LANDED else "o"
-    last = _from_the_lance(fit, fit(flight["end_s"])[:, 1:])
+    last = _from_the_lance(fit, straight_on(fit, flight["end_s"])[:, 1:])
     axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label="end")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
     axes.text(
@@ -126,7 +129,7 @@ def slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
         raise InputError("slices: not every slice up to the farthest; pass those of one flight.")
     time = np.concatenate([[0.0], np.cumsum(lengths / front["velocity_m_s"].to_numpy(np.float64))])
     moments = np.linspace(fit.t0_s, end_s, MOMENTS)
-    depth = _from_the_lance(fit, fit(moments)[:, 1:])[:, 0]
+    depth = _from_the_lance(fit, straight_on(fit, moments)[:, 1:])[:, 0]
     axes.plot(moments - fit.t0_s, depth, color="black", lw=1.2, ls="-", label="trajectory")
     axes.plot(0, 0, **LANCE, label="lance", zorder=3)
     axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
@@ -147,7 +150,7 @@ def slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
 
 
 def from_the_side(
-    axes: Axes, flights: Flights, values: Array, limits: tuple[float, float], most: int
+    axes: Axes, flights: Flights, values: Array, limits: npt.ArrayLike, most: int
 ) -> LineCollection:
     """Draw simulated flights from the side, as dark as a value is low; return what is coloured.
 
@@ -160,7 +163,7 @@ def from_the_side(
     values
         (n,) one for each flight, or (n, samples).
     limits
-        Values that are darkest and brightest.
+        The two values that are darkest and brightest.
     most
         How many flights are drawn, the first ones.
     """
@@ -170,7 +173,7 @@ def from_the_side(
     there = np.isfinite(steps).all(axis=(2, 3))
     lines = LineCollection(list(steps[there]), cmap="viridis", linewidths=0.6, linestyles="-")
     lines.set_array(every[:, :-1][there])
-    lines.set_clim(*limits)
+    lines.set_clim(*np.asarray(limits, dtype=np.float64))
     axes.add_collection(lines)
     axes.autoscale_view()
     axes.set(xlabel="from the lance (m)", ylabel="above the kiln's axis (m)")

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from kilnflight.checks import check_at_least, check_finite, check_limit
+from kilnflight.checks import check_at_least, check_limit
 from kilnflight.cylinder import Cylinder, InAir, distance_to_axis
-from kilnflight.slicing import Flown
+from kilnflight.slicing import Flown, straight_on
 
 Array = npt.NDArray[np.float64]
 
@@ -58,11 +58,7 @@ class Landing:
 
         def outside(t: npt.ArrayLike) -> Array:
             """Return by how many mm the fit, continued straight, is beyond the limit."""
-            time = np.atleast_1d(np.asarray(t, dtype=np.float64))
-            seen = np.minimum(time, fit.last_s)
-            place = check_finite(fit(seen), "Landing: the fitted trajectory")
-            place = place + (time - seen)[:, None] * fit.velocity(seen)
-            return distance_to_axis(place, wall) - in_air.threshold_mm
+            return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
 
         count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
         time = np.linspace(fit.first_s, fit.last_s, count)

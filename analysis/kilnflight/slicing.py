@@ -166,6 +166,17 @@ def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
     return pd.DataFrame(named).reset_index()
 
 
+def straight_on(fit: Flown, time_s: npt.ArrayLike) -> Array:
+    """Return places (n, 3) in mm; past the last detection the trajectory flies straight on.
+
+    Polynomials leave their data fast.
+    """
+    time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    seen = np.minimum(time, fit.last_s)
+    places = check_finite(fit(seen), "straight_on: the fitted trajectory")
+    return places + (time - seen)[:, None] * fit.velocity(seen)
+
+
 def _both_ways(fit: Flown, slice_m: float, until_s: float) -> tuple[list[float], list[float], int]:
     """Return ages at the marks in front and behind, and how many are before the camera."""
     check_positive(slice_m, "space_sliced_velocity: slice_m")

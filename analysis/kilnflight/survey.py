@@ -17,6 +17,7 @@ from kilnflight.campaigns import Campaign, Measured
 from kilnflight.checks import InputError
 from kilnflight.findings import METRES, Findings, outcomes
 from kilnflight.intervals import Bootstrap, Interval
+from kilnflight.slicing import straight_on
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import outcomes as true_outcomes
 from kilnflight.twin import statements
@@ -52,23 +53,14 @@ def findings_of(
     wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
     fits = regression.fits(trajectories[TRAJECTORIES.names])
     ends = zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
-    reached = [_reached_mm(fits[name], end) for name, end in ends]
+    ways = [(fits[name], end) for name, end in ends]
+    reached = [fit.exit_point_mm[2] - straight_on(fit, end)[0, 2] for fit, end in ways]
     return Findings(
         counted["dwell_s"].to_numpy(np.float64),
         wide.to_numpy(np.float64),
         counted["ignition_s"].to_numpy(np.float64),
         np.array(reached, dtype=np.float64) / 1000.0,
     )
-
-
-def _reached_mm(fit: regression.Fit, end_s: float) -> float:
-    """Return how far from the lance a flight ends; past its last detection it goes straight on.
-
-    So does `kilnflight.landing`: polynomials leave their data fast.
-    """
-    known = min(end_s, fit.last_s)
-    deep = fit(known)[0, 2] + fit.velocity(known)[0, 2] * (end_s - known)
-    return float(fit.exit_point_mm[2] - deep)
 
 
 def fits_of(
