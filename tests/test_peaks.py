@@ -125,9 +125,12 @@ def test_whether_there_are_peaks_is_whether_any_are_found():
 @pytest.mark.parametrize("seed", range(40))
 def test_whether_there_is_a_peak_is_told_as_by_finding_it(seed):
     generator = np.random.default_rng(seed)
-    image = cv2.GaussianBlur(generator.normal(size=(60, 80)), (0, 0), generator.uniform(0.3, 4))
-    image = np.round(20 * image) if seed % 3 == 0 else image
-    rows, cols = (np.sort(generator.integers(-3, n, (30, 2)), axis=1) for n in (64, 84))
+    shape = (60, 80) if seed % 4 else (180, 220)  # wider than what is looked at around a pixel
+    image = cv2.GaussianBlur(
+        generator.normal(size=shape), (0, 0), shape[0] / 60 * generator.uniform(0.3, 4)
+    )
+    image = np.round(20 * image / image.std() / 5) if seed % 3 == 0 else image
+    rows, cols = (np.sort(generator.integers(-3, n + 4, (30, 2)), axis=1) for n in shape)
     areas = np.hstack([rows, cols])
     prominence = max(float(image.std()), 0.1) * generator.uniform(0.3, 4)
     found = np.isin(np.arange(30), find_peaks(image, areas, prominence)[0])

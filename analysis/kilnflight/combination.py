@@ -160,7 +160,8 @@ def check_view(view: View, labels: Index, where: str) -> None:
     check_shape(view.foreground, shape, f"{where}: foreground")
     check_shape(view.pixels, (len(view.xyz), 2), f"{where}: pixels of the points")
     check_shape(labels, (len(view.xyz),), f"{where}: labels of the points")
-    if len(labels) and (view.pixels.min() < 0 or (view.pixels.max(axis=0) >= shape).any()):
+    row, col = view.pixels.T  # each for itself: along narrow rows numpy is slow
+    if len(labels) and (view.pixels.min() < 0 or row.max() >= shape[0] or col.max() >= shape[1]):
         outside = ((view.pixels < 0) | (view.pixels >= shape)).any(axis=1)
         first = int(np.argmax(outside))
         raise InputError(
@@ -176,7 +177,7 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
     on_wall = np.zeros(len(xyz), dtype=bool)
     if (first >= 0).any():
         on_wall = first == np.bincount(first[first >= 0]).argmax()
-    labels[~on_wall] = clusterer(xyz[~on_wall])
+    labels[~on_wall] = clusterer(xyz.compress(~on_wall, axis=0))
     return labels
 
 

@@ -90,7 +90,7 @@ def kept(
     with locked(path.with_suffix(".lock")):
         if not (path.is_file() and whole()):
             clear_parts(path)
-            _keep(path, went_in, make())
+            keep(path, parquet(make(), went_in))
     try:
         return pd.read_parquet(path)
     except (OSError, pa.ArrowException) as error:
@@ -109,8 +109,8 @@ def parquet(made: pd.DataFrame, went_in: Mapping[str, object] | None = None) -> 
     return buffer.getvalue()
 
 
-def _keep(path: Path, went_in: Mapping[str, object], made: pd.DataFrame) -> None:
-    content = parquet(made, went_in)
+def keep(path: Path, content: bytes) -> None:
+    """Write a file of a long run whole, or raise an `InputError` that says how to go on."""
     try:
         write_whole(path, content)
     except OSError as error:

@@ -65,7 +65,7 @@ def views(
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
             flame.clear(foreground)  # nobody else has it: models give every one anew
             keep = ~flame.holds(pixels)
-            pixels, xyz = pixels[keep], xyz[keep]
+            pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
         before, gray = t, frame.gray
         yield t, View(gray, previous, foreground, pixels, xyz)
 

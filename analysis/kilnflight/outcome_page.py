@@ -13,12 +13,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from kilnflight import __version__, drawing
-from kilnflight.checks import InputError
-from kilnflight.files import clear_parts, locked, write_whole
+from kilnflight.files import clear_parts, locked
 from kilnflight.findings import ignition_histogram
 from kilnflight.flight import remaining
 from kilnflight.frames import PictureRecording
-from kilnflight.keeping import parquet
+from kilnflight.keeping import keep, parquet
 from kilnflight.outcome import Outcome, summary
 from kilnflight.tracklets import tracked
 
@@ -69,13 +68,7 @@ def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)
-            try:
-                write_whole(folder / name, content)
-            except OSError as error:
-                raise InputError(
-                    f"{folder / name}: cannot be written ({error.strerror or error}). What was "
-                    "finished before is kept: make room and run it again; it goes on from there."
-                ) from error
+            keep(folder / name, content)
     return folder / "report.html"
 
 

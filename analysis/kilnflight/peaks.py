@@ -17,8 +17,9 @@ from kilnflight.checks import InputError, check_positive, check_shape
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
-NEAR_PX = 12  # how far a higher pixel is looked for before the whole area is sorted
+NEAR_PX = 48  # how far a higher pixel is looked for before the whole area is sorted
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
+NO, UNSURE, SURE = 0, 1, 2  # whether a peak is there, as far as a look around its pixel says
 
 
 def find_peaks(
@@ -71,8 +72,8 @@ def _checked(
         raise InputError(f"find_peaks: the image has {picture.ndim} axes, expected rows, cols.")
     boxes = np.ascontiguousarray(areas, dtype=np.int64)
     check_shape(boxes, (None, 4), "find_peaks: areas")
-    needed = np.broadcast_to(np.asarray(prominence, dtype=np.float64), len(boxes))
-    return picture, boxes, np.ascontiguousarray(needed)
+    needed = np.full(len(boxes), prominence, dtype=np.float64)
+    return picture, boxes, needed
 
 
 @numba.njit(cache=True)
@@ -124,63 +125,90 @@ def _any_peaks(
     """Return whether each area has a peak."""
     found = np.zeros(len(boxes), np.bool_)
     for k in range(len(boxes)):
-        if _may_have_peaks(image, boxes[k], needed[k]):
+        answer = _looked_for(image, boxes[k], needed[k])
+        found[k] = answer == SURE
+        if answer == UNSURE:
             found[k] = len(_area_peaks(image, boxes[k], needed[k])) > 0
     return found
 
 
 @numba.njit(cache=True)
-def _may_have_peaks(image: Float32, box: Index, prominence: float) -> bool:
-    """Tell whether some inner pixel may stand out so far; a fast bound, never too low."""
+def _looked_for(image: Float32, box: Index, prominence: float) -> int:
+    """Tell whether some inner pixel stands out so far, without sorting the area."""
     top, bottom = max(box[0], 0), min(box[1], image.shape[0])
     left, right = max(box[2], 0), min(box[3], image.shape[1])
-    if bottom - top < 3 or right - left < 3:
-        return False
+    if bottom - top < 3 or right - left < 3 or (bottom - top) * (right - left) > LARGEST_AREA_PX:
+        return NO
     area = image[top:bottom, left:right]
-    least, most = area[0, 0], area[0, 0]
-    for row in range(bottom - top):
-        line = area[row]
-        for col in range(right - left):
-            least, most = min(least, line[col]), max(most, line[col])
+    least, highest = _extremes(area)
+    most = highest.max()
     around = _around(area)
     if most - min(least, around) < prominence:
-        return False
-    low_summit = most - around < prominence and np.sum(area == most) == 1
+        return NO
+    single = np.sum(area == most) == 1
+    low_summit = most - around < prominence and single
+    answer = NO
+    seen, stack = np.zeros(area.shape, np.int64), np.empty((area.size, 2), np.int64)
     for row in range(1, bottom - top - 1):
+        if highest[row] - least < prominence:
+            continue
         for col in range(1, right - left - 1):
             value = area[row, col]
             if value - least < prominence or (low_summit and value == most):
                 continue
             if value < area[row, col - 1] or value < area[row, col + 1]:
                 continue
-            if _may_stand_out(area, row, col, prominence):
-                return True
-    return False
+            if value < most:
+                answer = max(answer, _stands_out(area, (row, col), prominence, seen, stack))
+            else:  # the highest must stand out from the border; of equal ones the first
+                answer = max(answer, SURE if single else UNSURE)
+            if answer == SURE:
+                return SURE
+    return answer
+
+
+@numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
+def _extremes(area: Float32) -> tuple[float, Float32]:
+    """Return the lowest value and the highest of each row."""
+    least, highest = area[0, 0], area[:, 0].copy()
+    for row in range(area.shape[0]):
+        line, low, high = area[row], area[row, 0], area[row, 0]
+        for col in range(area.shape[1]):
+            low, high = min(low, line[col]), max(high, line[col])
+        least, highest[row] = min(least, low), high
+    return least, highest
 
 
 @numba.njit(cache=True)
-def _may_stand_out(area: Float32, row: int, col: int, prominence: float) -> bool:
-    """Tell whether no higher pixel is near without a descent by the prominence."""
-    value, side = area[row, col], 2 * NEAR_PX + 1
-    seen = np.zeros((side, side), np.bool_)
-    stack = np.empty((side * side, 2), np.int64)
-    stack[0], count = (row, col), 1
-    seen[NEAR_PX, NEAR_PX] = True
+def _stands_out(
+    area: Float32, place: tuple[int, int], prominence: float, seen: Index, stack: Index
+) -> int:
+    """Tell whether no higher pixel can be reached without a descent by the prominence.
+
+    Whether of several equal ones the first lies inside the border is not looked at.
+    ``seen`` (as the area) marks what was visited for which pixel, ``stack`` has room for all.
+    """
+    row, col = place
+    value, mark = area[row, col], row * area.shape[1] + col
+    stack[0], count, answer = place, 1, SURE
+    seen[row, col] = mark
     while count:
         count -= 1
         at_row, at_col = stack[count]
         for i in range(max(at_row - 1, 0), min(at_row + 2, area.shape[0])):
             for j in range(max(at_col - 1, 0), min(at_col + 2, area.shape[1])):
                 if area[i, j] > value:
-                    return False
-                down, across = i - row + NEAR_PX, j - col + NEAR_PX
-                if not (0 <= down < side and 0 <= across < side):
-                    return True  # too wide to tell
-                if not seen[down, across] and value - area[i, j] < prominence:
-                    seen[down, across] = True
-                    stack[count] = (i, j)
-                    count += 1
-    return True
+                    return NO
+                if seen[i, j] == mark or value - area[i, j] >= prominence:
+                    continue
+                if max(abs(i - row), abs(j - col)) > NEAR_PX:
+                    return UNSURE
+                if area[i, j] == value:
+                    answer = UNSURE
+                seen[i, j] = mark
+                stack[count] = (i, j)
+                count += 1
+    return answer
 
 
 @numba.njit(cache=True)

@@ -133,26 +133,42 @@ def _near(points: Any, a: int, b: int, limit: float) -> bool:
 
 
 @njit(cache=True)
+def _count_near(axes: Any, a: int, begin: int, end: int, limit: float) -> int:
+    """Count the sorted points from ``begin`` to ``end`` that are at most eps from point a."""
+    x, y, z = axes
+    own_x, own_y, own_z = x[a], y[a], z[a]
+    found = 0
+    for b in range(begin, end):
+        along_x, along_y, along_z = own_x - x[b], own_y - y[b], own_z - z[b]
+        found += along_x * along_x + along_y * along_y + along_z * along_z <= limit
+    return found
+
+
+@njit(cache=True)
 def _core_points(cells: Cells, steps: Any, limit: float, wanted: int) -> Any:
-    """Tell of each sorted point whether it is a core point."""
+    """Tell of each sorted point whether it is a core point.
+
+    The cells within reach in one row are neighbours in the order of the points, the point's
+    own among them; most points know after the nearest rows, so that others are not looked up.
+    """
     points, keys, starts = cells.points, cells.keys, cells.starts
+    axes = (points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy())
     first = np.zeros(25, np.int64)
-    last = np.zeros(25, np.int64)
+    begin, end = np.zeros(25, np.int64), np.zeros(25, np.int64)
     core = np.ones(len(points), np.bool_)
     for cell in range(len(keys)):
-        inside = starts[cell + 1] - starts[cell]
-        if inside >= wanted:
+        if starts[cell + 1] - starts[cell] >= wanted:
             continue
-        for r in range(25):
-            first[r] = advance(keys, first[r], keys[cell] + steps[r] - 2)
-            last[r] = advance(keys, first[r], keys[cell] + steps[r] + 3)
+        known = 0
         for a in range(starts[cell], starts[cell + 1]):
-            found = inside
+            found = 0
             for r in range(25):
-                for other in range(first[r], last[r]):
-                    if other != cell:
-                        for b in range(starts[other], starts[other + 1]):
-                            found += _near(points, a, b, limit)
+                if r == known:
+                    first[r] = advance(keys, first[r], keys[cell] + steps[r] - 2)
+                    begin[r] = starts[first[r]]
+                    end[r] = starts[advance(keys, first[r], keys[cell] + steps[r] + 3)]
+                    known += 1
+                found += _count_near(axes, a, begin[r], end[r], limit)
                 if found >= wanted:
                     break
             core[a] = found >= wanted
@@ -181,6 +197,7 @@ def _connected_cells(cells: Cells, steps: Any, core: Any, limit: float) -> Any:
     for reach in range(1, 3):
         first = np.zeros(25, np.int64)
         for cell in range(len(keys)):
+            own = root_of(parents, cell)
             for r in range(9 if reach == 1 else 25):
                 if steps[r] < 0:
                     continue  # the other cell finds this one
@@ -188,9 +205,10 @@ def _connected_cells(cells: Cells, steps: Any, core: Any, limit: float) -> Any:
                 first[r] = advance(keys, first[r], low)
                 other = first[r]
                 while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
-                    apart = root_of(parents, cell) != root_of(parents, other)
+                    apart = own != root_of(parents, other)
                     if apart and _touch(cells.points, starts, core, cell, other, limit):
                         unite(parents, cell, other)
+                        own = root_of(parents, cell)
                     other += 1
     return parents
 

@@ -57,62 +57,69 @@ def _reach_and_mass(some: bytes, more: bytes) -> tuple[int, float]:
     return radius, float(weight[weight > 0].sum(dtype=np.float64))
 
 
-def mirrored(image: Image, width: int) -> Image:
-    """Return the image continued by ``width`` px on all sides, mirrored at the border."""
-    rows, cols = (np.pad(np.arange(n), width, mode="reflect") for n in image.shape)
-    wide = np.empty((len(rows), len(cols)), dtype=np.float32)
-    wide[width:-width, width:-width] = image
-    wide[width:-width, :width] = image[:, cols[:width]]
-    wide[width:-width, -width:] = image[:, cols[-width:]]
-    wide[:width] = wide[rows[:width] + width]
-    wide[-width:] = wide[rows[-width:] + width]
-    return wide
+@njit(cache=True)
+def _inward(i: int, length: int) -> int:
+    """Return the sample that stands for one beyond the border, mirrored as often as needed."""
+    if length == 1:
+        return 0
+    period = 2 * (length - 1)
+    i %= period
+    return period - i if i >= length else i
 
 
 @njit(cache=True)
-def _pass(source: Any, begin: int, stride: int, taps: Any, target: Any) -> None:
-    """Blur a flat array along neighbours ``stride`` apart, from ``begin`` on.
+def _neighbours(begin: int, stride: int, taps: Any) -> Any:
+    """Return where a line's neighbours begin, ``stride`` apart before it and behind it."""
+    low, high = np.empty(len(taps), np.int64), np.empty(len(taps), np.int64)
+    for j in range(len(taps)):
+        low[j], high[j] = begin - j * stride, begin + j * stride
+    return low, high
 
-    The sum is the same for every pixel, in the same order, wherever the array begins.
+
+@njit(cache=True)
+def _pass(source: Any, low: Any, high: Any, taps: Any, target: Any) -> None:
+    """Blur a line of a flat array with its neighbours, which begin at ``low`` and ``high``.
+
+    The sum is the same for every pixel, in the same order, wherever the line begins.
     Three taps at a time, because reading and writing the sum costs more than adding to it.
     """
-    end = begin + len(target)
-    centre, weight = source[begin:end], taps[0]
-    for x in range(len(target)):
+    size = len(target)
+    centre, weight = source[low[0] : low[0] + size], taps[0]
+    for x in range(size):
         target[x] = weight * centre[x]
     full = 1 + 3 * ((len(taps) - 1) // 3)
     for j in range(1, full, 3):
-        one, two, three = j * stride, (j + 1) * stride, (j + 2) * stride
-        a, b, u = source[begin - one : end - one], source[begin + one : end + one], taps[j]
-        c, d, v = source[begin - two : end - two], source[begin + two : end + two], taps[j + 1]
-        e, f, w = (
-            source[begin - three : end - three],
-            source[begin + three : end + three],
-            taps[j + 2],
-        )
-        for x in range(len(target)):
+        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], taps[j]
+        k = j + 1
+        c, d, v = source[low[k] : low[k] + size], source[high[k] : high[k] + size], taps[k]
+        k = j + 2
+        e, f, w = source[low[k] : low[k] + size], source[high[k] : high[k] + size], taps[k]
+        for x in range(size):
             target[x] += u * (a[x] + b[x]) + v * (c[x] + d[x]) + w * (e[x] + f[x])
     for j in range(full, len(taps)):
-        a, b = (
-            source[begin - j * stride : end - j * stride],
-            source[begin + j * stride : end + j * stride],
-        )
-        weight = taps[j]
-        for x in range(len(target)):
-            target[x] += weight * (a[x] + b[x])
+        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], taps[j]
+        for x in range(size):
+            target[x] += u * (a[x] + b[x])
 
 
 @njit(cache=True)
-def _smooth(wide: Any, taps: Any, step: int) -> Any:
-    """Return the blur of a mirrored image at every ``step``-th pixel."""
-    radius, stride = len(taps) - 1, wide.shape[1]
-    height, width = wide.shape[0] - 2 * radius, stride - 2 * radius
-    flat = wide.ravel()
-    column, line = np.empty(stride, dtype=np.float32), np.empty(width, dtype=np.float32)
-    out = np.empty(((height + step - 1) // step, (width + step - 1) // step), dtype=np.float32)
-    for row in range(0, height, step):
-        _pass(flat, (row + radius) * stride, stride, taps, column)
-        _pass(column, radius, 1, taps, line)
+def _smooth(image: Any, taps: Any, step: int) -> Any:
+    """Return the blur of an image at every ``step``-th pixel."""
+    radius, (rows, cols) = len(taps) - 1, image.shape
+    flat = image.ravel()
+    column, line = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
+    inner = column[radius : radius + cols]
+    low, high = _neighbours(0, 1, taps)
+    left, right = _neighbours(radius, 1, taps)
+    out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), dtype=np.float32)
+    for row in range(0, rows, step):
+        for j in range(radius + 1):
+            low[j], high[j] = _inward(row - j, rows) * cols, _inward(row + j, rows) * cols
+        _pass(flat, low, high, taps, inner)
+        for x in range(1, radius + 1):
+            column[radius - x] = inner[_inward(-x, cols)]
+            column[radius + cols - 1 + x] = inner[_inward(cols - 1 + x, cols)]
+        _pass(column, left, right, taps, line)
         target = out[row // step]
         for x in range(len(target)):  # a slice assigned is slow to compile
             target[x] = line[step * x]
@@ -124,7 +131,7 @@ def smooth(image: Image, sigma: float, step: int = 1) -> Image:
     taps = gaussian_taps(sigma)
     if len(taps) == 1:
         return image[::step, ::step]
-    return np.asarray(_smooth(mirrored(image, len(taps) - 1), taps, step))
+    return np.asarray(_smooth(np.ascontiguousarray(image), taps, step))
 
 
 @njit(cache=True)
@@ -155,17 +162,7 @@ def smooth_doubled(image: Image, sigma: float) -> Image:
     fine = np.pad(gaussian_taps(sigma), (0, 3))
     fine = np.concatenate([fine[1:2], fine])
     taps = fine[1:-1:2] + (fine[:-2:2] + fine[2::2]) / 2
-    return np.asarray(_smooth(mirrored(image, len(taps) - 1), taps, 1))
-
-
-@njit(cache=True)
-def _inward(i: int, length: int) -> int:
-    """Return the sample that stands for one beyond the border, mirrored as often as needed."""
-    if length == 1:
-        return 0
-    period = 2 * (length - 1)
-    i %= period
-    return period - i if i >= length else i
+    return np.asarray(_smooth(np.ascontiguousarray(image), taps, 1))
 
 
 @njit(cache=True)
@@ -214,9 +211,11 @@ def differences(image: Any, box: Box, taps: Any) -> Any:
         flat = _patch(image, top - radius, bottom + radius, left - radius, right + radius)
         # The ends of the lines are blurred across, too; they are cut off below.
         down = np.empty((rows + 2) * stride, dtype=np.float32)
-        _pass(flat, radius * stride, stride, taps[index], down[stride:-stride])
+        low, high = _neighbours(radius * stride, stride, taps[index])
+        _pass(flat, low, high, taps[index], down[stride:-stride])
         along = np.empty(rows * stride, dtype=np.float32)
-        _pass(down, stride, 1, taps[index], along)
+        low, high = _neighbours(stride, 1, taps[index])
+        _pass(down, low, high, taps[index], along)
         blurred = along.reshape(rows, stride)[:, radius : radius + cols]
         for row in range(rows):
             line = blurred[row]

@@ -56,15 +56,18 @@ class DepthCamera:
         The line through the captured depths of the plate at 1 m, 2 m, ... 11 m: monotone,
         equal to the inverse of Eq. 2.4 at those distances, and continued beyond them.
         """
-        plate = np.array(PLATE_DISTANCES_MM)
-        medians = invert_depth(plate)
+        plate, medians = np.array(PLATE_DISTANCES_MM), self._medians
         true = np.asarray(true_mm, dtype=np.float64)
-        inside = np.interp(true, plate, medians)
+        captured = np.interp(true, plate, medians)
         first = (medians[1] - medians[0]) / (plate[1] - plate[0])
         last = (medians[-1] - medians[-2]) / (plate[-1] - plate[-2])
-        beyond = np.where(true > plate[-1], last * (true - plate[-1]), 0.0)
-        before = np.where(true < plate[0], first * (true - plate[0]), 0.0)
-        return inside + beyond + before
+        captured = captured + last * np.maximum(true - plate[-1], 0.0)
+        return np.asarray(captured + first * np.minimum(true - plate[0], 0.0))
+
+    @cached_property
+    def _medians(self) -> Array:
+        """Captured depths of the plate in mm."""
+        return invert_depth(np.array(PLATE_DISTANCES_MM))
 
     def wall_scale(self, depth_mm: Array) -> Array:
         """Return the standard deviation of the wall's patch error in mm at a true depth."""

@@ -231,10 +231,12 @@ class Twin:
         wall, depth = self._wall, self.scene.depth
         kept = generator.random(len(wall.index), dtype=np.float32) < depth.kept_per_frame
         kept &= labels.reshape(-1)[wall.index] == 0
+        chosen = np.flatnonzero(kept)  # a mask would be counted out by every array anew
         patches = generator.standard_normal(wall.patches)
-        white = generator.standard_normal(int(kept.sum()), dtype=np.float32)
-        error = wall.scale[kept] * patches[wall.patch[kept]] + depth.white_mm * white
-        return wall.index[kept], wall.depth_mm[kept] + error
+        white = generator.standard_normal(len(chosen), dtype=np.float32)
+        common = patches.take(wall.patch.take(chosen))
+        error = wall.scale.take(chosen) * common + depth.white_mm * white
+        return wall.index.take(chosen), wall.depth_mm.take(chosen) + error
 
     def _particle_depth(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Array]:
         """Return pixels and true depth with error of the points on particles."""
