@@ -85,9 +85,11 @@ class Gate:
         for name, places in (("predictions", predicted[0]), ("detections", detected[0])):
             if not np.isfinite(places).all():  # the quick look first
                 check_finite(places, f"positions of {name}")
-        squares, logs, sizes, singular = _gate(
-            *predicted, *detected, float(self.distance) ** 2, float(self.depth_mm)
-        )
+        # plain arrays: for others numba would compile it again
+        known: list[Any] = [np.array(part, np.float64, order="C") for part in predicted]
+        known += [np.array(part, np.float64, order="C") for part in detected]
+        known += [float(self.distance) ** 2, float(self.depth_mm)]
+        squares, logs, sizes, singular = _gate(*known)
         if singular >= 0:
             raise InputError(
                 f"Gate: the residual covariance of track {singular} is singular or not finite. "

@@ -145,7 +145,7 @@ def make_plan(graph: Graph) -> Plan:
         np.full(vertices, -1),
     )
     found = np.empty(vertices, np.int64)
-    step = 0
+    step: Any = np.int64(0)  # of a plain 0, numba compiles what it is given to twice
     for seed in range(vertices):
         if work.state[seed] == OUT or graph.starts[seed] == graph.starts[seed + 1]:
             continue
@@ -183,7 +183,8 @@ def _plan_component(
     for vertex in members:
         work.state[vertex] = UNTOUCHED
         work.fresh[vertex] = graph.starts[vertex + 1] - graph.starts[vertex]
-    width, total = 0, 1.0
+    width: Any = np.int64(0)
+    total = 1.0
     for k in range(size):
         vertex = _cheapest(graph, members, work.state, work.fresh)
         width = _take_out(
