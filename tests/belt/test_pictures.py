@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.area import BELT, Area
-from kilnflight.belt.pictures import SHAPES, Pictures, Shape, at_rate
+from kilnflight.belt.pictures import SHAPES, Pictures, Shape, _exposed, at_rate
 from kilnflight.belt.view import View
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_TRACKS
@@ -105,3 +105,13 @@ def test_what_cannot_be_drawn_is_told():
         Area(start_mm=10.0, end_mm=5.0)
     with pytest.raises(InputError, match="soft_px"):
         replace(Pictures(one_track(), SHAPES["spheres"], 0), soft_px=0.0)
+
+
+def test_gray_values_are_rounded_and_cut_off_at_eight_bits():
+    rng = np.random.default_rng(5)
+    picture = rng.uniform(-20, 280, (40, 50)).astype(np.float32)
+    picture[0, :4] = [0.5, 1.5, 254.5, 255.5]
+    noise = rng.standard_normal(picture.shape, dtype=np.float32)
+    for spread in (0.0, 3.0, 400.0):
+        plain = np.clip(np.rint(picture + spread * noise), 0, 255).astype(np.uint8)
+        np.testing.assert_array_equal(_exposed(picture, np.float32(spread), noise), plain)

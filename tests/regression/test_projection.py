@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from kilnflight.regression import Loss, Regression
 from kilnflight.regression.loss import cost, weight
 from kilnflight.regression.projection import COST, CURVATURE, SLOPE, project, reweight
-from kilnflight.regression.search import combinations, range_of_start
+from kilnflight.regression.search import Combinations, range_of_start
 
 few = settings(max_examples=25, deadline=None)
 NAMES = {Loss.SQUARES: "linear", Loss.SOFT_L1: "soft_l1", Loss.HUBER: "huber"}
@@ -94,10 +94,11 @@ def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
     exit_point = np.array([120.0, 60.0, 6500.0]) / scatter
     moved = np.ascontiguousarray((places - exit_point).T)
     limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
-    starts, costs = combinations(time, moved, 2, np.array(orders), int(loss), limits, first)
+    costs = Combinations(time, moved, 2, np.array(orders), int(loss), limits, first)
     theirs = plain.solve(time, places, exit_point, orders, first, limits, loss=NAMES[loss])
-    assert costs[-1, -1, -1].sum() == pytest.approx(2 * theirs.cost, rel=1e-9)
-    assert starts[-1, -1, -1] == pytest.approx(theirs.x[-1], abs=1e-4)
+    last = tuple(order - 2 for order in orders)
+    assert costs[last].sum() == pytest.approx(2 * theirs.cost, rel=1e-9)
+    assert costs.start(last) == pytest.approx(theirs.x[-1], abs=1e-4)
 
 
 def test_orders_go_up_while_the_gain_is_one_per_cent():
@@ -114,3 +115,16 @@ def test_orders_go_up_while_the_gain_is_one_per_cent():
     costs[1:, :, :, 0] *= 0.985**2
     assert regression.choose(costs, points) == (1, 0, 1)
     assert regression.choose(np.zeros((3, 3, 3, 3)), points) == (0, 0, 0)
+
+
+def test_asking_for_few_combinations_chooses_as_solving_all_does(flight):
+    track = flight(scatter=np.array([2.0, 2.0, 30.0]), seed=4)
+    moved = (track[list("xyz")].to_numpy() - np.array([120.0, 60.0, 6500.0])).T
+    time, highest = np.linspace(0, 1, 60), np.full(3, 4)
+    limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
+    asked, every = (Combinations(time, moved, 2, highest, 0, limits, first) for _ in range(2))
+    solved = np.array([every[place] for place in np.ndindex(3, 3, 3)]).reshape(3, 3, 3, 3)
+    chosen = Regression().choose(asked, 60)
+    assert chosen == Regression().choose(solved, 60)
+    assert len(asked.solved) < 27
+    assert asked.start(chosen) == every.start(chosen)

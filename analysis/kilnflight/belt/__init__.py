@@ -33,8 +33,9 @@ lateral     equation    parameter from calibration                  reference
 Where tracks come from: `dem` reads the authors', `simulation` makes our own (MuJoCo: `bulk`
 and `slide` and `conveyor` say what, `physics` how it touches, `batch` runs it, `machine` joins
 them, `calibration` found the `friction_values`, `contact_study` varies the rest), `friction` is
-the model without contacts that needs nothing installed. `sampling` thins tracks, `answers`
-puts the claims to them, `touching` counts who was seen as one with another.
+the model without contacts that needs nothing installed. `sampling` thins tracks, `columns` are
+what models take of them, checked once, `answers` puts the claims to them, `touching` counts who
+was seen as one with another.
 """
 
 from kilnflight.belt import arrival, lateral

@@ -16,10 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.belt.columns import Arrival, Last, checked_arrival, checked_last
 from kilnflight.checks import InputError, check_finite, check_positive
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 Array = npt.NDArray[np.float64]
+Observation = pd.DataFrame | Last  # a table, or its columns as checked before
+Reference = pd.DataFrame | Arrival
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 
@@ -29,11 +31,11 @@ class ArrivalModel(Protocol):
 
     name: ClassVar[str]
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival at ``x = target_mm`` in s."""
         ...
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Return the model with its parameter taken from particles seen to arrive."""
         ...
 
@@ -57,36 +59,31 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
     return np.where((inside >= 0) & (velocity + root > 0), time, np.nan)
 
 
-def _remaining(last: pd.DataFrame, target_mm: float) -> tuple[Array, Array, Array, Array]:
+def _remaining(last: Observation, target_mm: float) -> tuple[Array, Array, Array, Array]:
     """Return time, remaining distance, velocity and acceleration of the last observation."""
-    table = BELT_LAST.check(last)
+    table = checked_last(last)
     check_finite(target_mm, "target_mm")
-    distance = target_mm - table["x"].to_numpy()
+    distance = target_mm - table.x
     if (distance <= 0).any():
-        who = table["particle"].to_numpy()[int(np.argmax(distance <= 0))]
+        who = table.particle[int(np.argmax(distance <= 0))]
         raise InputError(
             f"particle {who} was last observed at or beyond the target x = {target_mm} mm; "
             "predict to a place downstream of the last observation."
         )
-    return (
-        table["time_s"].to_numpy(),
-        distance,
-        table["velocity_x_mm_s"].to_numpy(),
-        table["acceleration_x_mm_s2"].to_numpy(),
-    )
+    return table.time_s, distance, table.velocity_x_mm_s, table.acceleration_x_mm_s2
 
 
-def _calibration_time(last: pd.DataFrame, arrival: pd.DataFrame, model: str) -> Array:
+def _calibration_time(last: Observation, arrival: Reference, model: str) -> Array:
     """Return the true arrival times of the calibration particles, checked to belong to them."""
-    table = BELT_ARRIVAL.check(arrival)
-    if len(table) == 0 or list(table["particle"]) != list(last["particle"]):
+    seen, table = checked_last(last), checked_arrival(arrival)
+    if len(table.particle) == 0 or not np.array_equal(table.particle, seen.particle):
         raise InputError(
             f"{model}: calibration needs at least one particle, and the same particles in the "
-            f"same order in both tables; got {len(last)} and {len(table)}."
+            f"same order in both tables; got {len(seen.particle)} and {len(table.particle)}."
         )
-    time = table["time_s"].to_numpy()
-    if (time <= last["time_s"].to_numpy()).any():
-        who = table["particle"].to_numpy()[int(np.argmax(time <= last["time_s"].to_numpy()))]
+    time = table.time_s
+    if (time <= seen.time_s).any():
+        who = table.particle[int(np.argmax(time <= seen.time_s))]
         raise InputError(
             f"{model}: particle {who} arrives before it was last observed; check both tables."
         )
@@ -111,12 +108,12 @@ class IV:
         if self.velocity_mm_s is not None:
             check_positive(self.velocity_mm_s, "IV: velocity_mm_s")
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s."""
         time, distance, _, _ = _remaining(last, target_mm)
         return time + distance / _needs_calibration(self.velocity_mm_s, self.name)
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Take the median of the particles' mean velocities in the prediction phase."""
         reference = _calibration_time(last, arrival, self.name)
         time, distance, _, _ = _remaining(last, target_mm)
@@ -129,12 +126,12 @@ class CV:
 
     name: ClassVar[str] = "CV"
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s."""
         time, distance, velocity, _ = _remaining(last, target_mm)
         return time + time_to_cover(distance, velocity, np.zeros_like(velocity))
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -146,11 +143,11 @@ class CVBC:
     bias_s: float | None = None  # t_BC: median of true minus CV time
     name: ClassVar[str] = "CVBC"
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s."""
         return CV()(last, target_mm) + _needs_calibration(self.bias_s, self.name)
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Take the median of true minus predicted time; particles CV never brings are left out."""
         error = _calibration_time(last, arrival, self.name) - CV()(last, target_mm)
         return replace(self, bias_s=_median(error, self.name))
@@ -162,12 +159,12 @@ class CA:
 
     name: ClassVar[str] = "CA"
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s; NaN where Eq. 6 has no positive root."""
         time, distance, velocity, acceleration = _remaining(last, target_mm)
         return time + time_to_cover(distance, velocity, acceleration)
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -190,7 +187,7 @@ class CALV:
         """Refuse a limit that is not a velocity."""
         check_positive(self.limit_mm_s, "CALV: limit_mm_s")
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s; NaN where Eq. 6 has no positive root."""
         time, distance, velocity, acceleration = _remaining(last, target_mm)
         limit = np.maximum(self.limit_mm_s, velocity)
@@ -203,7 +200,7 @@ class CALV:
         free = time_to_cover(distance, velocity, acceleration)
         return time + np.where(gains & (covered < distance), limited, free)
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Return itself; the limit is known, not learnt."""
         return self
 
@@ -215,13 +212,13 @@ class IA:
     acceleration_mm_s2: float | None = None  # median of the optimal ones
     name: ClassVar[str] = "IA"
 
-    def __call__(self, last: pd.DataFrame, target_mm: float) -> Array:
+    def __call__(self, last: Observation, target_mm: float) -> Array:
         """Return the predicted time of arrival in s; NaN where Eq. 6 has no positive root."""
         time, distance, velocity, _ = _remaining(last, target_mm)
         shared = np.full_like(velocity, _needs_calibration(self.acceleration_mm_s2, self.name))
         return time + time_to_cover(distance, velocity, shared)
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame, target_mm: float) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference, target_mm: float) -> Self:
         """Take the median of the accelerations that would have predicted exactly."""
         reference = _calibration_time(last, arrival, self.name)
         time, distance, velocity, _ = _remaining(last, target_mm)

@@ -134,7 +134,7 @@ class Batch:
                 f"particle {late[0]} has not left the belt after {self.conveyor.patience_s} s; "
                 "with more friction, or a faster belt, it would."
             )
-        if any(one.number for one in self.data.warning):
+        if self.data.warning.number.any():
             raise InputError(
                 f"the simulation became unstable in frame {frame}; take a smaller step_s or "
                 "softer contacts."

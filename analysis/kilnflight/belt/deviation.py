@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ import pandas as pd
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
 from kilnflight.belt.arrival import IV, ArrivalModel
+from kilnflight.belt.columns import Arrival, Last, checked_arrival, checked_last, only
 from kilnflight.belt.lateral import LateralModel
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.checks import InputError
@@ -121,15 +123,23 @@ class Evaluation:
         return pd.DataFrame(rows)
 
 
-def _calibrated(
-    model: ArrivalModel,
-    observed: Observed,
-    phase: PredictionPhase,
-    calibration: npt.NDArray[np.bool_],
-) -> ArrivalModel:
-    # The paper gives IV the median of all particles, "the most favorable conditions".
-    use = np.ones_like(calibration) if isinstance(model, IV) else calibration
-    return model.calibrated(observed.last[use], observed.arrival[use], phase.target_mm)
+class _Split(NamedTuple):
+    """The particles of one draw, checked once for all models."""
+
+    every: tuple[Last, Arrival]
+    calibrating: tuple[Last, Arrival]
+    others: tuple[Last, Arrival]
+
+    def calibrated(self, model: ArrivalModel, target_mm: float) -> ArrivalModel:
+        # The paper gives IV the median of all particles, "the most favorable conditions".
+        use = self.every if isinstance(model, IV) else self.calibrating
+        return model.calibrated(*use, target_mm)
+
+
+def _split(observed: Observed, calibration: npt.NDArray[np.bool_]) -> _Split:
+    last, arrival = checked_last(observed.last), checked_arrival(observed.arrival)
+    parts = ((only(last, use), only(arrival, use)) for use in (calibration, ~calibration))
+    return _Split((last, arrival), *parts)
 
 
 def arrival_deviations(
@@ -139,12 +149,11 @@ def arrival_deviations(
 
     ``calibration`` (n,) marks the particles that calibrate (IV takes all).
     """
-    test = ~calibration
-    reference = observed.arrival["time_s"].to_numpy()[test]
+    split = _split(observed, calibration)
+    last, reference = split.others
     for model in ARRIVAL_MODELS:
-        fitted = _calibrated(model, observed, phase, calibration)
-        predicted = fitted(observed.last[test], phase.target_mm)
-        yield model.name, 1000.0 * (predicted - reference)
+        predicted = split.calibrated(model, phase.target_mm)(last, phase.target_mm)
+        yield model.name, 1000.0 * (predicted - reference.time_s)
 
 
 def predictions(
@@ -154,12 +163,15 @@ def predictions(
     combinations: Combinations = COMBINATIONS,
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield the name of each combination and when (s) and where (y, mm) the others arrive."""
-    last = observed.last[~calibration]
+    split = _split(observed, calibration)
+    last, _ = split.others
+    times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
     for name, arrival, lateral in combinations:
-        timed = _calibrated(arrival, observed, phase, calibration)
-        time = timed(last, phase.target_mm)
-        fitted = lateral.calibrated(observed.last[calibration], observed.arrival[calibration])
-        yield name, time, fitted(last, time - last["time_s"].to_numpy())
+        if arrival not in times:
+            timed = split.calibrated(arrival, phase.target_mm)
+            times[arrival] = timed(last, phase.target_mm)
+        fitted = lateral.calibrated(*split.calibrating)
+        yield name, times[arrival], fitted(last, times[arrival] - last.time_s)
 
 
 def lateral_deviations(

@@ -14,10 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.belt.columns import Arrival, Last, checked_arrival, checked_last
 from kilnflight.checks import InputError, check_shape
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 Array = npt.NDArray[np.float64]
+Observation = pd.DataFrame | Last  # a table, or its columns as checked before
+Reference = pd.DataFrame | Arrival
 
 
 class LateralModel(Protocol):
@@ -25,25 +27,21 @@ class LateralModel(Protocol):
 
     name: ClassVar[str]
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the predicted lateral position in mm, ``remaining_s`` after the last one."""
         ...
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Return the model with its parameter taken from particles seen to arrive."""
         ...
 
 
-def _state(last: pd.DataFrame, remaining_s: Array) -> tuple[Array, Array, Array]:
-    table = BELT_LAST.check(last)
+def _state(last: Observation, remaining_s: Array) -> tuple[Array, Array, Array]:
+    table = checked_last(last)
     if not isinstance(remaining_s, np.ndarray) or (remaining_s < 0).any():
         raise InputError("remaining_s: pass an array of times in s, none of them below 0.")
-    check_shape(remaining_s, (len(table),), "remaining_s (one per particle)")
-    return (
-        table["y"].to_numpy(),
-        table["velocity_y_mm_s"].to_numpy(),
-        table["acceleration_y_mm_s2"].to_numpy(),
-    )
+    check_shape(remaining_s, (len(table.y),), "remaining_s (one per particle)")
+    return table.y, table.velocity_y_mm_s, table.acceleration_y_mm_s2
 
 
 @dataclass(frozen=True)
@@ -52,12 +50,12 @@ class Straight:
 
     name: ClassVar[str] = "Straight"
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the last lateral position in mm."""
         position, _, _ = _state(last, remaining_s)
         return position
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -68,12 +66,12 @@ class CV:
 
     name: ClassVar[str] = "CV"
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the predicted lateral position in mm."""
         position, velocity, _ = _state(last, remaining_s)
         return position + remaining_s * velocity
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -84,12 +82,12 @@ class CA:
 
     name: ClassVar[str] = "CA"
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the predicted lateral position in mm."""
         position, velocity, acceleration = _state(last, remaining_s)
         return position + remaining_s * velocity + remaining_s**2 * acceleration / 2
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -100,7 +98,7 @@ class CADSC:
 
     name: ClassVar[str] = "CADSC"
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the predicted lateral position in mm."""
         position, velocity, acceleration = _state(last, remaining_s)
         brakes = velocity * acceleration < 0
@@ -110,7 +108,7 @@ class CADSC:
         time = np.minimum(remaining_s, stops)
         return position + time * velocity + time**2 * acceleration / 2
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Return itself; the model has no parameter."""
         return self
 
@@ -122,7 +120,7 @@ class Ratio:
     share: float | None = None  # r: median of arrival velocity over last velocity
     name: ClassVar[str] = "Ratio"
 
-    def __call__(self, last: pd.DataFrame, remaining_s: Array) -> Array:
+    def __call__(self, last: Observation, remaining_s: Array) -> Array:
         """Return the predicted lateral position in mm."""
         position, velocity, _ = _state(last, remaining_s)
         if self.share is None:
@@ -130,15 +128,14 @@ class Ratio:
         # The acceleration is -(1 - r) velocity / time; half of it times time squared:
         return position + remaining_s * velocity * (1 + self.share) / 2
 
-    def calibrated(self, last: pd.DataFrame, arrival: pd.DataFrame) -> Self:
+    def calibrated(self, last: Observation, arrival: Reference) -> Self:
         """Take the median quotient of the velocities; a last velocity of 0 is left out."""
-        before = BELT_LAST.check(last)
-        after = BELT_ARRIVAL.check(arrival)
-        if list(before["particle"]) != list(after["particle"]):
+        before, after = checked_last(last), checked_arrival(arrival)
+        if not np.array_equal(before.particle, after.particle):
             raise InputError("Ratio: both tables must hold the same particles in the same order.")
-        velocity = before["velocity_y_mm_s"].to_numpy()
+        velocity = before.velocity_y_mm_s
         moves = velocity != 0
         if not moves.any():
             raise InputError("Ratio: no calibration particle moves across the belt; take others.")
-        quotients = after["velocity_y_mm_s"].to_numpy()[moves] / velocity[moves]
+        quotients = after.velocity_y_mm_s[moves] / velocity[moves]
         return replace(self, share=float(np.median(quotients)))

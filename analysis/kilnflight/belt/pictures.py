@@ -89,14 +89,15 @@ class Pictures:
         places = self._outlines(seen)
         order = np.argsort(seen["frame"].to_numpy(), kind="stable")
         sorted_frames, places = seen["frame"].to_numpy()[order], places[order]
-        empty = self._empty()
+        empty, spread = self._empty(), np.float32(self.noise_gray)
+        noise = np.empty(empty.shape, dtype=np.float32)
         for frame in wanted:
             first, last = np.searchsorted(sorted_frames, [frame, frame + 1])
             picture = empty.copy()
             _draw(picture, places[first:last], float(self.particle_gray), float(self.soft_px))
             rng = np.random.default_rng([self.seed, 1, frame])
-            picture += self.noise_gray * rng.standard_normal(picture.shape, dtype=np.float32)
-            yield np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+            rng.standard_normal(dtype=np.float32, out=noise)
+            yield _exposed(picture, spread, noise)
 
     def _outlines(self, seen: pd.DataFrame) -> Array:
         """Return row, col, direction, half length, half width and corner in px, (n, 6)."""
@@ -172,6 +173,17 @@ def _draw(picture: Any, outlines: Any, gray: float, soft: float) -> None:
                 distance = outside + min(max(u, v), 0.0) - corner
                 share = min(max(0.5 - distance / soft, 0.0), 1.0)
                 picture[i, j] += share * (gray - picture[i, j])
+
+
+@njit(cache=True)
+def _exposed(picture: Any, spread: Any, noise: Any) -> Any:
+    """Return picture + spread * noise (float32 all) as grey values of eight bits, rounded."""
+    gray = np.empty(picture.shape, dtype=np.uint8)
+    for i in range(picture.shape[0]):
+        for j in range(picture.shape[1]):
+            value = np.rint(picture[i, j] + spread * noise[i, j])
+            gray[i, j] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
+    return gray
 
 
 @njit(cache=True)

@@ -19,11 +19,12 @@ from kilnflight.checks import (
 from kilnflight.regression.fit import Array, Fit, measures
 from kilnflight.regression.loss import Loss
 from kilnflight.regression.projection import reweight
-from kilnflight.regression.search import combinations, range_of_start
+from kilnflight.regression.search import Combinations, range_of_start
 
 EXACT = 1e-6  # of the scale; a scatter below it is rounding, and no order can better it
 FARTHEST = 1e100  # mm; squares stay finite
 HIGHEST = 9  # order that the recurrence still tells apart from rounding
+Orders = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class Regression:
     (3) "Stopped if the optimization of the measures is less than 1% for each order of
     enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
     counts the coefficients) falls most by one order more gets it, until none falls by 1 %.
+    Combinations that this never looks at are not solved.
     (4) An order leaves at least one degree of freedom, n - (k + 1) > 0, by the number n of
     detections. (5) The thesis prints no weights between the axes; `scale_mm` states them.
     With a robust loss the residual over the scale goes into it, and RMSE in (3) is that of
@@ -125,11 +127,9 @@ class Regression:
         longest = self.longest_s / duration
         limits, first = range_of_start(unit, scaled, self.draws, longest, generator)
         highest = np.full(3, min(self.highest, len(time) - 2))
-        starts, costs = combinations(
-            unit, scaled, self.lowest, highest, int(self.loss), limits, first
-        )
-        chosen = self.choose(costs, len(time))
-        start = float(starts[chosen])
+        tried = Combinations(unit, scaled, self.lowest, highest, int(self.loss), limits, first)
+        chosen = self.choose(tried, len(time))
+        start = tried.start(chosen)
         x, y, z = chosen
         orders = x + self.lowest, y + self.lowest, z + self.lowest
         near = 1e-9 * (limits[1] - limits[0])
@@ -159,18 +159,21 @@ class Regression:
         solved = np.linalg.lstsq(root[:, None] * basis, root * moved)[0]
         return solved / since[-1] ** powers, basis @ solved
 
-    def choose(self, costs: Array, points: int) -> tuple[int, int, int]:
+    def choose(self, costs: Array | Combinations, points: int) -> Orders:
         """Return the place of the chosen orders in the costs (a, b, c, 3) per axis."""
-        orders = np.moveaxis(np.indices(costs.shape[:3]), 0, -1) + self.lowest
-        rmse = np.sqrt(costs / (points - (orders + 1)))  # Eq. 4.30
+
+        def rmse(place: Orders, axis: int) -> float:
+            order = place[axis] + self.lowest
+            return float(np.sqrt(costs[place][axis] / (points - (order + 1))))  # Eq. 4.30
+
         here = (0, 0, 0)
         while True:
             best, best_gain = here, self.gain
             for axis in range(3):
                 there = _raised(here, axis)
-                if there[axis] == costs.shape[axis] or rmse[here][axis] < EXACT:
+                if there[axis] == costs.shape[axis] or rmse(here, axis) < EXACT:
                     continue
-                gain = 1 - rmse[there][axis] / rmse[here][axis]
+                gain = 1 - rmse(there, axis) / rmse(here, axis)
                 if gain >= self.gain and (best == here or gain > best_gain):
                     best, best_gain = there, gain
             if best == here:
@@ -178,7 +181,7 @@ class Regression:
             here = best
 
 
-def _raised(orders: tuple[int, int, int], axis: int) -> tuple[int, int, int]:
+def _raised(orders: Orders, axis: int) -> Orders:
     """Return the orders with that of one axis one higher."""
     x, y, z = (order + (axis == a) for a, order in enumerate(orders))
     return x, y, z

@@ -61,29 +61,51 @@ def _sum(time: Any, places: Any, start: float, orders: Any, loss: int, trial: An
     return trial[0, orders[0]] + trial[1, orders[1]] + trial[2, orders[2]]
 
 
-@njit(cache=True)
-def combinations(
-    time: Any, places: Any, lowest: int, highest: Any, loss: int, limits: Any, start: float
-) -> tuple[Any, Any]:
-    """Return the best t0 (a, b, c) and the cost per axis (a, b, c, 3) of all combinations.
+class Combinations:
+    """The combinations of orders of one track: each is solved when it is first asked for.
 
     Parameters
     ----------
     time, places
         (n,) and (3, n), coordinates minus exit over their scale.
     lowest, highest
-        orders from ``lowest`` to ``highest`` (3,), in all combinations.
-    limits, start
-        earliest and latest t0, and where to begin.
+        Orders from ``lowest`` to ``highest`` (3,).
+    loss
+        A `kilnflight.regression.loss.Loss`, as a number.
+    limits, first
+        Earliest and latest t0, and where to begin.
     """
-    shape = highest - lowest + 1
-    best = np.zeros((shape[0], shape[1], shape[2]))
-    costs = np.zeros((shape[0], shape[1], shape[2], 3))
-    radius = RADIUS * (limits[1] - limits[0])
-    for index in np.ndindex(best.shape):
-        orders = np.array(index) + lowest
-        best[index], costs[index] = descend(time, places, orders, loss, limits, start, radius)
-    return best, costs
+
+    def __init__(
+        self,
+        time: Array,
+        places: Array,
+        lowest: int,
+        highest: Any,
+        loss: int,
+        limits: Any,
+        first: float,
+    ) -> None:
+        self.time, self.places, self.lowest, self.loss = time, places, lowest, loss
+        self.limits, self.first = limits, first
+        self.shape = tuple(int(order) - lowest + 1 for order in highest)
+        self.solved: dict[tuple[int, int, int], tuple[float, Array]] = {}
+
+    def __getitem__(self, place: tuple[int, int, int]) -> Array:
+        """Return the cost (3,) per axis of the orders ``lowest`` + ``place``."""
+        return self._solve(place)[1]
+
+    def start(self, place: tuple[int, int, int]) -> float:
+        """Return the best t0 of the orders ``lowest`` + ``place``."""
+        return float(self._solve(place)[0])
+
+    def _solve(self, place: tuple[int, int, int]) -> tuple[float, Array]:
+        if place not in self.solved:
+            orders, radius = np.array(place) + self.lowest, RADIUS * np.diff(self.limits)[0]
+            self.solved[place] = descend(
+                self.time, self.places, orders, self.loss, self.limits, self.first, radius
+            )
+        return self.solved[place]
 
 
 @njit(cache=True)
