@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from kilnflight.regression.loss import Loss
 from kilnflight.regression.projection import COST, CURVATURE, SLOPE, profile_at
 
 Array = npt.NDArray[np.float64]
@@ -109,7 +110,7 @@ class Combinations:
 
 
 @njit(cache=True)
-def solve_draws(time: Any, places: Any, draws: Any, limits: Any) -> Any:
+def solve_draws(time: Any, places: Any, draws: Any, loss: int, limits: Any) -> Any:
     """Return the t0 (draws,) of Eq. 4.29, quadratic, through a few points each (draws, 3)."""
     orders = np.full(3, 2)
     grid = np.linspace(limits[0], limits[1], PLACES)
@@ -118,9 +119,9 @@ def solve_draws(time: Any, places: Any, draws: Any, limits: Any) -> Any:
     for k in range(len(draws)):
         few, there = time[draws[k]], places[:, draws[k]]
         for g in range(PLACES):
-            total[g] = _sum(few, there, grid[g], orders, 0, profile)[COST]
+            total[g] = _sum(few, there, grid[g], orders, loss, profile)[COST]
         start = grid[np.argmin(total)]
-        found[k], _ = descend(few, there, orders, 0, limits, start, grid[1] - grid[0])
+        found[k], _ = descend(few, there, orders, loss, limits, start, grid[1] - grid[0])
     return found
 
 
@@ -138,7 +139,7 @@ def range_of_start(
     """
     widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
     triples = np.argsort(generator.random((draws, len(time))), axis=1)[:, :3]
-    found = solve_draws(time, places, np.sort(triples, axis=1), widest)
+    found = solve_draws(time, places, np.sort(triples, axis=1), int(Loss.SQUARES), widest)
     margin = max(float(np.ptp(found)), float(np.diff(time).min()))
     limits = np.clip([found.min() - margin, found.max() + margin], *widest)
     return limits, float(np.median(found))
