@@ -114,12 +114,13 @@ def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
     In each frame detections and true positions are paired within `GATE_PX`.
     """
     owner = np.full(len(table), -1, dtype=np.int64)
-    rows = table.groupby("frame").indices
-    places = table[["row", "col"]].to_numpy(np.float64)
-    for frame, part in true.groupby("frame"):
+    rows, known = (one.groupby("frame").indices for one in (table, true))
+    places, spots = (one[["row", "col"]].to_numpy(np.float64) for one in (table, true))
+    particle = true["particle"].to_numpy()
+    for frame, there in known.items():
         here = rows.get(frame, np.empty(0, np.intp))
-        found = pair(part[["row", "col"]].to_numpy(np.float64), places[here], GATE_PX)
-        owner[here[found[:, 1]]] = part["particle"].to_numpy()[found[:, 0]]
+        found = pair(spots[there], places[here], GATE_PX)
+        owner[here[found[:, 1]]] = particle[there[found[:, 0]]]
     return owner
 
 

@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from kilnflight.belt import batch
 from kilnflight.belt.batch import Batch
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.conveyor import Conveyor
+from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts, compiled, engine, missing
 from kilnflight.belt.slide import Fed
 from kilnflight.checks import InputError
@@ -181,3 +183,25 @@ def test_mujoco_that_is_missing_or_old_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r"pip install 'kilnflight\[sorter\]'"):
         engine()
+
+
+@pytest.mark.parametrize("material", BULKS)
+def test_nothing_depends_on_how_many_bodies_there_are_at_first(material, monkeypatch):
+    bulk = BULKS[material]
+    known = Sorter()(bulk, 40, np.random.default_rng(3))
+    monkeypatch.setattr(batch, "FIRST", 12)  # fewer than 10: the engine has dense matrices
+    monkeypatch.setattr(batch, "MORE", 7)
+    assert Sorter()(bulk, 40, np.random.default_rng(3)).equals(known)
+
+
+def test_more_bodies_keep_what_was_set_and_what_was_told(monkeypatch):
+    monkeypatch.setattr(batch, "FIRST", 1)
+    fed = Fed(np.zeros(2), np.full(2, 90.0), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    some = Batch(Conveyor(), DRY, BULKS["spheres"], fed, np.zeros(2))
+    some.model.pair_solimp[:, :2] = 0.95
+    some.data.warning.number[0] = 1
+    some._grow()
+    assert len(some.particle) == 2
+    np.testing.assert_array_equal(some.model.pair_solimp[:, :2], 0.95)
+    with pytest.raises(InputError, match="unstable"):
+        some._check(0)

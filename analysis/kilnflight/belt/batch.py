@@ -18,6 +18,10 @@ from kilnflight.tables import BELT_BODIES
 Array = npt.NDArray[np.float64]
 
 SLOTS = 160  # bodies on the belt at once; one more waits at the feeder
+# Bodies at first, and how many more are made when they are not enough: each pair of bodies costs
+# time in every step, wherever they are. What bodies do does not depend on how many others wait,
+# to the last bit from 10 on, when the engine takes sparse matrices.
+FIRST, MORE = 96, 16
 
 
 class Batch:
@@ -26,19 +30,35 @@ class Batch:
     def __init__(
         self, conveyor: Conveyor, contacts: Contacts, bulk: Bulk, fed: Fed, start: Array
     ) -> None:
-        self.conveyor, self.bulk, self.fed = conveyor, bulk, fed
+        self.conveyor, self.contacts, self.bulk, self.fed = conveyor, contacts, bulk, fed
         self.mujoco = engine()
-        bodies = min(len(start), SLOTS)
-        self.model = compiled(bulk, contacts, bodies, conveyor)
+        self.most = min(len(start), SLOTS)
+        self._allot(min(self.most, FIRST))
+        # Where within the first millisecond a particle comes shifts it along the belt.
+        self.first = conveyor.start_mm + start * fed.velocity_mm_s[:, 0] / conveyor.sampling_hz
+        self.fed_at = np.zeros(len(start), dtype=np.int64)  # frame
+        self.left = np.zeros(len(start), dtype=bool)
+
+    def _allot(self, bodies: int) -> None:
+        """Make the engine's state for so many bodies, all of them waiting."""
+        self.model = compiled(self.bulk, self.contacts, bodies, self.conveyor)
         self.data: Any = self.mujoco.MjData(self.model)
         self.place: Array = self.data.qpos.reshape(bodies, 7)  # views into the engine's state
         self.speed: Array = self.data.qvel.reshape(bodies, 6)
         self.waiting: Array = self.place.copy()
         self.particle = np.full(bodies, -1)  # which one a body is; -1: waits above the belt
-        # Where within the first millisecond a particle comes shifts it along the belt.
-        self.first = conveyor.start_mm + start * fed.velocity_mm_s[:, 0] / conveyor.sampling_hz
-        self.fed_at = np.zeros(len(start), dtype=np.int64)  # frame
-        self.left = np.zeros(len(start), dtype=bool)
+
+    def _grow(self) -> None:
+        """Make more bodies; those that are there go on as if nothing had happened."""
+        bodies, model, data, particle = len(self.particle), self.model, self.data, self.particle
+        self._allot(min(bodies + MORE, self.most))
+        self.model.pair_solimp[:] = model.pair_solimp[0]  # may have been set from outside
+        self.data.qpos[: 7 * bodies] = data.qpos
+        self.data.qvel[: 6 * bodies] = data.qvel
+        self.data.qacc_warmstart[: 6 * bodies] = data.qacc_warmstart
+        self.data.warning.number[:] = data.warning.number
+        self.data.time = data.time
+        self.particle[:bodies] = particle
 
     def table(self) -> pd.DataFrame:
         """Run to the end and return all rows, particle by particle."""
@@ -68,8 +88,11 @@ class Batch:
             place = np.array([self.first[upcoming], self.fed.y[upcoming]])
             there = self.place[self.particle >= 0, :2]
             near = np.linalg.norm(there - place, axis=1) < 2.0 * self.bulk.reach_mm
-            if not len(spare) or near.any():
+            if near.any() or (not len(spare) and len(self.particle) == self.most):
                 break
+            if not len(spare):
+                self._grow()
+                continue
             self._start(int(spare[0]), upcoming, frame)
             upcoming += 1
         return upcoming
