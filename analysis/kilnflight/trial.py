@@ -261,7 +261,7 @@ def located(
         ``subset`` and `kilnflight.tables.DETECTIONS`.
     """
     marked, detected = [], []
-    for t, view in views(subset.recording, subset.wanted, background or subset.background):
+    for t, view in look(subset, background):
         here = subset.particles[subset.particles["frame"] == t]
         place = measured_places(view, subset.instances(t), here["particle"])
         one = here[["frame", "row", "col", "label"]].reset_index(drop=True)
