@@ -64,11 +64,13 @@ def _parts(
             yield (row, col), inside, (within[0], within[1])
 
 
-@lru_cache(maxsize=16)  # 20 MB each: neighbouring pairs look at the same frames and places
+@lru_cache(maxsize=32)  # 20 MB each: what pairs in 300 frames look at, again and again
 def _tile(folder: Path, row: int, col: int) -> npt.NDArray[np.uint8]:
     """Return the roots (frames, rows, cols) of one tile in all frames of a chunk."""
     try:
-        store = zarr.open_array(folder, mode="r")
+        # the files of many frames in one go: asked one by one, they cost twice the time
+        with zarr.config.set({"codec_pipeline.batch_size": 32}):
+            store = zarr.open_array(folder, mode="r")
     except (OSError, ValueError) as error:
         raise InputError(
             f"{folder}: frame differences cannot be read ({error}). Run `stages.detections` first."

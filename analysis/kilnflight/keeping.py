@@ -12,6 +12,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import pandas as pd
@@ -33,15 +34,22 @@ CODE: Sequence[str] = (
 
 def fingerprint(content: object, code: Sequence[str] | None = None) -> str:
     """Return twelve digits that stand for the arguments and the code (`CODE` if None)."""
-    package = Path(__file__).parent
     digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode())
-    for name in CODE if code is None else code:
+    digest.update(_code_digest(tuple(CODE if code is None else code)))
+    return digest.hexdigest()[:12]
+
+
+@lru_cache(maxsize=64)
+def _code_digest(names: tuple[str, ...]) -> bytes:
+    """Return a hash of files of the package as this process has them: read once, asked often."""
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    for name in names:
         one = package / name
         files = sorted(one.rglob("*")) if one.is_dir() else [one]
         for file in files:
             if file.suffix in (".py", ".json"):
                 digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
+    return digest.digest()
 
 
 def place(

@@ -22,7 +22,7 @@ from kilnflight.combination import Combination, Polygon, View
 from kilnflight.contenders import THRESHOLDS, Method, by_threshold
 from kilnflight.frames import PictureRecording
 from kilnflight.kiln import views
-from kilnflight.scores import FrameScore, score_detections, score_in_pixels, total_in_air
+from kilnflight.scores import FrameScore, LabelledPixels, score_detections, total_in_air
 from kilnflight.tallies import marked_best
 from kilnflight.twin import truth
 from kilnflight.twin.prepared import prepared_scene
@@ -180,13 +180,15 @@ def attempt(
             _compile(methods.values(), view)
         here = subset.particles[subset.particles["frame"] == t]
         image = subset.instances(t)
-        shown = here["particle"][here["particle"].isin(np.unique(image))].to_numpy()
+        # the particles that have a pixel; most pixels show none
+        shown = here["particle"][here["particle"].isin(np.unique(image[image >= 0]))].to_numpy()
+        labelled = LabelledPixels.of(image, shown)
         for name, method in methods.items():
             begin = time.perf_counter()
             spots = method(view)[:, :2]
             seconds = time.perf_counter() - begin
             row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-            rows.append(row | _counts(here, image, shown, spots, roi))
+            rows.append(row | _counts(here, labelled, spots, roi))
     return pd.DataFrame(rows)
 
 
@@ -199,14 +201,13 @@ def _compile(methods: Iterable[Method], view: View) -> None:
 
 def _counts(
     here: pd.DataFrame,
-    image: npt.NDArray[np.integer],
-    shown: npt.NDArray[np.integer],
+    labelled: LabelledPixels,
     spots: npt.NDArray[np.float64],
     roi: Polygon | None,
 ) -> dict[str, int]:
-    """Return the counts of a frame; ``shown`` are its particles that have a pixel."""
+    """Return the counts of a frame; ``labelled`` are its particles that have a pixel."""
     gated = score_detections(here[["row", "col"]].to_numpy(), spots, roi=roi)
-    within = score_in_pixels(image, shown, spots, roi=roi)
+    within = labelled.score(spots, roi)
     label = here["label"].to_numpy()
     hit = label[gated.pairs[:, 0]]
     counts = {"tp": gated.tp, "fp": gated.fp, "fn": gated.fn}
@@ -260,7 +261,7 @@ def located(
         ``subset`` and `kilnflight.tables.DETECTIONS`.
     """
     marked, detected = [], []
-    for t, view in views(subset.recording, subset.wanted, background or subset.background):
+    for t, view in look(subset, background):
         here = subset.particles[subset.particles["frame"] == t]
         place = measured_places(view, subset.instances(t), here["particle"])
         one = here[["frame", "row", "col", "label"]].reset_index(drop=True)

@@ -100,11 +100,18 @@ class MorphologicalClustering:
         return number_by_first_point(_nearest(stretched, seeds), len(domains))
 
 
-def _stretch(cloud: npt.NDArray[np.float64], grid: int) -> npt.NDArray[np.float64]:
+@njit(cache=True)
+def _stretch(cloud: Any, grid: int) -> Any:
     """Return the cloud with each axis in [0, grid] (Eq. 2.32); an axis without extent is 0."""
-    shifted = cloud - cloud.min(axis=0)
-    extent = shifted.max(axis=0)
-    return grid * (shifted / np.where(extent > 0, extent, 1.0))
+    stretched = np.empty_like(cloud)
+    for axis in range(cloud.shape[1]):
+        low = high = cloud[0, axis]
+        for i in range(len(cloud)):
+            low, high = min(low, cloud[i, axis]), max(high, cloud[i, axis])
+        extent = high - low if high > low else 1.0
+        for i in range(len(cloud)):
+            stretched[i, axis] = grid * ((cloud[i, axis] - low) / extent)
+    return stretched
 
 
 @njit(cache=True)

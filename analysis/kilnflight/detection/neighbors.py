@@ -11,7 +11,7 @@ from numba import njit
 from kilnflight.checks import InputError
 from kilnflight.detection.cells import Cells, advance, rows_around, sort_into_cells
 
-_BRUTE = 30_000_000  # distances that may as well be computed at once
+_BRUTE = 3_000_000  # distances that may as well be computed at once
 _GROWTH = 1.7  # of the side from one round to the next
 _EAGER = 0.6  # side at which a point is tried again, as a share of the expected distance
 
@@ -63,11 +63,11 @@ def nearest_neighbors(points: npt.NDArray[np.float64], k: int, where: str) -> Ne
 
 
 def _first_side(points: npt.NDArray[np.float64], k: int, longest: float, where: str) -> float:
-    """Return a side whose cells hold, seen from their points, at most k / 4 on average."""
+    """Return a side whose cells hold, seen from their points, at most k / 2 on average."""
     side = longest / 100
     while side > longest / 1e6:
         starts = sort_into_cells(points, side, 1, where).starts
-        if (np.diff(starts) ** 2.0).sum() <= len(points) * max(k / 4, 2.0):
+        if (np.diff(starts) ** 2.0).sum() <= len(points) * max(k / 2, 2.0):
             break
         side /= 2
     return side
@@ -80,21 +80,28 @@ def _settle(
     """Find the neighbours of waiting points where the cells around them are sure to hold all."""
     keys, starts, k = cells.keys, cells.starts, indices.shape[1]
     first, ranges = np.zeros(9, np.int64), np.empty((9, 2), np.int64)
-    near, place = np.empty(len(squares)), np.empty(len(squares), np.int64)
+    around = np.empty((3, len(squares)))
+    distances, near = np.empty(len(squares)), np.empty((4, len(squares)))
+    entries, place = np.empty(len(squares), np.int64), np.empty(len(squares), np.int64)
     for cell in range(len(keys)):
-        around = 0
+        count = 0
         for r in range(9):
             first[r] = advance(keys, first[r], keys[cell] + steps[r] - 1)
             ranges[r, 0] = starts[first[r]]
             ranges[r, 1] = starts[advance(keys, first[r], keys[cell] + steps[r] + 2)]
-            around += ranges[r, 1] - ranges[r, 0]
-        if around <= 2 * k and not last:
+            count += ranges[r, 1] - ranges[r, 0]
+        if count <= 2 * k and not last:
             continue  # hardly ever enough
+        gathered = False
         for a in range(starts[cell], starts[cell + 1]):
             i = cells.order[a]
             if squares[i] < 0 and (last or -squares[i] <= side):
+                if not gathered:  # the points of a cell share them
+                    _gather(cells.points, ranges, around, entries)
+                    gathered = True
+                _measure(around, count, cells.points[a], distances)
                 limit = np.inf if last else _wall(cells.points[a], low, side)
-                others = _within(cells.points, ranges, a, limit, near, place)
+                others = _within(distances, entries, count, a, limit, near[0], place)
                 if others >= k:
                     squares[i] = _smallest(near, place, others, cells.order, indices[i])
                 else:  # on a surface the k-th is expected at this distance
@@ -113,71 +120,80 @@ def _wall(point: Any, low: Any, side: float) -> float:
 
 
 @njit(cache=True)
-def _within(points: Any, ranges: Any, a: int, limit: float, near: Any, place: Any) -> int:
-    """Collect the points at most ``limit`` (squared) from point ``a``; return how many."""
-    found = 0
+def _gather(points: Any, ranges: Any, around: Any, entries: Any) -> None:
+    """Copy the points of some ranges side by side, so that `_measure` runs through them."""
+    count = 0
     for r in range(len(ranges)):
         for b in range(ranges[r, 0], ranges[r, 1]):
-            x = points[a, 0] - points[b, 0]
-            y = points[a, 1] - points[b, 1]
-            z = points[a, 2] - points[b, 2]
-            near[found] = x * x + y * y + z * z
-            place[found] = b
-            found += near[found] <= limit and b != a
+            for axis in range(3):
+                around[axis, count] = points[b, axis]
+            entries[count] = b
+            count += 1
+
+
+@njit(cache=True)
+def _measure(around: Any, count: int, point: Any, distances: Any) -> None:
+    """Write the squared distance of ``count`` points to one; nothing else, so it vectorises."""
+    xs, ys, zs = around[0, :count], around[1, :count], around[2, :count]
+    for i in range(count):
+        x, y, z = point[0] - xs[i], point[1] - ys[i], point[2] - zs[i]
+        distances[i] = x * x + y * y + z * z
+
+
+@njit(cache=True)
+def _within(
+    distances: Any, entries: Any, count: int, a: int, limit: float, near: Any, place: Any
+) -> int:
+    """Collect the points nearer than ``limit`` (squared) to point ``a``; return how many."""
+    found = 0
+    for i in range(count):
+        near[found], place[found] = distances[i], entries[i]
+        found += (distances[i] < limit) & (entries[i] != a)
     return found
 
 
 @njit(cache=True)
-def _select(near: Any, place: Any, count: int, k: int) -> None:
-    """Move the ``k`` smallest of ``count`` distances to the front, the largest of them last.
+def _kth(near: Any, count: int, k: int) -> float:
+    """Return the k-th smallest of the first ``count`` distances in the first of four rows.
 
-    Hoare's selection: each round keeps the part that holds rank k.
+    Each round keeps the part that holds rank k, from one row to two others; it is written
+    without asking, as a branch would be guessed wrong every other time.
     """
-    low, high = 0, count - 1
-    while low < high:
-        pivot = near[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while near[i] < pivot:
-                i += 1
-            while near[j] > pivot:
-                j -= 1
-            if i <= j:
-                near[i], near[j] = near[j], near[i]
-                place[i], place[j] = place[j], place[i]
-                i += 1
-                j -= 1
-        if k - 1 <= j:
-            high = j
-        elif k - 1 >= i:
-            low = i
+    here = 0
+    while True:
+        less, more = here % 3 + 1, (here + 1) % 3 + 1
+        pivot, low, high = near[here, count // 2], 0, 0
+        for i in range(count):
+            value = near[here, i]
+            near[less, low], near[more, high] = value, value
+            low += value < pivot
+            high += value > pivot
+        if k <= low:
+            here, count = less, low
+        elif k > count - high:
+            here, count, k = more, high, k - (count - high)
         else:
-            return
+            return pivot
 
 
 @njit(cache=True)
 def _smallest(near: Any, place: Any, count: int, order: Any, chosen: Any) -> float:
-    """Choose the smallest of ``count`` squared distances; return the largest chosen one."""
+    """Choose the points of the smallest distances; return the largest chosen one.
+
+    The first row of ``near`` holds ``count`` squared distances, the others are for `_kth`;
+    of equal distances the first points of the cloud are chosen.
+    """
     k = len(chosen)
-    _select(near, place, count, k)
-    largest = near[k - 1]
-    ties = False
-    for i in range(k, count):
-        ties |= near[i] == largest
-    if not ties:
-        for i in range(k):
-            chosen[i] = order[place[i]]
-        return largest
-    smaller, equal = 0, np.empty(count, order.dtype)
-    same = 0
+    largest = _kth(near, count, k)
+    smaller = same = 0
     for i in range(count):
-        if near[i] < largest:
-            chosen[smaller] = order[place[i]]
-            smaller += 1
-        elif near[i] == largest:
-            equal[same] = order[place[i]]
-            same += 1
-    first = np.sort(equal[:same])
-    for i in range(smaller, k):
-        chosen[i] = first[i - smaller]
+        chosen[smaller] = order[place[i]]
+        smaller += near[0, i] < largest
+        place[same] = place[i]
+        same += near[0, i] == largest
+    if smaller + same > k:
+        chosen[smaller:] = np.sort(order[place[:same]])[: k - smaller]
+    else:
+        for i in range(same):
+            chosen[smaller + i] = order[place[i]]
     return largest

@@ -18,6 +18,7 @@ from kilnflight.scores.counts import rates
 from kilnflight.scores.detections import (
     GATE_PX,
     FrameScore,
+    LabelledPixels,
     score_detections,
     score_in_pixels,
 )
@@ -27,6 +28,7 @@ from kilnflight.scores.tracks import TrackScore, score_tracks
 __all__ = [
     "GATE_PX",
     "FrameScore",
+    "LabelledPixels",
     "TrackScore",
     "rates",
     "score_detections",

@@ -142,23 +142,55 @@ def score_in_pixels(
     others in the same particle are false positives. The thesis does not say which counts.
     A detection inside the region of a particle whose centroid is outside is false as well.
     """
-    image = np.asarray(particle_of_pixel)
-    ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
-    check_shape(image, (None, None), "score_in_pixels: particle_of_pixel")
-    place = _places(detected, "detected")
-    centroids = _centroids(image, ids)
-    kept = (_within(roi, centroids), _within(roi, place))
-    nearest = np.floor(place + 0.5)
-    at = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
-    row, col = nearest[at].astype(np.intp).T
-    row_of_id = pd.Series(np.arange(len(ids)), index=ids)
-    hit = np.full(len(place), -1)
-    hit[at] = row_of_id.reindex(image[row, col], fill_value=-1)
-    usable = kept[1][np.isin(hit[kept[1]], kept[0])]
-    distance = np.linalg.norm(place[usable] - centroids[hit[usable]], axis=1)
-    ranked = usable[np.lexsort((usable, distance, hit[usable]))]
-    found, first = np.unique(hit[ranked], return_index=True)
-    return _score(kept, np.stack([found, ranked[first]], axis=1), (len(ids), len(place)))
+    return LabelledPixels.of(particle_of_pixel, particles).score(detected, roi)
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledPixels:
+    """What `score_in_pixels` knows of a frame before any detection; `of` makes it.
+
+    Detectors that are compared on a frame share it: the whole image is looked at once.
+
+    Parameters
+    ----------
+    image
+        (rows, cols) integers, particle of each pixel.
+    particles
+        (n,) the particles of the truth.
+    centroids
+        (n, 2) mean row, col of each particle's pixels.
+    """
+
+    image: npt.NDArray[np.integer]
+    particles: npt.NDArray[np.generic]
+    centroids: Array
+
+    @classmethod
+    def of(
+        cls, particle_of_pixel: npt.NDArray[np.integer], particles: npt.ArrayLike
+    ) -> LabelledPixels:
+        """Return the labelled pixels of a frame; arguments and errors of `score_in_pixels`."""
+        image = np.asarray(particle_of_pixel)
+        ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
+        check_shape(image, (None, None), "score_in_pixels: particle_of_pixel")
+        return cls(image, ids, _centroids(image, ids))
+
+    def score(self, detected: npt.ArrayLike, roi: npt.ArrayLike | None = None) -> FrameScore:
+        """Return the score of detections (m, 2), as `score_in_pixels`."""
+        place = _places(detected, "detected")
+        kept = (_within(roi, self.centroids), _within(roi, place))
+        nearest = np.floor(place + 0.5)
+        at = np.flatnonzero(((nearest >= 0) & (nearest < self.image.shape)).all(axis=1))
+        row, col = nearest[at].astype(np.intp).T
+        row_of_id = pd.Series(np.arange(len(self.particles)), index=self.particles)
+        hit = np.full(len(place), -1)
+        hit[at] = row_of_id.reindex(self.image[row, col], fill_value=-1)
+        usable = kept[1][np.isin(hit[kept[1]], kept[0])]
+        distance = np.linalg.norm(place[usable] - self.centroids[hit[usable]], axis=1)
+        ranked = usable[np.lexsort((usable, distance, hit[usable]))]
+        found, first = np.unique(hit[ranked], return_index=True)
+        rows = (len(self.particles), len(place))
+        return _score(kept, np.stack([found, ranked[first]], axis=1), rows)
 
 
 def _centroids(image: npt.NDArray[np.integer], ids: npt.NDArray[np.generic]) -> Array:
