@@ -57,6 +57,16 @@ caption = (
 )
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=made)
 
+# %%
+known = deviations.endings(both)
+caption = (
+    "How flights end as measured (columns) by how they truly end (rows), in particles whose whole "
+    "flight is recorded; of several tracks of a particle the longest. A step of the grey values "
+    "counts as ignition (notebook 54), also of particles that never burn, and what does not land "
+    "after one as burnt out."
+)
+figures.save("fig-5-18-true-endings", known, caption=caption, provenance=made)
+
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
 some = definitions.examples(measured.flights)
@@ -72,8 +82,10 @@ for axes in grid[0, 1:]:
     axes.set_ylabel("")
 
 # %%
-handles = grid[0, -1].get_legend_handles_labels()
-_ = picture.legend(*handles, loc="outside lower center", ncols=5)
+handles = {}
+for axes in grid[0]:
+    handles |= {name: one for one, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+_ = picture.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6)
 columns = [*keys, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
 data = pd.DataFrame(list(some.values()), columns=columns)
 caption = (
@@ -85,30 +97,36 @@ figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenanc
 # %% [markdown]
 # ## Dwell times, measured and true
 
+# %%
+flown = counted.rename(columns={"particle": "track", "dwell_s": "measured_s"})
+flown = flown[[*keys, "track", "measured_s", "ending"]]
+truth = both[[*keys, "track", "particle", "true_dwell_s", "true_ending"]]
+data = flown.merge(truth.rename(columns={"true_dwell_s": "true_s"}), "outer", [*keys, "track"])
+data = data.fillna({"particle": -1}).astype({"particle": int})
+
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(
     1, max(len(bars), 2), width_mm=drawing.PAGE_MM, height_mm=80, sharey=True
 )
 for axes, bar in zip(grid[0], bars, strict=False):
-    cells = [both[(both["fraction"] == name) & (both["pressure_bar"] == bar)] for name in names]
-    groups = {"true, all": [one["true_dwell_s"].to_numpy() for one in cells]}
-    seen = [one[one["measurable"]] for one in cells]
-    groups["true, could be followed"] = [one["true_dwell_s"].to_numpy() for one in seen]
-    groups["measured"] = [one["measured_dwell_s"].to_numpy() for one in cells]
+    parts = [survey.of_cell(data, (name, bar)) for name in names]
+    groups = {"true": [one["true_s"].to_numpy() for one in parts]}
+    seen = [one.loc[one["track"] >= 0, "true_s"].to_numpy() for one in parts]
+    groups |= {"true, of those measured": seen}
+    groups["measured"] = [one["measured_s"].to_numpy() for one in parts]
     flight_drawing.grouped_boxes(axes, groups, names)
     axes.axhspan(0.3, 0.5, color=drawing.COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
-    axes.set(title=f"{bar} bar", ylim=(0, 1.5))
+    axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
 grid[0, 0].set_ylabel("dwell time (s)")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 
 # %%
 caption = (
-    "Dwell times of all flights that begin and end within the recording: true of all particles, "
-    "true of those a person could have followed, and measured; after Fig. 5.19. Shaded: where the "
-    "text puts the medians at 4.5 bar. The numbers are those of the particles."
+    "Dwell times, after Fig. 5.19: true of all flights that begin and end within the recording, "
+    "true of those that were measured, and measured of all flights from the lance. Numbers: "
+    "flights. Shaded: where the text puts the medians at 4.5 bar. In the table, particle -1: the "
+    "flight is nobody's, a further one of its particle, or of one that the recording cuts."
 )
-data = both.rename(columns={"measured_dwell_s": "measured_s", "true_dwell_s": "true_s"})
-data = data[[*keys, "particle", "measured_s", "true_s", "measurable", "ending"]]
 figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=made)
 
 # %%

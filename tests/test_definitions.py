@@ -64,7 +64,7 @@ def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_e
     lit = [9.0 * 0.2 - 4.0 * 0.04, -4.905 * 0.04]
     np.testing.assert_allclose(drawn["unlit"][-1], lit)
     np.testing.assert_allclose(drawn["burning"][0], lit)
-    np.testing.assert_allclose(drawn["burning"][-1], drawn["end"][0])
+    np.testing.assert_allclose(drawn["burning"][-1], drawn["end: landed"][0])
     assert [text.get_text() for text in axes.texts] == ["dwell time 0.50 s"]
 
 
@@ -72,15 +72,15 @@ def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
     definitions.dwell(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
     last, speed = FIT(0.6)[0], FIT.velocity(0.6)[0]
     far = (np.array(FIT.exit_point_mm) - last - speed)[2:] / 1000
-    np.testing.assert_allclose(lines(axes)["end"][0][:1], far)
-    np.testing.assert_allclose(lines(axes)["burning"][-1], lines(axes)["end"][0])
+    np.testing.assert_allclose(lines(axes)["end: landed"][0][:1], far)
+    np.testing.assert_allclose(lines(axes)["burning"][-1], lines(axes)["end: landed"][0])
 
 
 def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
     definitions.dwell(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
     drawn = lines(axes)
     assert "burning" not in drawn
-    np.testing.assert_allclose(drawn["unlit"][-1], drawn["end"][0])
+    np.testing.assert_allclose(drawn["unlit"][-1], drawn["end: landed"][0])
 
 
 def test_metres_are_passed_on_the_trajectory_and_velocities_are_those_of_the_table(axes):

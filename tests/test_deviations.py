@@ -11,6 +11,7 @@ from kilnflight.trust import Flown
 TRUE = pd.DataFrame(
     {
         "particle": [10, 11, 12, 13],
+        "ending": ["burnt out", "landed", "landed", "landed"],
         "dwell_s": [0.3, 0.4, 0.5, 0.6],
         "velocity_m_s": [5.0, 6.0, 7.0, 8.0],
         "ignition_s": [0.1, np.nan, np.nan, 0.2],
@@ -39,6 +40,19 @@ def test_the_longest_track_of_a_particle_counts_and_nobodys_come_last():
     assert both["track"].tolist() == [1, -1, -1, 3]
     assert both.loc[0, ["measured_dwell_s", "true_dwell_s"]].tolist() == [0.32, 0.3]
     assert both["true_dwell_s"].notna().tolist() == [True, True, True, False]
+
+
+def test_endings_stand_by_the_true_ones_and_every_particle_once():
+    both = compared(Flown(FLIGHTS, SLICES, OWNERS), TRUE)
+    both = both.assign(fraction="chip", pressure_bar=4.5)
+    found = deviations.endings(both).set_index("true").drop(columns=["fraction", "pressure_bar"])
+    assert found.index.tolist() == ["burnt out", "landed unlit"]
+    assert found.loc["burnt out"].to_dict() == {
+        **{"landed unlit": 0, "landed burning": 1, "burnt out": 0, "lost": 0},
+        "not measured": 0,
+    }
+    assert found.loc["landed unlit", "not measured"] == 2
+    assert found.to_numpy().sum() == 3  # nobody's flight has no true ending
 
 
 def test_errors_are_those_of_measurable_particles():

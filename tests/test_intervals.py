@@ -159,3 +159,10 @@ def test_the_median_is_the_quantile_in_the_middle():
     assert lower.low < lower.estimate < ours.estimate
     with pytest.raises(InputError, match="Quantile: part"):
         Quantile(25)
+
+
+def test_the_same_particles_have_the_same_interval_whatever_was_asked_before():
+    generator = np.random.default_rng(3)
+    alone = DRAW(median, [some()], generator)
+    DRAW(difference_of_medians, [some(), some(1)], generator)
+    assert DRAW(median, [some()], generator) == alone

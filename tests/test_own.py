@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import outcome_page, own, pipeline
+from kilnflight import backdrop, outcome_page, own, pipeline
 from kilnflight.__main__ import main
 from kilnflight.flight import Rules
 from kilnflight.frames import Frame
@@ -15,6 +15,8 @@ from kilnflight.outcome import outcome, summary, used
 from kilnflight.recording import open_recording, write_recording
 from kilnflight.regression import Fit
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
+
+LEVEL = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))
 
 
 class Changed:
@@ -203,7 +205,7 @@ def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
     found = outcome(replace(passage, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
     assert found.notes[0] == "first"
     assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
-    assert re.search(r"lie \d{5} mm from it \(median\), and for \d of them", found.notes[1])
+    assert re.search(r"lie \d{5} mm from it \(median\)\.", found.notes[1])
 
 
 def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
@@ -214,8 +216,7 @@ def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
     assert plain.rules == Rules()  # nothing changes unless it is asked for
     assert asked.rules.ignition.bright == 1.0
     assert dict(used(asked, (), "1"))["taken for alight when first seen"].startswith("from 1 ")
-    level = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))
-    fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), level, 0.05, 0.3, 80)
+    fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
@@ -279,3 +280,61 @@ def test_the_summary_names_what_to_doubt(flown):
     assert value["metres passed before the particle was first seen"] == "1 of 3"
     none = found._replace(flights=found.flights.head(0), slices=slices.head(0))
     assert not [what for what in summary(none)["what"] if "RMSE" in what or "fastest" in what]
+
+
+def test_notes_say_what_is_missing_and_what_may_deceive(flown):
+    from kilnflight import outcome as module
+
+    assert module._behind_lance(flown) == module._none_from_lance(flown) == ""
+    assert "Ignition was seen in 1 flights" in module._as_it_is(flown)
+    dark = flown._replace(flights=flown.flights.assign(ignition="none"))
+    assert module._as_it_is(dark) == ""
+    behind = flown._replace(slices=flown.slices.assign(slice_m=[-1.0, -2.0, 1.0]))
+    assert module._behind_lance(behind).startswith("2 of 3 metres")
+    lost = flown._replace(tracks=flown.tracks.assign(particle=-1))
+    assert re.match(r"No tracks: of \d+ detections \d+ are in the air", module._no_tracks(lost))
+    none = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))
+    assert module._no_tracks(none).startswith("Nothing was detected")
+    elsewhere = flown._replace(flights=flown.flights.assign(from_lance=False, start_mm=9000.0))
+    told = module._none_from_lance(elsewhere)
+    assert "9000 mm from it (median). Is the lance's" in told  # nothing is said of 0 of them
+    early = flown.trajectories.head(2).assign(particle=[1, 2], t0_at_bound=-1)
+    told = module._none_from_lance(elsewhere._replace(trajectories=early))
+    assert "(median); of 2 no way back to it was found" in told
+
+
+def test_a_picture_without_noise_is_told(stored, tmp_path):
+    def still(frame):
+        return replace(frame, gray=np.full_like(frame.gray, 65_535))
+
+    folder = tmp_path / "still.zarr"
+    write_recording(Changed(stored, still), folder, range(3))
+    _, notes = own.prepare(folder, tmp_path, own.Wishes())
+    assert "the first frames have less (are they all of one grey value, saturated" in notes[0]
+
+
+def test_a_file_is_no_folder_to_write_to(stored_flights, tmp_path, capsys):
+    (tmp_path / "out").write_text("")
+    command = ["run", str(stored_flights), "--to", str(tmp_path / "out"), "--threshold", "200"]
+    assert main(command) == 1
+    assert "is a file. Give a folder, such as" in capsys.readouterr().err
+
+
+def test_ignition_may_be_read_above_the_background(stored_flights, tmp_path):
+    wishes = own.Wishes(200.0, above_background=True)
+    passage, _ = own.prepare(stored_flights, tmp_path, wishes)
+    told = dict(used(passage, (), "1"))
+    assert told["ignition"] == "a step of the grey values above the background"
+    fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
+    frame = np.arange(17, 97)
+    places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
+    track = pd.DataFrame({"frame": frame, "particle": 0, "radius_px": 3.0, **places})
+    track["row"], track["col"] = 100.0, np.where(frame < 50, 60.0, 150.0)
+    recording = passage.stretch.origin.recording()
+    behind = backdrop.behind(track, recording, range(len(recording)))
+    assert len(np.unique(behind)) == 2  # of both places
+    track["gray"] = behind + 500.0 + np.sin(7 * frame)
+    above = pipeline.flown(passage, track, {0: fit})["ignition"].tolist()
+    rising = track.assign(gray=track["gray"] + 4000.0 * (frame >= 50))
+    assert above == ["none"]
+    assert pipeline.flown(passage, rising, {0: fit})["ignition"].tolist() == ["seen"]

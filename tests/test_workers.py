@@ -133,3 +133,10 @@ def test_a_scheduler_without_workers_is_told():
 def test_a_number_of_processes_that_is_none(jobs):
     with pytest.raises(InputError, match="workers: jobs"):
         Workers(jobs)
+
+
+def test_a_log_has_the_bar_only_where_it_is_asked_for(tmp_path, capsys):
+    Workers()(partial(note, tmp_path), [1], [30], "noting")
+    assert capsys.readouterr().err == ""
+    Workers(into_logs=True)(partial(note, tmp_path), [1], [30], "noting")
+    assert "noting: 100%" in capsys.readouterr().err

@@ -48,6 +48,7 @@ keeping         tables that are made once and kept, under the hash of what went 
 origins         where a recording comes from: the twin, a folder
 workers         processes of this machine, or a Dask cluster
 stages          detections of long recordings, chunk by chunk
+backdrop        grey values of what is behind a detection
 pipeline        a whole recording from its detections to its flights
 campaigns       the thesis's eight campaigns on the twin
 own             a recording of one's own, made ready for the whole way

@@ -111,8 +111,10 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.workers import Workers
 
     lance = own.point(options.exit_point) if options.exit_point else None
-    wishes = own.Wishes(options.threshold, lance, options.in_air, options.bright)
-    workers = Workers(options.jobs, options.scheduler)
+    wishes = own.Wishes(
+        options.threshold, lance, options.in_air, options.bright, options.above_background
+    )
+    workers = Workers(options.jobs, options.scheduler, into_logs=True)
     target = options.to or own.beside(options.folder)
     prepared = own.prepare(options.folder, target, wishes)
     for note in prepared.notes:
@@ -191,11 +193,14 @@ def _add_run(command: argparse.ArgumentParser) -> None:
         "--to",
         type=Path,
         metavar="FOLDER",
-        help="a killed run goes on there (default: <recording>-run)",
+        help="a killed run goes on there, from its folder parts, which may be deleted when all "
+        "is done (default: <recording>-run)",
     )
     command.add_argument("--threshold", type=float, help="of DoG; default: five times the noise")
     command.add_argument(
-        "--exit-point", metavar="x,y,z", help="where the lance ends, mm; default: as recorded"
+        "--exit-point",
+        metavar="x,y,z",
+        help="where the lance ends, mm as captured (before Eq. 2.4); default: as recorded",
     )
     command.add_argument(
         "--in-air",
@@ -209,6 +214,12 @@ def _add_run(command: argparse.ArgumentParser) -> None:
         type=float,
         metavar="GRAY",
         help="grey value that only what burns reaches: alight when first seen (default: not asked)",
+    )
+    command.add_argument(
+        "--above-background",
+        action="store_true",
+        help="ignition is a rise above the kiln behind a particle, which may itself be brighter "
+        "on the way (default: of the grey values as they are, as in the thesis)",
     )
     command.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     command.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that detects")

@@ -88,7 +88,7 @@ def dwell(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) 
     axes.plot(0, 0, **LANCE, label="lance")
     mark = "s" if flight["ending"] == LANDED else "o"
     last = _from_the_lance(fit, straight_on(fit, flight["end_s"])[:, 1:])
-    axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label="end")
+    axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label=f"end: {flight['ending']}")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
     axes.text(
         *(0.03, 0.95, f"dwell time {flight['dwell_s']:.2f} s"),

@@ -13,6 +13,7 @@ import pandas as pd
 from kilnflight import intervals
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.findings import METRES, quartiles
+from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import fits
 from kilnflight.survey import CELL, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
@@ -38,7 +39,8 @@ def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         ``particle`` (-1: nobody's), ``measurable`` (whether a person could have followed
-        it), ``track`` (-1: none), ``ending``, and ``measured_`` and ``true_`` of `QUANTITIES`.
+        it), ``track`` (-1: none), ``ending`` and ``true_ending``, and ``measured_`` and ``true_``
+        of `QUANTITIES`.
     """
     counted = way.flights[way.flights["from_lance"]]
     first = way.slices[way.slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
@@ -55,12 +57,14 @@ def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
     )
     mine = table[table["particle"] >= 0].sort_values("seen_s", kind="stable")
     mine = mine.drop_duplicates("particle", keep="last").drop(columns="seen_s")
-    there = true[true["whole"]].rename(columns={name: f"true_{name}" for name in QUANTITIES})
-    there = there[["particle", "measurable", *(f"true_{name}" for name in QUANTITIES)]]
+    known = {name: f"true_{name}" for name in ("ending", *QUANTITIES)}
+    there = true.loc[true["whole"], ["particle", "measurable", *known]].rename(columns=known)
     spurious = table[table["particle"] < 0].drop(columns="seen_s").assign(measurable=False)
     both = pd.concat([there.merge(mine, how="left", on="particle"), spurious], ignore_index=True)
     return both.assign(
-        track=both["track"].fillna(-1).astype(np.int64), ending=both["ending"].fillna("")
+        track=both["track"].fillna(-1).astype(np.int64),
+        ending=both["ending"].fillna(""),
+        true_ending=both["true_ending"].fillna(""),
     )
 
 
@@ -76,6 +80,35 @@ def whole_chain(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
         both.insert(1, "pressure_bar", cell[1])
         parts.append(both)
     return pd.concat(parts, ignore_index=True)
+
+
+def endings(both: pd.DataFrame) -> pd.DataFrame:
+    """Return how flights end by how they truly do (Fig. 5.18), in particles.
+
+    Parameters
+    ----------
+    both
+        `whole_chain`.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``true``; ``landed unlit``, ``landed burning``, ``burnt
+        out`` and ``lost`` as measured, and ``not measured``.
+    """
+    real = both[both["particle"] >= 0]
+    true = _case(real["true_ending"], real["true_ignition_s"]).rename("true")
+    told = _case(real["ending"], real["measured_ignition_s"])
+    told = told.where(real["track"] >= 0, "not measured")
+    table = pd.crosstab([real["fraction"], real["pressure_bar"], true], told)
+    cases = ["landed unlit", "landed burning", BURNT_OUT, LOST, "not measured"]
+    return table.reindex(columns=cases, fill_value=0).rename_axis(columns=None).reset_index()
+
+
+def _case(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
+    """Return the case of Fig. 5.18: what landed, unlit or burning."""
+    lit = ignition_s.notna().map({True: " burning", False: " unlit"})
+    return ending.where(ending != LANDED, ending + lit)
 
 
 def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:

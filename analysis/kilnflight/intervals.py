@@ -10,6 +10,7 @@ apart from another (its gas, its light, its bias of depth) is in none of them.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -145,7 +146,8 @@ class Bootstrap:
         groups
             One array of values per group; each is drawn from on its own.
         generator
-            Of the draws.
+            Of the draws. It is left as it was: the same particles have the same interval
+            wherever it is asked for, whatever was asked before.
         sizes
             Particles to draw from each group, if not as many as there are: what the interval
             would be with such samples.
@@ -167,12 +169,12 @@ class Bootstrap:
         estimate = float(statistic(*given, axis=-1))
         if min(min(numbers), min(drawn)) < self.least:
             return Interval(estimate, -math.inf, math.inf, drawn)
-        rounds = max(1, BLOCK // max(drawn))
+        own, rounds = copy.deepcopy(generator), max(1, BLOCK // max(drawn))
         parts = []
         for start in range(0, self.draws, rounds):
             count = min(rounds, self.draws - start)
             picked = [
-                one[generator.integers(0, len(one), (count, size))]
+                one[own.integers(0, len(one), (count, size))]
                 for one, size in zip(given, drawn, strict=True)
             ]
             parts.append(statistic(*picked, axis=-1))

@@ -43,7 +43,7 @@ def outcome(
 ) -> Outcome:
     """Return the tables of a recording, made where they are not there.
 
-    A note is added if no flight starts at the lance.
+    Notes are added on what is missing, or not what it seems.
     """
     stretch = passage.stretch
     found = Outcome(
@@ -57,22 +57,61 @@ def outcome(
         notes,
         used,
     )
-    return found._replace(notes=(*notes, *_none_from_lance(found)))
+    told = [_no_tracks(found), _none_from_lance(found), _behind_lance(found)]
+    if not passage.rules.above_background:
+        told.append(_as_it_is(found))
+    return found._replace(notes=(*notes, *filter(None, told)))
 
 
-def _none_from_lance(found: Outcome) -> list[str]:
-    """Return a note where trajectories were fitted and none counts; else none."""
+def _no_tracks(found: Outcome) -> str:
+    """Return a note where nothing was tracked."""
+    if len(tracked(found.tracks)):
+        return ""
+    if found.detections.empty:
+        return "Nothing was detected: a lower --threshold may find more."
+    return (
+        f"No tracks: of {len(found.detections)} detections {len(found.tracks)} are in the air or "
+        "without depth, and none of these follow each other. Do --threshold, --in-air and the "
+        "kiln's wall fit the recording?"
+    )
+
+
+def _none_from_lance(found: Outcome) -> str:
+    """Return a note where trajectories were fitted and none counts."""
     if found.flights.empty or len(found.counted):
-        return []
+        return ""
     fitted = found.trajectories["particle"].isin(found.flights["particle"])
     early = int((found.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
-    return [
+    way = f"; of {early} no way back to it was found (t0 is the earliest that was searched)"
+    return (
         f"{len(found.flights)} trajectories were fitted, but none starts at the lance: the first "
-        f"positions lie {found.flights['start_mm'].median():.0f} mm from it (median), and for "
-        f"{early} of them t0 is the earliest that was searched, so no way back to the lance was "
-        "found. Is the lance's outlet right (mm, as captured, before Eq. 2.4)? Dwell times, "
-        "velocities and ignition are of flights from the lance only."
-    ]
+        f"positions lie {found.flights['start_mm'].median():.0f} mm from it (median)"
+        f"{way if early else ''}. Is the lance's outlet right (mm, as captured, before Eq. 2.4)? "
+        "Dwell times, velocities and ignition are of flights from the lance only."
+    )
+
+
+def _behind_lance(found: Outcome) -> str:
+    """Return a note where flights pass more metres behind the lance than in front of it."""
+    behind = int((found.slices["slice_m"] < 0).sum())
+    if 2 * behind <= len(found.slices):
+        return ""
+    return (
+        f"{behind} of {len(found.slices)} metres that were passed lie behind the lance. Is its "
+        "outlet right (mm, as captured, before Eq. 2.4)?"
+    )
+
+
+def _as_it_is(found: Outcome) -> str:
+    """Return a note where ignition was seen in grey values as they are."""
+    seen = int((found.counted["ignition"] == SEEN).sum())
+    if not seen:
+        return ""
+    return (
+        f"Ignition was seen in {seen} flights as a step of the grey values as they are, as the "
+        "thesis does. A particle that flies from before a dark part of the kiln to before a "
+        "bright one shows such a step without burning: compare --above-background."
+    )
 
 
 def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str, str], ...]:
@@ -107,6 +146,8 @@ def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str
         bright = passage.rules.ignition.bright
         level = "not asked" if bright is None else f"from {bright:g} grey values on (given)"
         rows.append(("taken for alight when first seen", level))
+        above = "above the background" if passage.rules.above_background else "as they are"
+        rows.append(("ignition", f"a step of the grey values {above}"))
     rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
     return (*rows, ("jobs", jobs))
 

@@ -60,12 +60,16 @@ class Wishes:
         first grey values reach it and that shows no step was alight when it was first seen. None:
         nothing tells it from a bright unlit one, and it counts as unlit, as in the thesis, which
         prints no such value (`kilnflight.ignition.Ignition`).
+    above_background
+        Whether ignition is a step of the grey values above those of the background, and not as
+        they are (`kilnflight.backdrop`).
     """
 
     threshold: float | None = None
     exit_point_mm: Vector | None = None
     in_air_mm: float = 800.0  # sec. 5.1.4
     bright: float | None = None
+    above_background: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what is no threshold, no distance and no grey value."""
@@ -124,7 +128,8 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
     _check_times(recording.per_frame["time_s"], recording.attributes.frame_rate_hz, notes)
     detector, parts = Combination(DoG(threshold)), target / "parts"
     stretch = Stretch(origin, 0, len(recording), detector, chunk(len(recording)), False, parts)
-    rules = Rules(ignition=Ignition(bright=wishes.bright))
+    ignition = Ignition(bright=wishes.bright)
+    rules = Rules(ignition=ignition, above_background=wishes.above_background)
     passage = Passage(stretch, lance, wall, InAir(wishes.in_air_mm), rules=rules)
     return Prepared(passage, tuple(notes))
 
@@ -158,15 +163,23 @@ def _check_apart(folder: Path, target: Path) -> None:
             f"--to {target}: lies in the recording {folder}, which is only read. Give a folder "
             f"of its own, such as {beside(folder)}."
         )
+    if target.exists() and not target.is_dir():
+        raise InputError(f"--to {target}: is a file. Give a folder, such as {beside(folder)}.")
 
 
 def _threshold(recording: PictureRecording, wishes: Wishes, notes: list[str]) -> float:
     if wishes.threshold is not None:
         return wishes.threshold
     found = noise_threshold(recording)
+    noise = f"{TIMES_NOISE:g} times the noise of the first frames"
+    if found <= TIMES_NOISE * LEAST_NOISE:
+        noise = (
+            f"{TIMES_NOISE:g} times the least noise there is; the first frames have less (are they "
+            "all of one grey value, saturated or made up?)"
+        )
     notes.append(
-        f"No threshold was given: {found:g} grey values are {TIMES_NOISE:g} times the noise of "
-        "the first frames. It decides how much is found; compare others with --threshold."
+        f"No threshold was given: {found:g} grey values are {noise}. It decides how much is "
+        "found; compare others with --threshold."
     )
     return found
 

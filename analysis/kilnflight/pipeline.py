@@ -18,6 +18,7 @@ import pandas as pd
 
 from kilnflight import flight, places, regression, stages
 from kilnflight.association import GNN
+from kilnflight.backdrop import behind
 from kilnflight.cylinder import Cylinder, InAir
 from kilnflight.keeping import kept, place
 from kilnflight.regression import Regression
@@ -34,8 +35,9 @@ TRACKING = (
 )
 REGRESSION = ("keeping.py", "pipeline.py", "regression", "tables.py")
 FLIGHT = (
-    *("cylinder.py", "flight.py", "ignition.py", "keeping.py", "landing.py", "mlesac.py"),
-    *("pipeline.py", "regression", "slicing.py", "steps.py", "tables.py"),
+    *("backdrop.py", "correspondence.py", "cylinder.py", "flight.py", "ignition.py"),
+    *("keeping.py", "landing.py", "mlesac.py", "pipeline.py", "regression", "slicing.py"),
+    *("steps.py", "tables.py"),
 )
 Vector = tuple[float, float, float]
 
@@ -188,16 +190,18 @@ def flown(
     """Return the flights of a table with ``particle`` and these fits; none without a wall."""
     if passage.wall is None:
         return FLIGHTS.empty()
-    stretch = passage.stretch
-    roi = stretch.origin.recording().attributes.roi
+    recording = passage.stretch.origin.recording()
+    frames, linked = range(passage.stretch.start, passage.stretch.stop), tracked(table)
+    if passage.rules.above_background:
+        linked = linked.assign(background=behind(linked, recording, frames))
     return flight.flights(
-        tracked(table),
+        linked,
         fits,
         passage.wall,
         passage.in_air,
         passage.frame_rate_hz,
         passage.rules,
-        flight.View(roi, range(stretch.start, stretch.stop)),
+        flight.View(recording.attributes.roi, frames),
     )
 
 

@@ -21,7 +21,6 @@ import pandas as pd
 from kilnflight import pipeline, regression, stages
 from kilnflight.campaigns import Campaign, Measured
 from kilnflight.checks import InputError
-from kilnflight.correspondence import mean_gray
 from kilnflight.findings import METRES
 from kilnflight.gating import Gate
 from kilnflight.matching import pair
@@ -45,7 +44,6 @@ STEPS = (
     "weighted, robust",
     "whole chain",
 )
-PICTURES = 21  # frames in the median picture that stands for the background; ours
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
 WEIGHTED = Regression(scale_mm=SCATTER_MM)
 ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
@@ -65,7 +63,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``particle``; ``dwell_s`` (NaN if the flight ends neither on the wall nor by burning
+        ``particle``; ``ending``, and ``dwell_s`` (NaN if it is neither on the wall nor burnt
         out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
         (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
         by a person at five positions or more (`kilnflight.stages.trajectories`).
@@ -76,7 +74,8 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     over = release + flights.end_s * rate
     each = velocities(flights)
     table = pd.DataFrame({"particle": twin.life.table["particle"]})
-    ended = twin.life.table["end"].isin(["landed", "burnt out"]).to_numpy()
+    table["ending"] = twin.life.table["end"].to_numpy()
+    ended = table["ending"].isin(["landed", "burnt out"]).to_numpy()
     table["dwell_s"] = np.where(ended, flights.end_s, np.nan)
     table["velocity_m_s"] = each[:, 0]
     for k, metre in enumerate(METRES):
@@ -213,20 +212,15 @@ def fitted(passage: Passage, table: pd.DataFrame) -> dict[int, regression.Fit]:
 def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     """Return the flights with ignition read from grey values above the background.
 
-    The background of a detection is the mean, within its disc, of the median of `PICTURES`
-    frames spread over the recording; only pictures are asked, no truth.
+    `kilnflight.backdrop` says what that is; only pictures are asked, no truth.
     """
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
-        recording = one.passage.stretch.origin.recording()
-        steps = np.linspace(one.frames.start, one.frames.stop - 1, PICTURES).round().astype(int)
-        picture = np.median([recording.gray(int(t)) for t in steps], axis=0)
         tracks, fitted = (of_cell(table, cell).drop(columns=CELL) for table in measured[:2])
-        behind = mean_gray(picture, tracks[["row", "col", "radius_px"]].to_numpy(np.float64))
         rules = replace(one.passage.rules, above_background=True)
         passage = replace(one.passage, rules=rules)
-        found = pipeline.flown(passage, tracks.assign(background=behind), regression.fits(fitted))
+        found = pipeline.flown(passage, tracks, regression.fits(fitted))
         found.insert(0, "fraction", cell[0])
         found.insert(1, "pressure_bar", cell[1])
         parts.append(found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
@@ -19,6 +20,7 @@ from tqdm import tqdm
 from kilnflight.checks import InputError, check_count
 
 Piece = TypeVar("Piece")
+LOGGED_S = 30.0  # between two states of the bar in a log
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,14 @@ class Workers:
         kilnflight, and the folders that are read and written under the same names.
     patience_s
         How long to wait for the scheduler and its first worker.
+    into_logs
+        Whether the bar also goes to what is no terminal, such as a log, every `LOGGED_S`.
     """
 
     jobs: int = 1
     scheduler: str | None = None
     patience_s: float = 10.0
+    into_logs: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a number of processes that is none."""
@@ -80,11 +85,17 @@ class Workers:
             desc=label,
             unit="frame",
             smoothing=0,  # the mean rate: pieces end in bunches
-            disable=None,
+            **self._seen(),
         ) as bar:
             done = self._here if self.scheduler is None else self._elsewhere
             for k in done(make, pieces, label):
                 bar.update(frames[k])
+
+    def _seen(self) -> dict[str, Any]:
+        """Return where the bar is shown, and how often."""
+        if sys.stderr.isatty() or not self.into_logs:
+            return {"disable": None}
+        return {"mininterval": LOGGED_S, "maxinterval": LOGGED_S}
 
     def _here(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
