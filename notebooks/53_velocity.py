@@ -70,8 +70,9 @@ figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, proven
 # %%
 pairs = deviations.velocities(wanted, measured)
 caption = (
-    "Velocity in depth within each metre of each particle: measured and true (Eq. 5.8). Particle: "
-    "that of the truth; -1 belongs to none. Empty: not measured, or the metre was not passed."
+    "Velocity in depth of each particle, measured and true (Eq. 5.8), in the first two metres; the "
+    "boxes of Fig. 5.21 are in fig-5-22-velocity-boxes. The table has every metre. Particle: that "
+    "of the truth; -1 belongs to none. Empty: not measured, or the metre was not passed."
 )
 columns = [*keys, "particle", "slice_m", "measured_m_s", "true_m_s"]
 picture, grid = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=80)
@@ -84,7 +85,10 @@ for axes, metre in zip(grid[0], (1.0, 2.0), strict=True):
 
 # %%
 for axes, metre in zip(grid[0], (1, 2), strict=True):
-    axes.set(title=f"metre {metre}", xlabel="true velocity (m/s)", xlim=(0, 20), ylim=(-5, 25))
+    out = known[known["slice_m"] == metre]["measured_m_s"]
+    cut = f"{((out < -5) | (out > 25)).sum()} of {len(out)} not shown"
+    axes.set(title=f"metre {metre} ({cut})", xlim=(0, 20), ylim=(-5, 25))
+    axes.set_xlabel("true velocity (m/s)")
 grid[0, 0].set_ylabel("measured velocity (m/s)")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 figures.save("fig-5-21-velocity", pairs[columns], picture=picture, caption=caption, provenance=made)
@@ -165,7 +169,9 @@ wide, every = every[wide], every[~wide]
 passes = every["outcome"].str.startswith("velocity")
 caption = (
     "Median velocity in depth (m/s) within each metre, measured, with the number of particles that "
-    "passed it and its 95 % interval (bootstrap over these), and true. Empty: fewer than six."
+    "passed it and its 95 % interval (bootstrap over these), and true. Without an interval: of "
+    "fewer than six, and no more than those; a metre that was passed before the particle was seen "
+    "may come out at any velocity (velocity-unseen)."
 )
 table = every[passes].round(3)
 figures.save("velocity-medians", table, caption=caption, provenance=made)

@@ -40,7 +40,8 @@ generator = np.random.default_rng(seed)
 # ## The main table
 #
 # Found: of the particles whose flight begins and ends within the recording and that a person
-# could have followed, how many have a trajectory from the lance.
+# could have followed, how many have a trajectory from the lance. (Notebook 52 counts all flights
+# that end on the wall or burnt out, followed or not.)
 
 # %%
 whole = budget[budget["way"] == "whole chain"].reset_index(drop=True)
@@ -65,8 +66,11 @@ median = pd.DataFrame(
     }
 )
 table["cell's dwell (s)"] = [f"{a:.3f}, true {b:.3f}" for a, b in median.to_numpy()]
-table["lit, told"] = [f"{one.lit_told:.0f} of {one.lit:.0f}" for one in whole.itertuples()]
-table["unlit, told"] = [f"{one.unlit_told:.0f} of {one.unlit:.0f}" for one in whole.itertuples()]
+table["nobody's"] = [f"{one.spurious:.0f} of {one.flights:.0f}" for one in whole.itertuples()]
+told = {"ignition told, rightly": ("lit_told", "lit")}
+told["told of the unlit"] = ("unlit_told", "unlit")
+for name, (some, of) in told.items():
+    table[name] = [f"{a:.0f} of {b:.0f}" for a, b in whole[[some, of]].to_numpy()]
 
 # %%
 parts = ["flights", "found", "duplicates", "cut", "spurious"]
@@ -82,9 +86,9 @@ caption = (
     "What the whole chain finds, with the 95 % interval of the share, and how far it is off, "
     "particle by particle: median of measured minus true with its 95 % interval (nan: of fewer "
     "than six) +- half the range that holds 68 % of it. Cell's dwell: the median that would be "
-    "published, of all flights that "
-    "were measured, and of all true ones; who is found and where tracks break is in it, too. Lit: "
-    "of those found, how many were told to ignite of the truly lit and of the unlit ones."
+    "published, of all flights that were measured, and of all true ones; who is found and where "
+    "tracks break is in it, too. Nobody's: flights from the lance of no particle. Of those "
+    "found, how many were told to ignite of the truly lit, and, wrongly, of the unlit ones."
 )
 figures.save("trust", table, caption=caption, provenance=made)
 

@@ -132,9 +132,12 @@ def flown_paths(axes: Any, flights: Flights, most: int) -> None:
         axes.plot(*path.T, color=COLOURS[1 + k % 6], lw=0.6, ls="-")
         marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
         axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
-    axes.set(xlabel="from the lance (m)", ylabel="across (m)", zlabel="up (m)")
+    axes.set_xlabel("from the lance (m)", labelpad=0)
+    axes.set_ylabel("across (m)", labelpad=-4)
+    axes.set_zlabel("up (m)", labelpad=-4)
+    axes.tick_params(pad=-1)
     axes.locator_params(nbins=4)
-    axes.set_box_aspect(None, zoom=0.8)
+    axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
 
 
 def summed_changes(recording: PictureRecording, frames: range) -> Array:

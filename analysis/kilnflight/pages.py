@@ -214,7 +214,9 @@ def _trust() -> list[str]:
     return [
         "",
         "**How far to trust what is measured** on the twin, where the truth is known (notebook 56; "
-        "median of measured minus true +- half the range that holds 68 % of it):",
+        "median of measured minus true with its 95 % interval +- half the range that holds 68 % of "
+        "it; cell's dwell: the median of all measured flights, and of all true ones; nobody's: "
+        "flights that follow no particle):",
         "",
         *(f"| {' | '.join(row)} |" for row in rows),
     ]

@@ -29,7 +29,7 @@ Orders = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Regression:
-    """Nonlinear least squares over t0 and the coefficients, in all combinations of orders.
+    """Nonlinear least squares over t0 and the coefficients, with an order for each axis.
 
     Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it
     returns a `Fit`. Without scatter and robust loss the cost is the sum of the squared
@@ -38,8 +38,10 @@ class Regression:
     Notes
     -----
     Readings. (1) For a given t0 the best coefficients are linear and solved for, so the
-    trust region has one unknown, t0. The ranges that the thesis sets for the coefficients keep its
-    solver in bounds; here they are not needed. (2) The range of t0 and its first guess come
+    trust region has one unknown, t0: `kilnflight.regression.search.descend`, in place of scipy's
+    over all unknowns, which ends at the same minimum and takes far longer (benchmarks). The
+    ranges that the thesis sets for the coefficients keep its solver in bounds; here they are not
+    needed. (2) The range of t0 and its first guess come
     from `draws` times three random points (`kilnflight.regression.search.range_of_start`);
     where depth scatters the range is all that `longest_s` allows. The minimum found is the
     one downhill of the first guess, as by any trust region; it need not be the least of
