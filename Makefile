@@ -38,9 +38,10 @@ export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
 
 # In which order notebooks start: what others wait for early, and beside what does not wait.
-# 30 to 34 share the detections that 31 makes, 50 to 56 those that 50 makes.
+# 30 to 34 share the detections that 31 makes, 50 to 56 those that 50 makes. The first of those
+# that share compiled code start beside those of the belt: together they would compile it twice.
 starts = $(foreach number,$(1),$(filter build/$(number)%,$(EXECUTED)))
-QUEUE := $(call starts,0 1 2 31 30 40 41 50 32 42 43 33)
+QUEUE := $(call starts,0 10 40 41 20 42 22 43 11 12 13 21 23 24 25 31 30 50 32 33)
 QUEUE += $(filter-out $(QUEUE),$(EXECUTED))
 
 # Settings are kept in files that change only when the setting does, so that make knows
