@@ -136,3 +136,20 @@ def test_a_source_without_parameters_is_told(tmp_path):
 def test_reading_twice_gives_the_same_notebook(notebook):
     path = notebook()
     assert chain.read_source(path) == chain.read_source(path)
+
+
+def test_long_work_says_how_far_it_is(notebook, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(chain, "TELL_S", 0.1)
+    work = (
+        "import time\n"
+        "from kilnflight.workers import Workers\n"
+        "Workers()(lambda _: time.sleep(0.4), [1, 2, 3, 4], [5, 5, 5, 5], 'resting')"
+    )
+    path = notebook(work)
+    assert chain.main([str(path), "--build", str(tmp_path / "b"), "-p", "scale=quick"]) == 0
+    said = capsys.readouterr()
+    assert "07_test: resting:  50%" in said.out
+    assert "frame/s" in said.out
+    assert said.err == ""
+    assert outputs(tmp_path / "b" / "07_test.ipynb") == ["'quick 1 2.0'"]  # nothing in the page
+    assert [p.name for p in (tmp_path / "b").iterdir()] == ["07_test.ipynb"]

@@ -15,6 +15,7 @@ import logging
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,9 +29,10 @@ from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
 
 from kilnflight.errors import InputError
-from kilnflight.places import SAVED_LIST
+from kilnflight.places import PROGRESS, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
+TELL_S = 60.0  # between two words on how far long work is
 
 
 def read_source(path: Path) -> nbformat.NotebookNode:
@@ -158,7 +160,10 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     partial = build / f".{stem}.{os.getpid()}.partial.ipynb"
     # figures.save notes what it wrote here, so that make sees when a figure goes missing
     saved = build / f".{stem}.{os.getpid()}.saved.part"
-    os.environ[SAVED_LIST] = str(saved.resolve())
+    progress = build / f".{stem}.{os.getpid()}.progress"
+    os.environ |= {SAVED_LIST: str(saved.resolve()), PROGRESS: str(progress.resolve())}
+    ended = threading.Event()
+    threading.Thread(target=_tell, args=(stem, progress, ended), daemon=True).start()
     try:
         nbformat.write(notebook, plain)
         papermill.execute_notebook(
@@ -180,9 +185,21 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
         partial.replace(failed)
         raise
     finally:
-        del os.environ[SAVED_LIST]
-        for temporary in (plain, partial, saved):
+        ended.set()
+        del os.environ[SAVED_LIST], os.environ[PROGRESS]
+        for temporary in (plain, partial, saved, progress):
             temporary.unlink(missing_ok=True)
+
+
+def _tell(stem: str, progress: Path, ended: threading.Event) -> None:
+    """Print every now and then how far a notebook's long work is, until it has ended."""
+    before = ""
+    while not ended.wait(TELL_S):
+        drawn = progress.read_text().split("\n") if progress.is_file() else []
+        last = next((line.strip() for line in reversed(drawn) if line.strip()), "")
+        if last and last != before:
+            print(f"{stem}: {last}", flush=True)
+        before = last
 
 
 def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from kilnflight.errors import InputError
 
 SAVED_LIST = "KILNFLIGHT_SAVED"  # environment: a file that lists what was saved, for make
+PROGRESS = "KILNFLIGHT_PROGRESS"  # a file in which long work says how far it is
 
 
 def root() -> Path:

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import joblib
 from tqdm import tqdm
 
+from kilnflight import places
 from kilnflight.checks import InputError, check_count
 
 Piece = TypeVar("Piece")
@@ -79,23 +80,31 @@ class Workers:
         """
         if not pieces:
             return
-        with tqdm(
-            total=before + sum(frames),
-            initial=before,
-            desc=label,
-            unit="frame",
-            smoothing=0,  # the mean rate: pieces end in bunches
-            **self._seen(),
-        ) as bar:
+        with (
+            self._seen() as where,
+            tqdm(
+                total=before + sum(frames),
+                initial=before,
+                desc=label,
+                unit="frame",
+                smoothing=0,  # the mean rate: pieces end in bunches
+                **where,
+            ) as bar,
+        ):
             done = self._here if self.scheduler is None else self._elsewhere
             for k in done(make, pieces, label):
                 bar.update(frames[k])
 
-    def _seen(self) -> dict[str, Any]:
-        """Return where the bar is shown, and how often."""
-        if sys.stderr.isatty() or not self.into_logs:
-            return {"disable": None}
-        return {"mininterval": LOGGED_S, "maxinterval": LOGGED_S}
+    @contextmanager
+    def _seen(self) -> Iterator[dict[str, Any]]:
+        """Yield where the bar is shown, and how often."""
+        if places.PROGRESS in os.environ:  # of a notebook: `kilnflight.chain` tells it
+            with open(os.environ[places.PROGRESS], "a") as told:
+                yield {"file": told}
+        elif sys.stderr.isatty() or not self.into_logs:
+            yield {"disable": None}
+        else:
+            yield {"mininterval": LOGGED_S, "maxinterval": LOGGED_S}
 
     def _here(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
