@@ -34,7 +34,7 @@ jobs = 2  # processes of the simulation
 from kilnflight.belt import answers, dem, filters, sampling, touching
 
 drawing.use_style()
-count = {"quick": 120, "standard": 300, "full": 1500}[scale]  # particles per material
+count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material
 files = dem.find_dem()
 setting, inputs = {"scale": scale, "count": count}, list(files.values())
 made = provenance.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
