@@ -41,7 +41,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # 30 to 34 share the detections that 31 makes, 50 to 56 those that 50 makes. The first of those
 # that share compiled code start beside those of the belt: together they would compile it twice.
 starts = $(foreach number,$(1),$(filter build/$(number)%,$(EXECUTED)))
-QUEUE := $(call starts,0 10 40 41 20 42 22 43 11 24 30 12 13 21 23 25 31 50 32 33)
+QUEUE := $(call starts,0 10 40 41 20 42 22 43 11 24 30 31 12 13 21 23 25 50 32 33)
 QUEUE += $(filter-out $(QUEUE),$(EXECUTED))
 
 # Settings are kept in files that change only when the setting does, so that make knows
