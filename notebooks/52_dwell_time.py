@@ -45,8 +45,7 @@ bars = sorted({one.pressure_bar for one in wanted})
 # %%
 keys = ["fraction", "pressure_bar"]
 counted = measured.flights[measured.flights["from_lance"]]
-lit = counted["ignition"].isin(["seen", "before seen"]).map({True: " burning", False: ""})
-ending = (counted["ending"] + lit).where(counted["ending"] == "landed", counted["ending"])
+ending = deviations.cases(counted["ending"], counted["ignition"].isin(["seen", "before seen"]))
 ends = pd.crosstab([counted["fraction"], counted["pressure_bar"]], ending).reset_index()
 out = measured.flights.groupby(keys)["from_lance"].agg(lambda good: int((~good).sum()))
 out = out.rename("left out: not from the lance").reset_index()
@@ -70,7 +69,7 @@ figures.save("fig-5-18-true-endings", known, caption=caption, provenance=made)
 # %% tags=["hide-input"]
 picture, grid = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
 some = definitions.examples(measured.flights)
-for axes, letter, case in zip(grid[0], "abc", definitions.CASES, strict=True):
+for axes, letter, case in zip(grid[0], "abc", deviations.CASES, strict=True):
     axes.set_title(f"({letter}) {case}" + ("" if case in some else ": none measured"))
     if case in some:
         one, cell = some[case], (some[case]["fraction"], some[case]["pressure_bar"])

@@ -135,7 +135,10 @@ def test_a_number_of_processes_that_is_none(jobs):
         Workers(jobs)
 
 
-def test_a_log_has_the_bar_only_where_it_is_asked_for(tmp_path, capsys):
+def test_a_log_has_the_bar_of_long_work_where_it_is_asked_for(tmp_path, capsys, monkeypatch):
+    Workers(into_logs=True)(partial(note, tmp_path), [1], [30], "noting")
+    assert capsys.readouterr().err == ""  # over before it is worth a word
+    monkeypatch.setattr("kilnflight.workers.LOGGED_S", 1e-6)
     Workers()(partial(note, tmp_path), [1], [30], "noting")
     assert capsys.readouterr().err == ""
     Workers(into_logs=True)(partial(note, tmp_path), [1], [30], "noting")

@@ -163,7 +163,8 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     progress = build / f".{stem}.{os.getpid()}.progress"
     os.environ |= {SAVED_LIST: str(saved.resolve()), PROGRESS: str(progress.resolve())}
     ended = threading.Event()
-    threading.Thread(target=_tell, args=(stem, progress, ended), daemon=True).start()
+    teller = threading.Thread(target=_tell, args=(stem, progress, ended), daemon=True)
+    teller.start()
     try:
         nbformat.write(notebook, plain)
         papermill.execute_notebook(
@@ -186,6 +187,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
         raise
     finally:
         ended.set()
+        teller.join()  # it may be reading what is removed below
         del os.environ[SAVED_LIST], os.environ[PROGRESS]
         for temporary in (plain, partial, saved, progress):
             temporary.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from kilnflight.checks import InputError
+from kilnflight.deviations import CASES
 from kilnflight.drawing import COLOURS
 from kilnflight.flight import BURNT_OUT, LANDED
 from kilnflight.ignition import NONE, SEEN
@@ -22,7 +23,6 @@ from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
 MOMENTS = 60  # of a fitted curve
-CASES = ("landed unlit", "landed burning", "burnt out")  # (a), (b) and (c) of Fig. 5.18
 SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 

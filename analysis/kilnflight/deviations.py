@@ -19,6 +19,7 @@ from kilnflight.survey import CELL, named, of_cell
 from kilnflight.trust import Flown, owned, owners, sightings, true_flights, ways
 
 Key = TypeVar("Key", bound=tuple[str, object])  # a cell, or a fraction and an axis
+CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 
 
@@ -97,18 +98,18 @@ def endings(both: pd.DataFrame) -> pd.DataFrame:
         out`` and ``lost`` as measured, and ``not measured``.
     """
     real = both[both["particle"] >= 0]
-    true = _case(real["true_ending"], real["true_ignition_s"]).rename("true")
-    told = _case(real["ending"], real["measured_ignition_s"])
+    true = cases(real["true_ending"], real["true_ignition_s"].notna()).rename("true")
+    told = cases(real["ending"], real["measured_ignition_s"].notna())
     told = told.where(real["track"] >= 0, "not measured")
     table = pd.crosstab([real["fraction"], real["pressure_bar"], true], told)
-    cases = ["landed unlit", "landed burning", BURNT_OUT, LOST, "not measured"]
-    return table.reindex(columns=cases, fill_value=0).rename_axis(columns=None).reset_index()
+    every = [*CASES, LOST, "not measured"]
+    return table.reindex(columns=every, fill_value=0).rename_axis(columns=None).reset_index()
 
 
-def _case(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
-    """Return the case of Fig. 5.18: what landed, unlit or burning."""
-    lit = ignition_s.notna().map({True: " burning", False: " unlit"})
-    return ending.where(ending != LANDED, ending + lit)
+def cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
+    """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
+    landed = lit.map({False: CASES[0], True: CASES[1]})
+    return ending.where(ending != LANDED, landed)
 
 
 def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:

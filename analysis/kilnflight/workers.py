@@ -38,7 +38,8 @@ class Workers:
     patience_s
         How long to wait for the scheduler and its first worker.
     into_logs
-        Whether the bar also goes to what is no terminal, such as a log, every `LOGGED_S`.
+        Whether the bar also goes to what is no terminal, such as a log: every `LOGGED_S`, of
+        work that takes longer than that.
     """
 
     jobs: int = 1
@@ -104,7 +105,7 @@ class Workers:
         elif sys.stderr.isatty() or not self.into_logs:
             yield {"disable": None}
         else:
-            yield {"mininterval": LOGGED_S, "maxinterval": LOGGED_S}
+            yield dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
 
     def _here(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
