@@ -286,7 +286,7 @@ def test_notes_say_what_is_missing_and_what_may_deceive(flown):
     from kilnflight import outcome as module
 
     assert module._behind_lance(flown) == module._none_from_lance(flown) == ""
-    assert "Ignition was seen in 1 flights" in module._as_it_is(flown)
+    assert "Ignition was seen in 1 of 2 flights" in module._as_it_is(flown)
     dark = flown._replace(flights=flown.flights.assign(ignition="none"))
     assert module._as_it_is(dark) == ""
     behind = flown._replace(slices=flown.slices.assign(slice_m=[-1.0, -2.0, 1.0]))

@@ -108,9 +108,10 @@ def _as_it_is(found: Outcome) -> str:
     if not seen:
         return ""
     return (
-        f"Ignition was seen in {seen} flights as a step of the grey values as they are, as the "
-        "thesis does. A particle that flies from before a dark part of the kiln to before a "
-        "bright one shows such a step without burning: compare --above-background."
+        f"Ignition was seen in {seen} of {len(found.counted)} flights as a step of the grey "
+        "values as they are, as the thesis does. A particle that flies from before a dark part of "
+        "the kiln to before a bright one shows such a step without burning: compare "
+        "--above-background."
     )
 
 
