@@ -27,7 +27,7 @@ STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 FIRST := 00_claims
 EXECUTED := $(STEMS:%=build/%.ipynb)
 NUMBERS := $(foreach stem,$(STEMS),$(firstword $(subst _, ,$(stem))))
-LIBRARY := $(filter-out %/chain.py %/pages.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' | sort))
+LIBRARY := $(filter-out %/project/notebooks.py %/project/site.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' | sort))
 FACTS := $(shell find data/reference -name '*.csv' | sort)
 
 # Freed memory is kept for the next frame: to be given it anew costs more than to reuse it.
@@ -72,12 +72,12 @@ quick: ## a smoke run: every notebook, little input; its figures go to build/qui
 
 full: ## the same at the scale of the publications; what figures/ and the README hold
 	@$(MAKE) SCALE=full all
-	@$(RUN) -m kilnflight.pages --readme
+	@$(RUN) -m kilnflight.project.site --readme
 
 setup: $(VENV)/installed ## create .venv and install the locked packages
 
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
-	@$(RUN) -m kilnflight.external
+	@$(RUN) -m kilnflight.project.data
 	@touch build/folders.settings
 
 test: $(VENV)/installed ## run the tests
@@ -118,15 +118,15 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@touch $@
 
 # The authors' data if there is a network; a second make does not ask again (make data does).
-build/external.txt: build/folders.settings analysis/kilnflight/external.py | $(VENV)/installed
-	@$(RUN) -m kilnflight.external --optional
+build/external.txt: build/folders.settings analysis/kilnflight/project/data.py | $(VENV)/installed
+	@$(RUN) -m kilnflight.project.data --optional
 	@touch $@
 
 $(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(LIBRARY) $(FACTS) build/external.txt | $(VENV)/installed
-	@$(RUN) -m kilnflight.chain $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
+	@$(RUN) -m kilnflight.project.notebooks $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
 
 # The first notebook collects what the others conclude.
 build/$(FIRST).ipynb: $(filter-out build/$(FIRST).ipynb,$(QUEUE))
 
-site/index.html: $(EXECUTED) analysis/kilnflight/pages.py
-	@$(RUN) -m kilnflight.pages $(EXECUTED)
+site/index.html: $(EXECUTED) analysis/kilnflight/project/site.py
+	@$(RUN) -m kilnflight.project.site $(EXECUTED)

@@ -25,7 +25,6 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from kilnflight import peers
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
 from kilnflight.belt.corners import FindCorners
@@ -34,6 +33,7 @@ from kilnflight.belt.homography import calibrate
 from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.spots import Spots, average, measure
 from kilnflight.belt.tracker import BeltTracker
+from kilnflight.experiments import other_trackers as peers
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region

@@ -6,7 +6,7 @@ import numpy as np
 from measure import Row, compare
 from scipy.optimize import least_squares
 
-from kilnflight.cylinder import Cylinder, CylinderFit, distance_to_axis
+from kilnflight.detection.wall import Cylinder, CylinderFit, distance_to_axis
 
 POINTS = (25_000, 100_000)
 TRIALS = 100

@@ -10,8 +10,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from measure import Row, compare
 
-from kilnflight import kalman
-from kilnflight.motion import ConstantVelocity
+from kilnflight.tracking import kalman
+from kilnflight.tracking.motion import ConstantVelocity
 
 TRACKS = (50, 500, 5000)
 PEER = "filterpy, one object per track"

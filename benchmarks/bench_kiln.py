@@ -18,9 +18,9 @@ from sklearn import cluster
 
 from kilnflight import kiln
 from kilnflight.background import Median
-from kilnflight.combination import Combination
 from kilnflight.detection import DoG
-from kilnflight.frames import Attributes, Frame
+from kilnflight.detection.combination import Combination
+from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.twin.scenes import open_scene
 
 THRESHOLD = 283.0  # what notebook 21 finds for V1 and most subsets

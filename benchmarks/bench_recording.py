@@ -11,7 +11,7 @@ import pandas as pd
 import tifffile
 from measure import Row, compare
 
-from kilnflight.recording import Attributes, Frame, write_recording
+from kilnflight.recording.store import Attributes, Frame, write_recording
 
 SIZE = (1536, 2048)
 POINTS = (50_000, 200_000, 400_000)

@@ -10,7 +10,7 @@ import pandas as pd
 import plain_regression
 from measure import Row, compare
 
-from kilnflight import figures, provenance
+from kilnflight.project import figures, provenance
 from kilnflight.regression import regress_all
 from kilnflight.regression.search import Combinations, range_of_start
 

@@ -17,12 +17,12 @@ import numpy as np
 import pandas as pd
 from measure import Row
 
-from kilnflight import figures, provenance
 from kilnflight.belt.bulk import BULKS, Bulk
 from kilnflight.belt.conveyor import Conveyor
 from kilnflight.belt.friction_values import calibrated_sorter
 from kilnflight.belt.physics import compiled, engine, missing
 from kilnflight.belt.velocity import velocities, velocity_profile
+from kilnflight.project import figures, provenance
 
 SIZES = (20, 60, 120)
 SECONDS = 0.1

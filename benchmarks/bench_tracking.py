@@ -14,9 +14,9 @@ import pandas as pd
 from measure import Row, compare
 from scipy.spatial.distance import cdist
 
-from kilnflight import peers
-from kilnflight.gating import Detected, Gate, Predicted
-from kilnflight.tracking import track
+from kilnflight.experiments import other_trackers as peers
+from kilnflight.tracking.gate import Detected, Gate, Predicted
+from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
 
 LONGEST_STEP = 14.0  # px: speeds are 3 to 10 px/frame, jitter 0.5 px

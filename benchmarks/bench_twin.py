@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from measure import Row, compare
 
-from kilnflight import figures, provenance
+from kilnflight.project import figures, provenance
 from kilnflight.twin import appearance, drawing, scenes
 from kilnflight.twin.scene import Twin
 

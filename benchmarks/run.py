@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from kilnflight import figures, provenance
+from kilnflight.project import figures, provenance
 
 
 def main() -> None:

@@ -15,7 +15,8 @@ seed = 0  # nothing random happens here
 # %%
 import pandas as pd
 
-from kilnflight import figures, gallery, provenance, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, gallery, provenance
 
 concluded = gallery.concluded()
 made = provenance.trace("00_claims", {"scale": scale}, inputs=concluded.values())

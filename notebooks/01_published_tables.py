@@ -15,7 +15,11 @@ scale = "standard"  # quick, standard or full; the tables are short, all scales 
 seed = 0  # nothing random happens here
 
 # %%
-from kilnflight import drawing, errata, figures, places, provenance, reference
+from kilnflight.experiments import errata
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import paths as places
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 tables = sorted((places.reference() / "published").glob("table_5.*.csv"))

@@ -30,7 +30,11 @@ import numpy as np
 import pandas as pd
 from matplotlib import cbook
 
-from kilnflight import camera, drawing, figures, places, provenance, reference
+from kilnflight import camera
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import paths as places
+from kilnflight.project import style as drawing
 from kilnflight.twin import plate
 
 drawing.use_style()

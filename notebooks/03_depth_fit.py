@@ -17,7 +17,10 @@ points = 0  # points per plate distance; 0: 200, 2000 or 20000 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import camera, drawing, figures, provenance, reference
+from kilnflight import camera
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 from kilnflight.twin import plate
 
 drawing.use_style()

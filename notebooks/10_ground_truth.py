@@ -22,7 +22,12 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from kilnflight import camera, drawing, figures, places, provenance, reference, trial
+from kilnflight import camera
+from kilnflight.experiments import trial
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import paths as places
+from kilnflight.project import style as drawing
 from kilnflight.twin import mixture, prepared, truth
 
 drawing.use_style()

@@ -19,8 +19,11 @@ frames = 0  # frames summed per fraction; 0: 5, 100 or 300 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, kiln, provenance, pursuit, thermography, trial
-from kilnflight.flame import segment_flame
+from kilnflight import kiln, thermography
+from kilnflight.detection.flame import segment_flame
+from kilnflight.experiments import pursuit, trial
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 from kilnflight.twin import prepared, scenes
 from kilnflight.twin.geometry import Geometry
 

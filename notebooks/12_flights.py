@@ -5,7 +5,9 @@
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import drawing, figures, findings, provenance
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
+from kilnflight.scores import flights as findings
 from kilnflight.twin import calibration, outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.fractions import FRACTIONS

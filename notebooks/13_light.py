@@ -19,7 +19,7 @@ from dataclasses import asdict
 
 import pandas as pd
 
-from kilnflight import figures, provenance
+from kilnflight.project import figures, provenance
 from kilnflight.twin import exposure
 
 made = provenance.trace("13_light", {"scale": scale}, seed=seed, inputs=[exposure.FILE])

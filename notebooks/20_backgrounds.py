@@ -24,13 +24,16 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import background, contenders, kiln, tallies, trial
+from kilnflight import background, kiln
 from kilnflight.detection import DoG
+from kilnflight.experiments import contenders, tallies, trial
 from kilnflight.twin import truth
 
 frames = frames or trial.FRAMES[scale]

@@ -26,12 +26,15 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import camera, contenders, detection, tallies, trial
+from kilnflight import camera, detection
+from kilnflight.experiments import contenders, tallies, trial
 from kilnflight.twin import truth
 
 frames = frames or trial.FRAMES[scale]

@@ -19,16 +19,18 @@ frames = 0  # labelled frames per subset for that table; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import camera, combination, contenders, scores, trial
-from kilnflight.correspondence import potential_particles, summarise
-from kilnflight.detection import DoG
-from kilnflight.evidence import Evidence
-from kilnflight.flame import segment_flame
+from kilnflight import camera, scores
+from kilnflight.detection import DoG, combination
+from kilnflight.detection.correspondence import potential_particles, summarise
+from kilnflight.detection.evidence import Evidence
+from kilnflight.detection.flame import segment_flame
+from kilnflight.experiments import contenders, trial
 
 frames = frames or trial.FRAMES[scale]
 made = provenance.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)

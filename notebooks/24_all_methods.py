@@ -18,7 +18,10 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import contenders, drawing, figures, provenance, reference, tallies, trial
+from kilnflight.experiments import contenders, tallies, trial
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 frames = frames or trial.FRAMES[scale]

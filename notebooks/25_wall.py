@@ -24,9 +24,14 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from kilnflight import camera, cylinder, drawing, figures, provenance, reference, scores, trial
-from kilnflight.combination import Combination
+from kilnflight import camera, scores
 from kilnflight.detection import DBSCAN, DoG
+from kilnflight.detection import wall as cylinder
+from kilnflight.detection.combination import Combination
+from kilnflight.experiments import trial
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 # %%
 drawing.use_style()

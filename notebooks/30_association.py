@@ -18,8 +18,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from kilnflight import association, drawing, figures, provenance, tracking
-from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight import association
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
+from kilnflight.tracking import tracker as tracking
+from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 drawing.use_style()
 made = provenance.trace("30_association", {"scale": scale}, seed=seed)

@@ -23,12 +23,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import lessons, pursuit, tracking, tracklets
+from kilnflight import tracklets
+from kilnflight.experiments import lessons, pursuit
+from kilnflight.tracking import tracker as tracking
 
 made = provenance.trace("31_tracklets", {"scale": scale}, seed=seed)
 windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)

@@ -20,12 +20,15 @@ jobs = 2  # processes of the detection
 # %%
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import contest, ladders, lessons, pursuit, tracklets
+from kilnflight import tracklets
+from kilnflight.experiments import contest, ladders, lessons, pursuit
 
 made = provenance.trace("32_tracking", {"scale": scale}, seed=seed)
 learned = lessons.learned(scale, seed)

@@ -21,7 +21,10 @@ from itertools import product
 
 import pandas as pd
 
-from kilnflight import contest, drawing, figures, ladders, lessons, peers, provenance, pursuit
+from kilnflight.experiments import contest, ladders, lessons, pursuit
+from kilnflight.experiments import other_trackers as peers
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 made = provenance.trace("33_peers", {"scale": scale}, seed=seed)

@@ -18,12 +18,15 @@ jobs = 2  # processes of the detection
 # %%
 import pandas as pd
 
-from kilnflight import drawing, figures, provenance
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import association, lessons, pursuit, tracking
+from kilnflight import association
+from kilnflight.experiments import lessons, pursuit
+from kilnflight.tracking import tracker as tracking
 
 made = provenance.trace("34_ablation", {"scale": scale}, seed=seed)
 windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)

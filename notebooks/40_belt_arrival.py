@@ -8,8 +8,12 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import belt, drawing, figures, provenance, reference, sorter
+from kilnflight import belt
 from kilnflight.belt import answers, dem, deviation, velocity
+from kilnflight.experiments import sorter
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN

@@ -6,9 +6,11 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import drawing, figures, provenance, reference
 from kilnflight.belt import appearance, arrival, association, physics, pictures, predictive, tracker
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
 Markdown(f"**Own simulation**: {engine}. {physics.missing()}".rstrip())

@@ -4,9 +4,12 @@
 # %% tags=["hide-input"]
 from IPython.display import Markdown
 
-from kilnflight import drawing, figures, provenance, reference, sorter
 from kilnflight.belt import answers, dem, friction_values, physics, velocity
 from kilnflight.belt.bulk import BULKS
+from kilnflight.experiments import sorter
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 files = dem.find_dem()
 there = f"**Input:** {sorter.describe_own()}"

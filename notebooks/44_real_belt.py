@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import drawing, figures, provenance
 from kilnflight.belt import crossing, deviation, recordings
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import Area
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import BeltTracker
-from kilnflight.motion import ConstantAcceleration, ConstantVelocity
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
+from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
 # %% tags=["hide-input"]
 files = recordings.find_recordings()

@@ -7,10 +7,13 @@ from dataclasses import replace
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight import belt, drawing, figures, provenance, sorter
+from kilnflight import belt
 from kilnflight.belt import dem
 from kilnflight.belt.separation import ValveBar
 from kilnflight.belt.sorting import MODELS, shares
+from kilnflight.experiments import sorter
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN

@@ -22,13 +22,17 @@ import numpy as np
 import pandas as pd
 from IPython.display import HTML
 
-from kilnflight import drawing, figures, flight_drawing, provenance, survey
+from kilnflight.experiments import flight_drawing, survey
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, findings, lessons, regression
-from kilnflight.workers import Workers
+from kilnflight import regression
+from kilnflight.experiments import campaigns, certainty, lessons
+from kilnflight.project.parallel import Workers
+from kilnflight.scores import flights as findings
 
 made = provenance.trace("50_regression", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)

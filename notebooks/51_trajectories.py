@@ -18,13 +18,15 @@ pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 # %%
 import pandas as pd
 
-from kilnflight import drawing, figures, flight_drawing, provenance, survey
+from kilnflight.experiments import flight_drawing, survey
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, lessons
-from kilnflight.workers import Workers
+from kilnflight.experiments import campaigns, lessons
+from kilnflight.project.parallel import Workers
 
 pictures = pictures or {"quick": 5, "standard": 60, "full": 300}[scale]
 made = provenance.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)

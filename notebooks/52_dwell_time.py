@@ -20,13 +20,16 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import definitions, deviations, drawing, figures, flight_drawing, provenance, survey
+from kilnflight.experiments import definitions, deviations, flight_drawing, survey
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, lessons, regression, trust
-from kilnflight.workers import Workers
+from kilnflight import regression
+from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.project.parallel import Workers
 
 made = provenance.trace("52_dwell_time", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)

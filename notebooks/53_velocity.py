@@ -19,14 +19,19 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import deviations, drawing, figures, flight_drawing, provenance, reference, survey
+from kilnflight.experiments import deviations, flight_drawing, survey
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, definitions, findings, intervals, lessons, trust
+from kilnflight.experiments import campaigns, certainty, definitions, lessons, trust
+from kilnflight.project.parallel import Workers
 from kilnflight.regression import fits
-from kilnflight.workers import Workers
+from kilnflight.scores import flights as findings
+from kilnflight.scores import intervals
 
 made = provenance.trace("53_velocity", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)

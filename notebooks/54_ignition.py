@@ -20,13 +20,18 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import deviations, drawing, figures, findings, provenance, reference, survey
+from kilnflight.experiments import deviations, survey
+from kilnflight.project import claims as reference
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
+from kilnflight.scores import flights as findings
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, intervals, lessons, trust
-from kilnflight.workers import Workers
+from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.project.parallel import Workers
+from kilnflight.scores import intervals
 
 made = provenance.trace("54_ignition", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)

@@ -23,16 +23,19 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from kilnflight import definitions, drawing, figures, findings, flight_drawing, provenance, survey
+from kilnflight.experiments import definitions, flight_drawing, survey
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
+from kilnflight.scores import flights as findings
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, lessons
+from kilnflight.experiments import campaigns, lessons
+from kilnflight.project.parallel import Workers
 from kilnflight.twin import calibration, outcomes
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
-from kilnflight.workers import Workers
 
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
 made = provenance.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)

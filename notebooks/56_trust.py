@@ -19,13 +19,16 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight import deviations, drawing, figures, provenance, survey
+from kilnflight.experiments import deviations, survey
+from kilnflight.project import figures, provenance
+from kilnflight.project import style as drawing
 
 drawing.use_style()
 
 # %%
-from kilnflight import campaigns, certainty, findings, lessons, trust
-from kilnflight.workers import Workers
+from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.project.parallel import Workers
+from kilnflight.scores import flights as findings
 
 made = provenance.trace("56_trust", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)

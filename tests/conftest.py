@@ -11,9 +11,10 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kilnflight import drawing, external
-from kilnflight.frames import Attributes, Frame
-from kilnflight.recording import write_recording
+from kilnflight.project import data as external
+from kilnflight.project import style as drawing
+from kilnflight.recording.frames import Attributes, Frame
+from kilnflight.recording.store import write_recording
 from kilnflight.tables import BELT_TRACKS
 from kilnflight.twin import scenes
 

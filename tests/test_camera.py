@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight import reference
 from kilnflight.camera import (
     EQUATION_2_4,
     PLATE_DISTANCES_MM,
@@ -14,6 +13,7 @@ from kilnflight.camera import (
     invert_depth,
 )
 from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
 
 
 def equation_in_plain_code(z):

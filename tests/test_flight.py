@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.cylinder import Cylinder, InAir
+from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight import Landing, Rules, StartsAtLance, View, flights
 from kilnflight.tables import FLIGHTS
 

@@ -4,9 +4,9 @@ import pytest
 from kilnflight import background, kiln
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
-from kilnflight.combination import Combination
 from kilnflight.detection import DBSCAN, DoG
-from kilnflight.flame import segment_flame
+from kilnflight.detection.combination import Combination
+from kilnflight.detection.flame import segment_flame
 from kilnflight.tables import DETECTIONS
 from kilnflight.twin.scenes import open_scene
 

@@ -8,7 +8,7 @@ import tifffile
 
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
-from kilnflight.recording import open_recording, write_recording
+from kilnflight.recording.store import open_recording, write_recording
 
 TRUTH = {"particles": pd.DataFrame({"particle": [1], "release_s": [0.5]})}
 

@@ -19,7 +19,7 @@ scale = "standard"
 seed = 1
 
 # %%
-from kilnflight import figures, provenance
+from kilnflight.project import figures, provenance
 
 print("seed", seed)
 LAST
@@ -34,7 +34,7 @@ seed = 1
 
 # %%
 import pandas as pd
-from kilnflight import figures, gallery, provenance, reference
+from kilnflight.project import figures, gallery, provenance, claims as reference
 
 made = provenance.trace("00_claims", {"scale": scale})
 table = reference.collect(pd.read_csv(p) for p in gallery.concluded().values())

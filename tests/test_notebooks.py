@@ -14,8 +14,11 @@ import jupytext
 import pandas as pd
 import pytest
 
-from kilnflight import chain, errata, pages, reference
 from kilnflight.belt import physics
+from kilnflight.experiments import errata
+from kilnflight.project import claims as reference
+from kilnflight.project import notebooks as chain
+from kilnflight.project import site as pages
 
 PROJECT = Path(__file__).resolve().parents[1]
 

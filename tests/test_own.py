@@ -10,9 +10,9 @@ import pytest
 from kilnflight import backdrop, outcome_page, own, pipeline
 from kilnflight.__main__ import main
 from kilnflight.flight import Rules
-from kilnflight.frames import Frame
 from kilnflight.outcome import outcome, summary, used
-from kilnflight.recording import open_recording, write_recording
+from kilnflight.recording.frames import Frame
+from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 

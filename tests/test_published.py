@@ -5,7 +5,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from kilnflight import gallery, pages, reference
+from kilnflight.project import claims as reference
+from kilnflight.project import gallery
+from kilnflight.project import site as pages
 
 PROJECT = Path(__file__).resolve().parents[1]
 

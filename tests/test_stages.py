@@ -1,62 +1,20 @@
 """Detection of a stretch of the small twin, kept, killed and gone on with."""
 
-import ast
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import keeping, kiln, pipeline, stages
+from kilnflight import kiln, stages
 from kilnflight.background import Median
 from kilnflight.checks import InputError
-from kilnflight.differences import Differences
+from kilnflight.experiments.differences import Differences
+from kilnflight.project import cache as keeping
+from kilnflight.project.parallel import Workers
 from kilnflight.twin.scenes import open_scene
-from kilnflight.workers import Workers
 
 SCENE = "confetti-4.5-bar@small"
-
-
-PACKAGE = Path(keeping.__file__).parent
-# Code that words errors, and writes or reads what does not depend on how.
-AWAY = {
-    *(
-        "checks.py",
-        "errors.py",
-        "files.py",
-        "places.py",
-        "origins.py",
-        "recording.py",
-        "storage.py",
-    ),
-    *("workers.py", "__init__.py", "reference.py", "scores/__init__.py", "scores/in_air.py"),
-    *("scores/spans.py", "scores/tracks.py", "findings.py"),
-}
-
-
-def covered(code):
-    """Return the files that a step counts as its code."""
-    folders = [PACKAGE / name for name in code]
-    files = [file for one in folders for file in ([one] if one.is_file() else one.rglob("*.py"))]
-    return {file.relative_to(PACKAGE).as_posix() for file in files}
-
-
-def imported(*names):
-    """Return modules of the package and all that they import of it."""
-    found, todo = set(), list(names)
-    while todo:
-        name = todo.pop()
-        if name in found:
-            continue
-        found.add(name)
-        for node in ast.walk(ast.parse((PACKAGE / name).read_text())):
-            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("kilnflight"):
-                base = node.module.replace(".", "/").removeprefix("kilnflight").lstrip("/")
-                parts = [base, *(f"{base}/{one.name}".lstrip("/") for one in node.names)]
-                files = [file for one in parts for file in (f"{one}.py", f"{one}/__init__.py")]
-                todo += [file for file in files if (PACKAGE / file).is_file()]
-    return found
 
 
 @pytest.fixture(autouse=True)
@@ -177,19 +135,9 @@ def test_another_threshold_scene_or_code_is_another_file(wanted, monkeypatch):
         stages.stretch("confetti-5.0-bar@small", frames, 300.0),
     ):
         names.add(stages.place("detections", other.went_in(frames)))
-    monkeypatch.setattr(keeping, "CODE", ["kiln.py"])
+    monkeypatch.setattr(keeping, "_code_digest", lambda: b"other")
     names.add(stages.place("detections", wanted.went_in(frames)))
     assert len(names) == 5
-
-
-def test_all_code_that_a_step_runs_is_in_its_fingerprint():
-    assert imported("kiln.py", "stages.py", "twin/truth.py") - AWAY <= covered(keeping.CODE)
-    for step, modules in {
-        "tracks": ("tracking.py", "tracklets/__init__.py", "association/__init__.py"),
-        "trajectories": ("regression/__init__.py",),
-        "flights": ("flight.py",),
-    }.items():
-        assert imported(*modules) - AWAY <= covered(pipeline.STEPS[step].code), step
 
 
 def test_differences_are_sums_over_frames_and_chunks(wanted):

@@ -10,17 +10,18 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight import kiln, track_files
+from kilnflight import kiln
 from kilnflight.association import GNN, JPDA
 from kilnflight.checks import InputError
-from kilnflight.combination import Combination
 from kilnflight.detection import DoG
-from kilnflight.files import write_whole
-from kilnflight.importing import import_recording
-from kilnflight.recording import open_recording, write_recording
-from kilnflight.report import summarise
+from kilnflight.detection.combination import Combination
+from kilnflight.project.files import write_whole
+from kilnflight.recording.importing import import_recording
+from kilnflight.recording.store import open_recording, write_recording
+from kilnflight.recording.summary import summarise
 from kilnflight.tables import DETECTIONS
-from kilnflight.tracking import track
+from kilnflight.tracking import files as track_files
+from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
 
 FORMATS = {
@@ -108,7 +109,7 @@ def _track(options: argparse.Namespace) -> None:
 def _run(options: argparse.Namespace) -> None:
     from kilnflight import outcome_page, own, pipeline  # here: it takes time to load them
     from kilnflight.outcome import outcome, summary, text, used
-    from kilnflight.workers import Workers
+    from kilnflight.project.parallel import Workers
 
     lance = own.point(options.exit_point) if options.exit_point else None
     wishes = own.Wishes(
@@ -157,7 +158,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     command = commands.add_parser("import", help="import the files that a manifest names")
     command.add_argument(
-        "manifest", type=Path, help="TOML; see python -m pydoc kilnflight.importing"
+        "manifest", type=Path, help="TOML; see python -m pydoc kilnflight.recording.importing"
     )
     command.add_argument("--to", type=Path, metavar="DIR", help="default: <manifest>.zarr")
     command = commands.add_parser("export", help="write a scene of the twin to disk")

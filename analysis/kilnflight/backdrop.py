@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.correspondence import mean_gray
-from kilnflight.frames import PictureRecording
+from kilnflight.detection.correspondence import mean_gray
+from kilnflight.recording.frames import PictureRecording
 
 PICTURES = 21  # frames in the median picture that stands for the background; ours
 

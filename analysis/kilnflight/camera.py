@@ -275,7 +275,7 @@ def inside(
     Parameters
     ----------
     polygon
-        (n, 2) row, col of its corners in order, as `kilnflight.frames.Attributes.roi`; the
+        (n, 2) row, col of its corners in order, as `frames.Attributes.roi`; the
         last is joined to the first.
     row, col
         Pixels, whole or not.

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.errors import InputError as InputError
+
+class InputError(ValueError):
+    """Input that cannot be used; the message says what, where and what to do."""
 
 
 def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:

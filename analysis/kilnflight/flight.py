@@ -29,7 +29,7 @@ from kilnflight.checks import (
     check_whole,
     known_numbers,
 )
-from kilnflight.cylinder import Cylinder, InAir
+from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.ignition import BEFORE, SEEN, Ignited, Ignition
 from kilnflight.landing import Landing
 from kilnflight.slicing import Flown, remaining, slices, space_sliced_velocity
@@ -126,7 +126,7 @@ def flights(
     tracks
         Detections with ``particle``; those of -1 and tracks without a fit are left out. A
         column ``background``, if the rules ask for it, holds the grey value behind each
-        (`kilnflight.correspondence.mean_gray` of ``Median().backgrounds``).
+        (`kilnflight.detection.correspondence.mean_gray` of ``Median().backgrounds``).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air

@@ -14,9 +14,9 @@ import pandas as pd
 
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
-from kilnflight.combination import Combination, View
-from kilnflight.flame import segment_flame
-from kilnflight.frames import PictureRecording
+from kilnflight.detection.combination import Combination, View
+from kilnflight.detection.flame import segment_flame
+from kilnflight.recording.frames import PictureRecording
 from kilnflight.tables import DETECTIONS
 
 

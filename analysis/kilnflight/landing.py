@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from kilnflight.checks import check_at_least, check_limit
-from kilnflight.cylinder import Cylinder, InAir, distance_to_axis
+from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
 from kilnflight.slicing import Flown, straight_on
 
 Array = npt.NDArray[np.float64]

@@ -7,9 +7,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
-from kilnflight import storage
-from kilnflight.frames import PictureRecording
-from kilnflight.recording import StoredRecording, open_recording
+from kilnflight.recording import storage
+from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.twin.prepared import prepared_scene
 from kilnflight.twin.scene import Twin
 
@@ -55,7 +55,7 @@ class OnDisk:
     folder
         Where it is now.
     content
-        From `kilnflight.storage.content`; wherever the recording lies, its tables are known.
+        From `storage.content`; wherever the recording lies, its tables are known.
     """
 
     name: str

@@ -12,8 +12,8 @@ from kilnflight import pipeline, stages
 from kilnflight.detection import DoG
 from kilnflight.flight import remaining
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
-from kilnflight.intervals import Bootstrap, Interval, median, share
 from kilnflight.pipeline import Passage
+from kilnflight.scores.intervals import Bootstrap, Interval, median, share
 from kilnflight.tracklets import tracked
 
 SEED = 0  # of the bootstrap

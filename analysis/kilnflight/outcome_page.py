@@ -12,13 +12,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from kilnflight import __version__, drawing
-from kilnflight.files import clear_parts, locked
-from kilnflight.findings import ignition_histogram
+from kilnflight import __version__
 from kilnflight.flight import remaining
-from kilnflight.frames import PictureRecording
-from kilnflight.keeping import keep, parquet
 from kilnflight.outcome import Outcome, summary
+from kilnflight.project import style as drawing
+from kilnflight.project.cache import keep, parquet
+from kilnflight.project.files import clear_parts, locked
+from kilnflight.recording.frames import PictureRecording
+from kilnflight.scores.flights import ignition_histogram
 from kilnflight.tracklets import tracked
 
 DPI = 150

@@ -18,15 +18,15 @@ import numpy.typing as npt
 from kilnflight import kiln
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError, check_positive
-from kilnflight.combination import Combination
-from kilnflight.cylinder import Cylinder, CylinderFit, InAir
 from kilnflight.detection import DBSCAN, DoG
+from kilnflight.detection.combination import Combination
+from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
 from kilnflight.flight import Rules
-from kilnflight.frames import PictureRecording
 from kilnflight.ignition import Ignition
 from kilnflight.origins import stored
 from kilnflight.pipeline import Passage, Vector
-from kilnflight.recording import StoredRecording, open_recording
+from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.stages import LONG_CHUNK, Stretch
 
 NOISE_FRAMES = 5  # spread over the first 150, the median's window

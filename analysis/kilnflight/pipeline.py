@@ -16,29 +16,19 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from kilnflight import flight, places, regression, stages
+from kilnflight import flight, regression, stages
 from kilnflight.association import GNN
 from kilnflight.backdrop import behind
-from kilnflight.cylinder import Cylinder, InAir
-from kilnflight.keeping import kept, place
+from kilnflight.detection.wall import Cylinder, InAir
+from kilnflight.project import paths as places
+from kilnflight.project.cache import kept, place
+from kilnflight.project.parallel import Workers
 from kilnflight.regression import Regression
 from kilnflight.stages import Stretch
 from kilnflight.tables import FLIGHTS, TRAJECTORIES
-from kilnflight.tracking import track
+from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
-from kilnflight.workers import Workers
 
-# What each step depends on besides what it is made from.
-TRACKING = (
-    *("association", "cylinder.py", "gating.py", "kalman", "keeping.py", "mlesac.py"),
-    *("motion.py", "pipeline.py", "tables.py", "tracking.py", "tracklets", "tracklist.py"),
-)
-REGRESSION = ("keeping.py", "pipeline.py", "regression", "tables.py")
-FLIGHT = (
-    *("backdrop.py", "correspondence.py", "cylinder.py", "flight.py", "ignition.py"),
-    *("keeping.py", "landing.py", "mlesac.py", "pipeline.py", "regression", "slicing.py"),
-    *("steps.py", "tables.py"),
-)
 Vector = tuple[float, float, float]
 
 
@@ -79,7 +69,7 @@ class Passage:
 
     def step(self, name: str) -> Path:
         """Return where the table of a step is kept: "tracks", "trajectories" and so on."""
-        return place(name, STEPS[name].went_in(self), self.stretch.folder, STEPS[name].code)
+        return place(name, STEPS[name].went_in(self), self.stretch.folder)
 
 
 def tracks(passage: Passage) -> pd.DataFrame:
@@ -149,7 +139,6 @@ class Step(NamedTuple):
 
     make: Callable[[Passage], pd.DataFrame]
     went_in: Callable[[Passage], dict[str, object]]
-    code: Sequence[str]
 
 
 def _made(name: str, passage: Passage) -> pd.DataFrame:
@@ -158,7 +147,7 @@ def _made(name: str, passage: Passage) -> pd.DataFrame:
     def make() -> pd.DataFrame:
         return step.make(passage)
 
-    return kept(name, step.went_in(passage), make, passage.stretch.folder, step.code)
+    return kept(name, step.went_in(passage), make, passage.stretch.folder)
 
 
 def _track(passage: Passage) -> pd.DataFrame:
@@ -234,8 +223,8 @@ def _tracked(passage: Passage) -> dict[str, object]:
 
 
 STEPS: dict[str, Step] = {
-    "tracks": Step(_track, _detected, TRACKING),
-    "trajectories": Step(_regress, _tracked, REGRESSION),
-    "flights": Step(_fly, _fitted, FLIGHT),
-    "slices": Step(_slice, _before("trajectories", "flights"), FLIGHT),
+    "tracks": Step(_track, _detected),
+    "trajectories": Step(_regress, _tracked),
+    "flights": Step(_fly, _fitted),
+    "slices": Step(_slice, _before("trajectories", "flights")),
 }

@@ -20,18 +20,19 @@ import zarr
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
-from kilnflight import kiln, places
+from kilnflight import kiln
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError
-from kilnflight.combination import Combination, View
 from kilnflight.detection import DoG
-from kilnflight.files import clear_parts, make_whole
-from kilnflight.frames import PictureRecording
-from kilnflight.keeping import fingerprint, kept, place
+from kilnflight.detection.combination import Combination, View
 from kilnflight.origins import OfTwin, Origin, scene_of
+from kilnflight.project import paths as places
+from kilnflight.project.cache import fingerprint, kept, place
+from kilnflight.project.files import clear_parts, make_whole
+from kilnflight.project.parallel import Workers
+from kilnflight.recording.frames import PictureRecording
 from kilnflight.tables import DETECTIONS
 from kilnflight.twin import truth
-from kilnflight.workers import Workers
 
 CHUNK = 100  # frames; the median's window, 150 frames, is read anew by every chunk
 LONG_CHUNK = 500  # frames, where no differences are kept: the window costs less

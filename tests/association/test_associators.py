@@ -5,7 +5,7 @@ import pytest
 
 from kilnflight.association import ASSOCIATORS, GNN, JPDA, PDA, NearestNeighbor
 from kilnflight.checks import InputError
-from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 every = pytest.mark.parametrize("associator", ASSOCIATORS, ids=lambda a: type(a).__name__)
 SHARING = (PDA,)  # PDA alone lets tracks share a detection

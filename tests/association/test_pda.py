@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kilnflight.association import JPDA, PDA
-from kilnflight.gating import Detected, Gate, Predicted
+from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 
 def equations_in_plain_code(distance, size, sigma, area, p_g, p_d, a_0, printed):

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight import reference
 from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussian, TwoFrame
 from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
 

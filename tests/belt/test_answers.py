@@ -2,7 +2,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import reference
 from kilnflight.belt.answers import (
     arrival_answers,
     by_data_set,
@@ -10,6 +9,7 @@ from kilnflight.belt.answers import (
     speed_answers,
     tracking_answers,
 )
+from kilnflight.project import claims as reference
 
 SETS = ("spheres", "cuboids", "cylinders")
 

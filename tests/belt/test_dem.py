@@ -80,13 +80,13 @@ def test_a_missing_file_is_told(tmp_path):
 
 
 def test_without_any_file_there_is_nothing_to_find(monkeypatch, tmp_path):
-    monkeypatch.setattr("kilnflight.places.external", lambda: tmp_path)
+    monkeypatch.setattr("kilnflight.project.paths.external", lambda: tmp_path)
     assert find_dem() == {}
 
 
 def test_some_but_not_all_files_are_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(
-        "kilnflight.external.find", lambda file: tmp_path if "spheres" in file.name else None
+        "kilnflight.project.data.find", lambda file: tmp_path if "spheres" in file.name else None
     )
     with pytest.raises(InputError, match="cuboids, cylinders are missing"):
         find_dem()

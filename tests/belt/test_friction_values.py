@@ -5,13 +5,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import frozen
 from kilnflight.belt import calibration, friction_values
 from kilnflight.belt.friction_values import INPUTS_ONLY, LIMITS, FreeValues, calibrated, record
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts
 from kilnflight.belt.slide import Slide
 from kilnflight.checks import InputError
+from kilnflight.project import frozen
 
 
 def test_the_untouched_values_are_the_defaults():

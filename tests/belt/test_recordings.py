@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import external
 from kilnflight.belt.recordings import TRACKED, find_recordings, joined, links, read_recording
 from kilnflight.checks import InputError
+from kilnflight.project import data as external
 
 MIDPOINTS = "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
 HISTORY = f"{TRACKED}.csv.gz"
@@ -56,7 +56,7 @@ def test_files_that_are_not_packed_will_do_and_count_once(folder):
 @pytest.mark.parametrize("ending", [".csv", ".csv.gz"])
 def test_beside_the_other_data_only_the_published_files_are_used(folder, monkeypatch, ending):
     monkeypatch.delenv("KILNFLIGHT_RECORDINGS")
-    monkeypatch.setattr("kilnflight.places.external", lambda: folder)
+    monkeypatch.setattr("kilnflight.project.paths.external", lambda: folder)
     (folder / "belt_recordings" / "Kugeln").mkdir(parents=True)
     path = folder / "belt_recordings" / "Kugeln" / f"001{ending}"
     path.write_bytes(b"other")
@@ -153,7 +153,7 @@ def test_the_belt_tracker_finds_the_links_of_the_authors(material):
     from kilnflight.belt.appearance import Appearance
     from kilnflight.belt.area import Area
     from kilnflight.belt.tracker import BeltTracker
-    from kilnflight.motion import ConstantVelocity
+    from kilnflight.tracking.motion import ConstantVelocity
 
     if not (REAL / material).is_dir():
         pytest.skip(f"the authors' recordings are not in {REAL} (not ours to ship)")

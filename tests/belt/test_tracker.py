@@ -17,8 +17,8 @@ from kilnflight.belt.crossing import last_states
 from kilnflight.belt.filters import constant_acceleration, constant_velocity
 from kilnflight.belt.tracker import BACK, LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
 from kilnflight.checks import InputError
-from kilnflight.gating import Detected, Gate, Predicted
 from kilnflight.tables import BELT_ENDS, BELT_STATES
+from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 TRACKERS = (BeltTracker(), BeltTracker(constant_acceleration()))
 

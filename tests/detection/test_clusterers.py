@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight import reference
 from kilnflight.detection import CLUSTERERS, DBSCAN, MorphologicalClustering, QuasiClusterCenters
+from kilnflight.project import claims as reference
 
 SMALL = (DBSCAN(3.0, 5), MorphologicalClustering(22), QuasiClusterCenters(5, 0.1))
 each = pytest.mark.parametrize("clusterer", SMALL, ids=lambda one: type(one).__name__)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from kilnflight import reference, tracklets
+from kilnflight import tracklets
+from kilnflight.project import claims as reference
 
 
 def test_the_defaults_are_the_printed_values_in_their_order():

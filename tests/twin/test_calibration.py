@@ -2,8 +2,8 @@ import json
 
 import pytest
 
-from kilnflight import frozen
 from kilnflight.checks import InputError
+from kilnflight.project import frozen
 from kilnflight.twin import calibration, outcomes, scenes, statements
 from kilnflight.twin.calibration import INPUTS_ONLY, FreeInputs, calibrated, record
 from kilnflight.twin.flight import Flight

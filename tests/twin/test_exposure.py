@@ -5,8 +5,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import frozen
 from kilnflight.checks import InputError
+from kilnflight.project import frozen
 from kilnflight.twin import exposure
 from kilnflight.twin.exposure import UNTOUCHED, FreeAppearance
 from kilnflight.twin.optics import FULL_SCALE

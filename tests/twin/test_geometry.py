@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight import reference
 from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
 from kilnflight.twin.geometry import Geometry
 
 PLACE = Geometry()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from kilnflight import findings
 from kilnflight.checks import InputError
+from kilnflight.scores import flights as findings
 from kilnflight.twin import outcomes
 from kilnflight.twin.flight import ENDS, Flight, Flights
 from kilnflight.twin.gas import Gas

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight import reference
 from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth
 from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
 from kilnflight.twin import drawing
 from kilnflight.twin.appearance import Blobs
 from kilnflight.twin.background import Background, Surroundings

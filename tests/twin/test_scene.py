@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.frames import check_frame
+from kilnflight.recording.frames import check_frame
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.background import Surroundings
 from kilnflight.twin.depth import DepthCamera

@@ -2,7 +2,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import findings, reference
+from kilnflight.project import claims as reference
+from kilnflight.scores import flights as findings
 from kilnflight.twin import outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas

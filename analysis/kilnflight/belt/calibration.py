@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import least_squares
 
-from kilnflight import __version__, frozen
+from kilnflight import __version__
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.dem import find_dem, read_dem
 from kilnflight.belt.friction_values import (
@@ -34,6 +34,7 @@ from kilnflight.belt.machine import Sorter
 from kilnflight.belt.sampling import thinned
 from kilnflight.belt.velocity import motion_profile, velocities
 from kilnflight.checks import InputError
+from kilnflight.project import frozen
 
 Array = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import external
 from kilnflight.checks import InputError
+from kilnflight.project import data as external
 from kilnflight.tables import BELT_TRACKS
 
 TIME_STEP_S = 0.01  # of the public files; the paper itself evaluated at 0.001 s

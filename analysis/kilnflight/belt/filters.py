@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kilnflight.checks import check_positive
-from kilnflight.motion import ConstantAcceleration, ConstantVelocity
+from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
 BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
 

@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from kilnflight import external, frozen
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts
 from kilnflight.belt.slide import Slide
+from kilnflight.project import data as external
+from kilnflight.project import frozen
 
 FILE = Path(__file__).with_name("friction_values.json")
 PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are seen
@@ -103,7 +104,7 @@ def targets() -> dict[str, object]:
 
 
 def record(path: Path = FILE) -> dict[str, Any]:
-    """Return the content of the frozen file; see `kilnflight.frozen.read` for what is refused."""
+    """Return the content of the frozen file; see `frozen.read` for what is refused."""
     return frozen.read(path, targets(), "kilnflight.belt.calibration")
 
 

@@ -237,7 +237,7 @@ def _check_1000(bodies: pd.DataFrame) -> None:
         raise InputError(
             f"noise_free: frame {row['frame']:.0f} is at {row['time_s']:.6f} s; frame k must be at "
             "k ms. Take tracks at 1000 Hz, counted from 0 s, as of predictive.bodies. The authors' "
-            "public tracks have 100 Hz; kilnflight.sorter evaluates them."
+            "public tracks have 100 Hz; kilnflight.experiments.sorter evaluates them."
         )
     steps = table.groupby("particle")["frame"].diff().dropna()
     if (steps != 1).any():

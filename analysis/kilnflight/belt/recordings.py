@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import external, places
 from kilnflight.checks import InputError
+from kilnflight.project import data as external
+from kilnflight.project import paths as places
 
 Array = npt.NDArray[np.float64]
 

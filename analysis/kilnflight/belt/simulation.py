@@ -14,18 +14,15 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight import places
 from kilnflight.belt.bulk import BULKS
 from kilnflight.belt.friction_values import calibrated_sorter
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import engine
 from kilnflight.checks import InputError, check_count
-from kilnflight.keeping import kept
+from kilnflight.project import paths as places
+from kilnflight.project.cache import kept
 from kilnflight.tables import BELT_BODIES
 
-# What a batch depends on besides its arguments.
-PARTS = ("batch", "bulk", "conveyor", "friction", "machine", "physics", "simulation", "slide")
-CODE = tuple(f"belt/{name}.py" for name in PARTS)
 BATCH = 500  # particles that are simulated together: about two seconds of feed
 
 
@@ -92,4 +89,4 @@ def _batch(
     went_in["mujoco"] = engine().__version__
     order = list(BULKS).index(material)
     make = partial(sorter, bulk, size, np.random.default_rng([seed, order, number]))
-    return kept("belt", went_in, make, folder, CODE)
+    return kept("belt", went_in, make, folder)

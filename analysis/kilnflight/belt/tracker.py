@@ -18,7 +18,6 @@ import numpy.typing as npt
 import pandas as pd
 from numba import njit
 
-from kilnflight import kalman
 from kilnflight.association.pairs import one_hot
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.association import associate, pair_costs
@@ -31,9 +30,10 @@ from kilnflight.checks import (
     check_offers,
     check_positive,
 )
-from kilnflight.gating import Detected, Gate, Predicted
-from kilnflight.motion import Motion
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
+from kilnflight.tracking import kalman
+from kilnflight.tracking.gate import Detected, Gate, Predicted
+from kilnflight.tracking.motion import Motion
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

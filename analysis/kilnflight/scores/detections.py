@@ -14,8 +14,8 @@ import pandas as pd
 
 from kilnflight.camera import inside
 from kilnflight.checks import InputError, check_finite, check_positive, check_shape
-from kilnflight.matching import pair
 from kilnflight.scores.counts import rates
+from kilnflight.scores.matching import pair
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

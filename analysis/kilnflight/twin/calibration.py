@@ -19,7 +19,8 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import Bounds, differential_evolution
 
-from kilnflight import __version__, frozen
+from kilnflight import __version__
+from kilnflight.project import frozen
 from kilnflight.twin import outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas

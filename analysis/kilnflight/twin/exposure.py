@@ -21,11 +21,13 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import Bounds, differential_evolution
 
-from kilnflight import __version__, frozen, reference
+from kilnflight import __version__
 from kilnflight.background import Median
 from kilnflight.camera import inside
 from kilnflight.detection import Otsu
-from kilnflight.flame import segment_flame
+from kilnflight.detection.flame import segment_flame
+from kilnflight.project import claims as reference
+from kilnflight.project import frozen
 from kilnflight.scores import score_detections
 from kilnflight.twin import truth
 from kilnflight.twin.background import Surroundings

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from kilnflight import reference
+from kilnflight.project import claims as reference
 from kilnflight.twin import truth
 from kilnflight.twin.calibration import calibrated
 from kilnflight.twin.exposure import exposed

@@ -1,4 +1,4 @@
-"""What the twin's flights truly come to, for `kilnflight.findings`.
+"""What the twin's flights truly come to, for `kilnflight.scores.flights`.
 
 Nothing is rendered and nothing is measured here: a particle counts whether a camera could
 have seen it or not. Distances are along the kiln from the lance.
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.findings import METRES, Findings, outcomes
+from kilnflight.scores.flights import METRES, Findings, outcomes
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
 from kilnflight.twin.fractions import FRACTIONS, fraction
 from kilnflight.twin.gas import Gas
@@ -100,7 +100,7 @@ def table(cells: dict[tuple[str, float], Flights]) -> pd.DataFrame:
     -------
     DataFrame
         ``fraction``, ``pressure_bar``, ``particles``, and the names of
-        `kilnflight.findings.outcomes`.
+        `kilnflight.scores.flights.outcomes`.
     """
     rows = [
         {

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from kilnflight import places
 from kilnflight.checks import InputError
-from kilnflight.files import locked, write_whole
+from kilnflight.project import paths as places
+from kilnflight.project.files import locked, write_whole
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import open_scene
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from numba import njit
 
 from kilnflight.checks import InputError, check_positive
-from kilnflight.frames import Attributes, Frame, check_position
+from kilnflight.recording.frames import Attributes, Frame, check_position
 from kilnflight.twin import appearance, drawing
 from kilnflight.twin.appearance import Blobs, Bodies, Tumbling
 from kilnflight.twin.background import Background, Surroundings

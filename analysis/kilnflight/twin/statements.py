@@ -1,6 +1,6 @@
 """The published sentences about flight and ignition (flight.csv) that a number can answer.
 
-Each is tied to one of the `kilnflight.findings.outcomes`. Which of them the calibration may
+Each is tied to one of the `kilnflight.scores.flights.outcomes`. Which of them the calibration may
 see is decided here, by cell and quantity alone (design rule: wood chips and confetti at
 4.5 bar; velocity, remaining share, dwell time, ignited share).
 """
@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from kilnflight import reference
-from kilnflight.findings import place_of
+from kilnflight.project import claims as reference
+from kilnflight.scores.flights import place_of
 from kilnflight.twin.fractions import FRACTIONS
 
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
@@ -103,7 +103,7 @@ def statements() -> pd.DataFrame:
 
 
 def along(said: pd.DataFrame) -> pd.DataFrame:
-    """Return the statements that have a place on the way, as `kilnflight.findings.along`.
+    """Return the statements that have a place on the way, as `kilnflight.scores.flights.along`.
 
     Returns
     -------

@@ -1,0 +1,344 @@
+"""The published tables, recomputed: every number that another number determines.
+
+A printed value agrees when it differs from the recomputed one by no more than half a
+unit of its last printed digit. Tables are kept as printed in data/reference/published;
+sentences that a table can confirm or refute are in data/reference/statements.csv.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.camera import EQUATION_2_4, invert_depth
+from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
+from kilnflight.project import paths as places
+from kilnflight.scores import rates
+
+COUNTS = ["TP", "FP", "FN"]
+RATE_TABLES = ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11", "5.13", "5.14")
+SUBSETS = ["V1", "V2", "V3", "V4", "V5"]
+# Frames per second of the recordings (thesis 2.1.4; PE granules 5.2.3).
+FRAME_RATES = {"wood chip": 330.0, "confetti": 330.0, "paper shred": 330.0, "PE granule": 153.85}
+
+
+QCC_CONSEQUENCE = "yes: see 'best F1 of QCC' and 'lead in F1 of QCC over DBSCAN'"
+RATE_CONSEQUENCES = {
+    "Table 5.10, K=30, alpha=0.1": QCC_CONSEQUENCE,
+    "Table 5.11, 3D-QCC Clustering": QCC_CONSEQUENCE,
+    "Table 5.11, 3D-MO-based Clustering": "no: Table 5.9 has 0.5970, which the printed F1 fits",
+}
+
+
+class Check(NamedTuple):
+    """One printed number beside what it should be."""
+
+    where: str
+    quantity: str
+    printed: str
+    recomputed: float | str
+    agrees: bool
+    consequence: str = ""
+
+
+def agrees(printed: str, recomputed: float) -> bool:
+    """Say whether a printed number is the recomputed one, rounded as printed.
+
+    ``"<8"`` and ``">0"`` are bounds. A tie may be rounded either way.
+
+    Examples
+    --------
+    >>> agrees("0.8436", 0.84356), agrees("0.6210", 0.5808), agrees("<8", 7.6)
+    (True, False, True)
+    """
+    bound = re.match(r"[<>]", printed)
+    if bound:
+        limit = float(printed[1:])
+        return recomputed < limit if bound.group() == "<" else recomputed > limit
+    digits = printed.rstrip("%")
+    decimals = len(digits.partition(".")[2])
+    return abs(float(digits) - recomputed) <= 0.5 * 10**-decimals * (1 + 1e-9)
+
+
+def _check(
+    where: str, quantity: str, printed: str, recomputed: float, consequence: str = ""
+) -> Check:
+    return Check(where, quantity, printed, recomputed, agrees(printed, recomputed), consequence)
+
+
+def _row_name(row: pd.Series) -> str:
+    names = ("subset", "test_set", "method", "minPts", "epsilon_mm", "R", "K", "alpha")
+    parts = [
+        str(row[name]) if name in ("subset", "test_set", "method") else f"{name}={row[name]}"
+        for name in names
+        if name in row.index
+    ]
+    return ", ".join(parts)
+
+
+def printed_rates(table: str) -> pd.DataFrame:
+    """Load a table with TP, FP, FN, every cell as printed, the shifted row put right.
+
+    The last row of Table 5.6 stands one column to the left: its 3687, 354, 700 are TP,
+    FP, FN, and the 271 under FN repeats the value of V5.
+    """
+    printed = reference.published(f"table_{table}", as_printed=True)
+    if table == "5.6":
+        total = printed["test_set"] == "Total"
+        printed.loc[total, COUNTS] = printed.loc[total, ["dog_local_max", "TP", "FP"]].to_numpy()
+    return printed
+
+
+def check_rates() -> Iterator[Check]:
+    """Check every precision, recall and F1 of Tables 5.5-5.14 against TP, FP, FN."""
+    for table in RATE_TABLES:
+        printed = printed_rates(table)
+        counts = printed[COUNTS].astype(float)
+        exact = rates(counts["TP"], counts["FP"], counts["FN"])
+        for position, (_, row) in enumerate(printed.iterrows()):
+            for rate in exact.columns:
+                where = f"Table {table}, {_row_name(row)}"
+                value = float(exact[rate].iloc[position])
+                small = abs(float(row[rate]) - value) < 0.001
+                consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
+                yield _check(where, rate, row[rate], value, consequence)
+
+
+def check_sums() -> Iterator[Check]:
+    """Check sums over subsets and classes, shares, and Table 5.2 against Table 5.3."""
+    for table in ("5.5", "5.6", "5.13", "5.14"):
+        printed = printed_rates(table)
+        subset = printed.columns[0]
+        parts = printed[printed[subset] != "Total"]
+        total = printed[printed[subset] == "Total"].iloc[0]
+        for count in COUNTS:
+            value = parts[count].astype(float).sum()
+            yield _check(f"Table {table}, Total", count, total[count], value)
+    everything, inside = (
+        reference.published(f"table_{name}", as_printed=True).set_index("class")
+        for name in ("5.2", "5.3")
+    )
+    yield from _check_class_sums(everything, "Table 5.2")
+    yield from _check_class_sums(inside, "Table 5.3")
+    yield from _check_shares(everything, inside)
+
+
+def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
+    counts = table[[*SUBSETS, "amount"]].astype(float)
+    burning, unlit, wall, air = (counts.iloc[i] for i in range(4))
+    for column in counts.columns:
+        yield _check(
+            f"{where}, {air.name}", column, table[column].iloc[3], (burning + unlit)[column]
+        )
+        yield _check(
+            f"{where}, Total", column, table[column].iloc[4], (burning + unlit + wall)[column]
+        )
+    sums = counts[SUBSETS].sum(axis=1)
+    for name, printed, value in zip(table.index, table["amount"], sums, strict=True):
+        yield _check(f"{where}, {name}", "amount", printed, value)
+
+
+def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
+    for position, (name, row) in enumerate(everything.iterrows()):
+        amount = float(row["amount"])
+        share = 100 * float(row["with_3d_info"]) / amount
+        printed = row["percentage_with_3d_info"]
+        yield _check(f"Table 5.2, {name}", "percentage_with_3d_info", printed, share)
+        kept = inside.iloc[position]
+        share = 100 * float(kept["amount"]) / amount
+        yield _check(
+            f"Table 5.3, {kept.name}", "percentage of Table 5.2", kept["percentage"], share
+        )
+        for subset in SUBSETS:  # the region of interest cannot hold more than the image
+            more = float(kept[subset]) - float(row[subset])
+            yield Check(
+                f"Table 5.3, {kept.name}",
+                f"{subset} not above Table 5.2",
+                kept[subset],
+                float(row[subset]),
+                more <= 0,
+            )
+
+
+def check_totals() -> Iterator[Check]:
+    """Check that every detector is counted against the particles of Table 5.3."""
+    total = reference.published("table_5.3").set_index("class").T["Total"]
+    inside = {name: float(total[name]) for name in (*SUBSETS, "amount")}
+    for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
+        for _, row in printed_rates(table).iterrows():
+            name = _row_name(row)
+            wanted = inside.get(name, inside["amount"])
+            found = str(int(row["TP"]) + int(row["FN"]))
+            yield _check(f"Table {table}, {name}", "TP + FN", found, wanted)
+    truth, detected = printed_rates("5.13"), printed_rates("5.14")
+    for (_, row), (_, other) in zip(truth.iterrows(), detected.iterrows(), strict=True):
+        found = str(int(other["TP"]) + int(other["FN"]))
+        wanted = float(row["TP"]) + float(row["FN"])
+        yield _check(f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13", found, wanted)
+
+
+def check_durations() -> Iterator[Check]:
+    """Check the durations of App. A.1 against frames and frame rate (330, PE 153.85 per s)."""
+    flight = reference.published("flight")
+    for _, row in flight[flight["quantity"] == "sequence_length"].iterrows():
+        printed = re.search(r"\(([\d.]+) s\)", str(row["value_as_printed"]))
+        if printed:
+            seconds = row["value_low"] / FRAME_RATES[row["fraction"]]
+            where = f"App. A.1, {row['fraction']} at {row['pressure_bar']} bar"
+            yield _check(where, "duration_s", printed.group(1), seconds, "no")
+
+
+def recomputed_statements() -> dict[str, float]:
+    """Return what the tables say about each sentence of statements.csv, by its id."""
+    return {**_detection_statements(), **_other_statements()}
+
+
+def best_f1_of_3d_methods() -> pd.DataFrame:
+    """Return the settings with the best F1 of DBSCAN, MO and QCC, as printed and recomputed.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``method``, ``setting``, ``printed_f1``, ``recomputed_f1``; two rows for a method
+        whose best setting changes.
+    """
+    rows = []
+    for method, table, names in (
+        ("DBSCAN", "5.8", ("minPts", "epsilon_mm")),
+        ("MO", "5.9", ("R",)),
+        ("QCC", "5.10", ("K", "alpha")),
+    ):
+        exact = _exact(table, *names)["f1"]
+        printed = printed_rates(table)["f1"].astype(float)
+        for best in dict.fromkeys([int(printed.argmax()), int(exact.argmax())]):
+            values = np.atleast_1d(exact.index[best])
+            settings = ", ".join(f"{n} {v}" for n, v in zip(names, values, strict=True))
+            rows.append((method, settings.replace("_mm", ""), printed.iloc[best], exact.iloc[best]))
+    return pd.DataFrame(rows, columns=["method", "setting", "printed_f1", "recomputed_f1"])
+
+
+def _exact(table: str, *by: str) -> pd.DataFrame:
+    printed = printed_rates(table)
+    counts = printed[COUNTS].astype(float)
+    exact = rates(counts["TP"], counts["FP"], counts["FN"])
+    return pd.concat([printed[list(by)], exact], axis=1).set_index(list(by))
+
+
+def _detection_statements() -> dict[str, float]:
+    f1 = _exact("5.11", "method")["f1"]
+    qcc = _exact("5.10", "K", "alpha")["f1"]
+    qcc.index = pd.MultiIndex.from_tuples([(int(k), float(alpha)) for k, alpha in qcc.index])
+    three_d = [
+        _exact("5.8", "minPts", "epsilon_mm")["f1"].max(),
+        _exact("5.9", "R")["f1"].max(),
+        qcc.max(),
+    ]
+    gain = {
+        name: 100 * (f1[name] - f1[f"2D-{name.split()[1].split('+')[0]}"])
+        for name in f1.index
+        if name.startswith("Combi")
+    }
+    v5_otsu = _exact("5.5", "subset")["f1"]["V5"]
+    time = reference.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
+    dbscan = reference.published("table_5.8").set_index(["minPts", "epsilon_mm"])
+    dbscan_time = dbscan["time_per_image_s"]
+    sift_time = reference.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
+    return {
+        "qcc-best": qcc.max(),
+        "three-d-best": qcc.max() - three_d[0],
+        "three-d-gap": max(three_d) - min(three_d),
+        "combined-gain-low": min(gain.values()),
+        "combined-gain-high": max(gain.values()),
+        "combined-gain-mean": float(np.mean(list(gain.values()))),
+        "qcc-alpha": (qcc[30, 0.1] - qcc[30, 0.2]) - (qcc[20, 0.1] - qcc[20, 0.2]),
+        "dog-threshold": f1["2D-SIFT"] - 0.8592,  # of the median filter in Fig. 5.4
+        "dbscan-time": dbscan_time[(10, 50)] - dbscan_time[(6, 50)],
+        "dbscan-precise": _exact("5.8", "minPts", "epsilon_mm")["precision"].max(),
+        "sift-otsu-v5": _exact("5.6", "test_set")["f1"]["V5"] - v5_otsu,
+        "otsu-v5": v5_otsu,
+        "qcc-time": time[(20, 0.1)] - time[(20, 0.2)],
+        "sift-time": sift_time[900] - sift_time[1000],
+    }
+
+
+def _other_statements() -> dict[str, float]:
+    truth, detected = (
+        printed_rates(table).set_index("subset")[COUNTS].astype(float).T["Total"]
+        for table in ("5.13", "5.14")
+    )
+    bore = {
+        bar: 2000 * np.sqrt(flow / 3600 / speed / np.pi)  # mm, from m3/h and m/s
+        for bar, flow, speed in ((0.5, 70.5, 4.0), (5.0, 76.6, 16.0))
+    }
+    falling = EQUATION_2_4.falling(1300.0, 11000.0)
+    bias = np.abs(invert_depth([3000.0, 4000.0, 5000.0]) - [3000.0, 4000.0, 5000.0])
+    tracking = reference.published("table_5.17")
+    without = tracking[tracking["post_processing"] == "without"]
+    raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
+    theta = tracking[tracking["measure"] == "JSC_theta"]
+    theta = theta.pivot(index=["fraction", "algorithm"], columns="post_processing", values="value")
+    return {
+        "depth-centimetres": float(bias.max()),
+        "tracking-raw": 100.0 * float(raw.between(0.2, 0.3).mean()),
+        "tracking-gain": 100.0 * float((theta["with"] - theta["without"]).max()),
+        "false-positives-wall": detected["FP"] - truth["FP"],
+        "air-misclassified": 100 * truth["FN"] / (truth["TP"] + truth["FN"]),
+        "wood-5-bar": 100.0 - 6.0,  # the 6 % that sec. 5.3.1 itself reports as landed
+        "lance-bore": bore[0.5] - bore[5.0],
+        "depth-jump-3000": float(EQUATION_2_4.jumps()[0]),
+        "depth-jump-5000": float(EQUATION_2_4.jumps()[1]),
+        "depth-falls": float(np.ptp(falling)) if len(falling) else 0.0,
+    }
+
+
+def check_statements() -> Iterator[Check]:
+    """Check the sentences of statements.csv; those about words carry their correction."""
+    table = pd.read_csv(places.reference() / "statements.csv", dtype=str, keep_default_na=False)
+    values = recomputed_statements()
+    numbers = set(table.loc[table["expected"] != "", "id"])
+    if numbers != set(values):
+        raise InputError(
+            f"statements.csv and errata.py disagree about {sorted(numbers ^ set(values))}: each "
+            "sentence with an expected number needs its recomputation, and the other way round."
+        )
+    for _, row in table.iterrows():
+        if row["expected"]:
+            value = values[row["id"]]
+            right = agrees(row["expected"], value)
+            yield Check(
+                row["where"], row["quantity"], row["printed"], value, right, row["consequence"]
+            )
+        else:
+            yield Check(
+                row["where"],
+                row["quantity"],
+                row["printed"],
+                row["should_be"],
+                False,
+                row["consequence"],
+            )
+
+
+def recompute() -> pd.DataFrame:
+    """Return every check, one row each: where, quantity, printed, recomputed, agrees."""
+    steps = (check_rates, check_sums, check_totals, check_durations, check_statements)
+    return pd.DataFrame([check for step in steps for check in step()], columns=Check._fields)
+
+
+def errata(checks: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return what disagrees: where (with the quantity), printed, recomputed, consequence."""
+    table = recompute() if checks is None else checks
+    wrong = table[~table["agrees"]]
+    return pd.DataFrame(
+        {
+            "where": wrong["where"] + ": " + wrong["quantity"],
+            "printed": wrong["printed"],
+            "recomputed": [v if isinstance(v, str) else f"{v:.5g}" for v in wrong["recomputed"]],
+            "consequence": wrong["consequence"],
+        }
+    ).reset_index(drop=True)

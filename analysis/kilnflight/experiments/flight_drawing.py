@@ -1,0 +1,210 @@
+"""Pictures of flights: boxes side by side, velocity by metre, curves in space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
+from kilnflight.recording.frames import PictureRecording
+from kilnflight.regression import Fit
+from kilnflight.twin.flight import Flights
+
+Array = npt.NDArray[np.float64]
+Cell = tuple[str, float]
+FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
+MOMENTS = 60  # of a fitted curve
+
+
+def grouped_boxes(
+    axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str], numbers: bool = True
+) -> None:
+    """Draw box plots side by side: a place per label, a box per group, outliers as crosses.
+
+    Parameters
+    ----------
+    axes
+        Where to; place i is at i.
+    groups
+        By name: one array of values per label; NaN are left out.
+    labels
+        Below the places.
+    numbers
+        Whether to write below each box how many values it has.
+    """
+    width = 0.8 / len(groups)
+    thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
+    for k, (name, series) in enumerate(groups.items()):
+        place = np.arange(len(series)) + width * (k - (len(groups) - 1) / 2)
+        known = [values[np.isfinite(values)] for values in series]
+        face = {"facecolor": FACES[k], "hatch": HATCHES[k], "edgecolor": "black", "linewidth": 0.6}
+        drawn = axes.boxplot(
+            known,
+            positions=place,
+            widths=0.85 * width,
+            manage_ticks=False,
+            patch_artist=True,
+            boxprops={**face, "linestyle": "-"},
+            medianprops={"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},
+            whiskerprops=thin,
+            capprops=thin,
+            flierprops={"marker": "+", "markersize": 3, "markeredgewidth": 0.5},
+        )
+        drawn["boxes"][0].set_label(name)
+        for x, values in zip(place, known, strict=True):
+            if numbers:
+                _below(axes, float(x), str(len(values)))
+    axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45))
+
+
+def _below(axes: Axes, x: float, text: str) -> None:
+    axes.annotate(
+        text,
+        (x, 0.01),
+        xycoords=axes.get_xaxis_transform(),
+        ha="center",
+        va="bottom",
+        fontsize=5.5,
+        color="0.3",
+    )
+
+
+def published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
+    """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open)."""
+    bottom, top = axes.get_ylim()
+    look: dict[str, Any] = {"color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3}
+    pad = 0.008 * (top - bottom)
+    for one in bounds.itertuples():
+        low, high = float(str(one.low)) * scale, float(str(one.high)) * scale
+        low, high = np.fmax(low, bottom), np.fmin(high, top)
+        low, high = (bottom if np.isnan(low) else low), (top if np.isnan(high) else high)
+        axes.vlines(float(str(one.at)), low - pad, high + pad, **look)
+    axes.set_ylim(bottom, top)
+
+
+def curves(
+    axes: Any, fits: Sequence[Fit], tracks: Sequence[pd.DataFrame], gray: bool = False
+) -> None:
+    """Draw fitted trajectories in space, thick, with their detections, thin or by grey value.
+
+    Parameters
+    ----------
+    axes
+        With three dimensions; depth runs along its x, metres.
+    fits, tracks
+        Of the same particles; tracks with ``frame``, ``x``, ``y``, ``z``, ``gray``.
+    gray
+        Whether to draw the detections as points as bright as they were.
+    """
+    for k, (fit, track) in enumerate(zip(fits, tracks, strict=True)):
+        colour = COLOURS[1 + k % (len(COLOURS) - 1)]
+        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
+        axes.plot(z, x, -y, color=colour, lw=1.4, ls="-")
+        known = track.dropna(subset="z").sort_values("frame")
+        place = known[["z", "x", "y"]].to_numpy().T / 1000.0
+        if gray:
+            look = {"c": known["gray"], "cmap": "inferno", "vmin": 0, "vmax": 30000, "s": 2}
+            axes.scatter(place[0], place[1], -place[2], **look)
+        else:
+            axes.plot(place[0], place[1], -place[2], color=colour, lw=0.35, ls="-")
+    if fits:
+        x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
+        axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
+    axes.set_xlabel("depth z (m)", labelpad=-2)
+    axes.set_ylabel("x (m)", labelpad=-4)
+    axes.set_zlabel("up, -y (m)", labelpad=-1)
+    axes.tick_params(pad=-2)
+    axes.locator_params(nbins=4)
+    axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the way is longest in depth
+
+
+def flown_paths(axes: Any, flights: Flights, most: int) -> None:
+    """Draw simulated flights in space, with a dot for every metre in depth (Fig. A.5)."""
+    for k in range(min(most, len(flights.end))):
+        path = flights.position_m[k]
+        path = path[np.isfinite(path).all(axis=1)].astype(np.float64)
+        axes.plot(*path.T, color=COLOURS[1 + k % 6], lw=0.6, ls="-")
+        marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
+        axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
+    axes.set_xlabel("from the lance (m)", labelpad=0)
+    axes.set_ylabel("across (m)", labelpad=-4)
+    axes.set_zlabel("up (m)", labelpad=-4)
+    axes.tick_params(pad=-1)
+    axes.locator_params(nbins=4)
+    axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
+
+
+def summed_changes(recording: PictureRecording, frames: range) -> Array:
+    """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
+    total = np.zeros((recording.attributes.rows, recording.attributes.columns))
+    before = recording.gray(frames[0]).astype(np.float32)
+    for t in frames[1:]:
+        now = recording.gray(t).astype(np.float32)
+        total += np.abs(now - before)
+        before = now
+    return total
+
+
+def sums_and_tracks(
+    fraction: str, sums: Mapping[Cell, Array], tracks: Mapping[Cell, pd.DataFrame]
+) -> Figure:
+    """Return summed frame differences above the tracks in the same frames, by pressure."""
+    cells = [cell for cell in sums if cell[0] == fraction]
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 125}
+    picture, grid = canvas(2, max(len(cells), 2), **size)
+    for panels, cell in zip(grid.T, cells, strict=False):
+        total = sums[cell]
+        low, high = np.quantile(total, [0.05, 0.999])
+        shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
+        frame(panels[0], shown * 60000.0, 8)
+        for k, (_, one) in enumerate(tracks[cell].groupby("particle")):
+            look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
+            panels[1].plot(one["col"], one["row"], **look)
+        rows, cols = total.shape
+        panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
+        panels[0].set_title(f"{fraction}, {cell[1]} bar: summed frame differences")
+        panels[1].set_title(f"{tracks[cell]['particle'].nunique()} trajectories from the lance")
+    for spare in grid.T[len(cells) :].ravel():
+        spare.set_visible(False)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("row (px)")
+    return picture
+
+
+def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
+    """Return fitted trajectories as a view that turns under the mouse, HTML without network.
+
+    Parameters
+    ----------
+    fits
+        By particle.
+    tracks
+        Their detections, drawn as points by grey value.
+    title
+        Above it.
+    """
+    import plotly.graph_objects as graph  # only notebooks need it
+
+    lines = []
+    for name, fit in fits.items():
+        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
+        style = {"width": 4}
+        lines.append(graph.Scatter3d(x=z, y=x, z=-y, mode="lines", line=style, name=f"{name}"))
+    known = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
+    look = {"size": 1.5, "color": known["gray"], "colorscale": "Inferno", "showscale": True}
+    look["colorbar"] = {"title": "grey value", "len": 0.6}
+    places = {"x": known["z"] / 1000, "y": known["x"] / 1000, "z": -known["y"] / 1000}
+    lines.append(graph.Scatter3d(**places, mode="markers", marker=look, name="detections"))
+    figure = graph.Figure(lines)
+    names = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, -y (m)"}
+    scene = {**names, "aspectmode": "data"}
+    figure.update_layout(
+        title=title, scene=scene, height=560, showlegend=False, margin={"l": 0, "r": 0, "b": 0}
+    )
+    return str(figure.to_html(full_html=False, include_plotlyjs=True, div_id="turning"))

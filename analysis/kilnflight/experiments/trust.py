@@ -1,0 +1,227 @@
+"""Flights with one step of the chain after the other replaced by the truth.
+
+true positions, true links -> regression -> flights      what regression and definitions cost
+our detections, true links -> regression -> flights      and what detection costs on top
+true positions, our tracks -> regression -> flights      or tracking
+our tracks at the true depth -> regression -> flights    our chain with a camera without scatter
+our tracks -> regression with weights, or also robust -> flights     another regression
+the whole chain
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight import pipeline, regression, stages
+from kilnflight.checks import InputError
+from kilnflight.experiments.campaigns import Campaign, Measured
+from kilnflight.experiments.pursuit import GATE_PX
+from kilnflight.experiments.survey import CELL, of_cell, twin_of
+from kilnflight.pipeline import Passage
+from kilnflight.project.parallel import Workers
+from kilnflight.regression import Loss, Regression
+from kilnflight.scores.flights import METRES
+from kilnflight.scores.matching import pair
+from kilnflight.tracking.gate import Gate
+from kilnflight.tracking.tracker import track
+from kilnflight.tracklets import postprocess, tracked
+from kilnflight.twin.outcomes import velocities
+
+UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
+STEPS = (
+    "true positions and links",
+    "true links",
+    "true positions",
+    "true depth",
+    "true trajectories",
+    "weighted axes",
+    "weighted, robust",
+    "whole chain",
+)
+SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
+WEIGHTED = Regression(scale_mm=SCATTER_MM)
+ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
+
+
+class Flown(NamedTuple):
+    """Flights that were worked out in one way."""
+
+    flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
+    slices: pd.DataFrame  # `kilnflight.tables.SLICES`
+    owners: pd.Series  # true particle by track; -1: none
+
+
+def true_flights(campaign: Campaign) -> pd.DataFrame:
+    """Return what is true of every particle that flies in the frames of a campaign.
+
+    Returns
+    -------
+    DataFrame
+        ``particle``; ``ending``, and ``dwell_s`` (NaN if it is neither on the wall nor burnt
+        out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
+        (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
+        by a person at five positions or more (`kilnflight.stages.trajectories`).
+    """
+    twin, frames = twin_of(campaign), campaign.frames
+    flights, rate = twin.life.flights, twin.scene.frame_rate_hz
+    release = twin.life.release_s * rate
+    over = release + flights.end_s * rate
+    each = velocities(flights)
+    table = pd.DataFrame({"particle": twin.life.table["particle"]})
+    table["ending"] = twin.life.table["end"].to_numpy()
+    ended = table["ending"].isin(["landed", "burnt out"]).to_numpy()
+    table["dwell_s"] = np.where(ended, flights.end_s, np.nan)
+    table["velocity_m_s"] = each[:, 0]
+    for k, metre in enumerate(METRES):
+        table[f"velocity_{metre}_m_s"] = each[:, k]
+    table["ignition_s"] = flights.ignition_s
+    table["whole"] = (release >= frames.start) & (over < frames.stop)
+    seen = sightings(campaign)["particle"].unique()
+    table["measurable"] = table["particle"].isin(seen)
+    return table[(release < frames.stop) & (over > frames.start)].reset_index(drop=True)
+
+
+def sightings(campaign: Campaign) -> pd.DataFrame:
+    """Return where a person would see which particle in the air, kept."""
+    twin = twin_of(campaign)
+    return stages.trajectories(twin.scene.name, campaign.frames, _seed(campaign))
+
+
+def prepare(wanted: Sequence[Campaign], workers: Workers) -> None:
+    """Make the `sightings` of all campaigns, several at a time."""
+    lengths = [len(one.frames) for one in wanted]
+    workers(_sightings, list(wanted), lengths, "truth")
+
+
+def _sightings(campaign: Campaign) -> None:
+    sightings(campaign)
+
+
+def _seed(campaign: Campaign) -> int:
+    return int(str(campaign.passage.stretch.origin.went_in()["seed"]))
+
+
+def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
+    """Return the true particle that each detection belongs to, (n,); -1: none.
+
+    In each frame detections and true positions are paired within `GATE_PX`.
+    """
+    owner = np.full(len(table), -1, dtype=np.int64)
+    rows, known = (one.groupby("frame").indices for one in (table, true))
+    places, spots = (one[["row", "col"]].to_numpy(np.float64) for one in (table, true))
+    particle = true["particle"].to_numpy()
+    for frame, there in known.items():
+        here = rows.get(frame, np.empty(0, np.intp))
+        found = pair(spots[there], places[here], GATE_PX)
+        owner[here[found[:, 1]]] = particle[there[found[:, 0]]]
+    return owner
+
+
+def owners(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
+    """Return the true particle by track: whose most of its detections are, and at least half."""
+    table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
+    table = table[table["particle"] >= 0]
+    count = table.groupby(["particle", "owner"]).size().reset_index(name="number")
+    count["of"] = count.groupby("particle")["number"].transform("sum")
+    best = count.sort_values(["particle", "number"]).drop_duplicates("particle", keep="last")
+    known = best["number"] * 2 >= best["of"]
+    return best["owner"].where(known, -1).set_axis(best["particle"].to_numpy())
+
+
+def ways(
+    campaign: Campaign, tracks: pd.DataFrame, own: Mapping[int, regression.Fit] | None = None
+) -> Iterator[tuple[str, Flown]]:
+    """Yield the flights with one step after the other replaced by the truth; `STEPS`.
+
+    Parameters
+    ----------
+    campaign
+        Of the twin.
+    tracks
+        Its detections in the air with ``particle``, as measured.
+    own
+        Their trajectories; worked out if None.
+    """
+    true, passage = sightings(campaign), campaign.passage
+    lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
+    positions = true.assign(gray=lit)
+    owner = owned(tracks, true)
+    belongs, exact = owners(tracks, owner), fitted(passage, positions)
+    known = linked(tracks, owner, true)
+    followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
+    deep = deepened(tracks, owner, true)
+    own = fitted(passage, tracks) if own is None else own
+    replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
+    each = (
+        (positions, exact, owners(positions, owned(positions, true))),
+        (known, fitted(passage, known), owners(known, owner)),
+        (followed, fitted(passage, followed), owners(followed, owned(followed, true))),
+        (deep, fitted(passage, deep), belongs),
+        (tracks, {**own, **replaced}, belongs),
+        (tracks, fitted(replace(passage, regression=WEIGHTED), tracks), belongs),
+        (tracks, fitted(replace(passage, regression=ROBUST), tracks), belongs),
+        (tracks, own, belongs),
+    )
+    for name, (table, fits, whose) in zip(STEPS, each, strict=True):
+        flights = pipeline.flown(passage, table, fits)
+        yield name, Flown(flights, pipeline.sliced(flights, fits), whose)
+
+
+def linked(tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame) -> pd.DataFrame:
+    """Return the detections with their true particle, without the depths that are another's.
+
+    A detection belongs to a particle by its place in the image; a depth that is off by more
+    than the tracker's gate lets pass is that of something behind it, and left out.
+    """
+    place = true.set_index(["frame", "particle"])["z"]
+    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
+    off = np.abs(tracks["z"].to_numpy(np.float64) - place.reindex(index).to_numpy(np.float64))
+    known = tracks.assign(particle=owner)
+    known.loc[off >= Gate().depth_mm, ["x", "y", "z"]] = np.nan
+    return known
+
+
+def deepened(
+    tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
+) -> pd.DataFrame:
+    """Return the tracks with the true place in space wherever a detection belongs to someone."""
+    place = true.set_index(["frame", "particle"])[["x", "y", "z"]]
+    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
+    found = place.reindex(index).to_numpy(np.float64)
+    measured = tracks[["x", "y", "z"]].to_numpy(np.float64)
+    better = np.where(np.isnan(found), measured, found)
+    return tracks.assign(**{axis: better[:, k] for k, axis in enumerate("xyz")})
+
+
+def fitted(passage: Passage, table: pd.DataFrame) -> dict[int, regression.Fit]:
+    """Return the trajectories by track of a table that did not come from the chain."""
+    if passage.exit_point_mm is None:
+        raise InputError(f"{passage.stretch.origin.name}: the lance's exit is not known.")
+    rate, method = passage.frame_rate_hz, passage.regression
+    return regression.fits(
+        regression.regress_all(tracked(table), passage.exit_point_mm, rate, method)
+    )
+
+
+def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+    """Return the flights with ignition read from grey values above the background.
+
+    `kilnflight.backdrop` says what that is; only pictures are asked, no truth.
+    """
+    parts = []
+    for one in wanted:
+        cell = (one.fraction, one.pressure_bar)
+        tracks, fitted = (of_cell(table, cell).drop(columns=CELL) for table in measured[:2])
+        rules = replace(one.passage.rules, above_background=True)
+        passage = replace(one.passage, rules=rules)
+        found = pipeline.flown(passage, tracks, regression.fits(fitted))
+        found.insert(0, "fraction", cell[0])
+        found.insert(1, "pressure_bar", cell[1])
+        parts.append(found)
+    return pd.concat(parts, ignore_index=True)

@@ -1,0 +1,1 @@
+"""Infrastructure: figures, claims, notebooks, site, cache; it knows no physics."""

@@ -1,0 +1,201 @@
+"""Published values and claims: load them, compare, give a verdict.
+
+The tables are kept as printed, misprints included (`kilnflight.experiments.errata` lists those).
+A claim is a sentence of one of the three works turned into something that can fail:
+either a number with bounds (columns ``low`` and ``high`` of claims.csv; an empty one is
+open; they are included unless the expectation says ``<`` or ``>``), or a set of named
+conditions that must all hold.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.checks import InputError
+from kilnflight.project import paths as places
+
+REPRODUCED = "reproduced"
+NOT_REPRODUCED = "not reproduced"
+NOT_DECIDABLE = "not decidable"
+VERDICTS = (REPRODUCED, NOT_REPRODUCED, NOT_DECIDABLE)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one claim; one row of figures/claims.csv."""
+
+    id: str
+    verdict: str
+    measured: str
+    published: str
+    reason: str = ""
+    criterion: str = ""
+
+
+def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
+    """Load a published table, for example ``published("table_5.5")``.
+
+    Parameters
+    ----------
+    name
+        Stem of a file in data/reference/published.
+    as_printed
+        Keep every cell as the string that was printed (its digits matter).
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+    """
+    folder = places.reference() / "published"
+    path = folder / f"{name}.csv"
+    if Path(name).name != name or not path.is_file():
+        known = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
+        raise InputError(f"no published table {name!r}; there are {known}.")
+    return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
+
+
+def claims() -> pd.DataFrame:
+    """Load the claims, indexed by id."""
+    return pd.read_csv(places.reference() / "claims.csv", index_col="id")
+
+
+def _claim(claim_id: str) -> pd.Series:
+    known = claims()
+    if claim_id not in known.index:
+        raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
+    return pd.Series(known.loc[claim_id])
+
+
+def _criterion(claim: pd.Series) -> str:
+    """Return in one line what the verdict rests on: quantity, expectation, bounds."""
+    bounds = [str(claim[name]) for name in ("low", "high") if not np.isnan(claim[name])]
+    within = f" [{claim['low']:g}, {claim['high']:g}]" if len(bounds) == 2 else ""
+    return f"{claim['quantity']}: {claim['expect']}{within}"
+
+
+def judge(
+    claim_id: str,
+    measured: npt.ArrayLike | pd.Series | Mapping[str, bool],
+    *,
+    note: str = "",
+) -> Verdict:
+    """Turn a measured value and a claim into a verdict.
+
+    Parameters
+    ----------
+    claim_id
+        Id in data/reference/claims.csv.
+    measured
+        For a claim with bounds: a number, or an array or Series (its labels are told) of
+        which every value must lie within them, in the unit of the claim. For any other
+        claim: named conditions, for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must
+        hold.
+    note
+        What a reader must know beside the verdict (which source, which reading).
+
+    Raises
+    ------
+    InputError
+        If the claim does not exist, the kind of measurement does not fit it, or a
+        number is not finite.
+    """
+    claim = _claim(claim_id)
+    bounded = not (np.isnan(claim["low"]) and np.isnan(claim["high"]))
+    if isinstance(measured, Mapping):
+        if bounded or not measured:
+            raise InputError(f"claim {claim_id} asks for {claim['expect']!r}: pass the number.")
+        if not all(isinstance(ok, bool | np.bool_) for ok in measured.values()):
+            raise InputError(
+                f"claim {claim_id}: a condition is neither True nor False: {measured}."
+            )
+        holds = all(measured.values())
+        text = "; ".join(f"{name}: {'yes' if ok else 'NO'}" for name, ok in measured.items())
+    else:
+        values = np.atleast_1d(np.asarray(measured, dtype=np.float64))
+        if not bounded or not len(values) or not np.isfinite(values).all():
+            raise InputError(
+                f"claim {claim_id} got {measured!r}; pass "
+                + ("finite numbers." if bounded else "named conditions (it has no bounds).")
+            )
+        low = -np.inf if np.isnan(claim["low"]) else claim["low"]
+        high = np.inf if np.isnan(claim["high"]) else claim["high"]
+        # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
+        strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
+        inside = (values > low) & (values < high) if strict else (values >= low) & (values <= high)
+        holds = bool(inside.all())
+        names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
+        text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
+    verdict = REPRODUCED if holds else NOT_REPRODUCED
+    return Verdict(claim_id, verdict, text, claim["claim"], note, _criterion(claim))
+
+
+def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
+    """Return the verdict "not decidable" for a claim, with the reason (required)."""
+    if not reason.strip():
+        raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
+    claim = _claim(claim_id)
+    return Verdict(claim_id, NOT_DECIDABLE, measured, claim["claim"], reason, _criterion(claim))
+
+
+def fitted(verdict: Verdict, to: str) -> Verdict:
+    """Return the verdict on a claim that a calibration aimed at.
+
+    Agreement is then no result: "reproduced" becomes "not decidable". A miss stays a miss.
+
+    Parameters
+    ----------
+    verdict
+        From `judge`.
+    to
+        What was fitted to what, for the reason.
+    """
+    if verdict.verdict != REPRODUCED:
+        return verdict
+    reason = f"{verdict.reason}; agrees, but {to}".removeprefix("; ")
+    return replace(verdict, verdict=NOT_DECIDABLE, reason=reason)
+
+
+def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:
+    """Return verdicts as the rows of figures/claims.csv, one per claim, ids unique."""
+    names = [field.name for field in fields(Verdict)]
+    table = pd.DataFrame([astuple(verdict) for verdict in verdicts], columns=names)
+    if table["id"].duplicated().any():
+        twice = table.loc[table["id"].duplicated(), "id"].iloc[0]
+        raise InputError(f"{notebook}: claim {twice} is judged twice; judge it once.")
+    table.insert(4, "notebook", notebook)
+    return table
+
+
+def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return one row for every claim, in the order of claims.csv.
+
+    A claim that no notebook has judged is "not decidable", and says what it waits for.
+    """
+    everything = claims()
+    judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
+    if judged["id"].duplicated().any():
+        twice = judged.loc[judged["id"].duplicated(keep=False)]
+        raise InputError(
+            f"claim {twice['id'].iloc[0]} is judged by {' and '.join(twice['notebook'])}; "
+            "leave it to one notebook."
+        )
+    waiting = [
+        undecidable(claim_id, f"no notebook tests it yet; testable with: {source}")
+        for claim_id, source in zip(everything.index, everything["testable_with"], strict=True)
+        if claim_id not in set(judged["id"])
+    ]
+    table = pd.concat([judged, verdict_table(waiting, "")], ignore_index=True)
+    return table.set_index("id").loc[everything.index].reset_index().fillna("")
+
+
+def count(table: pd.DataFrame) -> dict[str, int]:
+    """Return how often each verdict occurs, in the order of `VERDICTS`."""
+    return {verdict: int((table["verdict"] == verdict).sum()) for verdict in VERDICTS}

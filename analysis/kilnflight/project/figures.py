@@ -1,0 +1,181 @@
+"""The one way to save a figure or table: picture, data, caption, provenance.
+
+`save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and keeps ``README.md``, the
+gallery with captions and citations. A smoke run (scale quick), which nobody cites from,
+writes no PDF and a PNG of half the resolution. Caption and provenance live inside the PNG (and
+PDF), so that a picture that leaves the folder still says where it came from; the
+gallery is made from the PNGs alone. The same input gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from PIL import Image
+
+from kilnflight.checks import InputError
+from kilnflight.project import claims as reference
+from kilnflight.project import paths as places
+from kilnflight.project.files import locked, write_whole
+from kilnflight.project.gallery import gallery
+from kilnflight.project.provenance import Provenance
+from kilnflight.project.style import style, table_picture
+
+PNG_DPI = 300
+DRAFT_DPI = 150  # of a smoke run
+TABLE_DPI = 150  # a table that is drawn as a picture: text only
+SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A saved figure or table; the last value of a cell shows it with its caption."""
+
+    identifier: str
+    caption: str
+    body: str  # HTML
+    path: Path  # the PNG
+
+    def _repr_html_(self) -> str:
+        """Return the figure with its caption, self-contained."""
+        caption = f"<code>{self.identifier}</code> {html.escape(self.caption)}"
+        return f"<figure>{self.body}<figcaption>{caption}</figcaption></figure>"
+
+
+def _image(png: bytes, caption: str, dpi: int) -> str:
+    with Image.open(io.BytesIO(png)) as image:
+        width = round(image.width * SCREEN_DPI / dpi)
+    data = base64.b64encode(png).decode()
+    return f'<img alt="{html.escape(caption)}" width="{width}" src="data:image/png;base64,{data}"/>'
+
+
+def save(
+    identifier: str,
+    table: pd.DataFrame,
+    *,
+    caption: str,
+    provenance: Provenance,
+    picture: Figure | None = None,
+    folder: Path | None = None,
+) -> Saved:
+    """Save a figure or table under its fixed id; the only way out of a notebook.
+
+    Parameters
+    ----------
+    identifier
+        The id everywhere, for example ``"fig-5-19-dwell-time"``.
+    table
+        The data behind the picture, units in the column names; an empty cell means
+        "does not apply", infinities are refused.
+    caption
+        What is seen, in whole sentences; the first one is the title.
+    provenance
+        From `kilnflight.project.provenance.trace`.
+    picture
+        The figure; without it the table itself is drawn.
+    folder
+        Where to, the project's figures/ by default.
+
+    Returns
+    -------
+    Saved
+        Shows itself in a notebook.
+
+    Raises
+    ------
+    InputError
+        If the id is not lower-case words joined by hyphens, the caption is empty, or
+        the table has no columns or holds an infinity. Nothing is written then.
+    """
+    if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", identifier):
+        raise InputError(f"figure id {identifier!r}: use lower-case words joined by hyphens.")
+    if not caption.strip():
+        raise InputError(f"figure {identifier}: a figure without caption cannot be cited.")
+    if not len(table.columns) or np.isinf(table.select_dtypes("number").to_numpy(float)).any():
+        raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
+    folder = folder or places.figures()
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = picture if picture is not None else table_picture(table)
+    draft = provenance.parameters.get("scale") == "quick"
+    dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
+    contents = {
+        f"{identifier}.csv": _csv(table),
+        f"{identifier}.png": _png(drawn, identifier, caption, provenance, dpi),
+    }
+    if not draft:
+        contents[f"{identifier}.pdf"] = _pdf(drawn, identifier, caption, provenance)
+    plt.close(drawn)
+    with locked(folder):
+        for name, content in contents.items():
+            write_whole(folder / name, content)
+        write_whole(folder / "README.md", gallery(folder).encode())
+    if os.environ.get(places.SAVED_LIST):
+        with Path(os.environ[places.SAVED_LIST]).open("a") as listed:
+            listed.writelines(f"{(folder / name).resolve()}\n" for name in contents)
+    if picture is None:
+        body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
+    else:
+        body = _image(contents[f"{identifier}.png"], caption, dpi)
+    return Saved(identifier, caption, body, folder / f"{identifier}.png")
+
+
+def conclude(
+    result: str,
+    verdicts: Iterable[reference.Verdict],
+    provenance: Provenance,
+    folder: Path | None = None,
+) -> Saved:
+    """Save a notebook's verdicts under ``claims-<notebook>``; every notebook's last call.
+
+    ``result`` is the one line that the index of the site shows for the notebook.
+    """
+    table = reference.verdict_table(verdicts, provenance.notebook)
+    identifier = "claims-" + provenance.notebook.replace("_", "-")
+    return save(identifier, table, caption=result, provenance=provenance, folder=folder)
+
+
+def _csv(table: pd.DataFrame) -> bytes:
+    return table.to_csv(index=False, lineterminator="\n", float_format="%.6g").encode()
+
+
+def _record(provenance: Provenance) -> str:
+    return json.dumps(asdict(provenance), sort_keys=True, default=str)
+
+
+def _png(picture: Figure, identifier: str, caption: str, provenance: Provenance, dpi: int) -> bytes:
+    metadata = {
+        "Title": identifier,
+        "Description": caption,
+        "Software": f"kilnflight {provenance.version}",
+        "Provenance": _record(provenance),
+    }
+    buffer = io.BytesIO()
+    with style():
+        picture.savefig(buffer, format="png", dpi=dpi, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _pdf(picture: Figure, identifier: str, caption: str, provenance: Provenance) -> bytes:
+    metadata = {
+        "Title": identifier,
+        "Subject": caption,
+        "Keywords": _record(provenance),
+        "Creator": f"kilnflight {provenance.version}",
+        "CreationDate": None,
+    }
+    buffer = io.BytesIO()
+    with style():
+        picture.savefig(buffer, format="pdf", metadata=metadata)
+    return buffer.getvalue()

@@ -1,0 +1,137 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from kilnflight.checks import InputError
+from kilnflight.detection.peaks import find_peaks, have_peaks
+
+
+def hill(rows, cols, places, sigma=2.0):
+    row, col = np.indices((rows, cols))
+    return sum(
+        top * np.exp(-((row - r) ** 2 + (col - c) ** 2) / (2 * sigma**2)) for r, c, top in places
+    )
+
+
+WHOLE = np.array([[0, 40, 0, 60]])
+
+
+def test_hills_are_counted_highest_first():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0), (30, 15, 4.0)])
+    area, place = find_peaks(image, WHOLE, 10.0)
+    assert area.tolist() == [0, 0]
+    assert place[:, :2].tolist() == [[10, 12], [25, 40]]
+    assert place[:, 2] == pytest.approx([100.0, 50.0], abs=0.1)
+
+
+def test_a_shoulder_is_no_peak_and_a_shallow_saddle_joins_two():
+    twins = hill(40, 60, [(20, 20, 100.0), (20, 25, 90.0)])
+    _, deep = find_peaks(twins, WHOLE, 1.0)
+    _, shallow = find_peaks(twins, WHOLE, 40.0)
+    assert (len(deep), len(shallow)) == (2, 1)
+
+
+def test_the_foot_of_something_outside_is_no_peak():
+    slope = np.tile(np.arange(60.0), (40, 1))
+    assert len(find_peaks(slope, WHOLE, 1.0)[1]) == 0
+    assert len(find_peaks(-slope, WHOLE, 1.0)[1]) == 0
+
+
+def test_each_area_may_ask_for_its_own_prominence():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0)])
+    area, _ = find_peaks(image, np.repeat(WHOLE, 2, axis=0), [10.0, 70.0])
+    assert area.tolist() == [0, 0, 1]
+
+
+def test_areas_are_clipped_and_told_apart():
+    image = hill(40, 60, [(10, 12, 100.0), (25, 40, 50.0)])
+    areas = np.array([[20, 99, 30, 99], [0, 2, 0, 2], [-5, 20, -5, 30]])
+    area, place = find_peaks(image, areas, 10.0)
+    assert area.tolist() == [0, 2]
+    assert place[:, :2].tolist() == [[25, 40], [10, 12]]
+
+
+def test_nothing_to_look_at():
+    area, place = find_peaks(np.zeros((5, 5)), np.empty((0, 4), int), 1.0)
+    assert area.shape == (0,)
+    assert place.shape == (0, 3)
+    assert len(find_peaks(np.full((40, 60), 65535, np.uint16), WHOLE, 1.0)[1]) == 0
+
+
+@pytest.mark.parametrize("prominence", [0.0, -1.0, np.nan])
+def test_a_prominence_must_be_positive(prominence):
+    with pytest.raises(InputError, match="prominence"):
+        find_peaks(np.zeros((5, 5)), WHOLE, prominence)
+
+
+def test_shapes_are_checked():
+    with pytest.raises(InputError, match="areas"):
+        find_peaks(np.zeros((5, 5)), np.zeros((2, 3), int), 1.0)
+    with pytest.raises(InputError, match="axes"):
+        find_peaks(np.zeros(5), WHOLE, 1.0)
+
+
+def by_flooding(image, prominence):
+    """Each pixel: lower the water until a higher pixel joins; by label at every level."""
+    from scipy.ndimage import label
+
+    found = {}
+    around = np.ones((3, 3))
+    for r, c in np.ndindex(image.shape):
+        if r in (0, image.shape[0] - 1) or c in (0, image.shape[1] - 1):
+            continue
+        own = (image[r, c], -(r * image.shape[1] + c))
+        edge = np.ones(image.shape, bool)
+        edge[1:-1, 1:-1] = False
+        best = image[r, c] - np.median(image[edge])
+        for level in np.unique(image)[::-1]:
+            if level > image[r, c]:
+                continue
+            parts, _ = label(image >= level, around)
+            same = np.argwhere(parts == parts[r, c])
+            if any((image[i, j], -(i * image.shape[1] + j)) > own for i, j in same):
+                best = image[r, c] - level
+                break
+        if best >= prominence:
+            found[r, c] = best
+    return found
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(np.int64, (6, 7), elements=st.integers(0, 6)), st.integers(1, 4))
+def test_prominence_is_what_flooding_by_levels_gives(image, prominence):
+    _, place = find_peaks(image, np.array([[0, 6, 0, 7]]), float(prominence))
+    ours = {(int(r), int(c)): h for r, c, h in place}
+    assert ours == by_flooding(image, prominence)
+
+
+def test_whether_there_are_peaks_is_whether_any_are_found():
+    rng = np.random.default_rng(4)
+    image = rng.normal(0, 1, (60, 80))
+    corner = rng.integers(-4, 70, (200, 2))
+    size = rng.integers(1, 12, (200, 2))
+    edges = np.stack([corner, corner + size], axis=2)
+    areas = edges.reshape(200, 4)
+    number, _ = find_peaks(image, areas, 2.0)
+    expected = np.bincount(number, minlength=200) > 0
+    assert 20 < expected.sum() < 180
+    np.testing.assert_array_equal(have_peaks(image, areas, 2.0), expected)
+    assert have_peaks(image, areas[:0], 2.0).shape == (0,)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whether_there_is_a_peak_is_told_as_by_finding_it(seed):
+    generator = np.random.default_rng(seed)
+    shape = (60, 80) if seed % 4 else (180, 220)  # wider than what is looked at around a pixel
+    image = cv2.GaussianBlur(
+        generator.normal(size=shape), (0, 0), shape[0] / 60 * generator.uniform(0.3, 4)
+    )
+    image = np.round(20 * image / image.std() / 5) if seed % 3 == 0 else image
+    rows, cols = (np.sort(generator.integers(-3, n + 4, (30, 2)), axis=1) for n in shape)
+    areas = np.hstack([rows, cols])
+    prominence = max(float(image.std()), 0.1) * generator.uniform(0.3, 4)
+    found = np.isin(np.arange(30), find_peaks(image, areas, prominence)[0])
+    assert have_peaks(image, areas, prominence).tolist() == found.tolist()

@@ -1,0 +1,140 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kilnflight.checks import InputError
+from kilnflight.experiments import contest
+from kilnflight.experiments import other_trackers as peers
+from kilnflight.experiments.ladders import Ladders, ours, theirs
+from kilnflight.experiments.pursuit import Window
+
+LONG = tuple(map(float, range(10)))
+
+
+def a_window(length=10):
+    frame = np.tile(np.arange(length), 3)
+    path = {"frame": frame, "row": frame * 5.0, "col": np.repeat([0.0, 200.0, 400.0], length)}
+    truth = pd.DataFrame(path).assign(particle=np.repeat([0, 1, 2], length))
+    seen = truth.drop(columns="particle")
+    return Window("wood chip", "W1", range(length), seen, truth, None)
+
+
+@pytest.fixture
+def window():
+    return a_window()
+
+
+def right(table):
+    return table.assign(particle=(table["col"] // 200).astype(int))
+
+
+def alone(table):
+    return table.assign(particle=np.arange(len(table)))
+
+
+def refuses(table):
+    raise InputError("too dense.")
+
+
+def hill(*top, ladder=LONG, first=(0.0,)):
+    """A tracker that cuts tracks the more, the farther its parameters are from the top."""
+
+    def build(*setting):
+        pieces = 1 + int(sum(abs(a - b) for a, b in zip(setting, top, strict=True)))
+        return lambda table: right(table).assign(
+            particle=lambda t: t["particle"] * 100 + np.minimum(t["frame"], pieces - 1)
+        )
+
+    names = [f"p{k}" for k in range(len(top))]
+    return Ladders(build, dict.fromkeys(names, ladder), dict.fromkeys(names, first))
+
+
+def chosen_one(window, ladders):
+    tried = contest.best_setting([window], {"one": ladders})
+    best = tried[tried["chosen"]]
+    assert len(best) == 1
+    return best.iloc[0], tried
+
+
+def test_the_best_setting_of_each_tracker_is_chosen(window):
+    choice = {0.0: alone, 1.0: right, 2.0: refuses}
+    one = Ladders(choice.get, {"way": (0.0, 1.0, 2.0)}, {"way": (0.0, 1.0, 2.0)})
+    other = Ladders(choice.get, {"way": (0.0,)}, {"way": (0.0,)})
+    trackers = {"one": one, "other": other}
+    tried = contest.best_setting([window], trackers)
+    assert tried["chosen"].tolist() == [False, True, False, True]
+    assert tried["beta"].iloc[1] == pytest.approx(1)
+    assert np.isnan(tried["beta"].iloc[2])
+    assert tried["note"].tolist() == ["", "", "not run: too dense.", ""]
+    assert tried["at_end"].tolist() == ["", "", "", ""]
+    assert contest.chosen(tried, trackers) == {"one": right, "other": alone}
+
+
+@settings(deadline=None, max_examples=10)  # each climbs a dozen settings
+@given(top=st.tuples(st.integers(1, 8), st.integers(1, 8)), first=st.sampled_from(LONG))
+def test_the_climb_ends_inside_of_what_was_tried(top, first):
+    ladders = hill(*top, first=(first,))
+    best, tried = chosen_one(a_window(20), ladders)
+    assert best["setting"] == f"p0 {top[0]}, p1 {top[1]}"
+    assert best["at_end"] == ""
+    around = {ladders.text(one) for one in ladders.neighbors(tuple(map(float, top)))}
+    assert len(around) == 4
+    assert around < set(tried["setting"])
+    assert not tried["setting"].duplicated().any()
+
+
+def test_an_end_of_a_ladder_is_told(window):
+    best, tried = chosen_one(window, hill(9.0, 4.0, first=(3.0, 4.0)))
+    assert best["at_end"] == "p0"
+    assert (tried.loc[~tried["chosen"], "at_end"] == "").all()
+
+
+def test_who_refuses_a_neighbor_stays_where_it_is(window):
+    def build(way):
+        return right if way == 1 else refuses
+
+    best, tried = chosen_one(window, Ladders(build, {"way": (0.0, 1.0, 2.0)}, {"way": (1.0,)}))
+    assert best["setting"] == "way 1"
+    assert len(tried) == 3
+
+
+@pytest.mark.parametrize(
+    ("ladder", "first"),
+    [((2.0, 1.0), (1.0,)), ((1.0, 1.0), (1.0,)), ((1.0, 2.0), (3.0,)), ((1.0,), ())],
+)
+def test_ladders_that_cannot_be_climbed_are_refused(ladder, first):
+    with pytest.raises(InputError, match="Ladders: step has the ladder"):
+        Ladders(lambda step: right, {"step": ladder}, {"step": first})
+
+
+def test_every_setting_on_the_ladders_has_its_own_name_and_a_tracker():
+    for ladders in [*ours().values(), *theirs().values()]:
+        some = ladders.first() + ladders.neighbors(ladders.first()[0])
+        assert len({ladders.text(one) for one in some}) == len(set(some))
+        for one in some:
+            assert callable(ladders.build(*one))
+    assert theirs()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
+
+
+def test_who_refuses_a_window_has_rows_without_measures(window):
+    scores = contest.scored([window], {"one": right, "other": refuses})
+    assert scores["postprocessing"].tolist() == ["without", "with"] * 2
+    assert scores["beta"].isna().tolist() == [False, False, True, True]
+
+
+def test_nothing_to_choose_from_is_an_error(window):
+    with pytest.raises(InputError, match="no windows"):
+        contest.best_setting([], {"one": hill(1.0)})
+    no = Ladders(lambda way: refuses, {"way": (0.0, 1.0)}, {"way": (0.0,)})
+    with pytest.raises(InputError, match="refuses every setting"):
+        contest.best_setting([window], {"one": no})
+
+
+def test_the_beginning_of_a_stretch(window):
+    short = contest.beginning(window, 4)
+    assert short.frames == range(4)
+    for table in (short.detections, short.truth):
+        assert table["frame"].tolist() == [0, 1, 2, 3] * 3
+    assert contest.beginning(window, 99).frames == window.frames

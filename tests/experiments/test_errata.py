@@ -1,0 +1,91 @@
+import pandas as pd
+import pytest
+
+from kilnflight.experiments import errata
+from kilnflight.project import claims as reference
+
+
+@pytest.fixture(scope="module")
+def checks():
+    return errata.recompute()
+
+
+@pytest.mark.parametrize(
+    ("printed", "value", "right"),
+    [
+        ("0.50", 0.495, True),  # a tie may be rounded either way
+        ("0.50", 0.505, True),
+        ("0.50", 0.5051, False),
+        ("94%", 94.4, True),
+        ("3", 3.6, False),
+        ("<8", 8.0, False),
+        (">0", 0.1, True),
+    ],
+)
+def test_agreement_is_half_a_unit_of_the_last_digit(printed, value, right):
+    assert errata.agrees(printed, value) is right
+
+
+def test_a_rate_recomputed_by_hand(checks):
+    """Table 5.10, K = 30, alpha = 0.1: the F1 that decides which 3D method is best."""
+    row = reference.published("table_5.10").set_index(["K", "alpha"]).loc[(30, 0.1)]
+    by_hand = 2 * row["TP"] / (2 * row["TP"] + row["FP"] + row["FN"])
+    found = checks[
+        (checks["where"] == "Table 5.10, K=30, alpha=0.1") & (checks["quantity"] == "f1")
+    ]
+    assert found["recomputed"].iloc[0] == pytest.approx(by_hand)
+    assert found["printed"].iloc[0] == "0.6210"
+    assert not found["agrees"].iloc[0]
+
+
+def test_every_cell_of_every_rate_table_is_checked(checks):
+    for table in errata.RATE_TABLES:
+        rows = len(reference.published(f"table_{table}"))
+        of_table = checks[checks["where"].str.startswith(f"Table {table},")]
+        assert of_table["quantity"].isin(["precision", "recall", "f1"]).sum() == 3 * rows
+
+
+def test_known_misprints_are_found(checks):
+    wrong = errata.errata(checks).set_index("where")
+    recall = "Table 5.11, 3D-MO-based Clustering: recall"
+    assert wrong.loc[recall, "printed"] == "0.4970"
+    assert float(wrong.loc[recall, "recomputed"]) == pytest.approx(0.597, abs=5e-4)
+    shifted = wrong[wrong.index.str.startswith("Table 5.6, Total")]
+    assert (shifted["printed"].iloc[0], shifted["recomputed"].iloc[0]) == ("271", "700")
+
+
+def test_every_erratum_says_whether_a_conclusion_depends_on_it(checks):
+    wrong = errata.errata(checks)
+    assert list(wrong.columns) == ["where", "printed", "recomputed", "consequence"]
+    assert wrong["consequence"].str.match(r"(no|yes|in part|not known)\b").all()
+    assert wrong["where"].is_unique
+
+
+def test_a_corrected_table_has_no_erratum(monkeypatch):
+    """The check can succeed: put the right value where the misprint is."""
+    original = reference.published
+
+    def corrected(name, *, as_printed=False):
+        table = original(name, as_printed=as_printed)
+        if name == "table_5.11" and as_printed:
+            table = table.replace("0.4970", "0.5970")
+        return table
+
+    monkeypatch.setattr(reference, "published", corrected)
+    wrong = errata.errata(pd.DataFrame(errata.check_rates(), columns=errata.Check._fields))
+    assert "Table 5.11, 3D-MO-based Clustering: recall" not in set(wrong["where"])
+    assert "Table 5.10, K=30, alpha=0.1: f1" in set(wrong["where"])
+
+
+def test_the_best_3d_method_changes():
+    table = errata.best_f1_of_3d_methods()
+    printed, exact = (
+        table.loc[table[c].idxmax(), "method"] for c in ("printed_f1", "recomputed_f1")
+    )
+    assert (printed, exact) == ("QCC", "DBSCAN")
+
+
+def test_sentences_and_their_recomputations_belong_together(monkeypatch):
+    monkeypatch.setattr(errata, "recomputed_statements", lambda: {"qcc-best": 0.6})
+    with pytest.raises(errata.InputError, match=r"statements\.csv and errata\.py disagree"):
+        list(errata.check_statements())

@@ -1,0 +1,168 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from kilnflight.checks import InputError
+from kilnflight.scores.intervals import (
+    Bootstrap,
+    Quantile,
+    difference_of_medians,
+    difference_of_shares,
+    median,
+    ratio_of_medians,
+    share,
+)
+
+DRAW = Bootstrap()
+
+
+def some(seed=0, n=40):
+    return np.random.default_rng(seed).gamma(4.0, 0.1, n)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "groups"),
+    [
+        (median, (some(),)),
+        (difference_of_medians, (some(), some(1, 25))),
+        (ratio_of_medians, (some(), some(1, 25))),
+    ],
+)
+def test_the_same_draws_give_what_scipy_gives(statistic, groups):
+    ours = DRAW(statistic, groups, np.random.default_rng(5))
+    peer = stats.bootstrap(
+        groups,
+        statistic,
+        n_resamples=DRAW.draws,
+        method="percentile",
+        rng=np.random.default_rng(5),
+        axis=-1,
+    ).confidence_interval
+    assert (ours.low, ours.high) == pytest.approx((peer.low, peer.high), rel=1e-9)
+    assert ours.estimate == statistic(*groups)
+    assert ours.numbers == tuple(map(len, groups))
+
+
+def test_it_covers_the_truth_about_as_often_as_it_says():
+    generator = np.random.default_rng(2)
+    few = Bootstrap(draws=400)
+    inside = 0
+    for _ in range(200):
+        one = few(median, [generator.normal(0.0, 1.0, 30)], generator)
+        inside += one.low <= 0.0 <= one.high
+    assert 180 <= inside <= 199
+
+
+@settings(deadline=None)
+@given(st.integers(0, 100), st.floats(-100, 100))
+def test_a_shift_shifts_the_interval_and_leaves_a_difference(seed, shift):
+    few = Bootstrap(draws=50)
+    one = few(median, [some()], np.random.default_rng(seed))
+    moved = few(median, [some() + shift], np.random.default_rng(seed))
+    np.testing.assert_allclose(np.array(moved[:3]) - shift, one[:3], atol=1e-9)
+    gap = few(difference_of_medians, [some() + shift] * 2, np.random.default_rng(seed))
+    assert gap.estimate == 0.0
+
+
+def test_small_samples_say_little():
+    none = DRAW(median, [[]], np.random.default_rng(0))
+    assert math.isnan(none.estimate)
+    for n in (1, 5):
+        few = DRAW(median, [np.full(n, 0.3)], np.random.default_rng(0))
+        assert few == (0.3, -math.inf, math.inf, (n,))
+        assert math.isinf(few.resolvable)
+        assert not few.resolves()
+    assert DRAW(median, [np.full(6, 0.3)], np.random.default_rng(0)).high == 0.3
+
+
+def test_what_a_sample_can_resolve():
+    apart = DRAW(difference_of_medians, [some(), some(1) + 0.5], np.random.default_rng(0))
+    assert apart.resolves()
+    assert apart.resolvable == (apart.high - apart.low) / 2
+    small = DRAW(
+        difference_of_medians, [some(), some(1) + 0.5], np.random.default_rng(0), sizes=(6, 6)
+    )
+    assert small.numbers == (6, 6)
+    assert small.resolvable > 1.5 * apart.resolvable
+    assert not DRAW(ratio_of_medians, [some(), some(1)], np.random.default_rng(0)).resolves(1.0)
+
+
+def test_a_ratio_to_nothing_is_told():
+    with pytest.raises(InputError, match="Take the difference"):
+        DRAW(ratio_of_medians, [some(), np.zeros(9)], np.random.default_rng(0))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 50), st.integers(1, 50), st.floats(0.5, 0.999))
+def test_a_share_is_wilsons(number, counted, level):
+    number = min(number, counted)
+    ours = share(number, counted, level)
+    peer = stats.binomtest(number, counted).proportion_ci(level, method="wilson")
+    assert ours[1:3] == pytest.approx((peer.low, peer.high), abs=1e-9)
+    assert 0 <= ours.low <= ours.estimate <= ours.high <= 1
+
+
+def test_none_of_many_is_not_exactly_none():
+    assert share(0, 40).low == 0.0
+    assert share(0, 40).high == pytest.approx(0.0876, abs=1e-4)
+    assert share(0, 0)[1:] == (0.0, 1.0, (0,))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "low", "high"),
+    [  # Newcombe 1998, Table II, method 10
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((10, 10), (0, 10), 0.6075, 1.0),
+        ((0, 10), (0, 10), -0.2775, 0.2775),
+    ],
+)
+def test_a_difference_of_shares_is_newcombes(first, second, low, high):
+    found = difference_of_shares(first, second)
+    assert found[1:3] == pytest.approx((low, high), abs=6e-5)
+    mirrored = difference_of_shares(second, first)
+    assert (-mirrored.high, -mirrored.low) == pytest.approx((found.low, found.high))
+
+
+def test_a_difference_from_nothing_is_unknown():
+    unknown = difference_of_shares((0, 0), (3, 10))
+    assert math.isnan(unknown.estimate)
+    assert unknown[1:3] == (-1.0, 1.0)
+
+
+def test_bad_input_is_told():
+    generator = np.random.default_rng(0)
+    with pytest.raises(InputError, match="not finite"):
+        DRAW(median, [[1.0, np.nan]], generator)
+    with pytest.raises(InputError, match="2 sizes for 1 groups"):
+        DRAW(median, [some()], generator, sizes=(3, 4))
+    with pytest.raises(InputError, match="sizes"):
+        DRAW(median, [some()], generator, sizes=(-3,))
+    with pytest.raises(InputError, match="3 of 2 is no share"):
+        share(3, 2)
+    for level in (0.0, 1.0, 95):
+        with pytest.raises(InputError, match="level"):
+            share(1, 2, level)
+        with pytest.raises(InputError, match="level"):
+            Bootstrap(level=level)
+
+
+def test_the_median_is_the_quantile_in_the_middle():
+    ours = DRAW(Quantile(0.5), [some()], np.random.default_rng(3))
+    peer = DRAW(median, [some()], np.random.default_rng(3))
+    assert ours[:3] == pytest.approx(peer[:3])
+    lower = DRAW(Quantile(0.25), [some()], np.random.default_rng(3))
+    assert lower.low < lower.estimate < ours.estimate
+    with pytest.raises(InputError, match="Quantile: part"):
+        Quantile(25)
+
+
+def test_the_same_particles_have_the_same_interval_whatever_was_asked_before():
+    generator = np.random.default_rng(3)
+    alone = DRAW(median, [some()], generator)
+    DRAW(difference_of_medians, [some(), some(1)], generator)
+    assert DRAW(median, [some()], generator) == alone

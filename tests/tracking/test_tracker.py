@@ -1,0 +1,225 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kilnflight.association import GNN, JPDA, NearestNeighbor
+from kilnflight.tables import DETECTIONS
+from kilnflight.tracking import tracker as tracking
+from kilnflight.tracking.gate import Gate
+from kilnflight.tracking.motion import MOTIONS, ConstantAcceleration, ConstantVelocity
+from kilnflight.tracking.tracker import Management, steps, track
+
+seeds = st.integers(0, 2**32 - 1)
+trackers = pytest.mark.parametrize("associator", [GNN(), JPDA(), NearestNeighbor()])
+
+
+def flight(start, velocity, frames=20, first=0, **columns):
+    """Return one particle in straight flight, one row per frame."""
+    time = np.arange(frames)
+    row, col = np.asarray(start, dtype=float)[:, None] + np.outer(velocity, time)
+    return pd.DataFrame({"frame": first + time, "row": row, "col": col, **columns})
+
+
+def together(*flights):
+    """Return the flights in one table, in the order of time, ``truth`` telling which is which."""
+    table = pd.concat([one.assign(truth=k) for k, one in enumerate(flights)])
+    return table.sort_values(["frame", "row"], ignore_index=True)
+
+
+def clutter(seed, frames=20, per_frame=5, size=400.0):
+    rng = np.random.default_rng(seed)
+    frame = np.repeat(np.arange(frames), per_frame)
+    row, col = rng.uniform(0, size, (2, len(frame))).round(1)
+    return pd.DataFrame({"frame": frame, "row": row, "col": col})
+
+
+def same_partition(one, other):
+    """Whether two labellings tell the same rows apart."""
+    pairs = pd.DataFrame({"one": np.asarray(one), "other": np.asarray(other)}).drop_duplicates()
+    return pairs["one"].is_unique and pairs["other"].is_unique
+
+
+@trackers
+def test_one_particle_in_straight_flight_is_one_track(associator):
+    table = flight((100, 200), (12, -7))
+    found = track(table, associator)
+    pd.testing.assert_frame_equal(found, table.assign(particle=np.int64(0)))
+
+
+@trackers
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_two_that_cross_keep_their_ways(associator, motion):
+    """They cross between two frames, so nothing but their motion tells them apart."""
+    table = together(flight((100, 100), (10, 12)), flight((297, 105), (-10, 12)))
+    found = track(table, associator, motion)
+    assert same_partition(found["particle"], found["truth"])
+
+
+@trackers
+def test_a_particle_that_hides_for_three_frames_comes_back(associator):
+    table = flight((100, 200), (12, -7))
+    hidden = table[~table["frame"].between(8, 10)]
+    assert not track(hidden, associator)["particle"].any()
+
+
+def test_a_particle_that_hides_for_too_long_is_a_new_one():
+    table = flight((100, 200), (12, -7))
+    management = Management(visibility=0.0, invisible=3)
+    hidden = table[~table["frame"].between(8, 10)]
+    assert track(hidden, management=management)["particle"].max() == 0
+    hidden = table[~table["frame"].between(8, 11)]
+    assert track(hidden, management=management)["particle"].max() == 1
+
+
+def test_a_track_that_is_seldom_seen_is_given_up():
+    """Seen in frames 0, 1, then every third: 3 of 7 frames are 0.43, 3 of 8 are 0.375."""
+    table = flight((100, 200), (3, 2))
+    seldom = table[table["frame"].isin([0, 1, 4, 8])]
+    assert track(seldom)["particle"].tolist() == [0, 0, 0, 1]
+    assert not track(seldom, management=Management(visibility_age=9))["particle"].any()
+    assert not track(seldom, management=Management(visibility=0.0))["particle"].any()
+
+
+def test_clutter_does_not_lead_a_particle_astray():
+    table = together(flight((100, 300), (14, 3)), clutter(1, size=1000.0))
+    found = track(table)
+    assert len(found.loc[found["truth"] == 0, "particle"].unique()) == 1
+
+
+def test_a_throw_needs_acceleration_or_noise():
+    time = np.arange(20)
+    table = pd.DataFrame({"frame": time, "row": 5.0 * time + 0.4 * time**2, "col": 9.0 * time})
+    for motion in (ConstantVelocity(), ConstantAcceleration()):
+        assert not track(table, motion=motion)["particle"].any()
+    stiff = ConstantVelocity(acceleration_noise=1e-3, measurement_sd=0.1)
+    assert track(table, motion=stiff)["particle"].any()
+
+
+def test_depth_and_size_keep_two_apart_that_fly_as_one():
+    near = flight((100, 100), (10, 12), z=3000.0, points=40)
+    far = flight((100.5, 100), (10, 12), z=6000.0, points=90)
+    found = track(together(near, far))
+    assert same_partition(found["particle"], found["truth"])
+
+
+def test_a_track_keeps_its_last_known_depth():
+    """The second comes where the first was expected, but 3 m behind it."""
+    near = flight((100, 100), (10, 0), 5, z=[3000.0, np.nan, np.nan, np.nan, np.nan])
+    far = flight((150, 100), (10, 0), 3, first=5, z=6000.0)
+    found = track(together(near, far))
+    assert same_partition(found["particle"], found["truth"])
+    nothing = track(together(near.assign(z=np.nan), far))  # never had one: passes
+    assert not nothing["particle"].any()
+
+
+def test_a_gap_is_predicted_with_its_true_length():
+    table = pd.concat([flight((0, 0), (20, 5), 10), flight((500, 125), (20, 5), 5, first=25)])
+    patient = Management(visibility=0.0, invisible=30)
+    assert not track(table, management=patient)["particle"].any()
+    assert track(table)["particle"].tolist() == [0] * 10 + [1] * 5
+    long = flight((0, 0), (20, 5), 4)
+    long.loc[3, "frame"] = 10**9
+    assert track(long)["particle"].tolist() == [0, 0, 0, 1]
+
+
+@trackers
+def test_every_detection_is_in_one_track_and_no_track_twice_in_a_frame(associator):
+    for seed in range(3):
+        found = track(clutter(seed, per_frame=12), associator)
+        assert found["particle"].dtype == np.int64
+        assert sorted(found["particle"].unique()) == list(range(found["particle"].nunique()))
+        assert not found.duplicated(["frame", "particle"]).any()
+        birth = found.groupby("particle")["frame"].min()
+        assert birth.is_monotonic_increasing
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, shift=st.tuples(st.integers(-500, 500), st.integers(-500, 500)))
+def test_where_and_when_it_happens_does_not_matter(seed, shift):
+    table = clutter(seed, 10, 8)
+    table[["row", "col"]] = table[["row", "col"]].round()  # so that moving them is exact
+    moved = table.assign(
+        frame=table["frame"] + shift[0], row=table["row"] + shift[0], col=table["col"] + shift[1]
+    )
+    pd.testing.assert_series_equal(track(table)["particle"], track(moved)["particle"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_neither_tracks_nor_ids_depend_on_the_order_of_the_rows(seed):
+    table = clutter(seed, 10, 8)
+    shuffled = table.sample(frac=1, random_state=seed % 2**31)
+    found = track(shuffled)
+    assert found.index.equals(shuffled.index)
+    pd.testing.assert_frame_equal(found.sort_index(), track(table))
+
+
+def test_nothing_is_remembered_between_calls():
+    table = clutter(4)
+    before = table.copy()
+    pd.testing.assert_frame_equal(track(table, JPDA()), track(table, JPDA()))
+    pd.testing.assert_frame_equal(table, before)
+
+
+def test_the_steps_tell_what_was_done():
+    table = together(flight((100, 100), (10, 12)), flight((297, 105), (-10, 12)))
+    for step in steps(table):
+        n, m = len(step.predicted.particle), len(step.rows)
+        assert step.weights.shape == (n, 1 + m)
+        assert step.residual_covariance.shape == (n, 2, 2)
+        assert (table["frame"].to_numpy()[step.rows] == step.frame).all()
+        assert len(step.particle) == m
+    assert n == m == 2
+    found = table.iloc[step.rows].assign(particle=step.particle).sort_values("particle")
+    apart = step.predicted.state[:, :2] - found[["row", "col"]]
+    assert (apart.abs() < 1.0).all(axis=None)
+
+
+@pytest.mark.parametrize(
+    "table", [DETECTIONS.empty(), pd.DataFrame(columns=["frame", "row", "col"])]
+)
+def test_no_detections_are_no_tracks(table):
+    found = track(table)
+    assert list(found.columns) == [*table.columns, "particle"]
+    assert found["particle"].dtype == np.int64
+    assert not len(found)
+
+
+def test_a_gate_of_nought_makes_every_detection_its_own_track():
+    found = track(flight((100, 200), (0, 0)), gate=Gate(distance=0.0))
+    assert found["particle"].tolist() == list(range(20))
+
+
+def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
+    """The other takes what it wants next, if it beats "missed"; what is left starts a track."""
+
+    def undecided(pairs):
+        n, m = pairs.distance_squared.shape
+        rows = (
+            [[0.1, 0.6, 0.2, 0.1], [0.1, 0.7, 0.05, 0.15]] if (n, m) == (2, 3) else np.eye(n, 1 + m)
+        )
+        return np.asarray(rows)
+
+    first = pd.DataFrame({"frame": 0, "row": [0.0, 1.0], "col": 0.0})
+    second = pd.DataFrame({"frame": 1, "row": [0.0, 1.0, 2.0], "col": 0.0})
+    found = track(pd.concat([first, second]), undecided)
+    assert found["particle"].tolist() == [0, 1, 1, 0, 2]
+
+
+def test_probabilities_move_the_filter_but_never_a_position():
+    """JPDA weighs both detections; what is recorded is one of them, as it was detected."""
+    table = together(flight((100, 100), (10, 12)), flight((104, 100), (10, 12)))
+    found = track(table, JPDA())
+    pd.testing.assert_frame_equal(found.drop(columns="particle"), table)
+    assert any(((s.weights > 0.01) & (s.weights < 0.99)).any() for s in steps(table, JPDA()))
+
+
+def test_a_detection_that_several_tracks_share_is_recorded_for_the_likeliest():
+    shared = np.array([[0.55, 0.45], [0.6, 0.4], [1.0, 0.0]])  # 0.85 that it is of a track
+    assert tracking.record(shared).tolist() == [0]
+    doubtful = np.array([[0.8, 0.2], [0.75, 0.25]])  # 0.45: of none, rather
+    assert tracking.record(doubtful).tolist() == [-1]
+    taken = np.array([[0.1, 0.5, 0.4], [0.9, 0.0, 0.1]])  # its track has a likelier one
+    assert tracking.record(taken).tolist() == [0, -1]
