@@ -15,7 +15,7 @@ import pytest
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 from kilnflight.tracking.tracker import track
 
-PROJECT = Path(__file__).resolve().parents[1]
+PROJECT = Path(__file__).resolve().parents[2]
 RECORDINGS = Path(
     os.environ.get("KILNFLIGHT_RECORDINGS")
     or PROJECT.parent / "shared" / "data" / "belt_recordings"
