@@ -103,7 +103,7 @@ def test_a_cut_off_recording_cannot_be_opened_and_goes_on(small, target, same_fr
 def test_a_killed_process_leaves_nothing_that_opens(small, target, same_frame):
     script = f"""
 import os, signal, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 from conftest import SmallRecording
 from kilnflight.recording.store import write_recording
 class Killed(SmallRecording):
