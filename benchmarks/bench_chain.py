@@ -17,7 +17,7 @@ from kilnflight import pipeline
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
 from kilnflight.experiments.lessons import Learned
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 
 LENGTHS = (30, 100, 300)  # frames of confetti at 4.5 bar, with the 150 around them to subtract
 # About what the labelled frames teach (`lessons`), which is not measured here.
@@ -60,9 +60,9 @@ def save() -> None:
         "included: detection, then tracking, post-processing, regression and flights, and the peak "
         "of memory, by number of frames. Short stretches pay for the 150 frames around them."
     )
-    made = provenance.trace("benchmarks/bench_chain", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_chain", {"scale": "full"})
     data = pd.DataFrame(table, columns=columns)
-    figures.save("benchmark-chain", data, caption=caption, provenance=made)
+    figures.save("benchmark-chain", data, caption=caption, provenance=origin)
 
 
 if __name__ == "__main__":

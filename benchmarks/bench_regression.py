@@ -10,7 +10,7 @@ import pandas as pd
 import plain_regression
 from measure import Row, compare
 
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 from kilnflight.regression import regress_all
 from kilnflight.regression.search import Combinations, range_of_start
 
@@ -113,8 +113,8 @@ def save() -> None:
         "Seconds, one core, of the regression of some trajectories of some points, which solves "
         "those of the 125 combinations of orders that its choice looks at, and of all 125."
     )
-    made = provenance.trace("benchmarks/bench_regression", {"scale": "full"})
-    figures.save("benchmark-regression", table, caption=caption, provenance=made)
+    origin = figures.trace("benchmarks/bench_regression", {"scale": "full"})
+    figures.save("benchmark-regression", table, caption=caption, provenance=origin)
 
 
 if __name__ == "__main__":

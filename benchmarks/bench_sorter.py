@@ -22,7 +22,7 @@ from kilnflight.belt.conveyor import Conveyor
 from kilnflight.belt.friction_values import calibrated_sorter
 from kilnflight.belt.physics import compiled, engine, missing
 from kilnflight.belt.velocity import velocities, velocity_profile
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 
 SIZES = (20, 60, 120)
 SECONDS = 0.1
@@ -113,15 +113,15 @@ def save() -> None:
     if missing():
         print(f"bench_sorter: skipped. {missing()}", flush=True)
         return
-    made = provenance.trace("benchmarks/bench_sorter", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_sorter", {"scale": "full"})
     caption = (
         "Seconds of computing per simulated second of cuboids on the belt, one process; how high "
         "above it they get, and mean velocity minus what mechanics gives. Surface: ours; moving "
         "body: a heavy body under them, with the same friction."
     )
-    figures.save("benchmark-sorter", costs(), caption=caption, provenance=made)
+    figures.save("benchmark-sorter", costs(), caption=caption, provenance=origin)
     caption = (
         "Mean and standard deviation of the velocity along the belt for the same 150 particles "
         "with three time steps, and seconds of computing per simulated second in one process."
     )
-    figures.save("benchmark-sorter-step", convergence(), caption=caption, provenance=made)
+    figures.save("benchmark-sorter-step", convergence(), caption=caption, provenance=origin)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from measure import Row, compare
 
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 from kilnflight.twin import appearance, drawing, scenes
 from kilnflight.twin.scene import Twin
 
@@ -79,12 +79,12 @@ def save() -> None:
         "Rendering of the twin at full resolution with point cloud and labels, one process: speed "
         "and peak memory against the number of frames."
     )
-    made = provenance.trace("benchmarks/bench_twin", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_twin", {"scale": "full"})
     figures.save(
         "benchmark-rendering",
         pd.DataFrame(table, columns=columns),
         caption=caption,
-        provenance=made,
+        provenance=origin,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 
 
 def main() -> None:
@@ -29,8 +29,8 @@ def main() -> None:
         "Time of our implementation and of a peer with the same result, best of three runs in "
         "turns on the same machine; the ratio is peer over ours."
     )
-    made = provenance.trace("benchmarks/run", {"scale": "full"})
-    figures.save("benchmarks", table, caption=caption, provenance=made)
+    origin = figures.trace("benchmarks/run", {"scale": "full"})
+    figures.save("benchmarks", table, caption=caption, provenance=origin)
 
 
 if __name__ == "__main__":

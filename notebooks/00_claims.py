@@ -15,15 +15,14 @@ seed = 0  # nothing random happens here
 # %%
 import pandas as pd
 
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, gallery, provenance
+from kilnflight.project import claims, figures
 
-concluded = gallery.concluded()
-made = provenance.trace("00_claims", {"scale": scale}, inputs=concluded.values())
-claims = reference.collect(pd.read_csv(path) for path in concluded.values())
-counts = reference.count(claims)
+concluded = figures.concluded()
+origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values())
+table = claims.collect(pd.read_csv(path) for path in concluded.values())
+counts = claims.count(table)
 caption = "Every claim of the three works with verdict, measured value and notebook."
-figures.save("claims", claims, caption=caption, provenance=made)
+figures.save("claims", table, caption=caption, provenance=origin)
 pd.set_option("display.max_colwidth", None)
 pd.set_option("display.max_rows", None)
 
@@ -31,22 +30,22 @@ pd.set_option("display.max_rows", None)
 # ## Tested
 
 # %%
-tested = claims[claims["notebook"] != ""]
+tested = table[table["notebook"] != ""]
 tested.set_index("id")
 
 # %% [markdown]
 # ## Waiting for their input
 
 # %%
-claims.loc[claims["notebook"] == "", ["id", "published", "reason"]].set_index("id")
+table.loc[table["notebook"] == "", ["id", "published", "reason"]].set_index("id")
 
 # %% [markdown]
 # ## Verdict
 
 # %%
 result = (
-    f"{len(tested)} of {len(claims)} claims tested: {counts['reproduced']} reproduced, "
+    f"{len(tested)} of {len(table)} claims tested: {counts['reproduced']} reproduced, "
     f"{counts['not reproduced']} not reproduced, "
-    f"{(tested['verdict'] == reference.NOT_DECIDABLE).sum()} not decidable here."
+    f"{(tested['verdict'] == claims.NOT_DECIDABLE).sum()} not decidable here."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

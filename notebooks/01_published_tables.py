@@ -16,15 +16,12 @@ seed = 0  # nothing random happens here
 
 # %%
 from kilnflight.experiments import errata
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import paths as places
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, paths, style
 
-drawing.use_style()
-tables = sorted((places.reference() / "published").glob("table_5.*.csv"))
-made = provenance.trace(
-    "01_published_tables", {"scale": scale}, inputs=[*tables, places.reference() / "statements.csv"]
+style.use_style()
+tables = sorted((paths.reference() / "published").glob("table_5.*.csv"))
+origin = figures.trace(
+    "01_published_tables", {"scale": scale}, inputs=[*tables, paths.reference() / "statements.csv"]
 )
 
 # %% [markdown]
@@ -50,12 +47,12 @@ caption = (
     "Published values that disagree with what other published values determine. "
     "The last column says whether a conclusion of the publication depends on it."
 )
-shown = figures.save("errata", wrong, caption=caption, provenance=made)
+shown = figures.save("errata", wrong, caption=caption, provenance=origin)
 caption = (
     "Every published number that others determine, beside its recomputed value. "
     "A value agrees when it is off by no more than half a unit of its last printed digit."
 )
-figures.save("table-published-recomputed", checks, caption=caption, provenance=made)
+figures.save("table-published-recomputed", checks, caption=caption, provenance=origin)
 shown
 
 # %% [markdown]
@@ -69,10 +66,10 @@ ranks = errata.best_f1_of_3d_methods()
 ranks
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=50)
+picture, ((axes,),) = style.canvas(height_mm=50)
 for shift, column, mark, fill in ((-0.12, "printed", "s", "white"), (0.12, "recomputed", "o", "k")):
-    style = {"color": "black", "mfc": fill, "label": column}
-    axes.plot(ranks.index + shift, ranks[f"{column}_f1"], mark, **style)
+    look = {"color": "black", "mfc": fill, "label": column}
+    axes.plot(ranks.index + shift, ranks[f"{column}_f1"], mark, **look)
 settings = ranks["method"] + "\n" + ranks["setting"].str.replace(", ", "\n")
 
 # %% tags=["hide-input"]
@@ -85,7 +82,7 @@ caption = (
     "QCC leads at K = 30, alpha = 0.1; recomputed, that setting falls behind, DBSCAN leads, "
     "and the best setting of QCC is another one."
 )
-figures.save("fig-5-11-best-3d-method", ranks, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-11-best-3d-method", ranks, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Equation 2.4 at its breakpoints
@@ -104,10 +101,10 @@ equation[["quantity", "printed", "recomputed"]]
 cell = checks[(checks["where"] == "Table 5.10, K=30, alpha=0.1") & (checks["quantity"] == "f1")]
 printed, exact, agrees = cell[["printed", "recomputed", "agrees"]].iloc[0]
 conditions = {f"printed {printed} is the recomputed {exact:.4f}": bool(agrees)}
-verdicts = [reference.judge("cluster-10", conditions, note="recomputed from the printed counts")]
+verdicts = [claims.judge("cluster-10", conditions, note="recomputed from the printed counts")]
 depends = int(wrong["consequence"].str.match("yes|in part").sum())
 result = (
     f"{len(checks)} printed values recomputed; {len(wrong)} disagree, "
     f"and a conclusion depends on {depends} of them."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -31,17 +31,14 @@ import pandas as pd
 from matplotlib import cbook
 
 from kilnflight import camera
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import paths as places
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, paths, style
 from kilnflight.twin import plate
 
-drawing.use_style()
+style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]
-facts = [places.reference() / "published" / "depth_calibration.csv"]
+facts = [paths.reference() / "published" / "depth_calibration.csv"]
 setting = {"scale": scale, "points": points}
-made = provenance.trace("02_depth_calibration", setting, seed=seed, inputs=facts)
+origin = figures.trace("02_depth_calibration", setting, seed=seed, inputs=facts)
 print(f"{points} points at each of {len(camera.PLATE_DISTANCES_MM)} distances")
 
 # %% [markdown]
@@ -60,7 +57,7 @@ facts = {
 }
 limits = pd.DataFrame({"quantity": list(facts), "millimetres": list(facts.values())}).round(1)
 caption = "Where Eq. 2.4 jumps, falls and turns negative. A calibration should do none of these."
-figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=made)
+figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The plate, as the twin's camera sees it
@@ -79,7 +76,7 @@ plates["median_error_mm"] = plates["median_mm"] - 1000.0 * metres
 plates.round(1)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=70)
+picture, ((axes,),) = style.canvas(height_mm=70)
 some = [plate.see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
 for cloud, m in zip(some, metres, strict=True):
     axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
@@ -90,10 +87,10 @@ caption = (
 )
 table = pd.DataFrame(np.concatenate(some), columns=["x_mm", "y_mm", "z_captured_mm"])
 table.insert(0, "true_m", np.repeat(metres, 400))
-figures.save("fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=62)
+picture, ((axes,),) = style.canvas(height_mm=62)
 axes.axhline(0, color="0.6", ls="-", label="true depth")
 thin = {"marker": "+", "markersize": 2, "markeredgewidth": 0.4, "markeredgecolor": "0.5"}
 boxes = cbook.boxplot_stats((captured - true).T / 1000)
@@ -101,10 +98,10 @@ for box in boxes:  # more outliers would only blacken the picture
     box["fliers"] = np.random.default_rng(seed).permutation(box["fliers"])[:60]
 axes.bxp(boxes, positions=metres, widths=0.5, flierprops=thin)
 deviation = plates["published_mm"] / 1000 - metres
-style = {"color": "#D55E00", "mfc": "white", "ms": 4, "label": "published (Eq. 2.4)"}
+look = {"color": "#D55E00", "mfc": "white", "ms": 4, "label": "published (Eq. 2.4)"}
 
 # %% tags=["hide-input"]
-axes.plot(metres, deviation, "D", **style)
+axes.plot(metres, deviation, "D", **look)
 axes.set(xlabel="distance of the plate (m)", ylabel="captured minus true depth (m)")
 axes.set(ylim=(-3, 3), xlim=(0.3, 11.7), xticks=metres, xticklabels=range(1, 12))
 axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
@@ -113,7 +110,7 @@ caption = (
     "whiskers of the points (at most 60 outliers shown); diamonds: what Eq. 2.4 maps to the truth. "
     "Centres and scatter are inputs, taken from Eq. 2.4 and the words of section 2.1.5."
 )
-figures.save("fig-2-15-plate-depth", plates, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-15-plate-depth", plates, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -127,17 +124,17 @@ far = {f"{m}: {abs(b):.0f} mm": abs(b) < bias["8 m"] for m, b in bias.loc["9 m":
 
 # %%
 verdicts = [
-    reference.undecidable("depth-1", "the scatter is an input here, set to the words of the text"),
-    reference.judge(
+    claims.undecidable("depth-1", "the scatter is an input here, set to the words of the text"),
+    claims.judge(
         "depth-2",
         bias.loc["3 m":"5 m"].abs(),
         note=f"{exact}; the other one at 3 m is {other:.0f} mm off",
     ),
-    reference.judge("depth-3", bias.loc["6 m":"8 m"], note=exact),
-    reference.judge("depth-4", far, note=f"{exact}; at 8 m it is {bias['8 m']:.0f} mm"),
+    claims.judge("depth-3", bias.loc["6 m":"8 m"], note=exact),
+    claims.judge("depth-4", far, note=f"{exact}; at 8 m it is {bias['8 m']:.0f} mm"),
 ]
 result = (
     f"Eq. 2.4 jumps by {published.jumps()[0]:.0f} mm at 3 m and reverses the order of depths "
     f"between {falling.min():.0f} and {falling.max():.0f} mm."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

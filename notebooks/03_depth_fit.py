@@ -18,14 +18,12 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import camera
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 from kilnflight.twin import plate
 
-drawing.use_style()
+style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]
-made = provenance.trace("03_depth_fit", {"scale": scale, "points": points}, seed=seed)
+origin = figures.trace("03_depth_fit", {"scale": scale, "points": points}, seed=seed)
 captured, true = plate.see_all_plates(points, np.random.default_rng(seed))
 metres = np.array(camera.PLATE_DISTANCES_MM) / 1000.0
 medians = np.median(captured, axis=1)
@@ -50,7 +48,7 @@ for name, fit in fits.items():
 errors.round(0)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=62)
+picture, ((axes,),) = style.canvas(height_mm=62)
 axes.plot([0, 12], [0, 12], "--", color="0.6", label="expected")
 axes.plot(metres, medians / 1000, "o-", color="#0072B2", label="captured (median)")
 calibrated = metres + errors["printed_mm"] / 1000
@@ -61,7 +59,7 @@ caption = (
     "Median depth of the plate seen by the twin before and after Eq. 2.4, after Fig. 2.16. At 3 m "
     "the scatter crosses the breakpoint; after calibration the median is further off than before."
 )
-figures.save("fig-2-16-calibration", errors, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-16-calibration", errors, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What a continuous fit would have changed
@@ -82,7 +80,7 @@ faults["largest error"] = curve.filter(like="_error_mm").abs().max().to_numpy()
 faults.round(0)  # all in mm
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=62)
+picture, ((axes,),) = style.canvas(height_mm=62)
 labels = ["Eq. 2.4 as printed", "fitted, may jump", "fitted, continuous", "medians, continuous"]
 axes.axhline(0, color="0.6", lw=0.6, ls="-")
 for name, label in zip(fits, labels, strict=True):
@@ -95,7 +93,7 @@ caption = (
     f"{faults['largest error']['printed']:.0f} mm; the maximum below 3 m stays, so that no fit is "
     f"one to one (the continuous one falls over {faults['falls over']['continuous']:.0f} mm)."
 )
-figures.save("fig-2-16-continuous-fit", curve, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-16-continuous-fit", curve, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdict
@@ -107,10 +105,10 @@ circular = (
     "the plate is simulated from Eq. 2.4 itself, which must then undo it; even so the error at "
     "3 m grows"
 )
-verdicts = [reference.undecidable("depth-5", circular, measured)]
+verdicts = [claims.undecidable("depth-5", circular, measured)]
 largest = faults["largest error"]
 result = (
     f"Between the plates Eq. 2.4 is off by up to {largest['printed']:.0f} mm (near 2.5 m); "
     f"a continuous fit by {largest['continuous']:.0f} mm, without the step at 3 m."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

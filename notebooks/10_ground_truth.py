@@ -24,17 +24,14 @@ from scipy.spatial import cKDTree
 
 from kilnflight import camera
 from kilnflight.experiments import trial
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import paths as places
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, paths, style
 from kilnflight.twin import mixture, prepared, truth
 
-drawing.use_style()
+style.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
-tables = [places.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
+tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
-made = provenance.trace("10_ground_truth", setting, seed=seed, inputs=tables)
+origin = figures.trace("10_ground_truth", setting, seed=seed, inputs=tables)
 names = trial.FEWER if scale == "quick" else tuple(mixture.SUBSETS)
 twins = {name: prepared.prepared_scene(name, seed) for name in names}
 wanted = mixture.LABELLED[:frames]
@@ -49,26 +46,26 @@ parts = {
 seen = pd.concat(parts, names=["subset"]).reset_index("subset")
 seen = seen[seen["visible"]]
 counts = seen.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
-published = reference.published("table_5.2")[list(names)].iloc[:3]
+published = claims.published("table_5.2")[list(names)].iloc[:3]
 table = pd.concat([counts.round(0), published.set_axis(counts.index)], keys=["twin", "published"])
 table = table.rename_axis(["source", "label"]).reset_index()
 table.insert(2, "class", table["label"].map(truth.CLASSES))
 caption = "Labelled particles of ten frames by class, the twin's beside Table 5.2 of the thesis."
-figures.save("table-5-2-ground-truth", table, caption=caption, provenance=made)
+figures.save("table-5-2-ground-truth", table, caption=caption, provenance=origin)
 
 # %%
 shares = seen.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
 shares.insert(0, "class", shares.index.map(truth.CLASSES))
 shares["published_depth"] = (
-    reference.published("table_5.2")["percentage_with_3d_info"].iloc[:3].to_numpy()
+    claims.published("table_5.2")["percentage_with_3d_info"].iloc[:3].to_numpy()
 )
-shares["published_roi"] = reference.published("table_5.3")["percentage"].iloc[:3].to_numpy()
+shares["published_roi"] = claims.published("table_5.3")["percentage"].iloc[:3].to_numpy()
 caption = (
     "Share of the labelled particles with depth and inside the region of interest in percent, "
     "beside Tables 5.2 and 5.3. Both are inputs of the twin."
 )
 table = shares.reset_index()
-figures.save("table-5-3-ground-truth", table, caption=caption, provenance=made)
+figures.save("table-5-3-ground-truth", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## An annotated frame
@@ -76,8 +73,8 @@ figures.save("table-5-3-ground-truth", table, caption=caption, provenance=made)
 # %% tags=["hide-input"]
 twin = twins[names[0]]
 frame = twin.frame(mixture.LABELLED[0])
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 72}
-picture, ((left, right),) = drawing.canvas(1, 2, **size)
+size = {"width_mm": style.PAGE_MM, "height_mm": 72}
+picture, ((left, right),) = style.canvas(1, 2, **size)
 left.imshow(frame.gray, cmap="gray", vmin=0, vmax=65_535, interpolation="bilinear")
 for label, colour in ((2, "#56B4E9"), (3, "#E69F00"), (4, "#CC79A7")):
     left.contour(frame.labels == label, [0.5], colors=colour, linewidths=0.5)
@@ -97,7 +94,7 @@ caption = (
     "Right: captured depth where there is one."
 )
 table = parts[names[0]][parts[names[0]]["frame"] == frame.index].drop(columns="time_s")
-figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Sizes and distances (Figs 3.12 and 5.7)
@@ -114,7 +111,7 @@ steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()
 radius = seen["radius_px"].to_numpy()
 
 # %% tags=["hide-input"]
-picture, ((left, right),) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=55)
+picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=55)
 left.hist(radius, np.arange(0, 26), color="0.7", edgecolor="black", lw=0.5)
 left.axvline(7.7, color="#D55E00", label="published mean 7.7 px")
 left.axvline(radius.mean(), color="k", ls="--", label=f"twin's mean {radius.mean():.1f} px")
@@ -133,7 +130,7 @@ caption = (
     "of each subset)."
 )
 table = pd.DataFrame({"radius_px": np.sort(radius)})
-figures.save("fig-3-12-radius", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-12-radius", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Distance to the kiln's axis (Fig. 3.11)
@@ -155,12 +152,12 @@ for name, twin in twins.items():
 distances = pd.concat(parts_mm, ignore_index=True)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=58)
+picture, ((axes,),) = style.canvas(height_mm=58)
 bins = np.arange(0, 1001, 25)
-for wall, style in ((False, {"color": "0.75"}), (True, {"color": "none", "hatch": "////"})):
+for wall, look in ((False, {"color": "0.75"}), (True, {"color": "none", "hatch": "////"})):
     values = distances.loc[(distances["label"] == 4) == wall, "distance_mm"]
     axes.hist(
-        values, bins, label="on the wall" if wall else "in air", edgecolor="k", lw=0.4, **style
+        values, bins, label="on the wall" if wall else "in air", edgecolor="k", lw=0.4, **look
     )
 
 # %% tags=["hide-input"]
@@ -173,7 +170,9 @@ caption = (
     "after Fig. 3.11. The thesis fits a radius of 772 mm to a kiln of 700 mm; the twin has none "
     "of the static error behind that in its base scene."
 )
-figures.save("fig-3-11-axis-distance", distances, picture=picture, caption=caption, provenance=made)
+figures.save(
+    "fig-3-11-axis-distance", distances, picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Result
@@ -184,4 +183,4 @@ result = (
     f"{len(seen)} labelled particles in {frames * 5} frames; {points:.0f} points per frame, "
     f"{100 * steps[0]:.0f} % nearer than 1 mm to the next (published: a third)."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

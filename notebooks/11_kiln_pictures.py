@@ -22,14 +22,13 @@ import pandas as pd
 from kilnflight import kiln, thermography
 from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import pursuit, trial
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 from kilnflight.twin import prepared, scenes
 from kilnflight.twin.geometry import Geometry
 
-drawing.use_style()
+style.use_style()
 frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
-made = provenance.trace("11_kiln_pictures", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("11_kiln_pictures", {"scale": scale, "frames": frames}, seed=seed)
 print(f"{frames} frames of each fraction at 4.5 bar")
 
 # %% [markdown]
@@ -61,7 +60,7 @@ tracks = pd.concat(paths)
 
 # %% tags=["hide-input"]
 height = 62.5 * len(sums)
-picture, grid = drawing.canvas(len(sums), 2, width_mm=drawing.PAGE_MM, height_mm=height)
+picture, grid = style.canvas(len(sums), 2, width_mm=style.PAGE_MM, height_mm=height)
 for panels, (name, image) in zip(grid, sums.items(), strict=True):
     top = max(np.quantile(image[image > 0], 0.9), 1) if image.any() else 1
     panels[0].imshow(np.clip(image / top, 0, 1) ** 0.5, cmap="gray", interpolation="bilinear")
@@ -78,7 +77,7 @@ caption = (
     "5.17 (without the burner and what is below eight times a frame's median difference), and the "
     "true paths of the same particles in the air."
 )
-figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Temperature profile of the wall
@@ -98,7 +97,7 @@ profile = thermography.wall_profile(infrared, tuple(corners), rows=len(along))
 truth = 1423.0 - 9.0 * (along - 1.0) ** 2
 
 # %% tags=["hide-input"]
-picture, ((left, right),) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62)
+picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=62)
 shown = left.imshow(infrared, cmap="inferno", vmin=1340, vmax=1430)
 picture.colorbar(shown, ax=left, label="temperature (K)", shrink=0.8)
 outline = np.array([*corners, corners[0]])
@@ -116,7 +115,7 @@ caption = (
 # %%
 table = pd.DataFrame({"along_m": along, "true_k": truth, "profile_k": profile})
 off = float(np.abs(profile - truth)[2:-2].max())
-figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-4-wall-profile", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
 crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(sums), fill_value=0)
@@ -125,4 +124,4 @@ result = (
     + ", ".join(f"{name} {count}" for name, count in crowd.items())
     + f"; the wall's temperature profile is recovered within {off:.0f} K."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

@@ -5,8 +5,7 @@
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 from kilnflight.scores import flights as findings
 from kilnflight.twin import calibration, outcomes, statements
 from kilnflight.twin.flight import Flight
@@ -33,10 +32,10 @@ seed = 53  # of particles, turbulence and tumbling; another one than the calibra
 particles = 0  # per fraction and pressure; 0: 100, 1000 or 4000 by scale
 
 # %%
-drawing.use_style()
+style.use_style()
 particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]
 setting = {"scale": scale, "particles": particles}
-made = provenance.trace("12_flights", setting, seed=seed, inputs=[calibration.FILE])
+origin = figures.trace("12_flights", setting, seed=seed, inputs=[calibration.FILE])
 versions = {"inputs only": calibration.INPUTS_ONLY, "calibrated": calibration.calibrated()}
 flown, rows = {}, {}
 for version, free in versions.items():
@@ -62,7 +61,7 @@ caption = (
     f"What the twin gets wrong with its inputs only: {len(failures)} of {len(said)} statements. "
     "Nothing was fitted to any of them."
 )
-figures.save("twin-flights-inputs-only", failures, caption=caption, provenance=made)
+figures.save("twin-flights-inputs-only", failures, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The six inputs that were fitted
@@ -82,7 +81,7 @@ caption = (
     f"after {record['evaluations']} evaluations; with other particles {again[0]:.0f} and "
     f"{again[1]:.0f}, so some of the gain was chance."
 )
-figures.save("twin-flights-calibration", fitted, caption=caption, provenance=made)
+figures.save("twin-flights-calibration", fitted, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Every statement
@@ -100,7 +99,7 @@ caption = (
     "open), and the twin's truth with inputs only and calibrated. The last column tells what the "
     "calibration saw. Off by: units of half the bounds' width, at least 0.5 m/s, 5 %, 0.05 s."
 )
-figures.save("table-twin-flights", table, caption=caption, provenance=made)
+figures.save("table-twin-flights", table, caption=caption, provenance=origin)
 
 # %%
 units = pd.DataFrame({version: statements.misfits(said, answers[version]) for version in versions})
@@ -116,7 +115,7 @@ caption = (
     "what the calibration saw. A value printed without bounds has only itself as bounds."
 )
 table = agreed.round(2).reset_index()
-figures.save("twin-flights-agreement", table, caption=caption, provenance=made)
+figures.save("twin-flights-agreement", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity and remaining share along the way
@@ -127,11 +126,11 @@ parts = {version: findings.along(one) for version, one in rows.items()}
 way = pd.concat(parts, names=["version"]).reset_index(0).set_index(keys).sort_index()
 printed = statements.along(said).set_index(keys[1:]).sort_index()
 tops = {"velocity": 18.0, "remaining": 105.0}
-looks = {4.5: (drawing.COLOURS[2], "o", -0.08), 5.0: (drawing.COLOURS[1], "s", 0.08)}
+looks = {4.5: (style.COLOURS[2], "o", -0.08), 5.0: (style.COLOURS[1], "s", 0.08)}
 lines = {"inputs only": ":", "calibrated": "-"}
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(2, 4, width_mm=drawing.PAGE_MM, height_mm=100, sharex=True)
+picture, grid = style.canvas(2, 4, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
 places = [(quantity, name) for quantity in tops for name in FRACTIONS]
 for axes, (quantity, name) in zip(grid.flat, places, strict=True):
     axes.set(title=name, ylim=(0, tops[quantity]), xlim=(0, 5.3))
@@ -159,7 +158,7 @@ caption = (
     "confetti at 4.5 bar only."
 )
 data = pd.concat([way.reset_index(), printed.reset_index().assign(version="published")])
-figures.save("fig-5-21-true-velocity", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-21-true-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Dwell time
@@ -177,13 +176,13 @@ boxes = pd.DataFrame(
 )
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=110, sharey=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharey=True)
 for panels, version in zip(grid, versions, strict=True):
     panels[0].set_ylabel("dwell time (s)")
     for axes, bar in zip(panels, (4.5, 5.0), strict=True):
         some = boxes[(boxes["version"] == version) & (boxes["pressure_bar"] == bar)]
-        axes.axhspan(0.3, 0.5, color=drawing.COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
-        drawing.boxes(axes, some)
+        axes.axhspan(0.3, 0.5, color=style.COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
+        style.boxes(axes, some)
         axes.set(title=f"{version}, {bar} bar", xticks=range(4), xticklabels=list(FRACTIONS))
 
 # %%
@@ -192,7 +191,7 @@ caption = (
     "outliers, the numbers are the widths of the boxes (s). Shaded: where the text puts the "
     "medians at 4.5 bar. Particles that leave the kiln through the outlet have no dwell time."
 )
-figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Ignition in flight
@@ -200,12 +199,12 @@ figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, pro
 # %% tags=["hide-input"]
 keys = [(name, bar) for name in ("confetti", "paper shred") for bar in (4.5, 5.0)]
 early = said[said["outcome"] == "ignited < 0.1 s (%)"].set_index(["fraction", "pressure_bar"])
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=100, sharex=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
 bins = {}
 for axes, (name, bar) in zip(grid.flat, keys, strict=True):
     for k, (version, cells) in enumerate(flown.items()):
         one = bins[version, name, bar] = findings.ignition_histogram(cells[name, bar].ignition_s)
-        bars = {"hatch": drawing.HATCHES[1 - k], "color": ("0.85", drawing.COLOURS[2])[k]}
+        bars = {"hatch": style.HATCHES[1 - k], "color": ("0.85", style.COLOURS[2])[k]}
         place = one["from_s"] + 0.03 + 0.04 * k
         axes.bar(place, one["percent"], 0.04, ec="black", lw=0.5, label=version, **bars)
     axes.plot(0.05, early.loc[(name, bar), "high"], "D", color="#D55E00", label="published")
@@ -220,7 +219,7 @@ caption = (
     "5.26. Diamonds: published share within 0.1 s. Wood chips and granules are in the table."
 )
 data = pd.concat(bins, names=["version", "fraction", "pressure_bar"]).droplevel(3).reset_index()
-figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What disagrees
@@ -250,4 +249,4 @@ result = (
     f"calibrated; median misfit {held['inputs only, median off by']:.1f} and "
     f"{held['calibrated, median off by']:.1f} units of the published bounds."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

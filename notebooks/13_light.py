@@ -19,10 +19,10 @@ from dataclasses import asdict
 
 import pandas as pd
 
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 from kilnflight.twin import exposure
 
-made = provenance.trace("13_light", {"scale": scale}, seed=seed, inputs=[exposure.FILE])
+origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[exposure.FILE])
 
 # %% [markdown]
 # ## Inputs, before and after
@@ -42,7 +42,7 @@ caption = (
     f"(Table 5.5). Cost {record['cost_inputs_only']:.0f} before and "
     f"{record['cost_calibrated']:.0f} after {record['evaluations']} evaluations."
 )
-figures.save("twin-picture-calibration", fitted, caption=caption, provenance=made)
+figures.save("twin-picture-calibration", fitted, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Targets, before and after
@@ -60,7 +60,7 @@ caption = (
     "What the picture was fitted to: precision and recall of Otsu's method and its recall of "
     "non-burning particles (unlit), published, before and after the fit, on the frames of the fit."
 )
-figures.save("twin-picture-targets", targets, caption=caption, provenance=made)
+figures.save("twin-picture-targets", targets, caption=caption, provenance=origin)
 
 # %%
 miss = targets.set_index("subset").filter(like="unlit").loc["V4"]
@@ -70,4 +70,4 @@ result = (
     f"of what does not burn is found (published {miss['unlit_published']:.0%}). No claim is "
     "tested here."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

@@ -24,11 +24,9 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import background, kiln
@@ -37,7 +35,7 @@ from kilnflight.experiments import contenders, tallies, trial
 from kilnflight.twin import truth
 
 frames = frames or trial.FRAMES[scale]
-made = provenance.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
 for name in ("Mean", "Median", "Adaptive") if scale == "quick" else ():  # few are rendered
@@ -50,7 +48,7 @@ values = pd.DataFrame([{"model": name} | asdict(one) for name, one in models.ite
 caption = (
     "Parameters of the six background models, after Table 5.4; frames, and shares from 0 to 1."
 )
-figures.save("table-5-4-parameters", values, caption=caption, provenance=made)
+figures.save("table-5-4-parameters", values, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the backgrounds look like
@@ -65,7 +63,7 @@ shown = {name: one for name, one in models.items() if hasattr(one, "backgrounds"
 pictures = {name: next(iter(one.backgrounds(stack, [t]))) for name, one in shown.items()}
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(3, 2, width_mm=drawing.PAGE_MM, height_mm=135)
+picture, grid = style.canvas(3, 2, width_mm=style.PAGE_MM, height_mm=135)
 low, high = np.quantile(gray[cut], [0.01, 0.99])
 named = {f"frame {t}": gray, **pictures}
 for axes, (name, image) in zip(grid.flat, named.items(), strict=False):
@@ -77,7 +75,7 @@ caption = (
     "each keeps are in the table."
 )
 table = pd.DataFrame({name: image[1180, 500:1500] for name, image in named.items()})
-figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # **Traces.** Pixels that hold a particle in one of the frames around, but not now:
@@ -116,7 +114,7 @@ caption = (
     "threshold of DoG in grey values found on the other four subsets."
 )
 table = table[["model", "subset", *columns]]
-figures.save("table-5-4-background", table, caption=caption, provenance=made)
+figures.save("table-5-4-background", table, caption=caption, provenance=origin)
 
 # %%
 inside = total.set_index("model")["f1_in_pixels"]
@@ -129,13 +127,13 @@ summary = summary.assign(f1_in_pixels=inside, f1_published=printed).reset_index(
 summary = summary.sort_values("f1", ascending=False)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(height_mm=62)
-drawing.intervals(axes, summary.set_index("model"), "f1_published", "f1_in_pixels")
+picture, ((axes,),) = style.canvas(height_mm=62)
+style.intervals(axes, summary.set_index("model"), "f1_published", "f1_in_pixels")
 caption = (
     "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: gate of 45 px, with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels (section 5.1.1); diamonds: published."
 )
-figures.save("fig-5-4-background", summary, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-4-background", summary, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What if differences stop at zero?
@@ -149,9 +147,9 @@ level = float(now["threshold"].iloc[0])
 found = DoG(level)(next(iter(models["Median"](stack, [t]))))
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=120, height_mm=92)
-drawing.frame(axes, gray)
-drawing.circles(axes, found, "#E69F00")
+picture, ((axes,),) = style.canvas(width_mm=120, height_mm=92)
+style.frame(axes, gray)
+style.circles(axes, found, "#E69F00")
 corners = np.array([*known.roi, known.roi[0]])
 axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
 found = pd.DataFrame(found, columns=["row", "col", "radius_px"])
@@ -159,7 +157,7 @@ caption = (
     f"What SIFT finds in a frame of {some.name} after the median background, in its size, and the "
     f"region of interest (line); threshold {level:.0f}. After Fig. 5.3."
 )
-figures.save("fig-5-3-detections", found, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-3-detections", found, picture=picture, caption=caption, provenance=origin)
 
 # %%
 parts = []
@@ -176,7 +174,7 @@ stops = stops.assign(
     recall_non_burning=recall, f1_published=stops.index.map(lambda k: printed[k[0]])
 )
 caption = "SIFT on differences that are absolute and on differences that stop at zero."
-figures.save("background-unsigned", stops.reset_index(), caption=caption, provenance=made)
+figures.save("background-unsigned", stops.reset_index(), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -190,12 +188,12 @@ sure = f"{note}; first in {(draws.idxmax(axis=1) == order[0]).mean():.0%} of the
 # %%
 static, moving = f1[["Mean", "Median"]].min(), f1[["TwoFrame", "ThreeFrame"]].max()
 verdicts = [
-    reference.judge("bg-1", {f"first is {order[0]}": order[0] == "Median"}, note=sure),
-    reference.judge("bg-2", {f"last is {order[-1]}": order[-1] == "TwoFrame"}, note=note),
-    reference.judge("bg-3", abs(f1["Median"] - f1["Mean"]), note=note),
-    reference.judge("bg-4", best - f1["Adaptive"], note=note),
-    reference.judge("bg-5", {f"{static:.4f} > {moving:.4f}": bool(static > moving)}, note=note),
-    reference.judge(
+    claims.judge("bg-1", {f"first is {order[0]}": order[0] == "Median"}, note=sure),
+    claims.judge("bg-2", {f"last is {order[-1]}": order[-1] == "TwoFrame"}, note=note),
+    claims.judge("bg-3", abs(f1["Median"] - f1["Mean"]), note=note),
+    claims.judge("bg-4", best - f1["Adaptive"], note=note),
+    claims.judge("bg-5", {f"{static:.4f} > {moving:.4f}": bool(static > moving)}, note=note),
+    claims.judge(
         "bg-6",
         {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]},
         note="root mean square from the scene without particles, in grey values",
@@ -203,9 +201,9 @@ verdicts = [
 ]
 
 # %%
-reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)
 result = (
     f"{reproduced} of 6 claims reproduced. F1 from {f1.min():.3f} ({order[-1]}) to {best:.3f} "
     f"({order[0]}); published 0.8385 (2-frame difference) to 0.8592 (median)."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

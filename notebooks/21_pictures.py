@@ -22,15 +22,13 @@ import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
 from kilnflight.experiments import contenders, tallies, trial
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 from kilnflight.twin import exposure, truth
 
-drawing.use_style()
+style.use_style()
 frames = frames or trial.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
-made = provenance.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
+origin = figures.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
 
 # %%
 subsets = trial.ground_truth(scale, seed, frames)
@@ -50,7 +48,7 @@ def coarse(foreground):
 
 # %%
 some = contenders.THRESHOLDS[:: 4 if scale == "quick" else 1]
-matlab = reference.published("table_5.7").rename(columns={"dog_local_max": "threshold"})
+matlab = claims.published("table_5.7").rename(columns={"dog_local_max": "threshold"})
 ways = {"16 bits": contenders.by_threshold(some), "8 bits": contenders.by_threshold(some, coarse)}
 methods = {("Otsu", 0): contenders.by_picture(Otsu())}
 methods |= {(way, t): method for way, every in ways.items() for t, method in every.items()}
@@ -83,22 +81,22 @@ order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_i
 tables["table-5-6-sift"] = tables["table-5-6-sift"][["threshold", *order, "f1_in_pixels"]]
 
 # %%
-printed = reference.published("table_5.5").set_index("subset")["f1"]
+printed = claims.published("table_5.5").set_index("subset")["f1"]
 caption = (
     f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each within the "
     "region of interest, gate 45 px."
 )
 otsu_table = tables["table-5-5-otsu"].merge(printed.rename("f1_published").reset_index())
-figures.save("table-5-5-otsu", otsu_table, caption=caption, provenance=made)
+figures.save("table-5-5-otsu", otsu_table, caption=caption, provenance=origin)
 
 # %%
-printed = reference.published("table_5.6").set_index("test_set")["f1"].rename_axis("subset")
+printed = claims.published("table_5.6").set_index("test_set")["f1"].rename_axis("subset")
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
     "interest, gate 45 px; threshold of DoG in grey values found on the other four subsets."
 )
 sift_table = tables["table-5-6-sift"].merge(printed.rename("f1_published").reset_index())
-figures.save("table-5-6-sift", sift_table, caption=caption, provenance=made)
+figures.save("table-5-6-sift", sift_table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which particles are found
@@ -114,9 +112,9 @@ each = [one.name for one in subsets]
 unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
-    drawing.bars(axes, found, "subset", "kind", "recall")
+    style.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
 panels[0].plot(
     [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"
@@ -124,7 +122,7 @@ panels[0].plot(
 panels[0].set_ylabel("recall")
 picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
-figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What eight bits would lose, and what a threshold costs
@@ -139,13 +137,13 @@ faint = tallies.class_recall(both, ["what"])
 faint = faint[faint["label"] == 3].set_index("what")["recall"]
 eight = eight.assign(recall_non_burning=eight["what"].map(faint))
 caption = "SIFT on foregrounds of 16 and of 8 bits, with the thresholds chosen for 16."
-figures.save("dog-eight-bits", eight, caption=caption, provenance=made)
+figures.save("dog-eight-bits", eight, caption=caption, provenance=origin)
 
 # %%
 seconds = times.groupby("threshold")["seconds"].median()
 speed = matlab.assign(measured_s=matlab["threshold"].map(seconds))
 caption = "Time of SIFT for one frame against its threshold, after Table 5.7 (MATLAB), and ours."
-figures.save("table-5-7-sift-time", speed, caption=caption, provenance=made)
+figures.save("table-5-7-sift-time", speed, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -162,17 +160,15 @@ worst = {f"last is {least}": least == "V5"}
 
 # %%
 verdicts = [
-    reference.fitted(reference.judge("otsu-1", of_otsu.loc[each, "precision"], note=note), aim),
-    reference.judge("otsu-2", by_class.loc["Otsu", 2], note=note),
-    reference.judge(
+    claims.fitted(claims.judge("otsu-1", of_otsu.loc[each, "precision"], note=note), aim),
+    claims.judge("otsu-2", by_class.loc["Otsu", 2], note=note),
+    claims.judge(
         "otsu-3",
         {f"{v} {r:.2f} <= 0.5": bool(r <= 0.5) for v, r in faint_otsu.items()}
         | {"V4 lowest": faint_otsu.idxmin() == "V4" or bool(faint_otsu["V4"] == faint_otsu.min())},
         note=f"{note}; although {aim}",
     ),
-    reference.fitted(
-        reference.judge("otsu-4", {f"last is {least}": least == "V5"}, note=note), aim
-    ),
+    claims.fitted(claims.judge("otsu-4", {f"last is {least}": least == "V5"}, note=note), aim),
 ]
 
 # %%
@@ -185,20 +181,20 @@ last = f1_sift[each].idxmin()
 
 # %%
 verdicts += [
-    reference.judge("sift-1", {ahead: f1_sift["Total"] > f1_otsu["Total"]}, note=note),
-    reference.judge("sift-2", {**faint_note, **more}, note=note),
-    reference.judge(
+    claims.judge("sift-1", {ahead: f1_sift["Total"] > f1_otsu["Total"]}, note=note),
+    claims.judge("sift-2", {**faint_note, **more}, note=note),
+    claims.judge(
         "sift-3",
         {f"last is {last}": last == "V5", f"V5 {gap:+.3f} >= 0.05": gap >= 0.05},
         note=note,
     ),
-    reference.judge("sift-4", seconds[400] / seconds[1000], note="median time of a frame"),
+    claims.judge("sift-4", seconds[400] / seconds[1000], note="median time of a frame"),
 ]
 
 # %%
-reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)
 result = (
     f"{reproduced} of 8 claims reproduced; two more agree only as far as they were fitted. F1 of "
     f"Otsu {f1_otsu['Total']:.4f} (published 0.8436), of SIFT {f1_sift['Total']:.4f} (0.8749)."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

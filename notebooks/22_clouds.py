@@ -26,11 +26,9 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import camera, detection
@@ -38,11 +36,11 @@ from kilnflight.experiments import contenders, tallies, trial
 from kilnflight.twin import truth
 
 frames = frames or trial.FRAMES[scale]
-made = provenance.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 names = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
-printed = {name: reference.published(table) for name, table in names.items()}
+printed = {name: claims.published(table) for name, table in names.items()}
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
@@ -60,8 +58,8 @@ curves = pd.DataFrame({f"distance_{k}_mm": line[some] for k, line in sorted_mm.i
 curves.insert(0, "point", some + 1)
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas()
-for k, line in zip(counts, drawing.LINES, strict=False):
+picture, ((axes,),) = style.canvas()
+for k, line in zip(counts, style.LINES, strict=False):
     axes.plot(curves["point"], curves[f"distance_{k}_mm"], ls=line, label=f"k = {k}")
 for eps in (10, 15, 30, 50, 70):
     axes.axhline(eps, color="0.7", lw=0.5, ls="-")
@@ -69,7 +67,7 @@ for eps in (10, 15, 30, 50, 70):
 axes.set(xscale="log", yscale="log", xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
 axes.legend()
 caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
-figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## All published parameters
@@ -105,17 +103,17 @@ order += ["f1_in_pixels", "f1_published"]
 # %%
 caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
 table = tables["dbscan"][["minPts", "epsilon_mm", *order]]
-figures.save("table-5-8-dbscan", table, caption=caption, provenance=made)
+figures.save("table-5-8-dbscan", table, caption=caption, provenance=origin)
 
 # %%
 caption = f"Morphological clustering on {images} frames, with the grids of Table 5.9."
 table = tables["mo"][["R", *order]]
-figures.save("table-5-9-mo", table, caption=caption, provenance=made)
+figures.save("table-5-9-mo", table, caption=caption, provenance=origin)
 
 # %%
 caption = f"Quasi-cluster centres on {images} frames, with the parameters of Table 5.10."
 table = tables["qcc"][["K", "alpha", *order]]
-figures.save("table-5-10-qcc", table, caption=caption, provenance=made)
+figures.save("table-5-10-qcc", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Precision against recall, ours and published
@@ -125,7 +123,7 @@ beside = {"textcoords": "offset points", "fontsize": 5, "ha": "right", "va": "ce
 marks = {"here": ("o", "k"), "published": ("D", "#D55E00")}
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 for axes, name in zip(panels, names, strict=True):
     ours, theirs = totals[name], printed[name]
     for (label, (mark, colour)), table in zip(marks.items(), (ours, theirs), strict=True):
@@ -147,7 +145,7 @@ caption = (
     "Precision and recall of the three clusterers over their parameters, beside the tables'. "
     "Numbers: values of the last parameter; lines join what differs in the first only."
 )
-figures.save("fig-5-8-parameters", swept, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-8-parameters", swept, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## How the end of MO is read
@@ -163,7 +161,7 @@ read = trial.run(subsets, {name: contenders.by_cloud(one) for name, one in by_en
 readings = tallies.sums(read, ["method"]).rename(columns={"method": "dilations"})
 readings = readings.assign(f1_published=printed["mo"].set_index("R")["f1"][150])
 caption = f"Morphological clustering, R = 150, dilated as often as told; {images} frames."
-figures.save("mo-readings", readings, caption=caption, provenance=made)
+figures.save("mo-readings", readings, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which particles are found
@@ -178,14 +176,14 @@ recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 by_class = recall.pivot(index=["family", "subset"], columns="label", values="recall")
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), strict=True):
-    drawing.bars(axes, found, "subset", "kind", "recall")
+    style.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
 panels[0].set_ylabel("recall")
 picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
-figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -230,20 +228,20 @@ most = {
 
 # %%
 verdicts = [
-    reference.judge("cluster-1", falling | rising, note=note),
-    reference.judge("cluster-2", of_eps / of_points, note=f"{note}; mean range of F1"),
-    reference.judge("cluster-3", seconds[(6, 50)] / seconds[(6, 10)], note="minPts 6, median time"),
-    reference.judge("cluster-4", grows, note=note),
-    reference.judge("cluster-5", k_down | alpha_up, note=note),
-    reference.judge("cluster-7", pooled[2], note=f"{note}; all subsets"),
-    reference.judge("cluster-8", half, note=note),
-    reference.judge("cluster-9", most, note=note),
+    claims.judge("cluster-1", falling | rising, note=note),
+    claims.judge("cluster-2", of_eps / of_points, note=f"{note}; mean range of F1"),
+    claims.judge("cluster-3", seconds[(6, 50)] / seconds[(6, 10)], note="minPts 6, median time"),
+    claims.judge("cluster-4", grows, note=note),
+    claims.judge("cluster-5", k_down | alpha_up, note=note),
+    claims.judge("cluster-7", pooled[2], note=f"{note}; all subsets"),
+    claims.judge("cluster-8", half, note=note),
+    claims.judge("cluster-9", most, note=note),
 ]
 
 # %%
 result = (
-    f"{sum(v.verdict == reference.REPRODUCED for v in verdicts)} of 8 claims reproduced. Best F1: "
+    f"{sum(v.verdict == claims.REPRODUCED for v in verdicts)} of 8 claims reproduced. Best F1: "
     + ", ".join(f"{name} {value:.3f}" for name, value in best.items())
     + " (published 0.616, 0.601, 0.600)."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -19,10 +19,9 @@ frames = 0  # labelled frames per subset for that table; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import camera, scores
@@ -33,7 +32,7 @@ from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import contenders, trial
 
 frames = frames or trial.FRAMES[scale]
-made = provenance.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 
 # %%
@@ -53,7 +52,7 @@ threshold = threshold.astype(float)
 # %% tags=["hide-input"]
 flame = segment_flame(view.gray, known.flame_roi)
 top, bottom, left, right = known.flame_roi
-picture, (panels,) = drawing.canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
+picture, (panels,) = style.canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
 extent = (left, right, bottom, top)
 part = view.gray[top:bottom, left:right]
 for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
@@ -63,7 +62,7 @@ panels[1].contour(flame.mask, levels=[0.5], colors="#D55E00", extent=(left, righ
 panels[0].set_ylabel("row (px)")
 size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.mask.sum())], "of_px": [flame.mask.size]})
 caption = "The burner's flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
-figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Keypoints and clusters
@@ -81,11 +80,11 @@ cases = list(potential_particles(keypoints, clusters, view.gray.shape))
 print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} potential particles")
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=135)
-drawing.frame(axes, view.gray, 4)
+picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=135)
+style.frame(axes, view.gray, 4)
 spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
-axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[drawing.COLOURS[k] for k in spread])
-drawing.circles(axes, keypoints, "#E69F00")
+axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[style.COLOURS[k] for k in spread])
+style.circles(axes, keypoints, "#E69F00")
 corners = np.array([*known.roi, known.roi[0]])
 axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
 found = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
@@ -93,7 +92,7 @@ caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
     "the region of interest; after Figs 3.1, 3.2 and 3.5."
 )
-figures.save("fig-3-5-both", found, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-5-both", found, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The five cases
@@ -116,7 +115,7 @@ picked = {
 
 # %% tags=["hide-input"]
 middle = np.sqrt(np.median(view.gray))
-picture, grid = drawing.canvas(5, 3, width_mm=110, height_mm=190)
+picture, grid = style.canvas(5, 3, width_mm=110, height_mm=190)
 for case, row in zip(picked, grid, strict=True):
     _ = [axes.axis("off") for axes in row]
     for axes, (spots, groups, decided) in zip(row, picked[case], strict=False):
@@ -125,7 +124,7 @@ for case, row in zip(picked, grid, strict=True):
         axes.imshow(np.sqrt(view.gray), cmap="gray", vmin=0.6 * middle, vmax=256)
         axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color="#56B4E9")
         for one in spots:
-            axes.add_patch(drawing.plt.Circle(one[1::-1], one[2], fill=False, color="#E69F00"))
+            axes.add_patch(style.plt.Circle(one[1::-1], one[2], fill=False, color="#E69F00"))
         axes.plot([p.col for p in decided], [p.row for p in decided], "x", color="#D55E00", ms=7)
         half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
         axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
@@ -144,7 +143,7 @@ asked.append((alone, change, "case 4: difference"))
 peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62)
 for axes, (group, image, title) in zip(panels, asked, strict=True):
     top, bottom, left, right = combination.widened(group.rectangle(), 3)
     axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
@@ -155,7 +154,7 @@ caption = (
     "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "
     "difference to the frame before. After Figs 3.7 to 3.9."
 )
-figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
 counts = pd.DataFrame(
@@ -165,7 +164,7 @@ counts = pd.DataFrame(
     ]
 )
 caption = "Examples of the five cases in one frame, after Figs 3.6 to 3.9; see the text."
-figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## How often each case is right
@@ -192,9 +191,9 @@ caption = (
     f"Detections of SIFT with DBSCAN by the case that decided them, {images} labelled frames: "
     "how many are paired with a marked particle."
 )
-figures.save("detection-cases", by_case, caption=caption, provenance=made)
+figures.save("detection-cases", by_case, caption=caption, provenance=origin)
 
 # %%
 parts = [f"case {one.case} {one.precision:.0%} of {one.detections}" for one in by_case.itertuples()]
 result = "Right by case: " + ", ".join(parts) + ". No claim is tested here."
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

@@ -19,13 +19,11 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import contenders, tallies, trial
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 frames = frames or trial.FRAMES[scale]
-made = provenance.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
@@ -41,7 +39,7 @@ attempts = pd.concat(parts, ignore_index=True)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %%
-printed = reference.published("table_5.11").set_index("method")
+printed = claims.published("table_5.11").set_index("method")
 total = tallies.sums(attempts, ["method"]).set_index("method")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1"]
 caption = (
@@ -49,7 +47,7 @@ caption = (
     "after Table 5.11."
 )
 table = total[columns].reset_index()
-figures.save("table-5-11-detection", table, caption=caption, provenance=made)
+figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Beside the publication
@@ -63,14 +61,14 @@ again = 2 * printed["TP"] / (2 * printed["TP"] + printed["FP"] + printed["FN"])
 beside["f1_published_recomputed"] = again
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=120, height_mm=80)
-drawing.intervals(axes, beside, "f1_published_recomputed", "f1_in_pixels")
+picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
+style.intervals(axes, beside, "f1_published_recomputed", "f1_in_pixels")
 caption = (
     "F1 of the eleven methods beside Table 5.11. Dots: gate of 45 px with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels; diamonds: published, from its counts."
 )
 figures.save(
-    "fig-5-11-detection", beside.reset_index(), picture=picture, caption=caption, provenance=made
+    "fig-5-11-detection", beside.reset_index(), picture=picture, caption=caption, provenance=origin
 )
 
 # %%
@@ -78,7 +76,7 @@ classes = tallies.class_recall(attempts, ["method"])
 wide = classes.pivot(index="method", columns="label", values="recall").loc[total.index]
 wide.columns = ["burning_in_air", "non_burning_in_air", "burning_on_wall"]
 caption = "Recall of each class by the eleven methods."
-figures.save("detection-class-recall", wide.reset_index(), caption=caption, provenance=made)
+figures.save("detection-class-recall", wide.reset_index(), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -112,21 +110,21 @@ apart = {f"{name} {value:.3f} below": value >= 0.1 for name, value in gap.items(
 
 # %%
 verdicts = [
-    reference.judge("cluster-6", apart, note=f"{note}; below the lower of Otsu and SIFT"),
-    reference.judge("combi-1", pd.Series(gain), note=note),
-    reference.judge(
+    claims.judge("cluster-6", apart, note=f"{note}; below the lower of Otsu and SIFT"),
+    claims.judge("combi-1", pd.Series(gain), note=note),
+    claims.judge(
         "combi-2",
         {f"first is {best}": best == "Combi SIFT+DBSCAN"},
         note=f"{note}; first in {sure:.0%} of the draws",
     ),
-    reference.judge("combi-3", rise | fall, note=note),
-    reference.judge("combi-4", both, note=note),
+    claims.judge("combi-3", rise | fall, note=note),
+    claims.judge("combi-4", both, note=note),
 ]
 
 # %%
 result = (
-    f"{sum(v.verdict == reference.REPRODUCED for v in verdicts)} of 5 claims reproduced. Best is "
+    f"{sum(v.verdict == claims.REPRODUCED for v in verdicts)} of 5 claims reproduced. Best is "
     f"{best} with F1 {total['f1'].max():.4f}; SIFT+DBSCAN {total['f1']['Combi SIFT+DBSCAN']:.4f} "
     "(published 0.9017)."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -29,14 +29,12 @@ from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments import trial
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
 # %%
-drawing.use_style()
+style.use_style()
 frames = frames or trial.FRAMES[scale]
-made = provenance.trace("25_wall", {"scale": scale, "frames": frames}, seed=seed)
+origin = figures.trace("25_wall", {"scale": scale, "frames": frames}, seed=seed)
 subsets = trial.ground_truth(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
@@ -77,10 +75,10 @@ table = pd.DataFrame(
 
 # %%
 caption = "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12."
-figures.save("table-5-12-cylinder", table, caption=caption, provenance=made)
+figures.save("table-5-12-cylinder", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=75)
+picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=75)
 some = walls[0][:: max(1, len(walls[0]) // 8000)]
 panels[0].plot(some[:, 0], some[:, 1], ",", color="black")
 depth_m = some[:, 2] / 1000
@@ -108,7 +106,7 @@ caption = (
     "The wall's points and the fitted cylinder, after Fig. 3.10: along the axis, and by depth."
 )
 points = pd.DataFrame(some, columns=["x_mm", "y_mm", "z_mm"])
-figures.save("fig-3-10-cylinder", points, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-10-cylinder", points, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## How far particles are from the axis
@@ -135,7 +133,7 @@ crossing = cylinder.crossing(air_mm, wall_mm)
 thresholds = {"crossing_plus_40": crossing + 40.0, "crossing": crossing, "printed_800": 800.0}
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=120, height_mm=65)
+picture, ((axes,),) = style.canvas(width_mm=120, height_mm=65)
 bins = np.arange(0, 1201, 25)
 shown = np.linspace(0, 1200, 400)
 for values, colour, line, name in (
@@ -156,7 +154,7 @@ caption = (
     "the same mean and standard deviation. Dotted: their crossing, the same plus 40 mm, and 800 mm."
 )
 saved = everyone[["subset", "frame", "label", "distance_mm"]]
-figures.save("fig-3-11-distances", saved, picture=picture, caption=caption, provenance=made)
+figures.save("fig-3-11-distances", saved, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Told apart
@@ -180,7 +178,7 @@ for which, rows in by_subset.items():
     keys = ["threshold", "threshold_mm", "subset"]
     counts = both.groupby(keys, sort=False)[["tp", "fp", "fn"]].sum().reset_index()
     counts = pd.concat([counts, scores.rates(counts["tp"], counts["fp"], counts["fn"])], axis=1)
-    f1 = reference.published(which).set_index("subset")["f1"].rename("f1_published").reset_index()
+    f1 = claims.published(which).set_index("subset")["f1"].rename("f1_published").reset_index()
     totals[which] = counts.merge(f1, how="left")
 
 # %%
@@ -188,11 +186,11 @@ caption = (
     "Marked particles with 3D told to be in the air, after Table 5.13, with three thresholds of "
     "the distance from the fitted axis."
 )
-figures.save("table-5-13-classification", totals["table_5.13"], caption=caption, provenance=made)
+figures.save("table-5-13-classification", totals["table_5.13"], caption=caption, provenance=origin)
 
 # %%
 caption = "Detections of SIFT with DBSCAN told to be in the air, after Table 5.14."
-figures.save("table-5-14-classification", totals["table_5.14"], caption=caption, provenance=made)
+figures.save("table-5-14-classification", totals["table_5.14"], caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -220,17 +218,17 @@ radii = pd.Series(
 
 # %%
 verdicts = [
-    reference.judge("wall-1", radii, note="one frame of each subset, against the true 700 mm"),
-    reference.judge("wall-2", crossing - fit.radius_mm, note=f"crossing {crossing:.0f} mm"),
-    reference.judge("wall-3", exact.f1, note=note),
-    reference.judge("wall-4", lower | {"at least 0.8": seen.f1 >= 0.8}, note=note),
-    reference.judge("wall-5", exact.fn / (exact.tp + exact.fn), note=note),
+    claims.judge("wall-1", radii, note="one frame of each subset, against the true 700 mm"),
+    claims.judge("wall-2", crossing - fit.radius_mm, note=f"crossing {crossing:.0f} mm"),
+    claims.judge("wall-3", exact.f1, note=note),
+    claims.judge("wall-4", lower | {"at least 0.8": seen.f1 >= 0.8}, note=note),
+    claims.judge("wall-5", exact.fn / (exact.tp + exact.fn), note=note),
 ]
 
 # %%
 result = (
-    f"{sum(v.verdict == reference.REPRODUCED for v in verdicts)} of 5 claims reproduced. Radius "
+    f"{sum(v.verdict == claims.REPRODUCED for v in verdicts)} of 5 claims reproduced. Radius "
     f"{fit.radius_mm:.0f} mm (true 700, published 772); crossing {crossing:.0f} mm (published "
     f"about 760); in the air or not with F1 {exact.f1:.3f} (published 0.921)."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -19,14 +19,13 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import association
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 from kilnflight.tracking import tracker as tracking
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
-drawing.use_style()
-made = provenance.trace("30_association", {"scale": scale}, seed=seed)
-black, orange, blue, yellow = drawing.COLOURS[:4]
+style.use_style()
+origin = figures.trace("30_association", {"scale": scale}, seed=seed)
+black, orange, blue, yellow = style.COLOURS[:4]
 names, gate = ["NN", "GNN", "PDA", "JPDA"], Gate(distance=3.0)
 
 # %% [markdown]
@@ -75,7 +74,7 @@ def draw_gate(axes, place, covariance, **line):
 
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(4, 3, width_mm=132, height_mm=172, sharex=True, sharey=True)
+picture, grid = style.canvas(4, 3, width_mm=132, height_mm=172, sharex=True, sharey=True)
 for (situation, name), beta in weights.items():
     tracks, seen = map(np.array, situations[situation])
     axes = grid[names.index(name), list(situations).index(situation)]
@@ -112,7 +111,7 @@ caption = (
     "four associators make of them. Lines are as wide as their weights; diamonds mark the "
     "predictions and detections averaged by their weights. A track without line stays."
 )
-figures.save("fig-2-20-associations", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-20-associations", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # What the sketches of the thesis say, asked of the weights. In the crowd D2 is the nearest
@@ -171,7 +170,7 @@ def draw_matrix(axes, matrix, title, columns, rows):
 
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(3, 5, width_mm=132, height_mm=112)
+picture, grid = style.canvas(3, 5, width_mm=132, height_mm=112)
 first, *rest = grid.ravel()
 draw_gate(first, places[0][0], spread[0], color=black)
 draw_gate(first, places[0][1], spread[1], color=black, ls="--")
@@ -204,7 +203,7 @@ caption = (
     f"after Fig. 2.23. Ω{third} is Ω3 of the thesis. Last: each track's probabilities for equal "
     "likelihoods, over all joint events and for each track alone."
 )
-figures.save("fig-2-23-events", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-2-23-events", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Many tracks in a row
@@ -263,7 +262,7 @@ table.query("what != 'other particle'").round(1)
 
 # %% tags=["hide-input"]
 gates = table.drop_duplicates("frame").set_index("frame").loc[2:]
-picture, ((flat,), (deep,)) = drawing.canvas(2, height_mm=84, height_ratios=[0.8, 1.2])
+picture, ((flat,), (deep,)) = style.canvas(2, height_mm=84, height_ratios=[0.8, 1.2])
 for frame, g in gates.iterrows():
     place = g[["expected_row", "expected_col"]].to_numpy(float)
     axes_px = np.diag((g[["reach_row_px", "reach_col_px"]] / gate.distance).astype(float) ** 2)
@@ -297,7 +296,7 @@ caption = (
     f"{widest:.0f} px in frame 8 after three frames unseen (dashed). Below: the limit of depth, "
     "1.5 m about the last known one; a detection without depth is drawn there."
 )
-figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
@@ -311,4 +310,4 @@ result = (
     f"events of at most {bound}; a chain of 40 tracks has {count[40]:.1e}, and its "
     f"probabilities are right to {max(1e-12, *wrong.values()):.0e}."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -23,18 +23,16 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import tracklets
 from kilnflight.experiments import lessons, pursuit
 from kilnflight.tracking import tracker as tracking
 
-made = provenance.trace("31_tracklets", {"scale": scale}, seed=seed)
+origin = figures.trace("31_tracklets", {"scale": scale}, seed=seed)
 windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)
 pair = [one for one in windows if one.fraction in ("wood chip", "paper shred")]
 
@@ -68,16 +66,16 @@ caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
     f"against the truth, gate {pursuit.GATE_PX:.0f} px."
 )
-figures.save("tracklet-steps", steps[columns], caption=caption, provenance=made)
+figures.save("tracklet-steps", steps[columns], caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 names = ["tracker", *(type(step).__name__ for step in tracklets.STEPS)]
-picture, grid = drawing.canvas(len(names) + 1, len(pair), width_mm=drawing.PAGE_MM, height_mm=250)
+picture, grid = style.canvas(len(names) + 1, len(pair), width_mm=style.PAGE_MM, height_mm=250)
 for one, column in zip(pair, grid.T, strict=True):
     shown = after[one.fraction] | {"truth": one.truth}
     low, high = (one.truth[["row", "col"]].agg(edge) for edge in ("min", "max"))
     for axes, (name, table) in zip(column, shown.items(), strict=True):
-        drawing.tracks(axes, tracklets.tracked(table))
+        style.tracks(axes, tracklets.tracked(table))
         axes.set(title=f"{one.fraction}: {name}", ylabel="row (px)")
         axes.set(xlim=(low["col"] - 80, high["col"] + 80))
         axes.set(ylim=(high["row"] + 80, low["row"] - 80))
@@ -92,7 +90,7 @@ joined = [
 kept = tracklets.tracked(pd.concat(joined, ignore_index=True))
 caption = "Tracks after each step beside the truth, after Figs 4.16 to 4.21 and 5.12."
 table = kept[["fraction", "after", "particle", "frame", "row", "col"]]
-figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which texture tells a streak
@@ -116,10 +114,10 @@ caption = (
     f"Laws' energies in {len(with_track)} windows with a track and as many without: medians, their "
     "ratio, and its 10 and 90 % points over windows; after Fig. 4.13."
 )
-figures.save("table-4-13-laws", texture, caption=caption, provenance=made)
+figures.save("table-4-13-laws", texture, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 6, width_mm=drawing.PAGE_MM, height_mm=62)
+picture, (panels,) = style.canvas(1, 6, width_mm=style.PAGE_MM, height_mm=62)
 lightest = np.sqrt(np.max(streaks[:5]))
 for axes, image, name in zip(panels, [*streaks[:5], empty[0]], "abcdef", strict=True):
     axes.imshow(np.sqrt(image), cmap="gray", vmin=0, vmax=lightest)
@@ -130,7 +128,7 @@ caption = (
     "Sums of frame differences with a track (a to e) and without (f), and their texture energies; "
     "after Fig. 4.13."
 )
-figures.save("fig-4-13-windows", values, picture=picture, caption=caption, provenance=made)
+figures.save("fig-4-13-windows", values, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Dual nearest neighbour or Hungarian method
@@ -150,7 +148,7 @@ caption = (
     "Which of four possible pairs are joined first, on a made-up instance like that of Fig. 4.14: "
     "the Hungarian method gives up the cheapest pair for the least sum."
 )
-figures.save("fig-4-14-instance", instance, caption=caption, provenance=made)
+figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 
 # %%
 ways = {"dual nearest neighbour": tracklets.DualNearest(), "Hungarian": tracklets.Hungarian()}
@@ -165,7 +163,7 @@ for way, matching in ways.items():
         rows.append({"matching": way, "fraction": one.fraction} | pursuit.quality(one.truth, table))
 matched = pd.DataFrame(rows)[["matching", "fraction", *pursuit.MEASURES]]
 caption = "The framework with dual nearest neighbours and with the Hungarian method, all fractions."
-figures.save("fig-4-14-matching", matched, caption=caption, provenance=made)
+figures.save("fig-4-14-matching", matched, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Readings that matter
@@ -203,13 +201,13 @@ for one in windows:
         rows.append({"fraction": one.fraction, "reading": name} | pursuit.quality(one.truth, table))
 readings = pd.DataFrame(rows)[["fraction", "reading", *pursuit.MEASURES]]
 caption = "Post-processing under four readings of section 4.2.3, tracks of GNN."
-figures.save("tracklet-readings", readings, caption=caption, provenance=made)
+figures.save("tracklet-readings", readings, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Table 5.16
 
 # %%
-said = reference.published("table_5.16", as_printed=True)
+said = claims.published("table_5.16", as_printed=True)
 values = tracklets.parameters()
 table = pd.DataFrame({"letter": list(values), "unit": said["unit"].str.strip()})
 table["printed"] = said["value"].replace({"$10^{11}$": "1e11"}).astype(float)
@@ -218,7 +216,7 @@ caption = (
     "Parameters of the post-processing as printed and as used here. The weights d and e are read "
     "as printed: d of the gap, e of the overlap; f belongs to the thesis's grey values."
 )
-figures.save("table-5-16-parameters", table, caption=caption, provenance=made)
+figures.save("table-5-16-parameters", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -232,7 +230,7 @@ edge = {
     f"highest is {best['masks']} ({best['ratio']:.1f})": best["masks"] == "LE",
     f"LE {others['LE']:.1f} > 7": bool(others["LE"] > 7),
 }
-verdicts = [reference.judge("track-7", better), reference.judge("track-8", edge)]
+verdicts = [claims.judge("track-7", better), claims.judge("track-8", edge)]
 
 # %%
 by_step = steps.set_index(["after", "fraction"])["alpha"]
@@ -242,4 +240,4 @@ result = (
     f"From the tracker through the four steps: {'; '.join(parts)}. LE separates windows "
     f"{others['LE']:.1f} times."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -20,24 +20,22 @@ jobs = 2  # processes of the detection
 # %%
 import pandas as pd
 
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import tracklets
 from kilnflight.experiments import contest, ladders, lessons, pursuit
 
-made = provenance.trace("32_tracking", {"scale": scale}, seed=seed)
+origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
 learned = lessons.learned(scale, seed)
 windows = pursuit.windows(scale, learned, seed, jobs=jobs)
 others = pursuit.windows(scale, learned, seed, others=True, jobs=jobs)
 fractions = [one.fraction for one in windows]
 
 # %%
-printed = reference.published("table_5.15")
+printed = claims.published("table_5.15")
 printed.index = printed["fraction"].str.lower()
 counted = pd.DataFrame(
     {
@@ -57,7 +55,7 @@ caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "
     "busiest part; the published frames hold other numbers on the twin."
 )
-figures.save("table-5-15-windows", counted, caption=caption, provenance=made)
+figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Settings that are not printed
@@ -73,7 +71,7 @@ caption = (
     f"px/frame^1.5, frames a track may be lost; {len(tried)} tried, with the range of beta."
 )
 table = best.join(spread).reset_index()
-figures.save("tracking-settings", table, caption=caption, provenance=made)
+figures.save("tracking-settings", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## All 32 cells
@@ -86,12 +84,12 @@ caption = (
     f"{pursuit.GATE_PX:.0f} px; after Table 5.17."
 )
 table = measured[[*keys, *pursuit.MEASURES]]
-figures.save("table-5-17-tracking", table, caption=caption, provenance=made)
+figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%
 names = {"Wood chips": "wood chip", "Confetti": "confetti"}
 names |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
-theirs = reference.published("table_5.17")
+theirs = claims.published("table_5.17")
 theirs = theirs.assign(
     fraction=theirs["fraction"].map(names), measure=theirs["measure"].str.lower()
 )
@@ -100,9 +98,9 @@ cells = measured.melt(keys, list(pursuit.MEASURES), "measure", "here")
 cells = cells.merge(theirs[[*keys, "measure", "value"]].rename(columns={"value": "published"}))
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=130, sharex=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True)
 for axes, measure in zip(grid.flat, pursuit.MEASURES, strict=True):
-    drawing.beside_published(axes, cells[cells["measure"] == measure])
+    style.beside_published(axes, cells[cells["measure"] == measure])
     axes.set(title=measure, xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
@@ -110,7 +108,7 @@ caption = (
     "The 32 cells of Table 5.17, here (upper, black) and published (lower, orange): from without "
     "(open) to with post-processing (filled)."
 )
-figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Trajectories beside the optical and the true ones
@@ -125,14 +123,14 @@ for one in shown:
         columns[one.fraction] |= {f"{name} {stage} steps": table for stage, table in both.items()}
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(5, len(shown), width_mm=130, height_mm=200)
+picture, grid = style.canvas(5, len(shown), width_mm=130, height_mm=200)
 for one, column in zip(shown, grid.T, strict=True):
     rows, cols = one.differences.shape
     first, last = one.frames.start, one.frames.stop - 1
     light = one.differences(first, last, 0, 0, rows, cols)
     for axes, (name, table) in zip(column, columns[one.fraction].items(), strict=True):
-        drawing.frame(axes, light, 8)
-        drawing.tracks(axes, tracklets.tracked(table))
+        style.frame(axes, light, 8)
+        style.tracks(axes, tracklets.tracked(table))
         axes.set(title=f"{one.fraction}: {name}", ylabel="row (px)", xlabel="")
     column[-1].set_xlabel("column (px)")
 
@@ -148,7 +146,7 @@ caption = (
     "True trajectories and those of GNN and JPDA, without and with post-processing, on the sum of "
     "frame differences; after Figs 5.12 to 5.15."
 )
-figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -185,9 +183,9 @@ small = {
 highest = first.groupby("fraction").max().idxmax()
 note = "of windows with as many trajectories as Table 5.15"
 verdicts = [
-    reference.judge("track-3", pd.Series(small)),
-    reference.judge("track-4", float(ahead.mean()), note="mean of alpha, beta and JSC"),
-    reference.judge("track-6", seconds, note=f"time; peak of memory {memory:.2f} times"),
+    claims.judge("track-3", pd.Series(small)),
+    claims.judge("track-4", float(ahead.mean()), note="mean of alpha, beta and JSC"),
+    claims.judge("track-6", seconds, note=f"time; peak of memory {memory:.2f} times"),
 ]
 whole = {
     "track-1": {risen: bool((gain > 0).all())},
@@ -201,12 +199,12 @@ whole = {
 # %%
 for name, conditions in whole.items():
     if len(windows) == 4:
-        verdicts.append(reference.judge(name, conditions, note=note))
+        verdicts.append(claims.judge(name, conditions, note=note))
     else:
-        verdicts.append(reference.undecidable(name, "a smoke run has two of four fractions"))
+        verdicts.append(claims.undecidable(name, "a smoke run has two of four fractions"))
 
 # %%
 after = alpha["with"].unstack("tracker")
 parts = [f"{name} {one.GNN:.2f} and {one.JPDA:.2f}" for name, one in after.iterrows()]
 result = f"Alpha after post-processing, GNN and JPDA: {', '.join(parts)}; {risen}."
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -23,11 +23,10 @@ import pandas as pd
 
 from kilnflight.experiments import contest, ladders, lessons, pursuit
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
-made = provenance.trace("33_peers", {"scale": scale}, seed=seed)
+style.use_style()
+origin = figures.trace("33_peers", {"scale": scale}, seed=seed)
 missing = sorted(set(peers.PACKAGES) - set(peers.available()))
 print(f"peers that are not installed and left out: {', '.join(missing) or 'none'}")
 
@@ -73,7 +72,7 @@ caption = (
     "result is taken from, without post-processing; the largest beta is chosen, and at_end names "
     "its parameters that are at the end of what may be tried (none: it lies inside)."
 )
-figures.save("peers-settings", tried, caption=caption, provenance=made)
+figures.save("peers-settings", tried, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The same detections, the same measures
@@ -86,16 +85,16 @@ caption = (
     "chosen on other stretches. Post-processing is ours, for everyone; seconds are of the "
     "tracking, or of the post-processing after it."
 )
-figures.save("tracking-peers", scores[columns], caption=caption, provenance=made)
+figures.save("tracking-peers", scores[columns], caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 fractions = [one.fraction for one in windows]
-picture, grid = drawing.canvas(
-    2, len(fractions), width_mm=drawing.PAGE_MM, height_mm=95, sharex="row", sharey=True
+picture, grid = style.canvas(
+    2, len(fractions), width_mm=style.PAGE_MM, height_mm=95, sharex="row", sharey=True
 )
 for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enumerate(fractions)):
     here = scores[scores["fraction"] == fraction]
-    drawing.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
+    style.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
 handles = grid[0, 0].get_legend_handles_labels()
@@ -106,7 +105,7 @@ caption = (
     "alpha and beta of trackers on the same detections: as they are (open circles) and with our "
     "post-processing (filled squares). A tracker without a mark could not be run in bearable time."
 )
-figures.save("fig-peers", scores[columns], picture=picture, caption=caption, provenance=made)
+figures.save("fig-peers", scores[columns], picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
@@ -136,4 +135,4 @@ ends = tried[tried["at_end"] != ""]
 at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
 result += f" Settings at the end of a ladder: {at_end or 'none'}."
 verdicts = []
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

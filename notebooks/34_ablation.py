@@ -18,17 +18,16 @@ jobs = 2  # processes of the detection
 # %%
 import pandas as pd
 
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import association
 from kilnflight.experiments import lessons, pursuit
 from kilnflight.tracking import tracker as tracking
 
-made = provenance.trace("34_ablation", {"scale": scale}, seed=seed)
+origin = figures.trace("34_ablation", {"scale": scale}, seed=seed)
 windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)
 trackers = {"GNN": tracking.track}
 trackers["JPDA"] = lambda seen: tracking.track(seen, association.JPDA())
@@ -53,7 +52,7 @@ caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers at "
     f"their defaults, gate {pursuit.GATE_PX:.0f} px."
 )
-figures.save("tracking-ablation", table[columns], caption=caption, provenance=made)
+figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 
 # %%
 mean = table.groupby(keys, sort=False)[list(pursuit.MEASURES)].mean().reset_index()
@@ -61,7 +60,7 @@ mean["what"] = mean[keys].agg(", ".join, axis=1)
 mean["what"] = mean["what"].str.replace(", without", "").str.replace(", with", " + steps")
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=80, sharey=True)
+picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=80, sharey=True)
 for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict=True):
     for name, marker, face in zip(names, "os", ("black", "white"), strict=True):
         axes.plot(mean[name], mean["what"], marker, color="black", mfc=face, label=name)
@@ -70,7 +69,7 @@ for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict
     axes.legend(loc="upper left")
 panels[0].invert_yaxis()
 caption = "What each part costs: measures with true and with real parts, mean over the fractions."
-figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=made)
+figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What limits each fraction
@@ -87,7 +86,7 @@ caption = (
     "positions to all detections, and links by the truth."
 )
 table = limits.reset_index()
-figures.save("tracking-limits", table, caption=caption, provenance=made)
+figures.save("tracking-limits", table, caption=caption, provenance=origin)
 
 # %%
 alpha = mean.set_index("what")["alpha"]
@@ -97,4 +96,4 @@ result = (
     f"{alpha['detections, GNN']:.2f} with all, {alpha['detections, GNN + steps']:.2f} after the "
     f"steps; links by the truth {alpha['detections, links by the truth']:.2f}. No claim is tested."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

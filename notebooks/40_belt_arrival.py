@@ -11,9 +11,7 @@ from IPython.display import Markdown
 from kilnflight import belt
 from kilnflight.belt import answers, dem, deviation, velocity
 from kilnflight.experiments import sorter
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN
@@ -43,10 +41,10 @@ jobs = 2  # processes of our own simulation
 # %%
 from matplotlib.ticker import LogLocator
 
-drawing.use_style()
+style.use_style()
 draws = draws or {"quick": 5, "standard": 200, "full": 1000}[scale]
 setting = {"scale": scale, "draws": draws}
-made = provenance.trace("40_belt_arrival", setting, seed=seed, inputs=files.values())
+origin = figures.trace("40_belt_arrival", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
 tracks = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
 observed = {key: phase.observe(one) for key, one in tracks.items()}
@@ -54,7 +52,7 @@ counts = sorter.count_particles(tracks, observed)
 print(f"{draws} draws; predicting from {phase.start_mm:.0f} to {phase.target_mm:.0f} mm")
 caption = "Particles of each data set, how many are evaluated, and why the others are left out. "
 caption += f"The own simulation is {simulated}."
-figures.save("belt-particles", counts, caption=caption, provenance=made)
+figures.save("belt-particles", counts, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity along the belt
@@ -68,13 +66,11 @@ profiles = pd.concat(parts, names=["source", "data_set"]).droplevel(-1)
 
 # %% tags=["hide-input"]
 shown = list(dict.fromkeys(key[0] for key in tracks))
-picture, (panels,) = drawing.canvas(1, len(shown), width_mm=88 * len(shown), sharey=True)
+picture, (panels,) = style.canvas(1, len(shown), width_mm=88 * len(shown), sharey=True)
 for axes, name in zip(panels, shown, strict=True):
     axes.axhline(1.5, color="0.6", lw=0.8, ls="-", label="belt")
     axes.set(title=name, xlabel="x along the belt (mm)", ylabel="velocity along the belt (m/s)")
-    for data_set, colour, mark in zip(
-        sorter.DATA_SETS, drawing.COLOURS, drawing.MARKERS, strict=False
-    ):
+    for data_set, colour, mark in zip(sorter.DATA_SETS, style.COLOURS, style.MARKERS, strict=False):
         one = profiles.loc[name, data_set].set_index("x_mm")
         axes.plot(one["mean_m_s"], color=colour, marker=mark, ls="-", label=data_set)
         spread = pd.concat([one["mean_m_s"] - one["std_m_s"], one["mean_m_s"] + one["std_m_s"]])
@@ -88,7 +84,7 @@ caption = (
     "last seen by all."
 )
 table = profiles.reset_index()
-figures.save("fig-belt20-7-velocity", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt20-7-velocity", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Deviation of the arrival time
@@ -105,17 +101,17 @@ caption = (
     f"the 150 mm to {phase.target_mm:.0f} mm."
 )
 table = arrival.rename(columns=names)[columns]
-figures.save("belt-arrival", table, caption=caption, provenance=made)
+figures.save("belt-arrival", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 plotted = answers.PLOTTED  # Fig. 9 leaves CV out for its bias
 some = arrival[arrival["model"].isin(plotted)].set_index(["data_set", "source"])
-picture, grid = drawing.canvas(len(shown), 3, width_mm=drawing.PAGE_MM, height_mm=52 * len(shown))
+picture, grid = style.canvas(len(shown), 3, width_mm=style.PAGE_MM, height_mm=52 * len(shown))
 for panels, name in zip(grid, shown, strict=True):
     panels[0].set_ylabel(f"{name}\npredicted minus true arrival (ms)")
     for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        drawing.boxes(axes, some.loc[data_set].loc[name])
+        style.boxes(axes, some.loc[data_set].loc[name])
         axes.set(title=data_set, xticks=range(5), xticklabels=plotted)
 
 # %%
@@ -125,7 +121,7 @@ caption = (
     "predicted. Axes differ between panels."
 )
 table = arrival.rename(columns=names | {n: f"{n}_ms" for n in ("whisker_low", "whisker_high")})
-figures.save("fig-belt20-9-arrival", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt20-9-arrival", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the calibration draw changes
@@ -136,7 +132,7 @@ caption = (
     "Interquartile range and mean absolute error of the arrival time in milliseconds: median over "
     "the calibration draws and the interval that holds 95 % of them."
 )
-figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=made)
+figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the target changes
@@ -155,7 +151,7 @@ caption = (
     "long: interquartile range and mean absolute error."
 )
 table = varied[["target_mm", "source", "data_set", "model", "n", "iqr", "mae"]]
-figures.save("belt-arrival-target", table, caption=caption, provenance=made)
+figures.save("belt-arrival-target", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the sampling rate changes
@@ -175,15 +171,15 @@ caption = (
     "absolute error of the particles that are observed at every rate."
 )
 table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
-figures.save("belt-arrival-rate", table, caption=caption, provenance=made)
+figures.save("belt-arrival-rate", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=55)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=55)
 for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
     wide = rated[rated["data_set"] == data_set].pivot(
         index="sampling_hz", columns="model", values="mae"
     )
-    for name, mark in zip(plotted, drawing.MARKERS, strict=False):
+    for name, mark in zip(plotted, style.MARKERS, strict=False):
         axes.plot(wide[name], marker=mark, label=name)
     axes.set(title=data_set, xlabel="sampling rate (Hz)", xscale="log", yscale="log")
     axes.xaxis.set_major_formatter("{x:g}")
@@ -192,11 +188,11 @@ for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
 panels[0].set_ylabel("mean absolute error (ms)")
 picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 caption = "Mean absolute error of the arrival time by sampling rate, own simulation to the edge."
-figures.save("fig-belt-rate", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt-rate", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
 rows = [
-    {"id": id, "data_set": name, "at": rate, "verdict": reference.judge(id, part).verdict}
+    {"id": id, "data_set": name, "at": rate, "verdict": claims.judge(id, part).verdict}
     for rate, one in rated.groupby("sampling_hz")
     for id, answer in answers.arrival_answers(one).items()
     for name, part in {"all": answer, **answers.by_data_set(answer)}.items()
@@ -208,7 +204,7 @@ caption = (
     "Verdicts on the claims about the arrival time by sampling rate, own simulation to the edge, "
     "as a whole (all) and for each data set alone; what differs from the slowest to the fastest."
 )
-figures.save("belt-arrival-by-rate", table.reset_index(), caption=caption, provenance=made)
+figures.save("belt-arrival-by-rate", table.reset_index(), caption=caption, provenance=origin)
 
 # %%
 whole = [id for id, name in by_rate.index[differs] if name == "all"]
@@ -232,14 +228,16 @@ Markdown(changed)
 said = {(name, 0.0): one for name, one in arrival.groupby("source") if name != sorter.OWN}
 said |= {(sorter.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
 rows = [
-    {"source": name, "sampling_hz": rate or 100.0, **asdict(reference.judge(claim, answer))}
+    {"source": name, "sampling_hz": rate or 100.0, **asdict(claims.judge(claim, answer))}
     for (name, rate), one in said.items()
     for claim, answer in answers.arrival_answers(one).items()
 ]
 columns = ["source", "sampling_hz", "id", "verdict", "measured"]
 caption = "Verdicts on the claims about the arrival time by source and sampling rate; the own "
 caption += "simulation predicted to the edge (788 mm), other tracks to 773 mm."
-figures.save("belt-arrival-verdicts", pd.DataFrame(rows)[columns], caption=caption, provenance=made)
+figures.save(
+    "belt-arrival-verdicts", pd.DataFrame(rows)[columns], caption=caption, provenance=origin
+)
 
 # %%
 judged = arrival[arrival["source"] == source]
@@ -256,14 +254,14 @@ notes["belt20-6"] = f"{note}; mean velocity"
 
 # %%
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
-verdicts = [reference.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
+verdicts = [claims.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
 if not (files or sorter.is_simulated()):
-    verdicts[2] = reference.undecidable("belt20-3", shapes)
+    verdicts[2] = claims.undecidable("belt20-3", shapes)
 mae = judged.pivot(index="data_set", columns="model", values="mae")
-reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)
 result = (
     f"{reproduced} of 6 claims reproduced ({source}); identical acceleration is off by "
     f"{mae['IA'].min():.2f} to {mae['IA'].max():.2f} ms on average, identical velocity by "
     f"{mae['IV'].min():.2f} to {mae['IV'].max():.2f} ms. {changed}"
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -11,9 +11,7 @@ from IPython.display import Markdown
 from kilnflight import belt
 from kilnflight.belt import answers, dem, deviation, velocity
 from kilnflight.experiments import sorter
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN
@@ -40,10 +38,10 @@ draws = 0  # calibration draws; 0: 5, 200 or 1000 by scale
 jobs = 2  # processes of our own simulation
 
 # %%
-drawing.use_style()
+style.use_style()
 draws = draws or {"quick": 5, "standard": 200, "full": 1000}[scale]
 setting = {"scale": scale, "draws": draws}
-made = provenance.trace("41_belt_lateral", setting, seed=seed, inputs=files.values())
+origin = figures.trace("41_belt_lateral", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
 tracks = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
 observed = {key: phase.observe(one) for key, one in tracks.items()}
@@ -61,7 +59,7 @@ for data_set in sorter.DATA_SETS:
     few.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=50)
+picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=50)
 for axes, steps in zip(panels, few, strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, one in steps.groupby("particle"):
@@ -74,7 +72,7 @@ caption = (
 )
 table = pd.concat(few).rename(columns={"x": "x_mm"})
 figures.save(
-    "fig-belt20-8-lateral-velocity", table, picture=picture, caption=caption, provenance=made
+    "fig-belt20-8-lateral-velocity", table, picture=picture, caption=caption, provenance=origin
 )
 
 # %% [markdown]
@@ -92,19 +90,19 @@ caption = (
     f"Predicted over the 150 mm to {phase.target_mm:.0f} mm."
 )
 table = lateral.rename(columns=names)[columns]
-figures.save("belt-lateral", table, caption=caption, provenance=made)
+figures.save("belt-lateral", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 models = [name for name, _, _ in belt.COMBINATIONS]
 some = lateral.set_index(["data_set", "source"])
 shown = list(dict.fromkeys(lateral["source"]))
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 58 * len(shown)}
-picture, grid = drawing.canvas(len(shown), 3, **size)
+size = {"width_mm": style.PAGE_MM, "height_mm": 58 * len(shown)}
+picture, grid = style.canvas(len(shown), 3, **size)
 for panels, name in zip(grid, shown, strict=True):
     panels[0].set_ylabel(f"{name}\npredicted minus true position (mm)")
     for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        drawing.boxes(axes, some.loc[data_set].loc[name])
+        style.boxes(axes, some.loc[data_set].loc[name])
         axes.set_title(data_set)
         axes.set_xticks(range(len(models)), models, rotation=60)
 
@@ -115,7 +113,7 @@ caption = (
     "model, then its lateral model. Axes differ between panels."
 )
 table = lateral.rename(columns=names | {n: f"{n}_mm" for n in ("whisker_low", "whisker_high")})
-figures.save("fig-belt20-10-lateral", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt20-10-lateral", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the calibration draw changes
@@ -126,7 +124,7 @@ caption = (
     "Interquartile range and mean absolute error of the lateral position in millimetres: median "
     "over the calibration draws and the interval that holds 95 % of them."
 )
-figures.save("belt-lateral-calibration", intervals, caption=caption, provenance=made)
+figures.save("belt-lateral-calibration", intervals, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the target changes
@@ -144,7 +142,7 @@ caption = (
     "long: interquartile range and mean absolute error."
 )
 table = varied[["target_mm", "source", "data_set", "model", "n", "iqr", "mae"]]
-figures.save("belt-lateral-target", table, caption=caption, provenance=made)
+figures.save("belt-lateral-target", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What the sampling rate changes
@@ -162,11 +160,11 @@ caption = (
     "absolute error of the particles that are observed at every rate."
 )
 table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
-figures.save("belt-lateral-rate", table, caption=caption, provenance=made)
+figures.save("belt-lateral-rate", table, caption=caption, provenance=origin)
 
 # %%
 rows = [
-    {"id": id, "data_set": name, "at": rate, "verdict": reference.judge(id, part).verdict}
+    {"id": id, "data_set": name, "at": rate, "verdict": claims.judge(id, part).verdict}
     for rate, one in rated.groupby("sampling_hz")
     for id, answer in answers.lateral_answers(one).items()
     for name, part in {"all": answer, **answers.by_data_set(answer)}.items()
@@ -179,7 +177,7 @@ caption = (
     "edge, as a whole (all) and for each data set alone; what differs from the slowest to the "
     "fastest."
 )
-figures.save("belt-lateral-by-rate", table.reset_index(), caption=caption, provenance=made)
+figures.save("belt-lateral-by-rate", table.reset_index(), caption=caption, provenance=origin)
 
 # %%
 whole = [id for id, name in by_rate.index[differs] if name == "all"]
@@ -200,14 +198,16 @@ Markdown(changed)
 said = {(name, 0.0): one for name, one in lateral.groupby("source") if name != sorter.OWN}
 said |= {(sorter.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
 rows = [
-    {"source": name, "sampling_hz": rate or 100.0, **asdict(reference.judge(claim, answer))}
+    {"source": name, "sampling_hz": rate or 100.0, **asdict(claims.judge(claim, answer))}
     for (name, rate), one in said.items()
     for claim, answer in answers.lateral_answers(one).items()
 ]
 columns = ["source", "sampling_hz", "id", "verdict", "measured"]
 caption = "Verdicts on the claims about the lateral position by source and sampling rate; the own "
 caption += "simulation predicted to the edge (788 mm), other tracks to 773 mm."
-figures.save("belt-lateral-verdicts", pd.DataFrame(rows)[columns], caption=caption, provenance=made)
+figures.save(
+    "belt-lateral-verdicts", pd.DataFrame(rows)[columns], caption=caption, provenance=origin
+)
 
 # %%
 wide = varied.pivot(index=["target_mm", "data_set"], columns="model", values=["iqr", "mae"])
@@ -232,17 +232,17 @@ notes["belt20-10"] = f"{note}; rank of IA-Ratio by mean absolute error: {by_mae}
 
 # %%
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
-verdicts = [reference.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
+verdicts = [claims.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
 if not (files or sorter.is_simulated()):
-    verdicts[1] = reference.undecidable("belt20-8", shapes)
-    verdicts[3] = reference.undecidable("belt20-10", shapes)
+    verdicts[1] = claims.undecidable("belt20-8", shapes)
+    verdicts[3] = claims.undecidable("belt20-10", shapes)
 
 # %%
-reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)
 iqr = judged.pivot(index="data_set", columns="model", values="iqr")
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (
     f"{reproduced} of 4 claims reproduced ({source}); constant lateral velocity narrows the "
     f"spread of the straight model by {100 * gain.min():.0f} to {100 * gain.max():.0f} %. {changed}"
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -8,9 +8,7 @@ from IPython.display import Markdown
 
 from kilnflight.belt import appearance, arrival, association, physics, pictures, predictive, tracker
 from kilnflight.belt.friction import MATERIALS
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
 engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
 Markdown(f"**Own simulation**: {engine}. {physics.missing()}".rstrip())
@@ -35,11 +33,11 @@ jobs = 2  # processes of the simulation
 # %%
 from kilnflight.belt import answers, dem, filters, sampling, touching
 
-drawing.use_style()
+style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material
 files = dem.find_dem()
 setting, inputs = {"scale": scale, "count": count}, list(files.values())
-made = provenance.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
+origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
 bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
 looked = {
     name: predictive.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
@@ -78,7 +76,7 @@ caption = (
     "than one particle, tracks that never became valid, and how the valid ones ended."
 )
 table = pd.DataFrame(rows).fillna(0)
-figures.save("belt16-pictures", table, caption=caption, provenance=made)
+figures.save("belt16-pictures", table, caption=caption, provenance=origin)
 
 # %%
 spheres = looked["spheres"]
@@ -90,7 +88,7 @@ edges = np.array([[388.0, 90.0], [688.0, 90.0], [788.0, 90.0]])
 start, phase, end = spheres.calibration.pixels(edges)[:, 1]
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=92)
+picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=92)
 axes.imshow(view[busy], cmap="gray", vmin=0, vmax=255)
 speed = {"c": states["velocity_x_mm_s"] / 1000, "cmap": "viridis", "edgecolors": "black"}
 dots = axes.scatter(at[:, 1], at[:, 0], s=12, linewidths=0.4, **speed)
@@ -107,7 +105,7 @@ caption = (
 )
 table = states[["particle", "x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]]
 table = table.rename(columns={"x": "x_mm", "y": "y_mm"})
-figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Where tracks begin and end
@@ -122,7 +120,7 @@ table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": 
 table = table[table["x_mm"] >= 388]
 
 # %% tags=["hide-input"]
-picture, (panels,) = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=50)
+picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=50)
 panels[0].semilogy(table["x_mm"], table["new_per_frame_and_area"])
 panels[0].set(ylabel="new tracks, relative to one\nspread over the region")
 panels[0].set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
@@ -138,7 +136,7 @@ caption = (
     "Fig. 2 of the 2016 paper; on the belt's middle line, for a prediction good to 2 mm. Grey: end "
     "of the observed region."
 )
-figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
 step = next(one for one in tracker.BeltTracker().steps(spheres.spots) if min(one.costs.shape) >= 5)
@@ -150,7 +148,7 @@ table = pd.DataFrame(np.where(np.isinf(whole), np.nan, whole).round(2))
 table.columns = [f"{name}_{k}" for k, name in enumerate(seen)]
 
 # %% tags=["hide-input"]
-picture, ((axes,),) = drawing.canvas(width_mm=110, height_mm=95)
+picture, ((axes,),) = style.canvas(width_mm=110, height_mm=95)
 axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
@@ -168,7 +166,7 @@ caption = (
     "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
     "what each track takes in the likeliest association."
 )
-figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Deviations at the edge
@@ -207,17 +205,17 @@ caption = (
     "Particles that were fed, and how many of them were predicted from images: at all, more than "
     "once, or not; the same for those that were ever seen as one spot with another."
 )
-figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=made)
+figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, panels = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=105)
+picture, panels = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=105)
 units = {"lateral_mm": "lateral deviation (mm)", "temporal_ms": "temporal deviation (ms)"}
 shown = boxes.query("material == 'spheres'").set_index(["quantity", "data"])
 for row, (quantity, label) in zip(panels, units.items(), strict=True):
     for axes, data in zip(row, ("noise-free", "images"), strict=True):
         some = shown.loc[[(quantity, data)]]
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        drawing.boxes(axes, some)
+        style.boxes(axes, some)
         axes.set_xticks(range(len(some)), some["approach"])
         axes.set(title=data, ylabel=label, xlim=(-0.6, 2.6))
 
@@ -227,7 +225,7 @@ caption = (
     "without outliers, the numbers are the widths of the boxes. Temporal: positive where a "
     "particle came earlier than predicted. Axes differ between panels."
 )
-figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=made)
+figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=origin)
 
 # %%
 within = every.assign(
@@ -237,7 +235,7 @@ keys = ["material", "data", "approach"]
 shares = within.groupby(keys, sort=False)[["within_02_mm", "within_15_mm"]].mean()
 shares["n"] = within.groupby(keys, sort=False).size()
 caption = "Share of the predictions whose lateral deviation is below 0.2 mm and below 1.5 mm."
-figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=made)
+figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=origin)
 
 # %% [markdown]
 # "Improving the model may lead to lower temporal errors" (section V): the same spots with the
@@ -263,7 +261,7 @@ caption = (
     "Deviations from images by filter: median and interquartile range of the lateral deviation "
     "and of the time of arrival."
 )
-figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=made)
+figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -292,8 +290,8 @@ for (source, name), one in slow.items():
 # %%
 rows = []
 for name, source, claim, answer in asked:
-    said = reference.judge(claim, answer)
-    holds = "yes" if said.verdict == reference.REPRODUCED else "no"
+    said = claims.judge(claim, answer)
+    holds = "yes" if said.verdict == claims.REPRODUCED else "no"
     row = {"id": claim, "material": name, "source": source, "criterion_holds": holds}
     rows.append(row | {"measured": said.measured, "criterion": said.criterion})
 by_material = pd.DataFrame(rows).sort_values("id", kind="stable", ignore_index=True)
@@ -306,7 +304,7 @@ caption = (
 if physics.is_installed():
     caption += " How fast our spheres move along and across the belt was fitted to the authors'; "
     caption += "their agreement with belt16-2 and belt16-4 is no result."
-figures.save("belt16-by-material", by_material, caption=caption, provenance=made)
+figures.save("belt16-by-material", by_material, caption=caption, provenance=origin)
 
 # %%
 share = shares.loc["spheres"]
@@ -321,21 +319,21 @@ note = f"{count} spheres of {engine}"
 rolls = "; their rolling friction was fitted" if physics.is_installed() else ""
 said = answered["spheres"]
 verdicts = [
-    reference.judge("belt16-1", said["belt16-1"], note=note + rolls),
-    reference.judge("belt16-2", said["belt16-2"], note=f"{note}; interquartile range"),
-    reference.judge("belt16-3", said["belt16-3"], note=note),
-    reference.judge("belt16-4", said["belt16-4"], note=f"{note}; median; {told}"),
-    reference.judge("belt16-5", said["belt16-5"], note=f"{note}; interquartile range and median"),
+    claims.judge("belt16-1", said["belt16-1"], note=note + rolls),
+    claims.judge("belt16-2", said["belt16-2"], note=f"{note}; interquartile range"),
+    claims.judge("belt16-3", said["belt16-3"], note=note),
+    claims.judge("belt16-4", said["belt16-4"], note=f"{note}; median; {told}"),
+    claims.judge("belt16-5", said["belt16-5"], note=f"{note}; interquartile range and median"),
 ]
 
 # %%
 # How far a straight prediction is off across the belt is how fast spheres move across it, which
 # was fitted, as was whether they still accelerate.
 if physics.is_installed():
-    verdicts[1], verdicts[3] = (reference.fitted(verdicts[k], calibrated) for k in (1, 3))
+    verdicts[1], verdicts[3] = (claims.fitted(verdicts[k], calibrated) for k in (1, 3))
 
 # %%
-reproduced = sum(one.verdict == reference.REPRODUCED for one in verdicts)
+reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)
 across = boxes.query("quantity == 'lateral_mm' and data == 'images'")
 wide = across.pivot(index="material", columns="approach", values="iqr")
 wide = wide.loc[[name for name in MATERIALS if wide["Tracking"][name] > wide["Straight"][name]]]
@@ -347,4 +345,4 @@ result = (
     " % to 0.2 mm without noise. From images the lateral spread of Tracking is larger than that of "
     f"Straight for {', '.join(worse) or 'no material'}."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -7,9 +7,7 @@ from IPython.display import Markdown
 from kilnflight.belt import answers, dem, friction_values, physics, velocity
 from kilnflight.belt.bulk import BULKS
 from kilnflight.experiments import sorter
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
 files = dem.find_dem()
 there = f"**Input:** {sorter.describe_own()}"
@@ -46,9 +44,9 @@ import pandas as pd
 
 from kilnflight.belt import contact_study
 
-drawing.use_style()
+style.use_style()
 inputs = list(files.values())
-made = provenance.trace("43_simulated_sorter", {"scale": scale}, seed=seed, inputs=inputs)
+origin = figures.trace("43_simulated_sorter", {"scale": scale}, seed=seed, inputs=inputs)
 tracks = sorter.variants(sorter.PARTICLES[scale], seed, jobs)
 tracks |= {("authors-dem", name): dem.read_dem(path) for name, path in files.items()}
 pd.Series({key: one["particle"].nunique() for key, one in tracks.items()}, name="particles")
@@ -75,7 +73,7 @@ caption = (
     f"spheres ({found['particles']} particles, {found['evaluations']} evaluations, then the search "
     "stopped at its budget), and where the others come from. Costs are on the same particles."
 )
-figures.save("sorter-friction-values", values, caption=caption, provenance=made)
+figures.save("sorter-friction-values", values, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocities along and across the belt
@@ -91,12 +89,12 @@ profiles = pd.concat(
     names=["variant", "data_set"],
 ).reset_index(["variant", "data_set"])
 variants = list(dict.fromkeys(profiles["variant"]))
-styles = dict(zip(variants, zip(drawing.COLOURS, drawing.LINES, strict=True), strict=False))
+styles = dict(zip(variants, zip(style.COLOURS, style.LINES, strict=True), strict=False))
 quantities = {"mean_m_s": "mean along", "std_m_s": "spread along", "lateral_m_s": "median across"}
 
 # %% tags=["hide-input"]
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 130}
-picture, grid = drawing.canvas(3, 3, **size, sharex=True)
+size = {"width_mm": style.PAGE_MM, "height_mm": 130}
+picture, grid = style.canvas(3, 3, **size, sharex=True)
 for panels, (name, label) in zip(grid, quantities.items(), strict=True):
     panels[0].set_ylabel(f"{label} (m/s)")
     for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
@@ -115,7 +113,7 @@ caption = (
     "velocity across it, of our simulation and of the authors' tracks. The free values were "
     "found with the spheres; cuboids and cylinders are predictions."
 )
-figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, provenance=made)
+figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## How far off
@@ -131,7 +129,7 @@ figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, 
 misfit = sorter.misfits(profiles, sorter.AUTHORS).round(5)
 caption = "Root mean square over the belt of simulated minus the authors' velocities (m/s)."
 if len(misfit):  # without the authors' tracks there is nothing to be off from
-    figures.save("sorter-misfit", misfit, caption=caption, provenance=made)
+    figures.save("sorter-misfit", misfit, caption=caption, provenance=origin)
 misfit
 
 # %% [markdown]
@@ -162,11 +160,11 @@ if sorter.is_simulated():
 # %% tags=["hide-input"]
 looks = {"mean_mm_s": "mean along", "gain_mm_s": "gain along", "std_mm_s": "spread along"}
 looks |= {"lateral_mm_s": "median across"}
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 95, "sharey": True}
-picture, (panels,) = drawing.canvas(1, len(looks), **size) if len(studied) else (None, ((),))
+size = {"width_mm": style.PAGE_MM, "height_mm": 95, "sharey": True}
+picture, (panels,) = style.canvas(1, len(looks), **size) if len(studied) else (None, ((),))
 for axes, (name, label) in zip(panels, looks.items(), strict=False):
     for k, (data_set, one) in enumerate(changed.groupby("data_set", sort=False)):
-        mark = {"marker": drawing.MARKERS[k], "color": drawing.COLOURS[k], "ls": "", "ms": 4}
+        mark = {"marker": style.MARKERS[k], "color": style.COLOURS[k], "ls": "", "ms": 4}
         axes.plot(one[name], one["setting"], label=data_set, mfc="none", **mark)
     axes.axvline(0, color="0.6", lw=0.8, ls="-")
     axes.set(title=label, xlabel="change (mm/s)")
@@ -180,7 +178,7 @@ caption = (
     "to 750 mm, its standard deviation, median size across. As used is "
     f"{contact_study.described(friction_values.calibrated_sorter())}; {fed} particles of each."
 )
-part = {"picture": picture, "caption": caption, "provenance": made}
+part = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-sorter-contacts", changed, **part) if len(studied) else None
 
 # %%
@@ -188,7 +186,7 @@ caption = (
     "Velocities (means over the belt) and restitution (two spheres, by where within a step they "
     "meet) for one contact value changed at a time."
 )
-part = {"caption": caption, "provenance": made}
+part = {"caption": caption, "provenance": origin}
 figures.save("sorter-contacts", studied.round(4), **part) if len(studied) else None
 
 # %% [markdown]
@@ -208,7 +206,7 @@ for name, bulk in BULKS.items() if sorter.is_simulated() else ():
     rows.append(row | {"cpu_s_per_simulated_s": spent / simulated})
 cost = pd.DataFrame(rows).round(2)
 caption = "What a simulated second of the calibrated sorter costs: processor time on one core."
-figures.save("sorter-cost", cost, caption=caption, provenance=made) if rows else None
+figures.save("sorter-cost", cost, caption=caption, provenance=origin) if rows else None
 
 # %% [markdown]
 # ## Claim belt20-6 on each source
@@ -217,13 +215,13 @@ figures.save("sorter-cost", cost, caption=caption, provenance=made) if rows else
 
 # %%
 rows = [
-    {"variant": variant, **asdict(reference.judge("belt20-6", answer["belt20-6"]))}
+    {"variant": variant, **asdict(claims.judge("belt20-6", answer["belt20-6"]))}
     for variant, one in profiles.groupby("variant", sort=False)
     for answer in [answers.speed_answers(one)]
 ]
 slower = pd.DataFrame(rows)[["variant", "verdict", "measured"]]
 caption = "Claim belt20-6, slower than the belt and still accelerating, by source."
-figures.save("sorter-belt20-6", slower, caption=caption, provenance=made)
+figures.save("sorter-belt20-6", slower, caption=caption, provenance=origin)
 
 # %%
 result = f"Our own simulation is {sorter.describe_own()}."
@@ -231,4 +229,4 @@ if files and sorter.is_simulated():
     off = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
     each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in sorter.DATA_SETS)
     result += f" Its mean velocities are off by (mm/s, root mean square): {each}."
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

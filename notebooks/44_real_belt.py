@@ -11,8 +11,7 @@ from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import Area
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import BeltTracker
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
 # %% tags=["hide-input"]
@@ -44,11 +43,11 @@ seed = 2020  # of the calibration draws
 draws = 0  # calibration draws; 0: 2, 50 or 200 by scale
 
 # %%
-drawing.use_style()
+style.use_style()
 draws = draws or {"quick": 2, "standard": 50, "full": 200}[scale]
 used = {name: some[:1] if scale == "quick" else some for name, some in files.items()}
 inputs = [path for some in used.values() for path in some]
-made = provenance.trace("44_real_belt", {"scale": scale, "draws": draws}, seed=seed, inputs=inputs)
+origin = figures.trace("44_real_belt", {"scale": scale, "draws": draws}, seed=seed, inputs=inputs)
 seen = {name: recordings.joined(map(recordings.read_recording, one)) for name, one in used.items()}
 known = {"velocity": (85.0, 0.0), "velocity_sd": 8.0, "measurement_sd": 1.0}  # px, frames
 motions = {"CV filter": ConstantVelocity(**known), "CA filter": ConstantAcceleration(**known)}
@@ -82,7 +81,7 @@ caption = (
     "Links of the authors' tracks that the tracker found, and share of its own links that are "
     "theirs, too; how its tracks ended."
 )
-figures.save("belt-real-links", links, caption=caption, provenance=made) if files else None
+figures.save("belt-real-links", links, caption=caption, provenance=origin) if files else None
 
 # %% [markdown]
 # ## Predicted over the last quarter of the belt
@@ -115,7 +114,7 @@ for (name, filtered), one in followed.items():
 columns = ["data_set", "filter", "predicted"]
 reasons = pd.DataFrame(omitted, columns=None if omitted else columns)
 caption = "Tracks that are predicted and that are left out, by reason, over all recordings."
-figures.save("belt-real-left-out", reasons, caption=caption, provenance=made) if files else None
+figures.save("belt-real-left-out", reasons, caption=caption, provenance=origin) if files else None
 
 # %%
 keys = ["data_set", "filter", "quantity", "model"]
@@ -127,11 +126,11 @@ caption = (
     "real recordings: medians over the calibration draws. Left out: tracks with a gap, too short, "
     "or not seen at the target."
 )
-figures.save("belt-real-models", models, caption=caption, provenance=made) if files else None
+figures.save("belt-real-models", models, caption=caption, provenance=origin) if files else None
 
 # %% tags=["hide-input"]
-width = drawing.PAGE_MM
-picture, grid = drawing.canvas(2, 3, width_mm=width, height_mm=105) if files else (None, ())
+width = style.PAGE_MM
+picture, grid = style.canvas(2, 3, width_mm=width, height_mm=105) if files else (None, ())
 some = models[models["filter"] == "CV filter"].set_index(["quantity", "data_set"])
 for row, (quantity, label) in zip(
     grid, {"arrival_frames": "arrival (frames)", "lateral_px": "place (px)"}.items(), strict=False
@@ -140,7 +139,7 @@ for row, (quantity, label) in zip(
         one = some.loc[[(quantity, name)]]
         one = one[~one["model"].isin(["CA", "CA-CA", "IA-CA"])]  # this filter has none
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        drawing.boxes(axes, one)
+        style.boxes(axes, one)
         axes.set_xticks(range(len(one)), one["model"], rotation=60)
         axes.set(title=name, ylabel=f"predicted minus observed\n{label}")
 
@@ -150,7 +149,7 @@ caption = (
     "the numbers are the widths of the boxes. After Figs 9 and 10 of the 2020 paper, which show "
     "simulations. Axes differ between panels."
 )
-part = {"picture": picture, "caption": caption, "provenance": made}
+part = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-belt-real-models", models, **part) if files else None
 
 # %% [markdown]
@@ -181,7 +180,9 @@ sentences = pd.DataFrame(rows, columns=None if rows else ["data_set"])
 sentences = sentences.set_index("data_set").T.rename_axis("sentence").reset_index()
 sentences = sentences.replace({True: "yes", False: "no", np.True_: "yes", np.False_: "no"})
 caption = "Sentences of the 2020 paper about its simulations, on the authors' real recordings."
-figures.save("belt-real-sentences", sentences, caption=caption, provenance=made) if files else None
+figures.save(
+    "belt-real-sentences", sentences, caption=caption, provenance=origin
+) if files else None
 
 # %%
 result = "The authors' recordings are not here; nothing is concluded."
@@ -192,4 +193,4 @@ if files:
         f"recordings, and {agreed.min():.2f} to {agreed.max():.2f} % of its own are theirs. No "
         "claim is tested."
     )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

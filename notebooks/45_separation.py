@@ -12,8 +12,7 @@ from kilnflight.belt import dem
 from kilnflight.belt.separation import ValveBar
 from kilnflight.belt.sorting import MODELS, shares
 from kilnflight.experiments import sorter
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
 files = dem.find_dem()
 source = sorter.AUTHORS if files else sorter.OWN
@@ -42,10 +41,10 @@ wanted = 0.1  # share of the particles to be blown out
 jobs = 2  # processes of our own simulation
 
 # %%
-drawing.use_style()
+style.use_style()
 draws = {"quick": 1, "standard": 5, "full": 20}[scale]
 setting = {"scale": scale, "draws": draws, "wanted": wanted}
-made = provenance.trace("45_separation", setting, seed=seed, inputs=files.values())
+origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
 loaded = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
 observed = {name: phase.observe(one) for (given, name), one in loaded.items() if given == source}
@@ -77,11 +76,11 @@ varied = {"open_ms": table[few & as_wide], "valve_mm": table[few & long]}
 
 # %% tags=["hide-input"]
 shown = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
-styles = list(zip(drawing.COLOURS, drawing.LINES, drawing.MARKERS, strict=True))
+styles = list(zip(style.COLOURS, style.LINES, style.MARKERS, strict=True))
 labels = {"open_ms": "time that a valve is open (ms)", "valve_mm": "width of a valve's jet (mm)"}
 share = ["particles to be blown out\nthat are hit (%)", "other particles\nthat are hit (%)"]
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
-drawn = {along: drawing.canvas(2, len(observed), **size) for along in varied}
+size = {"width_mm": style.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
+drawn = {along: style.canvas(2, len(observed), **size) for along in varied}
 
 # %% tags=["hide-input"]
 for along, (_, grid) in drawn.items():
@@ -103,7 +102,7 @@ caption = (
     f"particle in ten to be blown out ({source}, exact positions, no camera). IV-Straight is what "
     "a line-scan camera assumes; arrival model, then lateral model."
 )
-part = {"picture": drawn["open_ms"][0], "caption": caption, "provenance": made}
+part = {"picture": drawn["open_ms"][0], "caption": caption, "provenance": origin}
 figures.save("fig-belt-separation", varied["open_ms"], **part)
 
 # %% [markdown]
@@ -119,7 +118,7 @@ caption = (
     "Hits and inadvertent hits over the width of a valve's jet, by model: 32 valves at a pitch of "
     f"5.6 mm, each open for 5 ms, one particle in ten to be blown out ({source})."
 )
-part = {"picture": drawn["valve_mm"][0], "caption": caption, "provenance": made}
+part = {"picture": drawn["valve_mm"][0], "caption": caption, "provenance": origin}
 figures.save("fig-belt-separation-width", varied["valve_mm"], **part)
 
 # %% [markdown]
@@ -138,7 +137,7 @@ caption = (
     "Share of the particles to be blown out that are hit, and of the others hit with them, by the "
     "number of valves across 180 mm; each is open for 5 ms."
 )
-figures.save("belt-separation-valves", wide, caption=caption, provenance=made)
+figures.save("belt-separation-valves", wide, caption=caption, provenance=origin)
 
 # %%
 at = table[few & long & as_wide].set_index(["model", "data_set"])["hit_percent"]
@@ -148,4 +147,4 @@ result = (
     f"old model (IV-Straight), {best.min():.0f} to {best.max():.0f} % by IA-Ratio ({source}, exact "
     "positions, no camera). No claim is tested."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

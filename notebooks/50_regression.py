@@ -23,10 +23,9 @@ import pandas as pd
 from IPython.display import HTML
 
 from kilnflight.experiments import flight_drawing, survey
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import regression
@@ -34,7 +33,7 @@ from kilnflight.experiments import campaigns, certainty, lessons
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import flights as findings
 
-made = provenance.trace("50_regression", {"scale": scale}, seed=seed)
+origin = figures.trace("50_regression", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 tracks, trajectories, flights, _ = measured
@@ -55,7 +54,7 @@ caption = (
     "Tracks of all campaigns that were fitted, or why not; how often t0 lies at an end of its "
     "range; and how many trajectories start at the lance and count in what follows."
 )
-figures.save("regression-outcomes", table, caption=caption, provenance=made)
+figures.save("regression-outcomes", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Table 5.18
@@ -68,7 +67,7 @@ caption = (
     "pressures, after Table 5.18, with 95 % intervals (bootstrap over trajectories). The scatter "
     "of the depth is an input of the twin: that RMSE in z agrees says nothing."
 )
-figures.save("table-5-18-regression", ours, caption=caption, provenance=made)
+figures.save("table-5-18-regression", ours, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Depths that jump
@@ -89,7 +88,7 @@ table = pd.DataFrame(rows, columns=columns).round(1)
 caption = (
     "RMSE in depth of the fits from the lance: median, outliers of a box plot, and the largest."
 )
-figures.save("regression-depth-jumps", table, caption=caption, provenance=made)
+figures.save("regression-depth-jumps", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which orders help
@@ -109,7 +108,7 @@ orders = pd.concat(parts, ignore_index=True) if parts else empty
 by_order = orders.groupby(["order", "axis"])[list(survey.FITTED.values())].median().reset_index()
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=100, sharex=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
 titles = {
     "rmse_mm": "RMSE (mm)",
     "mape_percent": "MAPE (%)",
@@ -118,9 +117,7 @@ titles = {
 }
 for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
     for k, (axis, one) in enumerate(by_order.groupby("axis")):
-        axes.plot(
-            one["order"], one[name], ls=drawing.LINES[k], marker=drawing.MARKERS[k], label=axis
-        )
+        axes.plot(one["order"], one[name], ls=style.LINES[k], marker=style.MARKERS[k], label=axis)
     axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
 
 # %%
@@ -131,7 +128,7 @@ caption = (
     "Medians of the four measures with the same order along all axes, over up to 40 trajectories "
     "of each campaign that are long enough for all orders; after Fig. 4.23."
 )
-figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, provenance=made)
+figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Trajectories in space
@@ -145,7 +142,7 @@ for name in shown:
     samples.append((name, list(fits.values()), [one for _, one in found.groupby("particle")]))
 
 # %% tags=["hide-input"]
-size = (drawing.PAGE_MM / 25.4, 110 / 25.4)
+size = (style.PAGE_MM / 25.4, 110 / 25.4)
 picture = plt.figure(figsize=size, layout="none")  # axes in space say nothing of their borders
 picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
 for k, (name, fits, found) in enumerate(samples):
@@ -164,7 +161,7 @@ caption = (
     "as points from dark (grey value 0) to yellow (30,000 or more); the red cross is the lance. "
     "After Figs 4.22, 4.24 and 5.16."
 )
-figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ### To be turned
@@ -212,4 +209,4 @@ result = (
     f"{counted} trajectories from the lance; median RMSE in depth (mm): {deep}. From order 6 to 7 "
     f"adjusted R2 changes by {gain:.4f}."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -19,17 +19,16 @@ pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 import pandas as pd
 
 from kilnflight.experiments import flight_drawing, survey
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight.experiments import campaigns, lessons
 from kilnflight.project.parallel import Workers
 
 pictures = pictures or {"quick": 5, "standard": 60, "full": 300}[scale]
-made = provenance.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
+origin = figures.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 
@@ -55,7 +54,7 @@ caption = (
     "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
     "after post-processing, and tracks that start at the lance."
 )
-figures.save("campaign-tracks", count, caption=caption, provenance=made)
+figures.save("campaign-tracks", count, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Optical ground truth and tracks
@@ -88,7 +87,7 @@ data = data.groupby("fraction")
 # %%
 saved = []
 for k, name in enumerate(names):
-    one = {"picture": drawn[name], "caption": captions[name], "provenance": made}
+    one = {"picture": drawn[name], "caption": captions[name], "provenance": origin}
     table = data.get_group(name) if name in data.groups else data.obj.head(0)
     saved.append(figures.save(f"fig-a-{k + 1}-tracks", table, **one))
 saved[0]
@@ -108,4 +107,4 @@ saved[-1]
 # %%
 parts = [f"{one.fraction} {one.pressure_bar} bar {one.from_lance}" for one in count.itertuples()]
 result = f"Trajectories from the lance: {', '.join(parts)}."
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

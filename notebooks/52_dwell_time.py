@@ -21,17 +21,16 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import definitions, deviations, flight_drawing, survey
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight import regression
 from kilnflight.experiments import campaigns, certainty, lessons, trust
 from kilnflight.project.parallel import Workers
 
-made = provenance.trace("52_dwell_time", {"scale": scale}, seed=seed)
+origin = figures.trace("52_dwell_time", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 trust.prepare(wanted, Workers(jobs))
@@ -57,7 +56,7 @@ caption = (
     "How measured flights end, after Fig. 5.18, and how many trajectories were left out because "
     "they do not start at the lance."
 )
-figures.save("fig-5-18-endings", ends, caption=caption, provenance=made)
+figures.save("fig-5-18-endings", ends, caption=caption, provenance=origin)
 
 # %%
 known = deviations.endings(both)
@@ -67,10 +66,10 @@ caption = (
     "counts as ignition (notebook 54), also of particles that never burn, and what does not land "
     "after one as burnt out."
 )
-figures.save("fig-5-18-true-endings", known, caption=caption, provenance=made)
+figures.save("fig-5-18-true-endings", known, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(1, 3, width_mm=drawing.PAGE_MM, height_mm=62, sharey=True)
+picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 some = definitions.examples(measured.flights)
 for axes, letter, case in zip(grid[0], "abc", deviations.CASES, strict=True):
     axes.set_title(f"({letter}) {case}" + ("" if case in some else ": none measured"))
@@ -94,7 +93,7 @@ caption = (
     "What dwell time means, after Fig. 5.18, on measured flights from the side: from the lance to "
     "landing or burning out. Of each case the one with the median dwell time."
 )
-figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-18-cases", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Dwell times, measured and true
@@ -107,8 +106,8 @@ data = flown.merge(truth.rename(columns={"true_dwell_s": "true_s"}), "outer", [*
 data = data.fillna({"particle": -1}).astype({"particle": int})
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(
-    1, max(len(bars), 2), width_mm=drawing.PAGE_MM, height_mm=80, sharey=True
+picture, grid = style.canvas(
+    1, max(len(bars), 2), width_mm=style.PAGE_MM, height_mm=80, sharey=True
 )
 for axes, bar in zip(grid[0], bars, strict=False):
     parts = [survey.of_cell(data, (name, bar)) for name in names]
@@ -117,7 +116,7 @@ for axes, bar in zip(grid[0], bars, strict=False):
     groups |= {"true, of those measured": seen}
     groups["measured"] = [one["measured_s"].to_numpy() for one in parts]
     flight_drawing.grouped_boxes(axes, groups, names)
-    axes.axhspan(0.3, 0.5, color=drawing.COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
+    axes.axhspan(0.3, 0.5, color=style.COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
     axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
 grid[0, 0].set_ylabel("dwell time (s)")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
@@ -129,7 +128,7 @@ caption = (
     "flights. Shaded: where the text puts the medians at 4.5 bar. In the table, particle -1: the "
     "flight is nobody's, a further one of its particle, or of one that the recording cuts."
 )
-figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
 every = certainty.table(found, true, ["dwell"], np.random.default_rng(seed))
@@ -142,7 +141,7 @@ caption = (
     "particles), beside the true median of all flights in the same frames, and whether the "
     "interval covers it."
 )
-figures.save("dwell-medians", rows, caption=caption, provenance=made)
+figures.save("dwell-medians", rows, caption=caption, provenance=origin)
 
 # %%
 caption = (
@@ -150,7 +149,7 @@ caption = (
     "so long, measured, with 95 % intervals (bootstrap over particles; shares: Wilson), and true. "
     "The longest has no interval. The thesis calls PE granules the most dispersed at 4.5 bar."
 )
-figures.save("dwell-intervals", every.round(4), caption=caption, provenance=made)
+figures.save("dwell-intervals", every.round(4), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Every printed number
@@ -161,7 +160,7 @@ caption = (
     "What is printed about dwell times, with its bounds, the truth, and the measurement with its "
     "95 % interval."
 )
-figures.save("dwell-published", said.round(3), caption=caption, provenance=made)
+figures.save("dwell-published", said.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -205,4 +204,4 @@ result = (
     f"Median dwell time at {bars[0]} bar (s): {', '.join(parts)}; the intervals of {covered} cells "
     "cover the true median."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -20,11 +20,9 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import deviations, flight_drawing, survey
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight.experiments import campaigns, certainty, definitions, lessons, trust
@@ -33,7 +31,7 @@ from kilnflight.regression import fits
 from kilnflight.scores import flights as findings
 from kilnflight.scores import intervals
 
-made = provenance.trace("53_velocity", {"scale": scale}, seed=seed)
+origin = figures.trace("53_velocity", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 trust.prepare(wanted, Workers(jobs))
@@ -50,7 +48,7 @@ names = list(dict.fromkeys(one.fraction for one in wanted))
 front = measured.slices[measured.slices["slice_m"] > 0]
 longest = front.groupby([*keys, "particle"])["observed"].agg(["sum", "size"]).reset_index()
 chosen = longest.sort_values(["sum", "size"], kind="stable").tail(1)
-picture, grid = drawing.canvas(1, 1, width_mm=drawing.PAGE_MM, height_mm=75)
+picture, grid = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
 name, passed = "flight (no metre was passed)", front.head(0)
 for one in chosen.itertuples():  # of a smoke run, none
     cell, name = (one.fraction, one.pressure_bar), f"{one.fraction} at {one.pressure_bar} bar"
@@ -67,7 +65,7 @@ caption = (
     f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20: V_n is one metre over the "
     "time between passing metre n - 1 and metre n."
 )
-figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Every particle, every metre
@@ -80,11 +78,11 @@ caption = (
     "of the truth; -1 belongs to none. Empty: not measured, or the metre was not passed."
 )
 columns = [*keys, "particle", "slice_m", "measured_m_s", "true_m_s"]
-picture, grid = drawing.canvas(1, 2, width_mm=drawing.PAGE_MM, height_mm=80)
+picture, grid = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=80)
 known = pairs.dropna(subset=["measured_m_s", "true_m_s"])
 for axes, metre in zip(grid[0], (1.0, 2.0), strict=True):
     for k, (name, one) in enumerate(known[known["slice_m"] == metre].groupby("fraction")):
-        look = {"marker": drawing.MARKERS[k], "color": drawing.COLOURS[k], "ls": "", "ms": 2}
+        look = {"marker": style.MARKERS[k], "color": style.COLOURS[k], "ls": "", "ms": 2}
         axes.plot(one["true_m_s"], one["measured_m_s"], label=name, alpha=0.6, **look)
     axes.plot([0, 20], [0, 20], color="0.5", lw=0.7, ls="-")
 
@@ -96,7 +94,9 @@ for axes, metre in zip(grid[0], (1, 2), strict=True):
     axes.set_xlabel("true velocity (m/s)")
 grid[0, 0].set_ylabel("measured velocity (m/s)")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-figures.save("fig-5-21-velocity", pairs[columns], picture=picture, caption=caption, provenance=made)
+figures.save(
+    "fig-5-21-velocity", pairs[columns], picture=picture, caption=caption, provenance=origin
+)
 
 # %% [markdown]
 # ## Boxes by metre, after Figs 5.21 to 5.24
@@ -104,8 +104,8 @@ figures.save("fig-5-21-velocity", pairs[columns], picture=picture, caption=capti
 # %% tags=["hide-input"]
 metres = [f"{m - 1}-{m} m" for m in findings.METRES]
 bars = sorted({one.pressure_bar for one in wanted})
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 55 * len(names)}
-picture, grid = drawing.canvas(len(names), 2, **size, sharex=True, sharey=True)
+size = {"width_mm": style.PAGE_MM, "height_mm": 55 * len(names)}
+picture, grid = style.canvas(len(names), 2, **size, sharex=True, sharey=True)
 boxes = {}
 for panels, name in zip(grid, names, strict=True):
     for axes, bar in zip(panels, bars, strict=False):
@@ -130,13 +130,13 @@ caption = (
 )
 both = {"true": survey.table(true), "measured": survey.table(found)}
 data = pd.concat(both, names=["source"]).reset_index("source")
-figures.save("fig-5-22-velocity-boxes", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-22-velocity-boxes", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The share that remains
 
 # %% tags=["hide-input"]
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=110, sharex=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharex=True)
 left = said[said["outcome"].str.startswith("remaining")].copy()
 left["at"] = left["outcome"].str.extract(r"remaining (\d)").astype(float)
 
@@ -146,7 +146,7 @@ for axes, name in zip(grid.flat, names, strict=False):
     for k, bar in enumerate(bars):
         for source, one in (("true", true), ("measured", found)):
             share = findings.remaining(one[name, bar].velocity_m_s)
-            look = {"color": drawing.COLOURS[2 - k], "marker": drawing.MARKERS[k]}
+            look = {"color": style.COLOURS[2 - k], "marker": style.MARKERS[k]}
             look |= {"ls": "-" if source == "true" else "--", "label": f"{source}, {bar} bar"}
             axes.plot(findings.METRES, share, **look)
         printed = survey.of_cell(left, (name, bar))
@@ -163,7 +163,7 @@ caption = (
 parts = {"true": survey.table(true), "measured": survey.table(found)}
 drawn = pd.concat([findings.along(one).assign(source=name) for name, one in parts.items()])
 drawn = pd.concat([drawn[drawn["quantity"] == "remaining"], left.assign(source="published")])
-figures.save("fig-5-20-remaining", drawn, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-20-remaining", drawn, picture=picture, caption=caption, provenance=origin)
 
 # %%
 generator = np.random.default_rng(seed)
@@ -179,7 +179,7 @@ caption = (
     "may come out at any velocity (velocity-unseen)."
 )
 table = every[passes].round(3)
-figures.save("velocity-medians", table, caption=caption, provenance=made)
+figures.save("velocity-medians", table, caption=caption, provenance=origin)
 
 # %%
 caption = (
@@ -187,7 +187,7 @@ caption = (
     "its 95 % interval (Wilson), and true."
 )
 table = every[~passes].round(2)
-figures.save("velocity-remaining", table, caption=caption, provenance=made)
+figures.save("velocity-remaining", table, caption=caption, provenance=origin)
 
 # %%
 caption = (
@@ -195,7 +195,7 @@ caption = (
     "measured, with its 95 % interval (bootstrap over particles; empty: fewer than eleven), and "
     "true. The thesis sees it fall along the way of wood chips and rise in the end."
 )
-figures.save("velocity-spread", wide.round(3), caption=caption, provenance=made)
+figures.save("velocity-spread", wide.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ### Metres that nobody saw
@@ -211,7 +211,7 @@ caption = (
     "many faster than any true particle there (too fast), and how many of these unseen; median "
     "velocity (m/s) of all, of the seen ones with its 95 % interval, and true."
 )
-figures.save("velocity-unseen", unseen.round(3), caption=caption, provenance=made)
+figures.save("velocity-unseen", unseen.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ### Backwards
@@ -227,7 +227,7 @@ behind = measured.slices[measured.slices["slice_m"] < 0]
 told = {"slices": ("velocity_m_s", "size"), "flights": ("particle", "nunique")}
 behind = behind.groupby(keys).agg(**told, median_m_s=("velocity_m_s", "median")).reset_index()
 caption = "Slices behind the lance, in how many flights, and the median of their velocities."
-figures.save("velocity-behind", behind, caption=caption, provenance=made)
+figures.save("velocity-behind", behind, caption=caption, provenance=origin)
 
 # %%
 caption = (
@@ -235,7 +235,7 @@ caption = (
     "measurement with its 95 % interval, and whether the twin was calibrated on it."
 )
 table = certainty.beside(said, every).round(2)
-figures.save("velocity-published", table, caption=caption, provenance=made)
+figures.save("velocity-published", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -262,7 +262,7 @@ for name in names:
     rows.append({"fraction": name, **survey.named(one)})
 caption = "Median velocity in the first metre at 5 bar over that at 4.5 bar, 95 % interval."
 table = pd.DataFrame(rows)
-figures.save("velocity-ratio", table, caption=caption, provenance=made)
+figures.save("velocity-ratio", table, caption=caption, provenance=origin)
 
 # %%
 heavy = ["wood chip", "PE granule"]
@@ -275,13 +275,18 @@ for claim, some in pairs.items():
 
 # %%
 given = {"vel-1": order, "vel-6": ratio}
-claims = {"vel-2": "wood chip", "vel-3": "confetti", "vel-4": "paper shred", "vel-5": "PE granule"}
-given |= {claim: survey.holds(said, (name, 4.5)) for claim, name in claims.items()}
+sentences = {
+    "vel-2": "wood chip",
+    "vel-3": "confetti",
+    "vel-4": "paper shred",
+    "vel-5": "PE granule",
+}
+given |= {claim: survey.holds(said, (name, 4.5)) for claim, name in sentences.items()}
 note = "medians measured on the twin; bounds of the printed sentences"
 verdicts = survey.decided(measured, given, note, apart)
 aims = {"vel-2", "vel-3"}
 fit = "the twin's flights were fitted to this cell"
-verdicts = [reference.fitted(one, fit) if one.id in aims else one for one in verdicts]
+verdicts = [claims.fitted(one, fit) if one.id in aims else one for one in verdicts]
 
 # %%
 parts = [f"{name} {value:.1f}" for name, value in change[bars[0]].items()]
@@ -296,4 +301,4 @@ result = (
     f"{far['number'].sum()}; without them no median of the first three moves by over {shift:.1f} "
     "m/s."
 )
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

@@ -21,19 +21,17 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import deviations, survey
-from kilnflight.project import claims as reference
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import claims, figures, style
 from kilnflight.scores import flights as findings
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight.experiments import campaigns, certainty, lessons, trust
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import intervals
 
-made = provenance.trace("54_ignition", {"scale": scale}, seed=seed)
+origin = figures.trace("54_ignition", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 trust.prepare(wanted, Workers(jobs))
@@ -62,7 +60,7 @@ caption = (
 )
 columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
 table = told.reindex(columns=columns)
-figures.save("ignition-told", table, caption=caption, provenance=made)
+figures.save("ignition-told", table, caption=caption, provenance=origin)
 
 # %%
 counted = measured.flights[measured.flights["from_lance"]]
@@ -73,7 +71,7 @@ caption = (
     "detection on: they have no step."
 )
 table = judged.reset_index()
-figures.save("ignition-judged", table, caption=caption, provenance=made)
+figures.save("ignition-judged", table, caption=caption, provenance=origin)
 
 # %%
 first = both["as published"].rename(columns={"measured_ignition_s": "measured_s"})
@@ -90,12 +88,12 @@ papers = [name for name in ("confetti", "paper shred") if name in names]
 bars = sorted({one.pressure_bar for one in wanted})
 true = survey.true_cells(wanted)
 kinds = {"true": true} | {name: survey.cells(one) for name, one in readings.items()}
-picture, grid = drawing.canvas(2, 2, width_mm=drawing.PAGE_MM, height_mm=110, sharex=True)
+picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharex=True)
 for panels, name in zip(grid, papers, strict=False):
     for axes, bar in zip(panels, bars, strict=False):
         for k, (source, one) in enumerate(kinds.items()):
             bins = findings.ignition_histogram(one[name, bar].ignition_s)
-            look = {"hatch": drawing.HATCHES[k], "color": ("white", "0.7", drawing.COLOURS[6])[k]}
+            look = {"hatch": style.HATCHES[k], "color": ("white", "0.7", style.COLOURS[6])[k]}
             place = bins["from_s"] + 0.02 + 0.03 * k
             axes.bar(place, bins["percent"], 0.03, ec="black", lw=0.5, label=source, **look)
         axes.set(title=f"{name}, {bar} bar", ylabel="% of all particles")
@@ -106,14 +104,14 @@ early = said["as published"].query("outcome == 'ignited < 0.1 s (%)'").set_index
 for panels, name in zip(grid, papers, strict=False):
     for axes, bar in zip(panels, bars, strict=False):
         share = early.get((name, bar), np.nan)
-        axes.plot(0.05, share, "D", color=drawing.COLOURS[1], label="published, within 0.1 s")
+        axes.plot(0.05, share, "D", color=style.COLOURS[1], label="published, within 0.1 s")
 _ = [axes.set_xlabel("time from the lance (s); the last bin holds all later") for axes in grid[1]]
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 caption = (
     "When confetti and paper shreds ignite, in per cent of all particles: true of all flights in "
     "the same frames, and measured by both readings; after Figs 5.25 and 5.26."
 )
-figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
 rows = []
@@ -130,7 +128,7 @@ caption = (
     "Share of the particles that ignite in flight with its 95 % interval (Wilson): true of all "
     "flights in the same frames, and measured by both readings."
 )
-figures.save("ignition-shares", shares.round(4), caption=caption, provenance=made)
+figures.save("ignition-shares", shares.round(4), caption=caption, provenance=origin)
 
 # %%
 generator = np.random.default_rng(seed)
@@ -142,7 +140,7 @@ caption = (
     "readings, with 95 % intervals (Wilson; bootstrap over particles), and true."
 )
 table = pd.concat(parts, names=["reading"]).reset_index("reading").round(3)
-figures.save("ignition-intervals", table, caption=caption, provenance=made)
+figures.save("ignition-intervals", table, caption=caption, provenance=origin)
 
 # %%
 beside = said["as published"].rename(columns={"measured": "as_published"})
@@ -153,7 +151,7 @@ caption = (
     "Every printed number about ignition with its bounds, the truth and both readings with their "
     "95 % intervals."
 )
-figures.save("ignition-published", beside.round(3), caption=caption, provenance=made)
+figures.save("ignition-published", beside.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -199,7 +197,7 @@ other = ", ".join(f"{a} {b} bar {v:.0f} %" for (a, b), v in better.items())
 note = f"grey values as they are; above the background: {other}"
 verdicts = survey.decided(measured, given, note, apart)
 fit = "the twin was fitted to the share of confetti at 4.5 bar"
-verdicts = [reference.fitted(one, fit) if one.id == "ign-2" else one for one in verdicts]
+verdicts = [claims.fitted(one, fit) if one.id == "ign-2" else one for one in verdicts]
 parts = [f"{a} {b} bar {v:.0f} % (true {share['true'][a, b]:.0f} %)" for (a, b), v in ours.items()]
 result = f"Told to ignite by grey values as they are: {', '.join(parts)}."
-figures.conclude(result, verdicts, made)
+figures.conclude(result, verdicts, origin)

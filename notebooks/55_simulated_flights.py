@@ -24,11 +24,10 @@ import pandas as pd
 from scipy import stats
 
 from kilnflight.experiments import definitions, flight_drawing, survey
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 from kilnflight.scores import flights as findings
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight.experiments import campaigns, lessons
@@ -38,7 +37,7 @@ from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
-made = provenance.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
+origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 found = survey.cells(measured)
@@ -54,7 +53,7 @@ simulated = {(name, bar): outcomes.findings(one) for name, one in flown.items()}
 # ## Simulated trajectories
 
 # %%
-picture = plt.figure(figsize=(drawing.PAGE_MM / 25.4, 70 / 25.4))
+picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 70 / 25.4))
 for k, name in enumerate(names[::2][:2]):
     axes = picture.add_subplot(1, 2, k + 1, projection="3d")
     flight_drawing.flown_paths(axes, flown[name], 30)
@@ -67,14 +66,14 @@ caption = (
     "Thirty simulated flights each, dots 1 m apart in depth, after Fig. A.5; the table says how "
     "the flights of all fractions end."
 )
-figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Dwell times
 
 # %% tags=["hide-input"]
-shown, size = 40, {"width_mm": drawing.PAGE_MM, "height_mm": 95}  # flights of each fraction
-picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+shown, size = 40, {"width_mm": style.PAGE_MM, "height_mm": 95}  # flights of each fraction
+picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 limits = np.quantile(np.concatenate([one.end_s for one in flown.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
     lines = definitions.from_the_side(axes, flown[name], flown[name].end_s, limits, shown)
@@ -94,10 +93,10 @@ caption = (
     "lance each ends."
 )
 data = pd.DataFrame(rows)
-figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture, grid = drawing.canvas(1, 1, width_mm=drawing.PAGE_MM, height_mm=75)
+picture, grid = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
 both = {"simulated": simulated, "measured": found}
 groups = {source: [one[name, bar].dwell_s for name in names] for source, one in both.items()}
 flight_drawing.grouped_boxes(grid[0, 0], groups, names)
@@ -110,14 +109,14 @@ boxes = [
 ]
 caption = "Dwell times, simulated and measured; after the right part of Fig. A.6."
 data = pd.DataFrame(boxes)
-figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity in depth
 
 # %% tags=["hide-input"]
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 95}
-picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+size = {"width_mm": style.PAGE_MM, "height_mm": 95}
+picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 speeds = {name: one.velocity_m_s[:, :, 0] for name, one in flown.items()}
 limits = np.nanquantile(np.concatenate([one.ravel() for one in speeds.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
@@ -139,11 +138,11 @@ caption = (
     "where it was not passed."
 )
 data = pd.DataFrame(rows)
-figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-size = {"width_mm": drawing.PAGE_MM, "height_mm": 110}
-picture, grid = drawing.canvas(2, 2, **size, sharex=True, sharey=True)
+size = {"width_mm": style.PAGE_MM, "height_mm": 110}
+picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 metres = [f"{m - 1}-{m} m" for m in findings.METRES]
 for axes, name in zip(grid.flat, names, strict=False):
     groups = {source: list(one[name, bar].velocity_m_s.T) for source, one in both.items()}
@@ -160,7 +159,7 @@ caption = (
 there = {"simulated": simulated, "measured": {cell: found[cell] for cell in simulated}}
 data = pd.concat({name: survey.table(one) for name, one in there.items()}, names=["source"])
 data = data.reset_index("source")
-figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Do they agree?
@@ -187,7 +186,7 @@ caption = (
     "Kolmogorov and Smirnov's distance between simulated and measured distributions, and the "
     "probability of one as large if they were the same."
 )
-figures.save("simulated-agreement", agree, caption=caption, provenance=made)
+figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
 # %%
 said = survey.beside_published(there["measured"], simulated, ["penetration"])
@@ -196,7 +195,7 @@ caption = (
     "How far from the lance the flights of the thesis's CFD end, those simulated here, and those "
     "measured here (m)."
 )
-figures.save("simulated-penetration", said.round(2), caption=caption, provenance=made)
+figures.save("simulated-penetration", said.round(2), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
@@ -211,4 +210,4 @@ result = (
     f"Simulated and measured distributions differ beyond chance in {differ} of {len(far)} cases; "
     f"distances {far['distance'].min():.2f} to {far['distance'].max():.2f}."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

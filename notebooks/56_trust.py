@@ -20,17 +20,16 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import deviations, survey
-from kilnflight.project import figures, provenance
-from kilnflight.project import style as drawing
+from kilnflight.project import figures, style
 
-drawing.use_style()
+style.use_style()
 
 # %%
 from kilnflight.experiments import campaigns, certainty, lessons, trust
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import flights as findings
 
-made = provenance.trace("56_trust", {"scale": scale}, seed=seed)
+origin = figures.trace("56_trust", {"scale": scale}, seed=seed)
 wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
 measured = campaigns.measured(wanted, Workers(jobs))
 trust.prepare(wanted, Workers(jobs))
@@ -82,7 +81,7 @@ caption = (
     "What became of every flight from the lance: found (one for each particle whose whole flight "
     "is recorded), duplicates, of particles that the recording cuts, and nobody's. They add up."
 )
-figures.save("trust-account", account, caption=caption, provenance=made)
+figures.save("trust-account", account, caption=caption, provenance=origin)
 
 # %%
 caption = (
@@ -93,7 +92,7 @@ caption = (
     "tracks break is in it, too. Nobody's: flights from the lance of no particle. Of those "
     "found, how many were told to ignite of the truly lit, and, wrongly, of the unlit ones."
 )
-figures.save("trust", table, caption=caption, provenance=made)
+figures.save("trust", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Where the error comes from
@@ -116,19 +115,19 @@ caption = (
     "positions and links is due to regression, landing and the test of ignition; true depth has "
     "our tracks with depths without scatter, true trajectories our tracks without regression."
 )
-figures.save("trust-steps", budget[columns], caption=caption, provenance=made)
+figures.save("trust-steps", budget[columns], caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 labels = {"dwell_s": "dwell time (s)", "velocity_m_s": "velocity 0-1 m (m/s)"}
 labels |= {"ignition_s": "ignition time (s)"}
 names = list(dict.fromkeys(one.fraction for one in wanted))
-picture, grid = drawing.canvas(3, 1, width_mm=drawing.PAGE_MM, height_mm=150, sharex=True)
+picture, grid = style.canvas(3, 1, width_mm=style.PAGE_MM, height_mm=150, sharex=True)
 mean = budget.groupby(["way", "fraction"])
 for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
     bias, spread = (mean[f"{quantity}_{what}"].mean().unstack() for what in ("bias", "spread"))
     for k, way in enumerate(trust.STEPS):
         place = np.arange(len(names)) + 0.11 * (k - 3.5)
-        one = {"color": [*drawing.COLOURS, "0.5"][k], "marker": [*drawing.MARKERS, "*"][k], "ms": 3}
+        one = {"color": [*style.COLOURS, "0.5"][k], "marker": [*style.MARKERS, "*"][k], "ms": 3}
         values = bias.loc[way].reindex(names), spread.loc[way].reindex(names)
         axes.errorbar(place, values[0], yerr=values[1], ls="", lw=0.8, label=way, **one)
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
@@ -141,7 +140,7 @@ caption = (
     "holds 68 % (bar), means over both pressures."
 )
 data = budget[columns]
-figures.save("fig-trust-steps", data, picture=picture, caption=caption, provenance=made)
+figures.save("fig-trust-steps", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Do the intervals cover the truth?
@@ -167,7 +166,7 @@ caption = (
     "of all flights in the same frames: an interval knows of chance, not of bias."
 )
 order = ["quantity", *keys, "number", "estimate", "low", "high", "true", "covers"]
-figures.save("trust-coverage", cover[order], caption=caption, provenance=made)
+figures.save("trust-coverage", cover[order], caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which differences can be told
@@ -194,7 +193,7 @@ caption = (
 )
 order = ["quantity", "first", "second", "number", "estimate", "low", "high", "true", "resolved"]
 table = apart[[*order, "resolved_with_table_5_15"]]
-figures.save("trust-resolved", table, caption=caption, provenance=made)
+figures.save("trust-resolved", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result
@@ -214,4 +213,4 @@ result = (
     f"cover the truth in {covered} cases; {ours} of {len(apart)} differences are resolved ({wrong} "
     f"with the wrong sign, {nothing} where there is none), {theirs} with Table 5.15's numbers."
 )
-figures.conclude(result, [], made)
+figures.conclude(result, [], origin)

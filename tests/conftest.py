@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, settings
 
-from kilnflight.project import data as external
-from kilnflight.project import style as drawing
+from kilnflight.project import data, style
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
 from kilnflight.tables import BELT_TRACKS
@@ -38,7 +37,7 @@ def _authors_data() -> Path | None:
     named = os.environ.get("KILNFLIGHT_EXTERNAL")
     folders = [Path(named)] if named else []
     folders += [PROJECT / "data" / "external", PROJECT.parent / "shared" / "data" / "belt_dem"]
-    wanted = [file.name for file in external.FILES]
+    wanted = [file.name for file in data.FILES]
     return next((f for f in folders if all((f / name).is_file() for name in wanted)), None)
 
 
@@ -57,7 +56,7 @@ def authors_data(monkeypatch) -> Path:
 @pytest.fixture
 def axes():
     """Empty axes in the project's style."""
-    figure, grid = drawing.canvas(1, 1)
+    figure, grid = style.canvas(1, 1)
     yield grid[0, 0]
     plt.close(figure)
 

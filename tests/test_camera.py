@@ -13,7 +13,7 @@ from kilnflight.camera import (
     invert_depth,
 )
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 
 def equation_in_plain_code(z):
@@ -47,7 +47,7 @@ def test_a_depth_that_is_not_finite_is_refused():
 
 
 def test_published_facts_about_the_equation():
-    facts = reference.published("depth_calibration").set_index("where")["value"]
+    facts = claims.published("depth_calibration").set_index("where")["value"]
     jumps = [float(facts["jump at 3000 mm"]), float(facts["jump at 5000 mm"])]
     np.testing.assert_allclose(EQUATION_2_4.jumps(), jumps, atol=0.005)
     falling = EQUATION_2_4.falling(1300.0, 11000.0)

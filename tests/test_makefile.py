@@ -19,11 +19,11 @@ scale = "standard"
 seed = 1
 
 # %%
-from kilnflight.project import figures, provenance
+from kilnflight.project import figures
 
 print("seed", seed)
 LAST
-figures.conclude("Seed " + str(seed), [], provenance.trace("{stem}", {{"scale": scale}}))
+figures.conclude("Seed " + str(seed), [], figures.trace("{stem}", {{"scale": scale}}))
 """
 CLAIMS = """# %% [markdown]
 # # Claims
@@ -34,12 +34,12 @@ seed = 1
 
 # %%
 import pandas as pd
-from kilnflight.project import figures, gallery, provenance, claims as reference
+from kilnflight.project import claims, figures
 
-made = provenance.trace("00_claims", {"scale": scale})
-table = reference.collect(pd.read_csv(p) for p in gallery.concluded().values())
-figures.save("claims", table, caption="All.", provenance=made)
-figures.conclude("Collected.", [], made)
+origin = figures.trace("00_claims", {"scale": scale})
+table = claims.collect(pd.read_csv(p) for p in figures.concluded().values())
+figures.save("claims", table, caption="All.", provenance=origin)
+figures.conclude("Collected.", [], origin)
 """
 
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")

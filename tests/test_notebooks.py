@@ -16,9 +16,7 @@ import pytest
 
 from kilnflight.belt import physics
 from kilnflight.experiments import errata
-from kilnflight.project import claims as reference
-from kilnflight.project import notebooks as chain
-from kilnflight.project import site as pages
+from kilnflight.project import claims, notebooks, site
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -48,8 +46,8 @@ TABLES = {
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_a_notebook_keeps_the_rules(path):
     notebook = jupytext.read(path)
-    assert pages.title(notebook)
-    assert {"scale", "seed"} <= set(chain.known_parameters(chain.read_source(path)))
+    assert site.title(notebook)
+    assert {"scale", "seed"} <= set(notebooks.known_parameters(notebooks.read_source(path)))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     assert max(len(cell.splitlines()) for cell in code) <= 15
     for cell in code:
@@ -134,13 +132,13 @@ def test_every_model_has_a_row_for_every_data_set(smoke):
 
 def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
     table = pd.read_csv(smoke / "figures" / "claims.csv", index_col="id", keep_default_na=False)
-    assert table.index.tolist() == reference.claims().index.tolist()
-    assert set(table["verdict"]) <= set(reference.VERDICTS)
-    assert (table.loc[table["verdict"] == reference.NOT_DECIDABLE, "reason"] != "").all()
+    assert table.index.tolist() == claims.load().index.tolist()
+    assert set(table["verdict"]) <= set(claims.VERDICTS)
+    assert (table.loc[table["verdict"] == claims.NOT_DECIDABLE, "reason"] != "").all()
     shapes_move = physics.is_installed()
-    assert (table.loc["belt20-3", "verdict"] == reference.NOT_DECIDABLE) != shapes_move
+    assert (table.loc["belt20-3", "verdict"] == claims.NOT_DECIDABLE) != shapes_move
     assert "own-simulation" in table.loc["belt20-5", "reason"]
-    assert table.loc["cluster-10", "verdict"] == reference.NOT_REPRODUCED
+    assert table.loc["cluster-10", "verdict"] == claims.NOT_REPRODUCED
 
 
 def test_the_first_line_says_that_it_is_our_simulation(smoke):

@@ -5,9 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from kilnflight.project import claims as reference
-from kilnflight.project import gallery
-from kilnflight.project import site as pages
+from kilnflight.project import claims, figures, site
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -22,7 +20,7 @@ def published(monkeypatch):
 
 
 def test_every_figure_comes_from_make_full_and_a_clean_tree(published):
-    found = gallery.entries(published)
+    found = figures.entries(published)
     assert found, "figures/ is empty; run make full"
     for entry in found:
         hint = f"{entry.identifier}: run make full (or git checkout figures README.md)"
@@ -33,18 +31,18 @@ def test_every_figure_comes_from_make_full_and_a_clean_tree(published):
 def test_every_picture_has_its_table_and_the_gallery_shows_it(published):
     for path in published.glob("*.png"):
         assert path.with_suffix(".csv").is_file(), path.name
-    assert (published / "README.md").read_text() == gallery.gallery(published)
+    assert (published / "README.md").read_text() == figures.gallery(published)
 
 
 def test_the_claims_are_those_of_the_notebooks(published):
-    tables = [pd.read_csv(path) for path in gallery.concluded(published).values()]
-    collected = reference.collect(tables)
+    tables = [pd.read_csv(path) for path in figures.concluded(published).values()]
+    collected = claims.collect(tables)
     shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
     pd.testing.assert_frame_equal(shown, collected, check_dtype=False)
 
 
 def test_the_readme_shows_the_results(published):
-    assert pages.results_block() in (PROJECT / "README.md").read_text()
+    assert site.results_block() in (PROJECT / "README.md").read_text()
 
 
 def test_the_belt_results_are_those_on_the_authors_data(published):

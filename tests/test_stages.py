@@ -64,7 +64,7 @@ def test_a_cluster_finds_the_same_bytes(wanted, tmp_path, processes):
 
 
 def test_a_worker_that_is_another_version_or_elsewhere_is_told(wanted, monkeypatch):
-    piece = (wanted, range(204, 208), stages.places.derived() / "detections-0.parquet")
+    piece = (wanted, range(204, 208), stages.paths.derived() / "detections-0.parquet")
     with pytest.raises(InputError, match="another version of kilnflight"):
         stages._chunk(piece)
     monkeypatch.setattr(stages, "_chunk", lambda piece: None)
@@ -75,7 +75,7 @@ def test_a_worker_that_is_another_version_or_elsewhere_is_told(wanted, monkeypat
 def test_without_differences_the_detections_are_the_same(wanted):
     bare = replace(wanted, differences=False, chunk=100)
     found = stages.detections(bare)
-    assert not list(stages.places.derived().glob("differences-*"))
+    assert not list(stages.paths.derived().glob("differences-*"))
     pd.testing.assert_frame_equal(found, stages.detections(wanted))
 
 
@@ -103,7 +103,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(wanted, monkeypatch):
         patch.setattr("pathlib.Path.write_bytes", full)
         with pytest.raises(InputError, match=r"cannot be written \(No space left .* make room"):
             stages.detections(bare)
-    assert {file.suffix for file in stages.places.derived().iterdir()} == {".lock"}
+    assert {file.suffix for file in stages.paths.derived().iterdir()} == {".lock"}
     assert len(stages.detections(bare))
 
 
@@ -119,7 +119,7 @@ def test_after_a_kill_only_what_is_missing_is_made(wanted, monkeypatch):
     monkeypatch.setattr(stages, "_detect", dies)
     with pytest.raises(KeyboardInterrupt):
         stages.detections(wanted)
-    assert not list(stages.places.derived().glob("*.part"))
+    assert not list(stages.paths.derived().glob("*.part"))
     again = []
     monkeypatch.setattr(stages, "_detect", lambda s, f: again.append(f) or real(s, f))
     stages.detections(wanted)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from kilnflight import __version__
 from kilnflight.flight import remaining
 from kilnflight.outcome import Outcome, summary
-from kilnflight.project import style as drawing
+from kilnflight.project import style
 from kilnflight.project.cache import keep, parquet
 from kilnflight.project.files import clear_parts, locked
 from kilnflight.recording.frames import PictureRecording
@@ -98,7 +98,7 @@ def _wanted(found: Outcome) -> list[tuple[Drawing, str]]:
 
 def _figure(picture: Figure, caption: str) -> str:
     buffer = io.BytesIO()
-    with drawing.style():
+    with style.style():
         picture.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     plt.close(picture)
     data = base64.b64encode(buffer.getvalue()).decode()
@@ -111,9 +111,9 @@ def _figure(picture: Figure, caption: str) -> str:
 
 def tracks_figure(found: Outcome, recording: PictureRecording) -> Figure:
     """Draw all tracks over the first frame."""
-    picture, axes = drawing.canvas(width_mm=drawing.PAGE_MM, height_mm=130)
-    drawing.frame(axes[0, 0], recording.gray(0))
-    drawing.tracks(axes[0, 0], tracked(found.tracks))
+    picture, axes = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
+    style.frame(axes[0, 0], recording.gray(0))
+    style.tracks(axes[0, 0], tracked(found.tracks))
     return picture
 
 
@@ -121,11 +121,11 @@ def dwell_figure(found: Outcome, _: PictureRecording) -> Figure:
     """Draw the dwell times, stacked by ending."""
     counted = found.counted
     edges = np.arange(0.0, counted["dwell_s"].max() + 2 * BIN_S / 2, BIN_S / 2)
-    picture, axes = drawing.canvas(width_mm=drawing.PAGE_MM * 2 / 3)
+    picture, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
     low = np.zeros(len(edges) - 1)
     for k, (ending, some) in enumerate(counted.groupby("ending")):
         number = np.histogram(some["dwell_s"], edges)[0]
-        look = {"color": drawing.COLOURS[k + 1], "hatch": drawing.HATCHES[k]}
+        look = {"color": style.COLOURS[k + 1], "hatch": style.HATCHES[k]}
         axes[0, 0].bar(edges[:-1], number, BIN_S / 2, low, align="edge", label=str(ending), **look)
         low += number
     axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
@@ -135,7 +135,7 @@ def dwell_figure(found: Outcome, _: PictureRecording) -> Figure:
 
 def velocity_figure(found: Outcome, _: PictureRecording) -> Figure:
     """Draw median and middle half of the velocities, and the remaining share."""
-    picture, axes = drawing.canvas(2, width_mm=drawing.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
+    picture, axes = style.canvas(2, width_mm=style.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
     groups = found.slices.groupby("slice_m")["velocity_m_s"]
     middle, place = groups.median(), np.array(list(groups.groups), dtype=float)
     reach = np.abs(np.stack([groups.quantile(0.25) - middle, groups.quantile(0.75) - middle]))
@@ -150,7 +150,7 @@ def velocity_figure(found: Outcome, _: PictureRecording) -> Figure:
 def ignition_figure(found: Outcome, _: PictureRecording) -> Figure:
     """Draw when flights ignite, as shares of all of them."""
     bins = ignition_histogram(found.counted["ignition_s"].to_numpy(np.float64), BIN_S)
-    picture, axes = drawing.canvas(width_mm=drawing.PAGE_MM * 2 / 3)
+    picture, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
     look = {"align": "edge", "color": "0.7", "edgecolor": "black"}
     axes[0, 0].bar(bins["from_s"], bins["percent"], BIN_S, **look)
     label = "ignition after leaving the lance (s); the last bin holds all later"

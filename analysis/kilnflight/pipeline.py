@@ -20,7 +20,7 @@ from kilnflight import flight, regression, stages
 from kilnflight.association import GNN
 from kilnflight.backdrop import behind
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 from kilnflight.project.cache import kept, place
 from kilnflight.project.parallel import Workers
 from kilnflight.regression import Regression
@@ -126,7 +126,7 @@ def _length(passage: Passage) -> int:
 
 def _at_home(passage: Passage) -> Passage:
     """Return the passage with its folder spelled out: processes may know it otherwise."""
-    folder = (passage.stretch.folder or places.derived()).absolute()
+    folder = (passage.stretch.folder or paths.derived()).absolute()
     return replace(passage, stretch=replace(passage.stretch, folder=folder))
 
 

@@ -26,7 +26,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination, View
 from kilnflight.origins import OfTwin, Origin, scene_of
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 from kilnflight.project.cache import fingerprint, kept, place
 from kilnflight.project.files import clear_parts, make_whole
 from kilnflight.project.parallel import Workers
@@ -91,7 +91,7 @@ class Stretch:
     def differences_of(self, frames: range) -> Path:
         """Return where the frame differences of a chunk are kept."""
         number = fingerprint(["differences", self.went_in(frames)])
-        return (self.folder or places.derived()) / f"differences-{number}.zarr"
+        return (self.folder or paths.derived()) / f"differences-{number}.zarr"
 
     def has_differences(self, frames: range) -> bool:
         """Return whether the differences of a chunk are there, or not wanted."""
@@ -156,7 +156,7 @@ def detect(
     """
     # workers elsewhere do not know the folder of this project
     pieces = [
-        (replace(one, folder=(one.folder or places.derived()).absolute()), frames)
+        (replace(one, folder=(one.folder or paths.derived()).absolute()), frames)
         for one in stretches
         for frames in one.chunks
     ]

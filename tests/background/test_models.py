@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussian, TwoFrame
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
 
@@ -34,7 +34,7 @@ class Lazy:
 
 
 def test_the_defaults_are_those_of_table_5_4():
-    table = reference.published("table_5.4")
+    table = claims.published("table_5.4")
     value = table.set_index(["method", "adjustable_parameter"])["optimal_value"]
     two, three, mean, median, adaptive, gaussian = MODELS
     assert two.interval == int(value["2-frame difference", "Computing interval"])

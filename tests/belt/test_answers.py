@@ -9,7 +9,7 @@ from kilnflight.belt.answers import (
     speed_answers,
     tracking_answers,
 )
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 SETS = ("spheres", "cuboids", "cylinders")
 
@@ -24,19 +24,19 @@ def table(values, columns=("iqr", "mae")):
 
 
 def verdicts(answers):
-    return {claim: reference.judge(claim, one).verdict for claim, one in answers.items()}
+    return {claim: claims.judge(claim, one).verdict for claim, one in answers.items()}
 
 
 def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
     said = table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5})
     said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CA"), ["iqr", "mae"]] = 0.9
     said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CALV"), ["iqr", "mae"]] = 0.8
-    assert set(verdicts(arrival_answers(said)).values()) == {reference.REPRODUCED}
+    assert set(verdicts(arrival_answers(said)).values()) == {claims.REPRODUCED}
 
 
 def test_the_opposite_reproduces_none():
     said = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
-    assert set(verdicts(arrival_answers(said)).values()) == {reference.NOT_REPRODUCED}
+    assert set(verdicts(arrival_answers(said)).values()) == {claims.NOT_REPRODUCED}
 
 
 def test_an_answer_has_a_part_for_each_data_set_or_stays_whole():
@@ -62,10 +62,10 @@ def test_a_world_as_published_reproduces_every_claim_about_the_position():
     models = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 0.9, "LV-DSC": 0.92, "IA-CV": 1.0}
     said = table(models | {"IA-CA": 0.95, "IA-Ratio": 0.5})
     said.loc[(said["data_set"] == "cylinders") & (said["model"] == "IA-Ratio"), "iqr"] = 2.0
-    assert set(verdicts(lateral_answers(said)).values()) == {reference.REPRODUCED}
+    assert set(verdicts(lateral_answers(said)).values()) == {claims.REPRODUCED}
     said["iqr"] = 6.0 - said["iqr"]
     opposite = verdicts(lateral_answers(said))
-    assert opposite["belt20-7"] == opposite["belt20-8"] == reference.NOT_REPRODUCED
+    assert opposite["belt20-7"] == opposite["belt20-8"] == claims.NOT_REPRODUCED
 
 
 def tracked(spreads, late=1.0):
@@ -96,10 +96,10 @@ AS_IN_2016 = {
 def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_none():
     said = tracking_answers(tracked(AS_IN_2016))
     assert list(said) == [f"belt16-{k}" for k in range(1, 6)]
-    assert set(verdicts(said).values()) == {reference.REPRODUCED}
+    assert set(verdicts(said).values()) == {claims.REPRODUCED}
     opposite = {key: 2.1 / value for key, value in AS_IN_2016.items()}
     said = verdicts(tracking_answers(tracked(opposite, late=-1.0)))
-    assert set(said.values()) == {reference.NOT_REPRODUCED}
+    assert set(said.values()) == {claims.NOT_REPRODUCED}
 
 
 def test_what_a_source_has_no_data_for_is_not_answered():

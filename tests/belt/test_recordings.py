@@ -9,7 +9,7 @@ import pytest
 
 from kilnflight.belt.recordings import TRACKED, find_recordings, joined, links, read_recording
 from kilnflight.checks import InputError
-from kilnflight.project import data as external
+from kilnflight.project import data
 
 MIDPOINTS = "FrameNr,NumberMidPoints,MidPoint_1_x,MidPoint_1_y,MidPoint_2_x,MidPoint_2_y\n"
 HISTORY = f"{TRACKED}.csv.gz"
@@ -62,10 +62,8 @@ def test_beside_the_other_data_only_the_published_files_are_used(folder, monkeyp
     path.write_bytes(b"other")
     with pytest.raises(InputError, match=r"001\.csv.* SHA-256 .* expected"):
         find_recordings()
-    file = external.ExternalFile(
-        "belt_recordings/Kugeln/001.csv", hashlib.sha256(b"").hexdigest(), ""
-    )
-    monkeypatch.setattr(external, "RECORDINGS", (file,))
+    file = data.ExternalFile("belt_recordings/Kugeln/001.csv", hashlib.sha256(b"").hexdigest(), "")
+    monkeypatch.setattr(data, "RECORDINGS", (file,))
     path.write_bytes(gzip.compress(b"") if ending.endswith("gz") else b"")
     assert find_recordings() == {"spheres": [path]}
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.detection import CLUSTERERS, DBSCAN, MorphologicalClustering, QuasiClusterCenters
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 SMALL = (DBSCAN(3.0, 5), MorphologicalClustering(22), QuasiClusterCenters(5, 0.1))
 each = pytest.mark.parametrize("clusterer", SMALL, ids=lambda one: type(one).__name__)
@@ -147,6 +147,6 @@ def test_parameters_that_cannot_be_are_told(wrong, message):
     ],
 )
 def test_defaults_are_the_best_published_parameters(clusterer, table, columns):
-    rows = reference.published(table)
+    rows = claims.published(table)
     best = rows.loc[(rows.TP / (rows.TP + (rows.FP + rows.FN) / 2)).idxmax()]
     assert {columns[name]: best[name] for name in columns}.items() <= asdict(clusterer).items()

@@ -6,7 +6,7 @@ from scipy.stats import norm
 
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 PUBLISHED = Cylinder((74.275, 495.0013, 9257.7), (21.6677, -41.4764, 1533.6), 772.1827)
 
@@ -263,7 +263,7 @@ def test_a_particle_is_in_the_air_up_to_the_threshold_and_nowhere_without_3d():
 
 
 def test_the_published_cylinder_is_the_one_above():
-    table = reference.published("table_5.12").set_index("quantity")["value_mm"]
+    table = claims.published("table_5.12").set_index("quantity")["value_mm"]
     printed = [float(x) for x in table["Orientation"].strip("[]").split(",")]
     np.testing.assert_allclose(np.array(printed) / np.linalg.norm(printed), PUBLISHED.direction)
     assert float(table["Radius"]) == PUBLISHED.radius_mm

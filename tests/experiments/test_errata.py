@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import errata
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_agreement_is_half_a_unit_of_the_last_digit(printed, value, right):
 
 def test_a_rate_recomputed_by_hand(checks):
     """Table 5.10, K = 30, alpha = 0.1: the F1 that decides which 3D method is best."""
-    row = reference.published("table_5.10").set_index(["K", "alpha"]).loc[(30, 0.1)]
+    row = claims.published("table_5.10").set_index(["K", "alpha"]).loc[(30, 0.1)]
     by_hand = 2 * row["TP"] / (2 * row["TP"] + row["FP"] + row["FN"])
     found = checks[
         (checks["where"] == "Table 5.10, K=30, alpha=0.1") & (checks["quantity"] == "f1")
@@ -40,7 +40,7 @@ def test_a_rate_recomputed_by_hand(checks):
 
 def test_every_cell_of_every_rate_table_is_checked(checks):
     for table in errata.RATE_TABLES:
-        rows = len(reference.published(f"table_{table}"))
+        rows = len(claims.published(f"table_{table}"))
         of_table = checks[checks["where"].str.startswith(f"Table {table},")]
         assert of_table["quantity"].isin(["precision", "recall", "f1"]).sum() == 3 * rows
 
@@ -63,7 +63,7 @@ def test_every_erratum_says_whether_a_conclusion_depends_on_it(checks):
 
 def test_a_corrected_table_has_no_erratum(monkeypatch):
     """The check can succeed: put the right value where the misprint is."""
-    original = reference.published
+    original = claims.published
 
     def corrected(name, *, as_printed=False):
         table = original(name, as_printed=as_printed)
@@ -71,7 +71,7 @@ def test_a_corrected_table_has_no_erratum(monkeypatch):
             table = table.replace("0.4970", "0.5970")
         return table
 
-    monkeypatch.setattr(reference, "published", corrected)
+    monkeypatch.setattr(claims, "published", corrected)
     wrong = errata.errata(pd.DataFrame(errata.check_rates(), columns=errata.Check._fields))
     assert "Table 5.11, 3D-MO-based Clustering: recall" not in set(wrong["where"])
     assert "Table 5.10, K=30, alpha=0.1: f1" in set(wrong["where"])

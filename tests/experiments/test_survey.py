@@ -6,7 +6,7 @@ import pytest
 
 from kilnflight.experiments import survey
 from kilnflight.experiments.campaigns import Measured
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.regression import Regression, regress_all
 from kilnflight.scores.flights import Findings
 from kilnflight.tables import FLIGHTS
@@ -81,7 +81,7 @@ def test_a_printed_number_holds_within_its_bounds_or_its_unit():
 
 def test_a_claim_about_eight_cells_is_not_decided_on_one():
     (verdict,) = survey.decided(measured([CELL]), {"dwell-1": 0.4})
-    assert verdict.verdict == reference.NOT_DECIDABLE
+    assert verdict.verdict == claims.NOT_DECIDABLE
     assert "eight cells" in verdict.reason
 
 

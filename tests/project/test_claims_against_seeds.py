@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from kilnflight.project import claims as reference
-from kilnflight.project import paths as places
+from kilnflight.project import claims, paths
 
 
 def _text(seeds, number):
@@ -18,7 +17,7 @@ def test_every_printed_cell_stands_in_the_thesis(seeds, table):
     heading = text.rindex(f"**Table {table}.:**")
     near = text[max(0, heading - 6000) : heading + 6000]
     numbers = set(re.findall(r"\d+(?:\.\d+)?", near))
-    printed = reference.published(f"table_{table}", as_printed=True)
+    printed = claims.published(f"table_{table}", as_printed=True)
     for column in ("TP", "FP", "FN", "precision", "recall", "f1"):
         missing = {cell for cell in printed[column] if cell and cell not in numbers}
         assert not missing, f"Table {table}, {column}: {missing}"
@@ -26,7 +25,7 @@ def test_every_printed_cell_stands_in_the_thesis(seeds, table):
 
 def test_equation_2_4_stands_in_the_thesis(seeds):
     text = _text(seeds, "000")
-    equation = reference.published("depth_calibration", as_printed=True)
+    equation = claims.published("depth_calibration", as_printed=True)
     for cell in equation.loc[equation["kind"] == "equation", "a1"]:
         assert cell in text
 
@@ -34,9 +33,9 @@ def test_equation_2_4_stands_in_the_thesis(seeds):
 def test_our_copy_of_the_facts_is_theirs(seeds):
     theirs = seeds.parent / "reference"
     for path in sorted((theirs / "published").glob("*.csv")):
-        assert (places.reference() / "published" / path.name).read_text() == path.read_text()
+        assert (paths.reference() / "published" / path.name).read_text() == path.read_text()
     import pandas as pd
 
-    claims = pd.read_csv(theirs / "claims.csv", index_col="id")
-    ours = reference.claims()
-    pd.testing.assert_frame_equal(ours[claims.columns], claims)
+    table = pd.read_csv(theirs / "claims.csv", index_col="id")
+    ours = claims.load()
+    pd.testing.assert_frame_equal(ours[table.columns], table)

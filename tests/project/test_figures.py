@@ -9,11 +9,8 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
-from kilnflight.project import figures
-from kilnflight.project import paths as places
-from kilnflight.project import style as drawing
-from kilnflight.project.provenance import Provenance
+from kilnflight.project import claims, figures, paths, style
+from kilnflight.project.figures import Provenance
 
 MADE = Provenance("02_x", {"scale": "full"}, 7, {"a.csv": "0f"}, "0.1.0", "abc")
 SMOKE = replace(MADE, parameters={"scale": "quick"})
@@ -21,7 +18,7 @@ TABLE = pd.DataFrame({"x_mm": [1.0, 2.5], "note": ["a", "b_c"]})
 
 
 def drawn():
-    picture, ((axes,),) = drawing.canvas()
+    picture, ((axes,),) = style.canvas()
     axes.plot([0, 1], [0, 1], label="line")
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.legend()
@@ -35,14 +32,14 @@ def save(identifier="fig-1", **more):
 
 def test_a_figure_is_png_pdf_csv_and_an_entry_in_the_gallery():
     save(picture=drawn())
-    names = {path.name for path in places.figures().iterdir()}
+    names = {path.name for path in paths.figures().iterdir()}
     assert names == {"fig-1.png", "fig-1.pdf", "fig-1.csv", "README.md"}
-    assert (places.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
+    assert (paths.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
 
 
 def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
     full, quick = save(picture=drawn()), save("fig-2", picture=drawn(), provenance=SMOKE)
-    names = {path.name for path in places.figures().glob("fig-2.*")}
+    names = {path.name for path in paths.figures().glob("fig-2.*")}
     assert names == {"fig-2.png", "fig-2.csv"}
     with Image.open(full.path) as large, Image.open(quick.path) as small:
         assert large.width == pytest.approx(2 * small.width, abs=1)
@@ -54,11 +51,11 @@ def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
 @pytest.mark.parametrize("picture", [drawn, lambda: None], ids=["figure", "table"])
 def test_the_same_input_gives_the_same_bytes(picture):
     save(picture=picture())
-    first = {path.name: path.read_bytes() for path in places.figures().iterdir()}
+    first = {path.name: path.read_bytes() for path in paths.figures().iterdir()}
     plt.rcParams["font.size"] = 20  # a user's own settings must not matter
     plt.rcParams["font.size"] = 10
     save(picture=picture())
-    assert first == {path.name: path.read_bytes() for path in places.figures().iterdir()}
+    assert first == {path.name: path.read_bytes() for path in paths.figures().iterdir()}
 
 
 def test_caption_and_provenance_are_inside_the_png():
@@ -79,7 +76,7 @@ def test_caption_and_provenance_are_inside_the_png():
 
 def test_caption_and_provenance_are_inside_the_pdf():
     save(picture=drawn())
-    content = (places.figures() / "fig-1.pdf").read_bytes()
+    content = (paths.figures() / "fig-1.pdf").read_bytes()
     assert b"A line. With a second sentence." in content
     assert b"02_x" in content
     assert b"CreationDate" not in content
@@ -112,7 +109,7 @@ def test_open_figures_are_closed():
 def test_what_cannot_be_saved_is_told_and_nothing_is_written(wrong, message):
     with pytest.raises(InputError, match=message):
         save(**wrong)
-    assert not places.figures().exists()
+    assert not paths.figures().exists()
 
 
 def test_a_picture_that_cannot_be_drawn_leaves_nothing(monkeypatch):
@@ -120,16 +117,16 @@ def test_a_picture_that_cannot_be_drawn_leaves_nothing(monkeypatch):
     monkeypatch.setattr(picture, "savefig", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         save(picture=picture)
-    assert list(places.figures().iterdir()) == []
+    assert list(paths.figures().iterdir()) == []
 
 
 def test_conclusions_are_saved_under_the_notebook():
-    verdict = reference.judge("depth-3", 300.0)
+    verdict = claims.judge("depth-3", 300.0)
     figures.conclude("One line.", [verdict], MADE)
-    table = pd.read_csv(places.figures() / "claims-02-x.csv")
+    table = pd.read_csv(paths.figures() / "claims-02-x.csv")
     assert table.loc[0, ["id", "verdict", "notebook"]].tolist() == ["depth-3", "reproduced", "02_x"]
 
 
 def test_a_notebook_without_claims_concludes_too():
     figures.conclude("Nothing to test.", [], MADE)
-    assert len(pd.read_csv(places.figures() / "claims-02-x.csv")) == 0
+    assert len(pd.read_csv(paths.figures() / "claims-02-x.csv")) == 0

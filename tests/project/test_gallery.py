@@ -3,9 +3,8 @@ import re
 import pandas as pd
 import pytest
 
-from kilnflight.project import figures, gallery
-from kilnflight.project import paths as places
-from kilnflight.project.provenance import Provenance
+from kilnflight.project import figures, paths
+from kilnflight.project.figures import Provenance
 
 
 def save(identifier, caption, **more):
@@ -17,7 +16,7 @@ def save(identifier, caption, **more):
 def page():
     save("fig-b", "Second figure. It has 50 % & more_less.")
     save("fig-a", "First figure: with a colon. And more.")
-    return (places.figures() / "README.md").read_text()
+    return (paths.figures() / "README.md").read_text()
 
 
 def test_every_figure_has_its_entry_in_order(page):
@@ -40,17 +39,17 @@ def test_pictures_of_others_do_not_count():
     save("fig-a", "First figure.")
     from PIL import Image
 
-    Image.new("RGB", (2, 2)).save(places.figures() / "foreign.png")
-    assert [entry.identifier for entry in gallery.entries()] == ["fig-a"]
+    Image.new("RGB", (2, 2)).save(paths.figures() / "foreign.png")
+    assert [entry.identifier for entry in figures.entries()] == ["fig-a"]
 
 
 def test_only_notebooks_that_exist_have_concluded(monkeypatch, tmp_path):
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "notebooks" / "02_x.py").write_text("")
-    monkeypatch.setattr(places, "root", lambda: tmp_path)
+    monkeypatch.setattr(paths, "root", lambda: tmp_path)
     for name in ("claims-02-x", "claims-99-gone"):
         save(name, "A result.")
-    assert list(gallery.concluded()) == ["02_x"]
+    assert list(figures.concluded()) == ["02_x"]
 
 
 @pytest.mark.parametrize(
@@ -62,4 +61,4 @@ def test_only_notebooks_that_exist_have_concluded(monkeypatch, tmp_path):
     ],
 )
 def test_the_title_is_the_first_sentence(caption, title):
-    assert gallery._title(caption) == title
+    assert figures._title(caption) == title

@@ -2,7 +2,7 @@ import nbformat
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import notebooks as chain
+from kilnflight.project import notebooks
 
 SOURCE = """# %% [markdown]
 # # A notebook
@@ -46,7 +46,7 @@ def outputs(path):
 
 def test_parameters_reach_the_notebook(notebook, tmp_path):
     path = notebook()
-    code = chain.main(
+    code = notebooks.main(
         [str(path), "--build", str(tmp_path / "b"), "-p", "scale=quick", "-p", "07.width=3"]
     )
     assert code == 0
@@ -61,14 +61,14 @@ def test_a_smoke_run_starts_no_processes_unless_told(notebook, tmp_path, given, 
     path = notebook("jobs")
     path.write_text(path.read_text().replace("seed = 1", "seed = 1\njobs = 4"))
     build, options = tmp_path / "b", [part for one in given.split(",") for part in ("-p", one)]
-    assert chain.main([str(path), "--build", str(build), *options]) == 0
+    assert notebooks.main([str(path), "--build", str(build), *options]) == 0
     assert outputs(build / "07_test.ipynb")[-1] == str(jobs)
 
 
 def test_a_parameter_that_another_notebook_does_not_know_stops_this_one(notebook, tmp_path, capsys):
     path, other = notebook(), notebook(stem="08_other")
     other.write_text(other.read_text().replace("width = 2.0", "height = 2.0"))
-    assert chain.main([str(path), "--build", str(tmp_path / "b"), "-p", "width=3"]) == 1
+    assert notebooks.main([str(path), "--build", str(tmp_path / "b"), "-p", "width=3"]) == 1
     assert "08_other: unknown parameter 'width'" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()
 
@@ -77,7 +77,7 @@ def test_a_failing_cell_is_told_and_the_rest_is_kept_for_inspection(notebook, tm
     build = tmp_path / "b"
     build.mkdir()
     path = notebook('raise ValueError("no such particle")')
-    assert chain.main([str(path), "--build", str(build)]) == 1
+    assert notebooks.main([str(path), "--build", str(build)]) == 1
     error = capsys.readouterr().err.strip()
     assert error.startswith(
         '07_test: cell 4 (raise ValueError("no such particle")) failed: ValueError'
@@ -89,8 +89,8 @@ def test_a_failing_cell_is_told_and_the_rest_is_kept_for_inspection(notebook, tm
 
 def test_a_mended_notebook_leaves_no_failed_one(notebook, tmp_path):
     build = tmp_path / "b"
-    chain.main([str(notebook("1 / 0")), "--build", str(build)])
-    assert chain.main([str(notebook()), "--build", str(build)]) == 0
+    notebooks.main([str(notebook("1 / 0")), "--build", str(build)])
+    assert notebooks.main([str(notebook()), "--build", str(build)]) == 0
     assert [p.name for p in build.iterdir()] == ["07_test.ipynb"]
 
 
@@ -111,7 +111,7 @@ def test_a_wrong_parameter_is_one_line_and_nothing_runs(notebook, tmp_path, caps
     import re
 
     path = notebook()
-    assert chain.main([str(path), "--build", str(tmp_path / "b"), "-p", given]) == 1
+    assert notebooks.main([str(path), "--build", str(tmp_path / "b"), "-p", given]) == 1
     error = capsys.readouterr().err.strip()
     assert re.search(message, error)
     assert len(error.splitlines()) == 1
@@ -120,7 +120,7 @@ def test_a_wrong_parameter_is_one_line_and_nothing_runs(notebook, tmp_path, caps
 
 def test_a_parameter_of_another_notebook_is_not_ours(notebook):
     notebook(stem="08_other")
-    given = chain.parse_parameters(["08.seed=5", "seed=2"], "07_test", ["07_test", "08_other"])
+    given = notebooks.parse_parameters(["08.seed=5", "seed=2"], "07_test", ["07_test", "08_other"])
     assert given == {"seed": 2}
 
 
@@ -128,25 +128,25 @@ def test_a_source_without_parameters_is_told(tmp_path):
     path = tmp_path / "07_test.py"
     path.write_text("# %%\n1 + 1\n")
     with pytest.raises(InputError, match="no cell is tagged parameters"):
-        chain.read_source(path)
+        notebooks.read_source(path)
     with pytest.raises(InputError, match="no such notebook"):
-        chain.read_source(tmp_path / "08_gone.py")
+        notebooks.read_source(tmp_path / "08_gone.py")
 
 
 def test_reading_twice_gives_the_same_notebook(notebook):
     path = notebook()
-    assert chain.read_source(path) == chain.read_source(path)
+    assert notebooks.read_source(path) == notebooks.read_source(path)
 
 
 def test_long_work_says_how_far_it_is(notebook, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(chain, "TELL_S", 0.1)
+    monkeypatch.setattr(notebooks, "TELL_S", 0.1)
     work = (
         "import time\n"
         "from kilnflight.project.parallel import Workers\n"
         "Workers()(lambda _: time.sleep(0.4), [1, 2, 3, 4], [5, 5, 5, 5], 'resting')"
     )
     path = notebook(work)
-    assert chain.main([str(path), "--build", str(tmp_path / "b"), "-p", "scale=quick"]) == 0
+    assert notebooks.main([str(path), "--build", str(tmp_path / "b"), "-p", "scale=quick"]) == 0
     said = capsys.readouterr()
     assert "07_test: resting:  50%" in said.out
     assert "frame/s" in said.out

@@ -4,7 +4,7 @@ import subprocess
 import pytest
 
 from kilnflight import __version__
-from kilnflight.project import provenance
+from kilnflight.project import figures
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def project(tmp_path, monkeypatch):
 def test_inputs_are_known_by_their_checksum(tmp_path):
     path = tmp_path / "in.csv"
     path.write_bytes(b"1,2\n")
-    made = provenance.trace("02_x", {"scale": "quick"}, seed=3, inputs=[path])
+    made = figures.trace("02_x", {"scale": "quick"}, seed=3, inputs=[path])
     assert made.inputs == {"in.csv": hashlib.sha256(b"1,2\n").hexdigest()}
     assert (made.notebook, made.seed, made.version) == ("02_x", 3, __version__)
 
@@ -42,11 +42,11 @@ def test_the_commit_is_the_last_one_that_touched_what_counts(project):
     (folder / "README.md").write_text("figures and pages do not count")
     git("add", "-A")
     git("commit", "-qm", "two")
-    assert provenance.trace("n", {}).commit == first
+    assert figures.trace("n", {}).commit == first
     (folder / "analysis/a.py").write_text("x = 2\n")
-    assert provenance.trace("n", {}).commit == first + "+changes"
+    assert figures.trace("n", {}).commit == first + "+changes"
     git("commit", "-qam", "three")
-    assert provenance.trace("n", {}).commit == git("rev-parse", "HEAD").stdout.strip()
+    assert figures.trace("n", {}).commit == git("rev-parse", "HEAD").stdout.strip()
 
 
 def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tmp_path_factory):
@@ -55,6 +55,6 @@ def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tm
     (empty / "data/reference/claims.csv").write_text("")
     monkeypatch.setenv("KILNFLIGHT_ROOT", str(empty))
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(empty.parent))
-    assert provenance.trace("n", {}).commit == ""
+    assert figures.trace("n", {}).commit == ""
     monkeypatch.setenv("PATH", str(empty))
-    assert provenance.trace("n", {}).commit == ""
+    assert figures.trace("n", {}).commit == ""

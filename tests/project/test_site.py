@@ -4,11 +4,8 @@ import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
-from kilnflight.project import figures
-from kilnflight.project import paths as places
-from kilnflight.project import site as pages
-from kilnflight.project.provenance import Provenance
+from kilnflight.project import claims, figures, paths, site
+from kilnflight.project.figures import Provenance
 
 
 @pytest.fixture
@@ -23,17 +20,17 @@ def executed(tmp_path):
         notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3"}
         nbformat.write(notebook, path)
         made = Provenance(stem, {"scale": "quick"})
-        verdicts = [reference.judge("depth-3", 300.0)]
+        verdicts = [claims.judge("depth-3", 300.0)]
         figures.conclude("One result.", verdicts, made)
-        table = reference.collect([reference.verdict_table(verdicts, stem)])
+        table = claims.collect([claims.verdict_table(verdicts, stem)])
         figures.save("claims", table, caption="All.", provenance=made)
         return path
 
     return make
 
 
-def build(paths, folder):
-    return pages.build_site(paths, folder / "build", folder / "site")
+def build(executed_notebooks, folder):
+    return site.build_site(executed_notebooks, folder / "build", folder / "site")
 
 
 def test_a_site_has_an_index_with_results_and_its_own_mathjax(executed, tmp_path):
@@ -43,14 +40,14 @@ def test_a_site_has_an_index_with_results_and_its_own_mathjax(executed, tmp_path
     assert "One result." in text
     assert "1 reproduced, 0 not reproduced, 78 not decidable" in text
     page = (tmp_path / "site" / "07_test.html").read_text()
-    assert f'src="_static/{pages.MATHJAX}' in page
-    assert (tmp_path / "site" / "_static" / pages.MATHJAX).stat().st_size > 1e6
+    assert f'src="_static/{site.MATHJAX}' in page
+    assert (tmp_path / "site" / "_static" / site.MATHJAX).stat().st_size > 1e6
 
 
 def test_a_notebook_without_verdicts_is_an_error_and_the_old_site_stays(executed, tmp_path):
     build([executed()], tmp_path)
     path = executed()
-    (places.figures() / "claims-07-test.png").unlink()
+    (paths.figures() / "claims-07-test.png").unlink()
     with pytest.raises(InputError, match="07_test saved no claims-07-test"):
         build([path], tmp_path)
     assert (tmp_path / "site" / "index.html").is_file()
@@ -72,29 +69,29 @@ def project(executed, tmp_path, monkeypatch):
     executed()
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "notebooks" / "07_test.py").write_text("# %% [markdown]\n# # A title\n")
-    monkeypatch.setattr(places, "root", lambda: tmp_path)
+    monkeypatch.setattr(paths, "root", lambda: tmp_path)
     return tmp_path
 
 
 def test_the_readme_gets_the_results_and_only_between_its_marks(project):
     readme = project / "README.md"
-    readme.write_text(f"before\n{pages.MARK}\nold\n{pages.END_MARK}\nafter\n")
-    assert pages.update_readme() is True
+    readme.write_text(f"before\n{site.MARK}\nold\n{site.END_MARK}\nafter\n")
+    assert site.update_readme() is True
     text = readme.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "| A title | One result. | 1 | 0 | 0 |" in text
     assert "old" not in text
-    assert pages.update_readme() is False
+    assert site.update_readme() is False
 
 
 def test_a_readme_without_marks_is_an_error(project):
     (project / "README.md").write_text("nothing here")
     with pytest.raises(InputError, match=r"README\.md: the lines"):
-        pages.update_readme()
+        site.update_readme()
 
 
 def test_the_overview_counts_verdicts(project):
-    table = pages.overview({"07_test": "A title"})
+    table = site.overview({"07_test": "A title"})
     assert isinstance(table, pd.DataFrame)
     assert table.loc[0, "reproduced"] == 1

@@ -6,7 +6,7 @@ import pytest
 from matplotlib import rcParams
 from matplotlib.colors import to_rgb
 
-from kilnflight.project import style as drawing
+from kilnflight.project import style
 
 
 def lightness(colour):
@@ -14,30 +14,30 @@ def lightness(colour):
 
 
 def test_a_canvas_has_print_size_and_axes_in_rows_and_columns():
-    figure, axes = drawing.canvas(2, 3, width_mm=180, height_mm=90)
+    figure, axes = style.canvas(2, 3, width_mm=180, height_mm=90)
     np.testing.assert_allclose(figure.get_size_inches(), [180 / 25.4, 90 / 25.4])
     assert axes.shape == (2, 3)
 
 
 def test_the_style_stays_inside_its_block():
     before = rcParams["font.size"]
-    with drawing.style():
-        assert rcParams["font.size"] == drawing.STYLE["font.size"]
+    with style.style():
+        assert rcParams["font.size"] == style.STYLE["font.size"]
     assert rcParams["font.size"] == before
 
 
 def test_lines_differ_in_grey_or_in_dashes():
     """Neighbours in the cycle stay apart without colour: by lightness or by line style."""
-    for one, two in zip(drawing.COLOURS, drawing.COLOURS[1:], strict=False):
+    for one, two in zip(style.COLOURS, style.COLOURS[1:], strict=False):
         assert one != two
         assert abs(lightness(one) - lightness(two)) > 0.05
-    assert len(set(map(str, drawing.LINES))) == len(drawing.LINES) == len(drawing.COLOURS)
+    assert len(set(map(str, style.LINES))) == len(style.LINES) == len(style.COLOURS)
 
 
 def test_boxes_are_drawn_where_the_summary_says():
-    _, ((axes,),) = drawing.canvas()
+    _, ((axes,),) = style.canvas()
     row = {"whisker_low": -3.0, "q25": -1.0, "median": 0.5, "q75": 1.0, "whisker_high": 4.0}
-    drawing.boxes(axes, pd.DataFrame([row, row]))
+    style.boxes(axes, pd.DataFrame([row, row]))
     heights = {tuple(line.get_ydata()) for line in axes.lines}
     assert {(-1.0, -3.0), (1.0, 4.0), (0.5, 0.5)} <= heights
     assert len(axes.patches) == 2
@@ -46,14 +46,14 @@ def test_boxes_are_drawn_where_the_summary_says():
 @pytest.mark.parametrize("rows", [0, 3, 200])
 def test_a_table_is_drawn_with_every_shown_cell(rows):
     table = pd.DataFrame({"name": ["a_b"] * rows, "value": np.linspace(0, 1, rows)})
-    texts = [text.get_text() for text in drawing.table_picture(table).axes[0].texts]
-    shown = min(rows, drawing.LONGEST_PICTURE)
+    texts = [text.get_text() for text in style.table_picture(table).axes[0].texts]
+    shown = min(rows, style.LONGEST_PICTURE)
     assert texts.count("a_b") == shown
     assert ("... 155 more rows in the CSV" in texts) is (rows == 200)
 
 
 def test_a_dollar_sign_is_a_dollar_sign():
-    figure = drawing.table_picture(pd.DataFrame({"price": ["$3$"]}))
+    figure = style.table_picture(pd.DataFrame({"price": ["$3$"]}))
     figure.canvas.draw()
     assert "$3$" in [text.get_text() for text in figure.axes[0].texts]
 
@@ -62,14 +62,14 @@ def test_grouped_bars_stand_side_by_side():
     table = pd.DataFrame(
         {"subset": ["V1", "V1", "V2", "V2"], "kind": ["a", "b"] * 2, "recall": [0.1, 0.2, 0.3, 0.4]}
     )
-    _, ((axes,),) = drawing.canvas()
-    drawing.bars(axes, table, "subset", "kind", "recall")
+    _, ((axes,),) = style.canvas()
+    style.bars(axes, table, "subset", "kind", "recall")
     heights = [bar.get_height() for bar in axes.patches]
     assert heights == [0.1, 0.3, 0.2, 0.4]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["V1", "V2"]
     left = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
     assert all(one[1] < two[0] for one, two in itertools.pairwise(left))
-    drawing.plt.close("all")
+    style.plt.close("all")
 
 
 def test_intervals_have_a_row_per_method_the_first_on_top():
@@ -78,32 +78,32 @@ def test_intervals_have_a_row_per_method_the_first_on_top():
          "pixels": [0.75, 0.55]},
         index=["best", "other"],
     )  # fmt: skip
-    _, ((axes,),) = drawing.canvas()
-    drawing.intervals(axes, table, "printed", "pixels")
+    _, ((axes,),) = style.canvas()
+    style.intervals(axes, table, "printed", "pixels")
     assert [label.get_text() for label in axes.get_yticklabels()] == ["best", "other"]
     assert axes.get_ylim()[0] > axes.get_ylim()[1]
-    drawing.plt.close("all")
+    style.plt.close("all")
 
 
 def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
     gray = np.zeros((7, 9), np.uint16)
     gray[:2, :2] = 400
-    _, ((axes,),) = drawing.canvas()
-    drawing.frame(axes, gray)
+    _, ((axes,),) = style.canvas()
+    style.frame(axes, gray)
     image = axes.images[0]
     assert image.get_array().shape == (3, 4)
     assert image.get_array()[0, 0] == 20.0
     assert tuple(image.get_extent()) == (-0.5, 7.5, 5.5, -0.5)
-    drawing.circles(axes, np.array([[2.0, 3.0, 1.5]]), "black")
+    style.circles(axes, np.array([[2.0, 3.0, 1.5]]), "black")
     (path,) = axes.collections[0].get_paths()
     assert path.get_extents().get_points().tolist() == [[1.5, 0.5], [4.5, 3.5]]
-    drawing.plt.close("all")
+    style.plt.close("all")
 
 
 def test_without_and_with_are_joined_at_the_place_of_their_entry():
-    _, ((axes,),) = drawing.canvas()
+    _, ((axes,),) = style.canvas()
     table = pd.DataFrame({"who": ["b", "b", "a", "a"], "stage": ["without", "with"] * 2})
-    drawing.before_after(axes, table.assign(value=[1.0, 2.0, 3.0, np.nan]), "who", "stage", "value")
+    style.before_after(axes, table.assign(value=[1.0, 2.0, 3.0, np.nan]), "who", "stage", "value")
     without, after = axes.lines
     np.testing.assert_array_equal(without.get_xydata(), [[1, 0], [3, 1]])
     np.testing.assert_array_equal(after.get_xydata(), [[2, 0], [np.nan, 1]])

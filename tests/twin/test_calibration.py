@@ -53,7 +53,7 @@ def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
 
 def test_held_out_numbers_do_not_change_the_targets(monkeypatch):
     before = calibration.target_rows(statements.targets())
-    read = statements.reference.published
+    read = statements.claims.published
 
     def other(name, **how):
         table = read(name, **how)
@@ -61,7 +61,7 @@ def test_held_out_numbers_do_not_change_the_targets(monkeypatch):
         table.loc[outside & (table["value_low"] != ""), "value_low"] = "0.123"
         return table
 
-    monkeypatch.setattr(statements.reference, "published", other)
+    monkeypatch.setattr(statements.claims, "published", other)
     assert calibration.target_rows(statements.targets()) == before
 
 

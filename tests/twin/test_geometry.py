@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.twin.geometry import Geometry
 
 PLACE = Geometry()
@@ -38,7 +38,7 @@ def test_the_lance_is_seen_at_its_published_pixel_and_lies_in_the_kiln():
 
 
 def test_the_axis_passes_the_published_centre_scaled_to_the_true_radius():
-    table = reference.published("table_5.12").set_index("quantity")["value_mm"]
+    table = claims.published("table_5.12").set_index("quantity")["value_mm"]
     centre = np.array([float(v) for v in table["Center"].strip("[]").split(",")])
     scaled = centre * PLACE.kiln_radius_mm / float(table["Radius"])
     np.testing.assert_allclose(PLACE.axis_far_mm, scaled, atol=0.1)

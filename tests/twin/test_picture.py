@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kilnflight.camera import PLATE_DISTANCES_MM, calibrate_depth
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.twin import drawing
 from kilnflight.twin.appearance import Blobs
 from kilnflight.twin.background import Background, Surroundings
@@ -143,7 +143,7 @@ def test_captured_depth_is_the_inverse_of_the_equation_at_the_plates():
     plates = np.array(PLATE_DISTANCES_MM)
     captured = DepthCamera().captured(plates)
     np.testing.assert_allclose(calibrate_depth(captured), plates, atol=1e-6)
-    printed = reference.published("depth_calibration").set_index("where")["value"]
+    printed = claims.published("depth_calibration").set_index("where")["value"]
     assert captured[4] == pytest.approx(float(printed["captured depth for true 5000 mm"]), abs=0.1)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.scores import flights as findings
 from kilnflight.twin import outcomes, statements
 from kilnflight.twin.flight import Flight
@@ -10,7 +10,7 @@ from kilnflight.twin.gas import Gas
 
 
 def test_every_number_about_flight_and_ignition_is_expressed():
-    rows = reference.published("flight", as_printed=True)
+    rows = claims.published("flight", as_printed=True)
     numbers = rows[(rows["value_low"] != "") | (rows["value_high"] != "")]
     left_out = [row["quantity"] for _, row in numbers.iterrows() if not statements.outcome_of(row)]
     assert set(left_out) == {"sequence_length"}

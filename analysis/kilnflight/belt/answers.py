@@ -1,4 +1,4 @@
-"""What deviations say about the claims of both papers: conditions for `reference.judge`.
+"""What deviations say about the claims of both papers: conditions for `claims.judge`.
 
 The same questions to every source of tracks. Spread is the interquartile range.
 """

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.checks import InputError
-from kilnflight.project import data as external
+from kilnflight.project import data
 from kilnflight.tables import BELT_TRACKS
 
 TIME_STEP_S = 0.01  # of the public files; the paper itself evaluated at 0.001 s
@@ -109,7 +109,7 @@ def find_dem() -> dict[str, Path]:
     InputError
         If a file is damaged, or some but not all are there.
     """
-    found = {name: external.find(file) for name, file in external.BELT_DEM.items()}
+    found = {name: data.find(file) for name, file in data.BELT_DEM.items()}
     there = {name: path for name, path in found.items() if path is not None}
     if there and len(there) < len(found):
         missing = ", ".join(sorted(set(found) - set(there)))

@@ -24,8 +24,7 @@ import pandas as pd
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts
 from kilnflight.belt.slide import Slide
-from kilnflight.project import data as external
-from kilnflight.project import frozen
+from kilnflight.project import data, frozen
 
 FILE = Path(__file__).with_name("friction_values.json")
 PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are seen
@@ -99,7 +98,7 @@ def all_values(found: FreeValues) -> pd.DataFrame:
 
 def targets() -> dict[str, object]:
     """Return what the fit is held against, as it is hashed: the file, the places, the scales."""
-    spheres = external.BELT_DEM["spheres"]
+    spheres = data.BELT_DEM["spheres"]
     return {"sha256": spheres.sha256, "places_mm": PLACES_MM.tolist(), "scales": SCALES}
 
 

@@ -17,8 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.checks import InputError
-from kilnflight.project import data as external
-from kilnflight.project import paths as places
+from kilnflight.project import data, paths
 
 Array = npt.NDArray[np.float64]
 
@@ -43,7 +42,7 @@ def find_recordings() -> dict[str, list[Path]]:
         published one.
     """
     named = os.environ.get("KILNFLIGHT_RECORDINGS")
-    folder = Path(named) if named else places.external() / external.RECORDINGS_FOLDER
+    folder = Path(named) if named else paths.external() / data.RECORDINGS_FOLDER
     found = {name: _measured(folder / part) for name, part in MATERIALS.items()}
     if not named:
         _check_published(folder)
@@ -126,12 +125,12 @@ def _measured(folder: Path) -> list[Path]:
 
 
 def _check_published(folder: Path) -> None:
-    """Raise an `InputError` if a file that `external.RECORDINGS` lists is another one."""
-    for file in external.RECORDINGS:
+    """Raise an `InputError` if a file that `data.RECORDINGS` lists is another one."""
+    for file in data.RECORDINGS:
         plain = folder.parent / file.name
         for path in (plain, plain.with_name(f"{plain.name}.gz")):
             if path.is_file():
-                external.check(path, file)
+                data.check(path, file)
 
 
 def _cells(path: Path) -> Array:

@@ -19,7 +19,7 @@ from kilnflight.belt.friction_values import calibrated_sorter
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import engine
 from kilnflight.checks import InputError, check_count
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 from kilnflight.project.cache import kept
 from kilnflight.tables import BELT_BODIES
 
@@ -66,7 +66,7 @@ def tracks(
     engine()
     sorter = calibrated_sorter() if sorter is None else sorter
     sizes = batches(BULKS[material].count if count is None else count)
-    folder = places.derived().absolute()  # a process that is used again may know another
+    folder = paths.derived().absolute()  # a process that is used again may know another
     one = joblib.delayed(partial(_batch, sorter, material, seed, folder))
     run = joblib.Parallel(n_jobs=min(jobs, len(sizes)) or 1, return_as="generator")
     made = run(one(number, size) for number, size in enumerate(sizes))

@@ -17,7 +17,7 @@ import pandas as pd
 from kilnflight.experiments import survey
 from kilnflight.experiments.deviations import Key, shares_told_apart, told_apart
 from kilnflight.experiments.survey import CELL, Cell, median_of
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import LAST_SHARE, METRES, Findings, outcomes, quartiles, remaining
 from kilnflight.scores.intervals import Bootstrap, Interval, Quantile
@@ -221,7 +221,7 @@ def resolution_of_shares(
 
 def table_5_15(keys: Iterable[Key]) -> dict[Key, int]:
     """Return how many trajectories of each fraction the thesis has (Table 5.15)."""
-    printed = reference.published("table_5.15")
+    printed = claims.published("table_5.15")
     amount = dict(
         zip(printed["fraction"].str.lower(), printed["amount_of_trajectories"], strict=True)
     )

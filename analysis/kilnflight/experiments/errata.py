@@ -16,8 +16,7 @@ import pandas as pd
 
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
-from kilnflight.project import paths as places
+from kilnflight.project import claims, paths
 from kilnflight.scores import rates
 
 COUNTS = ["TP", "FP", "FN"]
@@ -87,7 +86,7 @@ def printed_rates(table: str) -> pd.DataFrame:
     The last row of Table 5.6 stands one column to the left: its 3687, 354, 700 are TP,
     FP, FN, and the 271 under FN repeats the value of V5.
     """
-    printed = reference.published(f"table_{table}", as_printed=True)
+    printed = claims.published(f"table_{table}", as_printed=True)
     if table == "5.6":
         total = printed["test_set"] == "Total"
         printed.loc[total, COUNTS] = printed.loc[total, ["dog_local_max", "TP", "FP"]].to_numpy()
@@ -120,7 +119,7 @@ def check_sums() -> Iterator[Check]:
             value = parts[count].astype(float).sum()
             yield _check(f"Table {table}, Total", count, total[count], value)
     everything, inside = (
-        reference.published(f"table_{name}", as_printed=True).set_index("class")
+        claims.published(f"table_{name}", as_printed=True).set_index("class")
         for name in ("5.2", "5.3")
     )
     yield from _check_class_sums(everything, "Table 5.2")
@@ -167,7 +166,7 @@ def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Ch
 
 def check_totals() -> Iterator[Check]:
     """Check that every detector is counted against the particles of Table 5.3."""
-    total = reference.published("table_5.3").set_index("class").T["Total"]
+    total = claims.published("table_5.3").set_index("class").T["Total"]
     inside = {name: float(total[name]) for name in (*SUBSETS, "amount")}
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
         for _, row in printed_rates(table).iterrows():
@@ -184,7 +183,7 @@ def check_totals() -> Iterator[Check]:
 
 def check_durations() -> Iterator[Check]:
     """Check the durations of App. A.1 against frames and frame rate (330, PE 153.85 per s)."""
-    flight = reference.published("flight")
+    flight = claims.published("flight")
     for _, row in flight[flight["quantity"] == "sequence_length"].iterrows():
         printed = re.search(r"\(([\d.]+) s\)", str(row["value_as_printed"]))
         if printed:
@@ -244,10 +243,10 @@ def _detection_statements() -> dict[str, float]:
         if name.startswith("Combi")
     }
     v5_otsu = _exact("5.5", "subset")["f1"]["V5"]
-    time = reference.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
-    dbscan = reference.published("table_5.8").set_index(["minPts", "epsilon_mm"])
+    time = claims.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
+    dbscan = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])
     dbscan_time = dbscan["time_per_image_s"]
-    sift_time = reference.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
+    sift_time = claims.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
     return {
         "qcc-best": qcc.max(),
         "three-d-best": qcc.max() - three_d[0],
@@ -277,7 +276,7 @@ def _other_statements() -> dict[str, float]:
     }
     falling = EQUATION_2_4.falling(1300.0, 11000.0)
     bias = np.abs(invert_depth([3000.0, 4000.0, 5000.0]) - [3000.0, 4000.0, 5000.0])
-    tracking = reference.published("table_5.17")
+    tracking = claims.published("table_5.17")
     without = tracking[tracking["post_processing"] == "without"]
     raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
     theta = tracking[tracking["measure"] == "JSC_theta"]
@@ -298,7 +297,7 @@ def _other_statements() -> dict[str, float]:
 
 def check_statements() -> Iterator[Check]:
     """Check the sentences of statements.csv; those about words carry their correction."""
-    table = pd.read_csv(places.reference() / "statements.csv", dtype=str, keep_default_na=False)
+    table = pd.read_csv(paths.reference() / "statements.csv", dtype=str, keep_default_na=False)
     values = recomputed_statements()
     numbers = set(table.loc[table["expected"] != "", "id"])
     if numbers != set(values):

@@ -15,7 +15,7 @@ import pandas as pd
 from kilnflight import regression
 from kilnflight.checks import InputError
 from kilnflight.experiments.campaigns import Campaign, Measured
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES, Findings, outcomes
 from kilnflight.scores.intervals import Bootstrap, Interval
@@ -211,7 +211,7 @@ def decided(
     given: Mapping[str, float | pd.Series | Mapping[str, bool]],
     note: str = "",
     apart: Mapping[str, str] | None = None,
-) -> list[reference.Verdict]:
+) -> list[claims.Verdict]:
     """Return verdicts on claims about all eight cells; "not decidable" where flights are missing.
 
     Parameters
@@ -231,9 +231,9 @@ def decided(
     missing = len(FRACTIONS) * len(PRESSURES_BAR) - len(counted) + len(few)
     if missing:
         reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
-        return [reference.undecidable(name, reason) for name in given]
+        return [claims.undecidable(name, reason) for name in given]
     notes = {name: "; ".join(filter(None, [note, (apart or {}).get(name, "")])) for name in given}
-    return [reference.judge(name, value, note=notes[name]) for name, value in given.items()]
+    return [claims.judge(name, value, note=notes[name]) for name, value in given.items()]
 
 
 FITTED = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
@@ -269,7 +269,7 @@ def regression_table(measured: Measured, generator: np.random.Generator) -> pd.D
         for axis in "xyz"
     ]
     ours = pd.DataFrame(rows)
-    said = reference.published("table_5.18")
+    said = claims.published("table_5.18")
     said = said.pivot(index=["fraction", "axis"], columns="measure", values="value")
     said = said.rename(columns=str.lower)
     place = [(PLURALS[str(one.fraction)], one.axis) for one in ours.itertuples()]

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 from kilnflight.project.files import clear_parts, locked, write_whole
 
 
@@ -48,7 +48,7 @@ def place(
 ) -> Path:
     """Return the file that a table is kept in, in data/derived unless told otherwise."""
     number = fingerprint([name, dict(went_in)])
-    return (folder or places.derived()) / f"{name}-{number}.parquet"
+    return (folder or paths.derived()) / f"{name}-{number}.parquet"
 
 
 def kept(

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 
 REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
@@ -54,7 +54,7 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     InputError
         If there is no such table.
     """
-    folder = places.reference() / "published"
+    folder = paths.reference() / "published"
     path = folder / f"{name}.csv"
     if Path(name).name != name or not path.is_file():
         known = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
@@ -62,13 +62,13 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
 
 
-def claims() -> pd.DataFrame:
+def load() -> pd.DataFrame:
     """Load the claims, indexed by id."""
-    return pd.read_csv(places.reference() / "claims.csv", index_col="id")
+    return pd.read_csv(paths.reference() / "claims.csv", index_col="id")
 
 
 def _claim(claim_id: str) -> pd.Series:
-    known = claims()
+    known = load()
     if claim_id not in known.index:
         raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
     return pd.Series(known.loc[claim_id])
@@ -179,7 +179,7 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
     A claim that no notebook has judged is "not decidable", and says what it waits for.
     """
-    everything = claims()
+    everything = load()
     judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
     if judged["id"].duplicated().any():
         twice = judged.loc[judged["id"].duplicated(keep=False)]

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 
 # The repository of the 2020 paper's authors at the pinned commit. The abbreviated hash
 # is the one our copy was taken at; the full one is a later commit with the same files.
@@ -87,13 +87,13 @@ def find(file: ExternalFile) -> Path | None:
         If the file is there but not the published one, or ``KILNFLIGHT_EXTERNAL`` names
         a folder without it (who names a folder means it).
     """
-    path = places.external() / file.name
+    path = paths.external() / file.name
     if path.is_file():
         check(path, file)
         return path
     if os.environ.get("KILNFLIGHT_EXTERNAL"):
         raise InputError(
-            f"KILNFLIGHT_EXTERNAL is {places.external()}, which has no {file.name}. Put the file "
+            f"KILNFLIGHT_EXTERNAL is {paths.external()}, which has no {file.name}. Put the file "
             "there or unset the variable."
         )
     return None
@@ -139,7 +139,7 @@ def fetch(file: ExternalFile, urls: Sequence[str] | None = None) -> Path:
     import requests
 
     pooch.get_logger().setLevel("WARNING")  # its progress lines repeat ours
-    path = places.external() / file.name
+    path = paths.external() / file.name
     path.parent.mkdir(parents=True, exist_ok=True)
     address = file.address or file.name
     for url in urls or [f"{REPOSITORY}/{commit}/data/{address}" for commit in COMMITS]:

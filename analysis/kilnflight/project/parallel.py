@@ -18,7 +18,7 @@ import joblib
 from tqdm import tqdm
 
 from kilnflight.checks import InputError, check_count
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 
 Piece = TypeVar("Piece")
 LOGGED_S = 30.0  # between two states of the bar in a log
@@ -99,8 +99,8 @@ class Workers:
     @contextmanager
     def _seen(self) -> Iterator[dict[str, Any]]:
         """Yield where the bar is shown, and how often."""
-        if places.PROGRESS in os.environ:  # of a notebook: `kilnflight.project.notebooks` tells it
-            with open(os.environ[places.PROGRESS], "a") as told:
+        if paths.PROGRESS in os.environ:  # of a notebook: `kilnflight.project.notebooks` tells it
+            with open(os.environ[paths.PROGRESS], "a") as told:
                 yield {"file": told}
         elif sys.stderr.isatty() or not self.into_logs:
             yield {"disable": None}

@@ -21,9 +21,7 @@ import pandas as pd
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.project import claims as reference
-from kilnflight.project import gallery
-from kilnflight.project import paths as places
+from kilnflight.project import claims, figures, paths
 from kilnflight.project.files import write_whole
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
@@ -92,8 +90,8 @@ def overview(titles: dict[str, str], folder: Path | None = None) -> pd.DataFrame
     folder
         Where the figures are.
     """
-    folder = folder or places.figures()
-    saved = {entry.identifier: entry for entry in gallery.entries(folder)}
+    folder = folder or paths.figures()
+    saved = {entry.identifier: entry for entry in figures.entries(folder)}
     rows = []
     for stem, heading in titles.items():
         identifier = "claims-" + stem.replace("_", "-")
@@ -103,10 +101,8 @@ def overview(titles: dict[str, str], folder: Path | None = None) -> pd.DataFrame
             )
         table = pd.read_csv(folder / f"{identifier}.csv")
         result = saved[identifier].caption
-        rows.append(
-            {"notebook": stem, "title": heading, "result": result, **reference.count(table)}
-        )
-    return pd.DataFrame(rows, columns=["notebook", "title", "result", *reference.VERDICTS])
+        rows.append({"notebook": stem, "title": heading, "result": result, **claims.count(table)})
+    return pd.DataFrame(rows, columns=["notebook", "title", "result", *claims.VERDICTS])
 
 
 def index_text(table: pd.DataFrame, totals: dict[str, int]) -> str:
@@ -128,11 +124,11 @@ def index_text(table: pd.DataFrame, totals: dict[str, int]) -> str:
 def _markdown(table: pd.DataFrame, names: Sequence[str]) -> list[str]:
     """Return the lines of a Markdown table of the overview, notebooks called by ``names``."""
     lines = [
-        "| notebook | result | " + " | ".join(reference.VERDICTS) + " |",
-        "|---|---|" + "---:|" * len(reference.VERDICTS),
+        "| notebook | result | " + " | ".join(claims.VERDICTS) + " |",
+        "|---|---|" + "---:|" * len(claims.VERDICTS),
     ]
     for name, (_, row) in zip(names, table.iterrows(), strict=True):
-        counts = " | ".join(str(row[verdict]) for verdict in reference.VERDICTS)
+        counts = " | ".join(str(row[verdict]) for verdict in claims.VERDICTS)
         lines.append(f"| {name} | {row['result']} | {counts} |")
     return lines
 
@@ -163,8 +159,8 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
         notebook = nbformat.read(path, as_version=4)
         titles[path.stem] = title(notebook)
         shutil.copyfile(path, sources / path.name)
-    claims = places.figures() / "claims.csv"
-    totals = reference.count(pd.read_csv(claims)) if claims.is_file() else {}
+    judged = paths.figures() / "claims.csv"
+    totals = claims.count(pd.read_csv(judged)) if judged.is_file() else {}
     (sources / "index.md").write_text(index_text(overview(titles), totals))
     _sphinx(sources, fresh, build / "doctrees")
     shutil.rmtree(site, ignore_errors=True)
@@ -191,11 +187,11 @@ def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
 def results_block() -> str:
     """Return the README's table of results, from figures/claims.csv and the notebooks."""
     titles = {}
-    for path in sorted((places.root() / "notebooks").glob("*.py")):
+    for path in sorted((paths.root() / "notebooks").glob("*.py")):
         found = re.search(r"^# # (.+)$", path.read_text(), re.MULTILINE)
         titles[path.stem] = found.group(1) if found else path.stem
     table = overview(titles)
-    totals = reference.count(pd.read_csv(places.figures() / "claims.csv"))
+    totals = claims.count(pd.read_csv(paths.figures() / "claims.csv"))
     lines = [
         MARK,
         _sentence(totals),
@@ -208,7 +204,7 @@ def results_block() -> str:
 
 def _trust() -> list[str]:
     """Return the main table of the notebook on trust, if it has run."""
-    path = places.figures() / "trust.csv"
+    path = paths.figures() / "trust.csv"
     if not path.is_file():
         return []
     table = pd.read_csv(path, keep_default_na=False, dtype=str)
@@ -227,7 +223,7 @@ def _trust() -> list[str]:
 
 def update_readme() -> bool:
     """Put the current results into README.md; say whether that changed it."""
-    path = places.root() / "README.md"
+    path = paths.root() / "README.md"
     text = path.read_text()
     if MARK not in text or END_MARK not in text:
         raise InputError(

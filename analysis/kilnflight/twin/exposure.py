@@ -26,8 +26,7 @@ from kilnflight.background import Median
 from kilnflight.camera import inside
 from kilnflight.detection import Otsu
 from kilnflight.detection.flame import segment_flame
-from kilnflight.project import claims as reference
-from kilnflight.project import frozen
+from kilnflight.project import claims, frozen
 from kilnflight.scores import score_detections
 from kilnflight.twin import truth
 from kilnflight.twin.background import Surroundings
@@ -129,7 +128,7 @@ class Pictures:
 
 def targets() -> pd.DataFrame:
     """Return what Otsu's method reached: subset, precision, recall, unlit."""
-    table = reference.published("table_5.5").set_index("subset").loc[list(SUBSETS)]
+    table = claims.published("table_5.5").set_index("subset").loc[list(SUBSETS)]
     rates = table[["precision", "recall"]].astype(float)
     return rates.assign(unlit=UNLIT_RECALL).reset_index()
 

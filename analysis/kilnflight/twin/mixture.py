@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.calibration import calibrated
 from kilnflight.twin.exposure import exposed
@@ -62,7 +62,7 @@ def handful(kind: str, count: int, rate_hz: float = 330.0) -> tuple[Burst, ...]:
 
 def published_counts(subset: str) -> npt.NDArray[np.float64]:
     """Return burning in air, non-burning in air, burning on the wall of Table 5.2."""
-    return reference.published("table_5.2")[subset].to_numpy(dtype=np.float64)[:3]
+    return claims.published("table_5.2")[subset].to_numpy(dtype=np.float64)[:3]
 
 
 def counted(scene: Scene) -> npt.NDArray[np.float64]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from kilnflight.checks import InputError
-from kilnflight.project import paths as places
+from kilnflight.project import paths
 from kilnflight.project.files import locked, write_whole
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import open_scene
@@ -54,7 +54,7 @@ def prepared_scene(name: str, seed: int | None = None) -> Twin:
 def place(twin: Twin) -> Path:
     """Return the file that a scene's flights and walls are kept in."""
     digest = hashlib.sha256(f"{twin.scene!r} {np.__version__} {_code()}".encode()).hexdigest()
-    return places.derived() / f"scene-{digest[:12]}.pickle"
+    return paths.derived() / f"scene-{digest[:12]}.pickle"
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import claims as reference
+from kilnflight.project import claims
 from kilnflight.scores.flights import place_of
 from kilnflight.twin.fractions import FRACTIONS
 
@@ -77,7 +77,7 @@ def statements() -> pd.DataFrame:
         ``source``, ``use`` (`CALIBRATED`, `HELD_OUT` or `NOT_USED`).
     """
     rows = []
-    for _, row in reference.published("flight", as_printed=True).iterrows():
+    for _, row in claims.published("flight", as_printed=True).iterrows():
         outcome = outcome_of(row)
         if not outcome or not (row["value_low"] or row["value_high"]):
             continue
