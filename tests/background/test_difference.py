@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.background import ThreeFrame, TwoFrame
-from kilnflight.background.difference import partner
+from kilnflight.background.difference import HeldFrames, difference, partner
 
 
 def random_stack(length):
@@ -52,3 +52,38 @@ def test_only_the_frames_of_the_equation_are_read():
 
     list(ThreeFrame()(Lazy(), [50]))
     assert read == [47, 50, 53]
+
+
+def test_no_more_is_held_than_there_is_room_for():
+    stack = np.arange(100, dtype=np.uint16).repeat(6).reshape(100, 2, 3)
+    held = HeldFrames(stack, 5)
+    for wanted in ([0, 1, 2], [2, 3, 4], [50], [3, 4, 5, 6, 7], [99, 7]):
+        slots = held.fetch(wanted)
+        assert held.pixels.shape == (5, 6)
+        np.testing.assert_array_equal(held.pixels[slots, 0], wanted)
+    np.testing.assert_array_equal(held[99], np.full((2, 3), 99))
+
+
+def test_the_farthest_frame_goes_first():
+    stack = np.zeros((100, 2, 3), np.uint16)
+    read = []
+
+    class Lazy:
+        def __len__(self):
+            return 100
+
+        def __getitem__(self, index):
+            read.append(index)
+            return stack[index]
+
+    held = HeldFrames(Lazy(), 3)
+    for index in (10, 11, 50, 12, 11, 10):
+        held.fetch([index])
+    assert read == [10, 11, 50, 12]
+
+
+def test_the_difference_of_unsigned_images_does_not_wrap():
+    low, high = np.full((2, 2), 3, np.uint16), np.full((2, 2), 65535, np.uint16)
+    np.testing.assert_array_equal(difference(low, high), np.full((2, 2), 65532))
+    wide = np.full((2, 2), 2**31 + 1, np.uint32)
+    np.testing.assert_array_equal(difference(wide, wide - np.float64(1)), np.ones((2, 2)))

@@ -1,6 +1,6 @@
 r"""Background subtraction: what moves stays (thesis, section 2.2.1; values of Table 5.4).
 
-    stack of gray frames -> model(frames, indices) -> one foreground per wanted frame
+    stack of gray frames -> model(frames, indices) -> one foreground per frame asked for
 
 =================  ================  ============================================  =========
 model              equation          default                                       source
@@ -23,18 +23,16 @@ frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also ha
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-from kilnflight.background.adaptive import Adaptive
-from kilnflight.background.difference import ThreeFrame, TwoFrame
-from kilnflight.background.gaussian import RunningGaussian
+from kilnflight.background.difference import Foreground, Frames, ThreeFrame, TwoFrame
+from kilnflight.background.recursive import Adaptive, RunningGaussian
 from kilnflight.background.static import Mean, Median
-from kilnflight.background.window import Foreground, Frames
 
 
 class BackgroundModel(Protocol):
     """What every background model offers."""
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each wanted frame, (rows, cols) float32."""
+        """Yield the foreground of each frame asked for, (rows, cols) float32."""
         ...
 
 

@@ -1,18 +1,138 @@
-"""Moving frame difference: neighbouring frames as background (Eqs 2.5 and 2.6)."""
+"""Moving frame difference: neighbouring frames as background (Eqs 2.5 and 2.6).
+
+Also what every model shares: the frames it holds and the absolute difference.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import operator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
-from kilnflight.background.window import (
-    Foreground,
-    Frames,
-    Held,
-    check_indices,
-    difference,
-)
-from kilnflight.checks import check_count
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.checks import InputError, check_count
+
+Image = npt.NDArray[Any]
+Foreground = npt.NDArray[np.float32]
+GRAY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
+
+
+class Frames(Protocol):
+    """A stack of images that is read lazily; an array of shape (frames, rows, cols) is one."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Any: ...
+
+
+def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
+    """Return the frame numbers as ints, or raise an `InputError` naming the first bad one."""
+    try:
+        numbers = tuple(operator.index(index) for index in indices)
+    except TypeError as error:
+        raise InputError(
+            f"indices: {indices!r} is no series of frame numbers ({error}). Pass whole numbers, "
+            "for example range(75, 85)."
+        ) from error
+    for index in numbers:
+        if not 0 <= index < length:
+            raise InputError(
+                f"indices: there is no frame {index}; the stack has {length} frames, counted "
+                "from 0."
+            )
+    return numbers
+
+
+class HeldFrames:
+    """Copies of the frames in use, each read from its stack once while it is needed.
+
+    Lives for one call of a model. When room is needed, the frames farthest in time from
+    those asked for go first.
+
+    Parameters
+    ----------
+    frames
+        The stack: ``frames[t]`` is a (rows, cols) image, all of one shape and type.
+    capacity
+        How many frames are held at most.
+    """
+
+    def __init__(self, frames: Frames, capacity: int) -> None:
+        self.length = len(frames)
+        self.shape: tuple[int, ...] = (0, 0)
+        self.pixels = np.empty((0, 0), np.uint16)  # (capacity, rows * cols), row = slot
+        self._frames = frames
+        self._free = list(range(min(capacity, self.length)))[::-1]
+        self._slots: dict[int, int] = {}
+
+    @property
+    def precise(self) -> np.dtype[Any]:
+        """The float type that holds every gray value of the stack exactly."""
+        return np.result_type(self.pixels.dtype, np.float32)
+
+    def fetch(self, indices: Sequence[int]) -> npt.NDArray[np.intp]:
+        """Return the rows of `pixels` that hold these frames, reading what is missing."""
+        missing = [index for index in dict.fromkeys(indices) if index not in self._slots]
+        excess = len(missing) - len(self._free)
+        if excess > 0:
+            low, high = min(indices), max(indices)
+            others = [index for index in self._slots if index not in indices]
+            others.sort(key=lambda index: max(low - index, index - high), reverse=True)
+            self._free += [self._slots.pop(index) for index in others[:excess]]
+        for index in missing:
+            image = self._read(index)
+            self._slots[index] = self._free.pop()
+            self.pixels[self._slots[index]] = image.ravel()
+        return np.array([self._slots[index] for index in indices], dtype=np.intp)
+
+    def __getitem__(self, index: int) -> Image:
+        """Return a held frame, (rows, cols)."""
+        return self.pixels[self._slots[index]].reshape(self.shape)
+
+    def _read(self, index: int) -> Image:
+        image = np.asarray(self._frames[index])
+        kind = image.dtype.newbyteorder("=")
+        if image.ndim != 2 or not image.size:
+            raise InputError(
+                f"frame {index}: shape {image.shape}, expected (rows, cols) with pixels. Pass one "
+                "gray channel."
+            )
+        if kind.name not in GRAY_TYPES:
+            raise InputError(
+                f"frame {index}: gray values of type {kind} are not supported; convert them to one "
+                f"of {', '.join(GRAY_TYPES)}."
+            )
+        if not self.pixels.size:
+            # Memory is taken page by page as slots are filled, so capacity costs nothing unused.
+            self.shape, self.pixels = image.shape, np.empty((len(self._free), image.size), kind)
+        if image.shape != self.shape or kind != self.pixels.dtype:
+            raise InputError(
+                f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._slots)} is "
+                f"{self.pixels.dtype} of shape {self.shape}. Split the stack where it changes."
+            )
+        if kind.kind == "f" and not np.isfinite(image).all():
+            bad = tuple(int(i) for i in np.argwhere(~np.isfinite(image))[0])
+            raise InputError(
+                f"frame {index}: the gray value at row, col {bad} is {image[bad]}. Fill or "
+                "leave out such pixels before the call."
+            )
+        return image
+
+
+def difference(frame: Image, background: Image) -> Foreground:
+    """Return the absolute difference of two images of any gray types, (rows, cols) float32."""
+    kind = np.result_type(frame, background, np.float32)  # exact for both
+    apart = cv2.absdiff(frame.astype(kind, copy=False), background.astype(kind, copy=False))
+    return np.asarray(apart, dtype=np.float32)
+
+
+def differences(held: HeldFrames, backgrounds: Iterable[tuple[int, Image]]) -> Iterator[Foreground]:
+    """Yield the absolute difference of each held frame and its background."""
+    return (difference(held[index], background) for index, background in backgrounds)
 
 
 def partner(index: int, step: int, length: int) -> int:
@@ -43,15 +163,8 @@ class TwoFrame:
         check_count(self.interval, "TwoFrame: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each wanted frame, (rows, cols) float32; see `Mean`."""
-        held = Held(frames, 2 * self.interval + 1)
-        return self._foregrounds(held, check_indices(indices, held.length))
-
-    def _foregrounds(self, held: Held, indices: tuple[int, ...]) -> Iterator[Foreground]:
-        for t in indices:
-            before = partner(t, -self.interval, held.length)
-            held.fetch([before, t])
-            yield difference(held[t], held[before])
+        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        return _mean_difference(frames, indices, (-self.interval,))
 
 
 @dataclass(frozen=True)
@@ -71,16 +184,23 @@ class ThreeFrame:
         check_count(self.interval, "ThreeFrame: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each wanted frame, (rows, cols) float32; see `Mean`."""
-        held = Held(frames, 2 * self.interval + 1)
-        return self._foregrounds(held, check_indices(indices, held.length))
+        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        return _mean_difference(frames, indices, (-self.interval, self.interval))
 
-    def _foregrounds(self, held: Held, indices: tuple[int, ...]) -> Iterator[Foreground]:
-        for t in indices:
-            before = partner(t, -self.interval, held.length)
-            after = partner(t, self.interval, held.length)
-            held.fetch([before, t, after])
-            foreground = difference(held[t], held[before])
-            foreground += difference(held[t], held[after])
-            foreground *= 0.5
-            yield foreground
+
+def _mean_difference(
+    frames: Frames, indices: Iterable[int], steps: tuple[int, ...]
+) -> Iterator[Foreground]:
+    """Yield the mean absolute difference of each frame from those so many steps away."""
+    held = HeldFrames(frames, 2 * abs(steps[0]) + 1)
+
+    def foreground(t: int) -> Foreground:
+        beside = [partner(t, step, held.length) for step in steps]
+        held.fetch(sorted([t, *beside]))
+        total = difference(held[t], held[beside[0]])
+        for other in beside[1:]:
+            total += difference(held[t], held[other])
+        total /= len(steps)
+        return total
+
+    return (foreground(t) for t in check_indices(indices, held.length))

@@ -1,19 +1,189 @@
-"""The median of the frames around a frame, for a chunk of neighbouring frames at a time."""
+"""The median of the frames around a frame, for a chunk of neighbouring frames at a time.
+
+All windows of a chunk share most of their frames. The shared frames are sorted once and
+the windows told apart by halving: each half of the windows shares more frames, which are
+merged in as sorted runs (Batcher's odd-even merge). A rank that can no longer become one
+of the middle ranks of any window is dropped, and with it every comparison that only served
+it. The program of minima and maxima is the same for every pixel; compiled code runs it
+tile by tile.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.background.selection import BOTH, EMIT, LOAD, LOW, program
-from kilnflight.background.window import Held, Image, surrounding
+from kilnflight.background.difference import HeldFrames, Image
 
 CHUNK = 32  # frames; longer saves little time and costs memory: one more frame each
 TILE_BYTES = 8192  # of one slot: some 125 slots of it fill a second-level cache of 1 MiB
+LOAD, LOW, HIGH, BOTH, EMIT = range(5)
+NONE = -1
+Comparison = tuple[int, int, int, int]  # two values, their minimum and maximum (or NONE)
+
+
+def surrounding(index: int, window: int, length: int) -> range:
+    """Return frame ``index`` together with the ``window`` other frames nearest to it in time.
+
+    As many before as after (of an odd window, one more before); at the ends of the
+    recording shifted to stay inside; all frames if the recording has no more than that.
+
+    Examples
+    --------
+    >>> surrounding(100, 150, 1000)
+    range(25, 176)
+    >>> surrounding(3, 150, 1000), surrounding(3, 150, 80)
+    (range(0, 151), range(0, 80))
+    """
+    size = min(window + 1, length)
+    start = min(max(index - (window + 1) // 2, 0), length - size)
+    return range(start, start + size)
+
+
+@dataclass
+class _Network:
+    """Comparisons of values; value i below ``inputs`` is frame i of the chunk."""
+
+    size: int  # frames per window
+    ranks: tuple[int, ...]
+    inputs: int
+    steps: list[Comparison] = field(default_factory=list)
+    runs: dict[range, list[int]] = field(default_factory=dict)
+    outputs: dict[int, list[int]] = field(default_factory=dict)  # by start of the window
+
+    def compare(self, a: int, b: int) -> list[int]:
+        """Return the values of the minimum and the maximum."""
+        low = self.inputs + 2 * len(self.steps)
+        self.steps.append((a, b, low, low + 1))
+        return [low, low + 1]
+
+    def merge(self, first: list[int], second: list[int]) -> list[int]:
+        """Return two sorted lists as one (odd-even merge; Knuth, TAOCP 3, 5.3.4)."""
+        if not first or not second:
+            return first + second
+        if len(first) == len(second) == 1:
+            return self.compare(first[0], second[0])
+        even = self.merge(first[::2], second[::2])
+        odd = self.merge(first[1::2], second[1::2])
+        pairs = min(len(odd), len(even) - 1)
+        merged = [even[0]]
+        for i in range(pairs):
+            merged += self.compare(odd[i], even[i + 1])
+        return merged + odd[pairs:] + even[pairs + 1 :]
+
+    def run(self, frames: range) -> list[int]:
+        """Return consecutive frames, sorted; runs are shared between windows."""
+        if len(frames) <= 1:
+            return list(frames)
+        if frames not in self.runs:
+            half = len(frames) // 2
+            self.runs[frames] = self.merge(self.run(frames[:half]), self.run(frames[half:]))
+        return self.runs[frames]
+
+    def select(self, starts: list[int], values: list[int], base: int, known: range) -> None:
+        """Tell windows apart that share the frames ``known``; ``values`` are ranks from ``base``.
+
+        Only ranks are kept that the frames still to come can move onto a middle rank.
+        """
+        if len(starts) == 1:
+            self.outputs[starts[0]] = [values[rank - base] for rank in self.ranks]
+            return
+        half = len(starts) // 2
+        for part in (starts[:half], starts[half:]):
+            shared = range(part[-1], max(part[0] + self.size, part[-1]))
+            left = range(shared.start, min(known.start, shared.stop)) if known else shared
+            right = range(known.stop, shared.stop) if known else range(0)
+            grown = self.merge(values, self.merge(self.run(left), self.run(right)))
+            self.select(part, *self.kept(grown, base, shared), shared)
+
+    def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
+        """Return the ranks that can still become a wanted one, and the first of them."""
+        first = max(self.ranks[0] - self.size + len(known), 0)
+        last = min(self.ranks[-1], len(known) - 1)
+        return values[first - base : last + 1 - base], first
+
+    def needed(self) -> list[Comparison]:
+        """Return the comparisons that lead to an output, unused results as NONE."""
+        used = {value for output in self.outputs.values() for value in output}
+        steps = []
+        for a, b, low, high in reversed(self.steps):
+            if low in used or high in used:
+                used |= {a, b}
+                steps.append((a, b, low if low in used else NONE, high if high in used else NONE))
+        return steps[::-1]
+
+
+@lru_cache(maxsize=64)
+def program(
+    size: int, ranks: tuple[int, ...], starts: tuple[int, ...]
+) -> tuple[npt.NDArray[np.int32], int]:
+    """Return a table of steps that emit the ranks of every window, and its number of slots.
+
+    Parameters
+    ----------
+    size
+        Frames per window.
+    ranks
+        Ascending, counted from 0.
+    starts
+        First frame of the window of each output, counted from the first frame of all; in
+        any order, windows may occur more than once.
+
+    Notes
+    -----
+    Columns by kind of step: LOAD frame, slot; LOW, HIGH, BOTH a, b, slot of the minimum,
+    slot of the maximum; EMIT output, then the slots of the ranks. Frames are loaded late,
+    outputs emitted early, slots used again. A step never writes a slot that it reads.
+    """
+    distinct = sorted(set(starts))
+    network = _Network(size, ranks, distinct[-1] + size)
+    shared = range(distinct[-1], max(distinct[0] + size, distinct[-1]))
+    network.select(distinct, *network.kept(network.run(shared), 0, shared), shared)
+    steps, outputs = network.needed(), [network.outputs[start] for start in starts]
+    made = {value: number for number, step in enumerate(steps) for value in step[2:]}
+    ready = [max(made[value] for value in values) for values in outputs]
+    uses = Counter(
+        value for values in [*(step[:2] for step in steps), *outputs] for value in values
+    )
+    slots: dict[int, int] = {NONE: NONE}
+    free: list[int] = []
+    table: list[list[int]] = []
+    count = 0
+
+    def take(value: int) -> int:
+        nonlocal count
+        if value not in slots:
+            if not free:
+                free.append(count)
+                count += 1
+            slots[value] = free.pop()
+        return slots[value]
+
+    def release(values: Sequence[int]) -> None:
+        uses.subtract(values)
+        free.extend(slots.pop(value) for value in dict.fromkeys(values) if not uses[value])
+
+    for number, (a, b, low, high) in enumerate(steps):
+        table += [[LOAD, value, take(value)] for value in (a, b) if value not in slots]
+        kind = LOW if high == NONE else HIGH if low == NONE else BOTH
+        # Results get their slots before the operands lose theirs: no step is in place.
+        table.append([kind, slots[a], slots[b], take(low), take(high)])
+        release((a, b))
+        for output, values in enumerate(outputs):
+            if number == ready[output]:
+                table.append([EMIT, output, *(slots[value] for value in values)])
+                release(values)
+    width = max(map(len, table))
+    rows = [row + [NONE] * (width - len(row)) for row in table]
+    return np.array(rows, dtype=np.int32), count
 
 
 @njit(cache=True)
@@ -84,20 +254,18 @@ def _execute(
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
     """Yield the indices in their order, in groups whose windows start within `CHUNK` frames."""
     chunk: list[int] = []
-    low = high = 0
     for index in indices:
-        start = surrounding(index, window, length).start
-        if chunk and (len(chunk) == CHUNK or max(high, start) - min(low, start) >= CHUNK):
+        starts = [surrounding(other, window, length).start for other in (*chunk, index)]
+        if len(chunk) == CHUNK or max(starts) - min(starts) >= CHUNK:
             yield chunk
             chunk = []
-        low, high = (min(low, start), max(high, start)) if chunk else (start, start)
         chunk.append(index)
     if chunk:
         yield chunk
 
 
 def window_medians(
-    held: Held, indices: Sequence[int], window: int
+    held: HeldFrames, indices: Sequence[int], window: int
 ) -> Iterator[tuple[int, npt.NDArray[Any]]]:
     """Yield each index with the median of the ``window`` frames around it, itself left out.
 
@@ -116,14 +284,14 @@ def window_medians(
         if not out.size:
             out = np.empty((min(CHUNK, len(indices)), held.pixels.shape[1]), held.precise)
         others = len(windows[0]) - 1
-        if others == 0:
-            out[: len(chunk)] = held.pixels[own]
-        else:
+        if others:
             low, high = (others - 1) // 2, others // 2
             ranks = (low, low + 1, high, high + 1)
-            steps = program(others + 1, ranks, tuple(around.start - first for around in windows))
+            table, count = program(others + 1, ranks, tuple(w.start - first for w in windows))
             tile = min(TILE_BYTES // held.pixels.itemsize, out.shape[1])
-            scratch = np.zeros((steps.slots, tile), held.pixels.dtype)
-            _execute(steps.table, scratch, held.pixels, slots, own, out)
+            scratch = np.zeros((count, tile), held.pixels.dtype)
+            _execute(table, scratch, held.pixels, slots, own, out)
+        else:
+            out[: len(chunk)] = held.pixels[own]
         for index, background in zip(chunk, out, strict=False):
             yield index, background.reshape(held.shape)

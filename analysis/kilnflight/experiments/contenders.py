@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.background import Median, TwoFrame
-from kilnflight.background.difference import partner
-from kilnflight.background.window import Frames
+from kilnflight.background.difference import Frames, partner
 from kilnflight.detection import (
     DBSCAN,
     Clusterer,

@@ -3,13 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.background.selection import BOTH, EMIT, HIGH, LOAD, LOW, program
+from kilnflight.background.sliding_median import BOTH, EMIT, HIGH, LOAD, LOW, program, surrounding
 
 
-def run(made, frames, outputs, ranks):
+def run(table, count, frames, outputs, ranks):
     """Execute a program step by step, as its docstring says."""
-    slots, found = [None] * made.slots, [None] * outputs
-    for kind, *row in made.table:
+    slots, found = [None] * count, [None] * outputs
+    for kind, *row in table:
         if kind == LOAD:
             slots[row[1]] = frames[row[0]]
         elif kind == EMIT:
@@ -32,7 +32,7 @@ def test_every_rank_of_every_window(data):
     starts = tuple(data.draw(st.lists(st.integers(0, 50), min_size=1, max_size=20)))
     starts = tuple(start - min(starts) for start in starts)
     frames = np.random.default_rng(size).integers(0, 30, (max(starts) + size, 50))
-    found = run(program(size, ranks, starts), frames, len(starts), len(ranks))
+    found = run(*program(size, ranks, starts), frames, len(starts), len(ranks))
     for start, values in zip(starts, found, strict=True):
         ordered = np.sort(frames[start : start + size], axis=0)
         np.testing.assert_array_equal(values, ordered[list(ranks)])
@@ -41,6 +41,19 @@ def test_every_rank_of_every_window(data):
 @pytest.mark.parametrize(("frames", "most"), [(1, 3100), (10, 330), (32, 125), (64, 95)])
 def test_neighbours_share_the_work(frames, most):
     """Minima and maxima per median of 150 frames; a sort of each alone takes 3000."""
-    table = program(151, (74, 75, 75, 76), tuple(range(frames))).table
+    table = program(151, (74, 75, 75, 76), tuple(range(frames)))[0]
     both, one = np.sum(table[:, 0] == BOTH), np.isin(table[:, 0], [LOW, HIGH]).sum()
     assert (2 * both + one) / frames <= most
+
+
+@given(st.integers(1, 30), st.integers(1, 60), st.data())
+def test_the_window_holds_the_nearest_frames_that_there_are(window, length, data):
+    index = data.draw(st.integers(0, length - 1))
+    around = surrounding(index, window, length)
+    assert index in around
+    assert len(around) == min(window + 1, length)
+    assert around.start >= 0
+    assert around.stop <= length
+    farthest = max(abs(j - index) for j in around)
+    for outside in set(range(length)) - set(around):
+        assert abs(outside - index) >= min(farthest, (window + 1) // 2)
