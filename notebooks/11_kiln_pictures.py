@@ -19,7 +19,7 @@ frames = 0  # frames summed per fraction; 0: 5, 100 or 300 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import kiln, thermography
+from kilnflight import camera, kiln
 from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import pursuit, trial
 from kilnflight.project import figures, style
@@ -93,7 +93,7 @@ corners = []
 for s, x in ((along[0], -0.15), (along[0], 0.15), (along[-1], 0.15), (along[-1], -0.15)):
     spot = place.to_camera(np.array([s, x, -np.sqrt(0.7**2 - x**2)]))
     corners.append(tuple(float(v) for v in place.project(spot)))
-profile = thermography.wall_profile(infrared, tuple(corners), rows=len(along))
+profile = camera.wall_profile(infrared, tuple(corners), rows=len(along))
 truth = 1423.0 - 9.0 * (along - 1.0) ** 2
 
 # %% tags=["hide-input"]

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.path import Path
 
 from kilnflight.camera import (
     EQUATION_2_4,
@@ -9,8 +10,11 @@ from kilnflight.camera import (
     DepthCalibration,
     calibrate_depth,
     captured_depths,
+    equalize,
     fit_depth_segments,
+    inside,
     invert_depth,
+    wall_profile,
 )
 from kilnflight.checks import InputError
 from kilnflight.project import claims
@@ -167,3 +171,116 @@ def test_a_calibration_that_is_none_is_told():
     for degree in (-1, 1.5):
         with pytest.raises(InputError, match="degree"):
             fit_depth_segments([1.0], [1.0], degree=degree)
+
+
+HOOK = [(0, 0), (0, 10), (10, 10), (10, 6), (4, 6), (4, 0)]  # not convex
+coordinates = st.tuples(st.integers(0, 20), st.integers(0, 20))
+
+
+def test_a_corner_is_cut_out_and_the_border_is_inside():
+    row, col = [2, 7, 7, 4, 10, 0, 11], [3, 8, 3, 3, 8, 0, 8]
+    assert inside(HOOK, row, col).tolist() == [True, True, False, True, True, True, False]
+
+
+@given(st.lists(coordinates, min_size=3, max_size=8, unique=True), st.integers(0, 2**32 - 1))
+def test_inside_is_what_counting_edges_and_matplotlib_say(corners, seed):
+    if np.linalg.matrix_rank(np.subtract(corners, corners[0])) < 2:
+        return
+    points = np.random.default_rng(seed).uniform(-2, 22, (200, 2))
+    expected = np.array([_even_odd(corners, p) for p in points])
+    found = inside(corners, *points.T)
+    np.testing.assert_array_equal(found, expected)
+    if len(corners) == 3:
+        np.testing.assert_array_equal(found, Path(corners).contains_points(points))
+    turned = inside(np.roll(corners, 1, axis=0)[::-1], *points.T)
+    np.testing.assert_array_equal(turned, found)
+    assert inside(corners, *np.transpose(corners)).all()
+
+
+def _even_odd(corners, point):
+    """How many edges a walk along the row meets, in plain code."""
+    crossings = 0
+    for (r0, c0), (r1, c1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if (r0 > point[0]) != (r1 > point[0]):
+            crossings += c0 + (point[0] - r0) * (c1 - c0) / (r1 - r0) > point[1]
+    return crossings % 2 == 1
+
+
+def test_the_shape_of_the_pixels_comes_back():
+    row, col = np.mgrid[:12, :9]
+    assert inside(HOOK, row, col).shape == (12, 9)
+    assert inside(HOOK, 3, np.arange(5)).shape == (5,)
+    assert inside(HOOK, [], []).shape == (0,)
+    assert inside(HOOK, 1, 1).shape == ()
+
+
+@pytest.mark.parametrize(
+    ("polygon", "message"),
+    [
+        ([], "shape"),
+        ([(0, 0), (5, 5)], r"2 different corner\(s\)"),
+        ([(0, 0), (5, 5), (0, 0)], r"2 different corner\(s\)"),
+        ([(0, 0), (5, 5), (9, 9)], "in one line"),
+        ([(0, 0), (5, np.nan), (9, 9)], "polygon: 1 value"),
+        ([(0, 0, 0)] * 4, r"shape \(4, 3\)"),
+    ],
+)
+def test_a_polygon_that_is_none_is_told(polygon, message):
+    with pytest.raises(InputError, match=message):
+        inside(polygon, 1, 1)
+
+
+def test_pixels_that_are_none_are_told():
+    with pytest.raises(InputError, match="row"):
+        inside(HOOK, np.nan, 1)
+
+
+RAMP = np.add.outer(np.arange(60.0), np.zeros(80))
+WHOLE = ((0, 0), (0, 79), (59, 79), (59, 0))
+
+
+def test_the_whole_picture_is_itself():
+    picture = np.random.default_rng(1).normal(1400, 20, (60, 80))
+    np.testing.assert_allclose(equalize(picture, WHOLE, 60, 80), picture, rtol=1e-5)
+
+
+def floor_seen_in_perspective(length, near=1.0, far=8.0, height=0.7):
+    """A floor whose temperature grows linearly from near to far, and the corners of a strip."""
+    rows, columns, focal, middle = 400, 400, 300.0, 100.0
+    row = np.indices((rows, columns), dtype=float)[0]
+    depth = np.where(row > middle, focal * height / np.maximum(row - middle, 1e-6), far)
+    picture = 1000.0 + 50.0 * np.clip(depth, near, far)
+    corners = []
+    for z, side in ((far, -1), (far, 1), (near, 1), (near, -1)):
+        corners.append((middle + focal * height / z, 200 + side * focal * length / 2 / z))
+    return picture, tuple(corners), far, near
+
+
+def test_a_strip_in_perspective_gives_an_even_profile():
+    """The definition: equal steps along the floor, so a linear temperature stays linear."""
+    picture, corners, far, near = floor_seen_in_perspective(0.8)
+    profile = wall_profile(picture, corners, rows=141)
+    expected = 1000.0 + 50.0 * np.linspace(far, near, 141)
+    np.testing.assert_allclose(profile[3:-3], expected[3:-3], atol=3.0)
+
+
+@given(st.floats(0, 15), st.floats(0, 15), st.floats(25, 45), st.floats(60, 79))
+def test_a_constant_picture_has_a_constant_profile(top, left, bottom, right):
+    corners = ((top, left + 3), (top, right - 3), (bottom, right), (bottom, left))
+    profile = wall_profile(np.full((60, 80), 1423.0), corners, rows=20)
+    np.testing.assert_allclose(profile[1:-1], 1423.0, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("picture", "corners", "message"),
+    [
+        (RAMP, WHOLE[:3], "four corners"),
+        (RAMP[0], WHOLE, "one picture"),
+        (RAMP, ((0, 0), (0, 90), (59, 79), (59, 0)), "leave the picture"),
+        (RAMP, ((0, 0), (59, 79), (0, 79), (59, 0)), "no convex area"),
+        (RAMP * np.nan, WHOLE, "not finite"),
+    ],
+)
+def test_what_is_no_strip_is_told(picture, corners, message):
+    with pytest.raises(InputError, match=message):
+        wall_profile(picture, corners)

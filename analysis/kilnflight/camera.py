@@ -1,8 +1,12 @@
-"""Depth calibration of the plenoptic camera (thesis, section 2.1.5).
+"""The cameras: depth of the plenoptic one, region of interest, temperature of the wall.
 
-The camera reports a captured depth; a test plate at 1, 2, ..., 11 m showed that it is
-off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
-depth with one quadratic per range. All depths are in millimetres.
+The plenoptic camera reports a captured depth; a test plate at 1, 2, ..., 11 m showed that
+it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
+depth with one quadratic per range (section 2.1.5, thesis). All depths are in millimetres.
+
+In an infrared picture a strip of the wall is a trapezoid, narrow where it is far. A
+projective transform makes a rectangle of it, and the mean of each row is the profile along
+the kiln (Fig. 2.4, thesis).
 """
 
 from __future__ import annotations
@@ -10,13 +14,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import null_space
 
-from kilnflight.checks import InputError, check_finite, check_shape
+from kilnflight.checks import InputError, check_count, check_finite, check_shape
 
 Array = npt.NDArray[np.float64]
+Corners = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -60,22 +66,15 @@ class DepthCalibration:
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
         """Return the calibrated depth, in mm, in the shape of ``captured_mm``."""
         depth = check_finite(captured_mm, "captured depth")
-        segment, found = self.segment(depth), np.empty(depth.shape)
-        for index, coefficients in enumerate(self.coefficients):
-            here = segment == index
-            found[here] = np.polyval(coefficients, depth[here])
-        return found
+        segment = self.segment(depth)
+        segments = [segment == index for index in range(len(self.coefficients))]
+        polynomials = [np.poly1d(powers) for powers in self.coefficients]
+        return np.asarray(np.piecewise(depth, segments, polynomials))
 
     def jumps(self) -> Array:
         """Return right limit minus left limit at each breakpoint, in mm."""
-        return np.array(
-            [
-                np.polyval(right, point) - np.polyval(left, point)
-                for point, (left, right) in zip(
-                    self.breakpoints_mm, pairwise(self.coefficients), strict=True
-                )
-            ]
-        )
+        ends = zip(pairwise(self.coefficients), self.breakpoints_mm, strict=True)
+        return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
     def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
         """Return the captured depths in [low, high] at which the calibrated depth falls.
@@ -203,39 +202,27 @@ def fit_depth_segments(
     true = check_finite(true_mm, "true depth").ravel()
     if captured.shape != true.shape:
         raise InputError(f"{captured.size} captured depths, but {true.size} true ones; pair them.")
-    if not isinstance(degree, int) or degree < 0:
-        raise InputError(f"degree {degree!r}: a polynomial's degree is a whole number from 0.")
-    frame = DepthCalibration(tuple(breakpoints_mm), ((0.0,),) * (len(breakpoints_mm) + 1))
-    segment = frame.segment(captured)
-    scale = 1000.0  # metres inside, so that powers stay of one size
-    powers = np.vander(captured / scale, degree + 1)
-    design = np.zeros((captured.size, (degree + 1) * len(frame.coefficients)))
-    for index in range(len(frame.coefficients)):
-        columns = slice(index * (degree + 1), (index + 1) * (degree + 1))
-        design[segment == index, columns] = powers[segment == index]
-    basis = _continuity(frame.breakpoints_mm, degree, scale) if continuous else None
-    free = design if basis is None else design @ basis
-    solution, _, rank, _ = np.linalg.lstsq(free, true, rcond=None)
-    if rank < free.shape[1]:
-        counts = [len(np.unique(captured[segment == i])) for i in range(len(frame.coefficients))]
+    check_count(degree, "fit_depth_segments: degree", 0)
+    segments, size = len(breakpoints_mm) + 1, degree + 1
+    frame = DepthCalibration(tuple(breakpoints_mm), ((0.0,),) * segments)
+    # per point one column of powers for each segment; metres, so that powers stay of one size
+    member = frame.segment(captured)[:, None] == np.arange(segments)
+    powers = np.vander(captured / 1000.0, size)
+    design = (member[:, :, None] * powers[:, None]).reshape(captured.size, -1)
+    basis = np.eye(segments * size)
+    if continuous and breakpoints_mm:  # neighbours agree at the breakpoint between them
+        borders = np.vander(np.array(breakpoints_mm) / 1000.0, size)
+        sides = np.eye(segments)[:-1] - np.eye(segments)[1:]
+        basis = null_space((sides[:, :, None] * borders[:, None]).reshape(len(borders), -1))
+    solution, _, rank, _ = np.linalg.lstsq(design @ basis, true, rcond=None)
+    if rank < basis.shape[1]:
+        counts = [len(np.unique(captured[here])) for here in member.T]
         raise InputError(
-            f"the points do not determine {free.shape[1]} coefficients: the segments hold "
+            f"the points do not determine {basis.shape[1]} coefficients: the segments hold "
             f"{counts} different captured depths. Add plates, lower the degree, or join segments."
         )
-    fitted = (solution if basis is None else basis @ solution).reshape(-1, degree + 1)
-    fitted /= scale ** np.arange(degree, -1, -1)
-    return DepthCalibration(frame.breakpoints_mm, tuple(tuple(map(float, c)) for c in fitted))
-
-
-def _continuity(breakpoints_mm: tuple[float, ...], degree: int, scale: float) -> Array:
-    """Return a basis of the coefficients whose segments agree at every breakpoint."""
-    size = degree + 1
-    conditions = np.zeros((len(breakpoints_mm), size * (len(breakpoints_mm) + 1)))
-    for row, point in enumerate(breakpoints_mm):
-        powers = np.vander([point / scale], size)[0]
-        conditions[row, row * size : (row + 1) * size] = powers
-        conditions[row, (row + 1) * size : (row + 2) * size] = -powers
-    return null_space(conditions) if len(breakpoints_mm) else np.eye(size)
+    fitted = (basis @ solution).reshape(segments, size) / 1000.0 ** np.arange(degree, -1, -1)
+    return DepthCalibration(frame.breakpoints_mm, tuple(tuple(row) for row in fitted.tolist()))
 
 
 def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
@@ -264,12 +251,7 @@ def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
     return points * (calibrate_depth(depth) / depth)
 
 
-def inside(
-    polygon: npt.ArrayLike,
-    row: npt.ArrayLike,
-    col: npt.ArrayLike,
-    shape: tuple[int, int] | None = None,
-) -> npt.NDArray[np.bool_]:
+def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return which pixels lie in a region of interest, in the shape of ``row`` and ``col``.
 
     Parameters
@@ -279,14 +261,12 @@ def inside(
         last is joined to the first.
     row, col
         Pixels, whole or not.
-    shape
-        Rows and columns of the image, to refuse a polygon beside it.
 
     Raises
     ------
     InputError
-        If the polygon has fewer than three different corners or no extent, lies beside the
-        image, or a number is not finite.
+        If the polygon has fewer than three different corners or no extent, or a number is
+        not finite.
 
     Notes
     -----
@@ -298,40 +278,68 @@ def inside(
     >>> inside([(0, 0), (0, 9), (9, 0)], [1, 8, 0], [1, 8, 4]).tolist()
     [True, False, True]
     """
-    corners = _corners(polygon, shape)
-    r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
-    odd = np.zeros(r.shape, dtype=bool)
-    border = np.zeros(r.shape, dtype=bool)
-    for (r0, c0), (r1, c1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        side = (c1 - c0) * (r - r0) - (r1 - r0) * (c - c0)
-        border |= (
-            (side == 0)
-            & (np.minimum(r0, r1) <= r)
-            & (r <= np.maximum(r0, r1))
-            & (np.minimum(c0, c1) <= c)
-            & (c <= np.maximum(c0, c1))
-        )
-        # An edge counts if it spans the row (one end included) to the right of the pixel.
-        odd ^= ((r0 <= r) != (r1 <= r)) & ((side > 0) == (r1 > r0)) & (side != 0)
-    return odd | border
-
-
-def _corners(polygon: npt.ArrayLike, shape: tuple[int, int] | None) -> Array:
-    """Return the corners (n, 2) of a polygon, or raise an `InputError`."""
     corners = check_finite(polygon, "polygon")
     check_shape(corners, (None, 2), "polygon")
-    if len(np.unique(corners, axis=0)) < 3:
+    different = len(np.unique(corners, axis=0))
+    if different < 3:
         raise InputError(
-            f"polygon: {len(np.unique(corners, axis=0))} different corner(s); a region of interest "
-            "has three or more (row, col)."
+            f"polygon: {different} different corner(s); a region of interest has three or more "
+            "(row, col)."
         )
     if np.linalg.matrix_rank(corners - corners[0]) < 2:
         raise InputError("polygon: its corners are in one line; it encloses nothing.")
-    if shape is not None:
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        if (high < 0).any() or (low > np.array(shape) - 1).any():
-            raise InputError(
-                f"polygon: it spans rows {low[0]:g} to {high[0]:g} and columns {low[1]:g} to "
-                f"{high[1]:g}, beside the image of {shape[0]} x {shape[1]}. Corners are (row, col)."
-            )
-    return corners
+    r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
+    contour = corners.astype(np.float32)
+    places = zip(r.ravel().tolist(), c.ravel().tolist(), strict=True)
+    within = [cv2.pointPolygonTest(contour, place, measureDist=False) >= 0 for place in places]
+    return np.array(within, dtype=bool).reshape(r.shape)
+
+
+def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, columns: int) -> Array:
+    """Return a trapezoid of a picture as a rectangle.
+
+    Parameters
+    ----------
+    picture
+        (rows, columns) of the infrared camera, for example temperatures.
+    corners
+        Four corners (row, col) of the trapezoid: far left, far right, near right, near left.
+    rows, columns
+        Size of the rectangle; row 0 is the far end.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns), interpolated linearly.
+
+    Raises
+    ------
+    InputError
+        If there are not four corners, they do not make a convex area in this order, or one
+        lies outside the picture.
+    """
+    values = check_finite(picture, "infrared picture").astype(np.float32)
+    if values.ndim != 2 or len(corners) != 4:
+        raise InputError(
+            f"a picture of shape {values.shape} and {len(corners)} corners: pass one picture and "
+            "four corners (row, col)."
+        )
+    given = np.array(corners, dtype=np.float32)[:, ::-1].copy()  # OpenCV takes column, row
+    if (given < 0).any() or (given > np.array(values.shape[::-1]) - 1).any():
+        raise InputError(f"corners {corners} leave the picture of {values.shape}; keep inside.")
+    if not cv2.isContourConvex(given) or not cv2.contourArea(given):
+        raise InputError(f"corners {corners} make no convex area in this order; go around once.")
+    target = [(0, 0), (columns - 1, 0), (columns - 1, rows - 1), (0, rows - 1)]
+    transform = cv2.getPerspectiveTransform(given, np.array(target, dtype=np.float32))
+    return cv2.warpPerspective(values, transform, (columns, rows)).astype(np.float64)
+
+
+def wall_profile(
+    picture: npt.NDArray[np.generic], corners: Corners, rows: int = 200, columns: int = 100
+) -> Array:
+    """Return the mean of each row of the equalised trapezoid, (rows,), far end first.
+
+    Rows are evenly spaced on the wall if the trapezoid is a strip of constant width seen in
+    perspective.
+    """
+    return equalize(picture, corners, rows, columns).mean(axis=1)
