@@ -142,7 +142,8 @@ pd.Series(sketches, name="comes out").to_frame()
 # %%
 spread = np.tile(16.0 * np.eye(2), (2, 1, 1))
 places = np.array([[0.0, 0], [14, 0]]), np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
-omega = association.validation_matrix(gated(*places))
+gates = np.isfinite(gated(*places).distance_squared).T
+omega = np.column_stack([np.ones(len(gates)), gates]).astype(np.uint8)  # Eq. 2.57
 events = association.feasible_events(omega)
 bound = association.most_events(2, 4)
 missed = 1 - events[:, :, 1:].sum(axis=1, keepdims=True)

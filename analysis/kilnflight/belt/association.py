@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.association import Pairs
-from kilnflight.association.assignment import assign
+from kilnflight.association import Pairs, assign
 
 Array = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
+Integers = npt.NDArray[np.integer]
 
 
 def pair_costs(pairs: Pairs, missed: float) -> Array:
@@ -42,7 +41,7 @@ def associate(costs: Array, gone: Array, new: Array) -> Integers:
     ``new`` is paid but for the measurements that go to a track. Taking it off the pairs gives
     the same optimum from the (n, m) part alone; `matrix` writes the whole one out.
     """
-    return assign(_relative(costs, new), _negative_log(gone))[0]
+    return assign(_relative(costs, new), _negative_log(gone))
 
 
 def matrix(costs: Array, gone: Array, new: Array) -> Array:

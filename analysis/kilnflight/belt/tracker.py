@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 from numba import njit
 
-from kilnflight.association.pairs import one_hot
+from kilnflight.association import one_hot
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.association import associate, pair_costs
 from kilnflight.belt.filters import BELT_FRAME_S, constant_velocity
@@ -36,7 +36,7 @@ from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.motion import Motion
 
 Array = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
+Integers = npt.NDArray[np.integer]
 
 MEASURED = Table(
     "measurements on the belt",

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 from scipy.special import gammainc
 
-from kilnflight.association.pairs import Pairs
+from kilnflight.association import Pairs
 from kilnflight.checks import InputError, check_between, check_finite, check_limit, check_shape
 from kilnflight.tracking.kalman import factor
 

@@ -1,24 +1,43 @@
-"""Exact marginals against enumeration, closed forms and extremes."""
+"""Probabilities of joint events against enumeration, recursion, counting and Stone Soup."""
 
+import datetime
+from itertools import product
 from math import comb, perm
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.linalg import block_diag
 
-from kilnflight.association import JPDA, PDA, Pairs, joint_probabilities
-from kilnflight.association.elimination import graph_of, make_plan, states
+from kilnflight.association import JPDA, Pairs, joint_probabilities
 from kilnflight.checks import InputError
 
 sizes = st.tuples(st.integers(1, 5), st.integers(1, 5))
 numbers = st.one_of(st.just(0.0), st.floats(1e-6, 1e6), st.sampled_from([0.5, 1.0]))
 
 
+def joint_events(tracks, detections):
+    """Yield every joint event, by trying all: the detection of each track, or -1."""
+    for event in product(range(-1, detections), repeat=tracks):
+        used = [detection for detection in event if detection >= 0]
+        if len(set(used)) == len(used):
+            yield event
+
+
+def plain_probabilities(likelihood, nonassignment):
+    """Eq. 2.64 as it stands: a sum over joint events."""
+    tracks, detections = likelihood.shape
+    factors = np.column_stack([likelihood, nonassignment])  # index -1: missed
+    sums = np.zeros((tracks, 1 + detections))
+    for event in joint_events(tracks, detections):
+        sums[range(tracks), np.array(event) + 1] += factors[range(tracks), event].prod()
+    return sums / sums.sum(axis=1, keepdims=True)
+
+
 @given(sizes.flatmap(lambda size: arrays(np.float64, (size[0], size[1] + 1), elements=numbers)))
-def test_against_enumeration(plain_probabilities, numbers):
+def test_against_enumeration(numbers):
     likelihood, missed = numbers[:, 1:], numbers[:, 0] + 1e-3
     expected = plain_probabilities(likelihood, missed)
     found = joint_probabilities(likelihood, missed)
@@ -27,7 +46,7 @@ def test_against_enumeration(plain_probabilities, numbers):
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_sparse_groups_against_enumeration(plain_probabilities, seed):
+def test_sparse_groups_against_enumeration(seed):
     rng = np.random.default_rng(seed)
     likelihood = rng.exponential(1, (5, 6)) * (rng.random((5, 6)) < 0.35)
     missed = rng.exponential(1, 5)
@@ -76,7 +95,6 @@ def test_a_chain_of_forty():
 
 def test_a_chain_of_any_length_fits():
     likelihood, missed = chain(300)
-    assert states(make_plan(graph_of(likelihood))) < 2**12
     np.testing.assert_allclose(joint_probabilities(likelihood, missed).sum(axis=1), 1.0)
 
 
@@ -124,7 +142,7 @@ def test_extreme_likelihoods():
     np.testing.assert_allclose(subnormal, [[0.5, 0.5]])
 
 
-def test_a_track_that_must_have_a_detection(plain_probabilities):
+def test_a_track_that_must_have_a_detection():
     likelihood = np.array([[1.0, 2.0, 0.0], [3.0, 1.0, 4.0]])
     missed = np.array([0.0, 0.5])
     expected = plain_probabilities(likelihood, missed)
@@ -134,7 +152,7 @@ def test_a_track_that_must_have_a_detection(plain_probabilities):
 @pytest.mark.parametrize(
     ("likelihood", "missed", "message"),
     [
-        ([[1.0], [1.0]], [0.0, 0.0], "no joint event is possible: track 1"),
+        ([[1.0], [1.0]], [0.0, 0.0], "no joint event is possible: track [01] must"),
         (np.zeros((1, 0)), [0.0], "no joint event is possible: track 0"),
         ([[np.nan]], [1.0], "likelihood: 1 value"),
         ([[np.inf]], [1.0], "likelihood: 1 value"),
@@ -172,7 +190,7 @@ def test_empty_is_normal():
     assert joint_probabilities(np.zeros((1, 2)), [1.0]).tolist() == [[1.0, 0.0, 0.0]]
 
 
-def test_a_group_too_dense_leaves_out_what_weighs_least(plain_probabilities):
+def test_a_group_too_dense_leaves_out_what_weighs_least():
     rng = np.random.default_rng(1)
     likelihood = rng.exponential(1, (5, 5)) * 1e-6 + np.eye(5)
     likelihood[0, 1] = 0.5
@@ -200,25 +218,44 @@ def test_only_the_group_that_is_too_dense_is_thinned():
     np.testing.assert_allclose(found[30:, 31:], alone[:, 1:], rtol=1e-12)
 
 
-def test_a_group_is_planned_as_if_it_were_alone():
-    rng = np.random.default_rng(0)
-    groups = [(rng.random((14, 14)) < share).astype(float) for share in (0.3, 0.5, 0.4)]
-    alone = [states(make_plan(graph_of(group))) for group in groups]
-    assert states(make_plan(graph_of(block_diag(*groups)))) == max(alone)
+def by_stone_soup(likelihood, nonassignment, associator):
+    """Return the same by Stone Soup, whose hypothesiser is told the likelihoods."""
+    from stonesoup.types.detection import Detection, MissedDetection
+    from stonesoup.types.hypothesis import SingleProbabilityHypothesis
+    from stonesoup.types.multihypothesis import MultipleHypothesis
+    from stonesoup.types.track import Track
+
+    now = datetime.datetime(2023, 1, 1)
+    tracks = [Track() for _ in likelihood]
+    detections = [Detection([column, 0.0], now) for column in range(likelihood.shape[1])]
+    hypotheses = {
+        track: MultipleHypothesis(
+            [SingleProbabilityHypothesis(None, MissedDetection(timestamp=now), missed)]
+            + [
+                SingleProbabilityHypothesis(None, detection, value)
+                for detection, value in zip(detections, row, strict=True)
+                if value > 0
+            ]
+        )
+        for track, row, missed in zip(tracks, likelihood, nonassignment, strict=True)
+    }
+    ready = SimpleNamespace(hypothesise=lambda track, *args, **more: hypotheses[track])
+    found = associator(ready).associate(tracks, set(detections), now)
+    weights = np.zeros((len(tracks), 1 + len(detections)))
+    for row, track in zip(weights, tracks, strict=True):
+        for hypothesis in found[track]:
+            at = 1 + detections.index(hypothesis.measurement) if hypothesis else 0
+            row[at] = float(hypothesis.probability)
+    return weights
 
 
-def test_a_tracker_can_go_on_in_the_densest_crowd(crowd):
-    with pytest.warns(UserWarning, match="Narrow the gate"):
-        weights = JPDA(most_states=2**12)(crowd(0, count=40, box=30.0))
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-
-
-def test_jpda_is_pda_where_nothing_is_shared(make_pairs):
-    pairs = make_pairs([[0, 0], [500, 0]], [[0, 2], [500, 4], [503, 0]])
-    np.testing.assert_allclose(JPDA()(pairs), PDA()(pairs), rtol=1e-12)
-
-
-def test_jpda_keeps_two_close_tracks_apart(make_pairs):
-    pairs = make_pairs([[0, 0], [0, 6]], [[0, 0], [0, 6]])
-    one, joint = PDA()(pairs), JPDA()(pairs)
-    assert joint[0, 1] > one[0, 1] > one[0, 2] > joint[0, 2]
+@pytest.mark.parametrize("name", ["JPDA", "JPDAwithEHM2"])
+def test_stone_soup_gives_the_same_probabilities(name):
+    associators = pytest.importorskip(
+        "stonesoup.dataassociator.probability", reason="Stone Soup is not installed (extra: peer)"
+    )
+    rng = np.random.default_rng(4)
+    likelihood = rng.exponential(1, (4, 5)) * (rng.random((4, 5)) < 0.6)
+    missed = rng.exponential(0.5, 4)
+    expected = by_stone_soup(likelihood, missed, getattr(associators, name))
+    np.testing.assert_allclose(joint_probabilities(likelihood, missed), expected, atol=1e-9)
