@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 from measure import Row
 
-from kilnflight import pipeline
+from kilnflight import kiln
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
 from kilnflight.experiments.lessons import Learned
@@ -31,15 +31,14 @@ def rows() -> list[Row]:
 
 def chain(frames: int) -> tuple[float, float, float]:
     """Return seconds to detect, seconds for what follows, and the peak of memory in MiB."""
-    one = campaigns.campaigns("full", LEARNED)[2].passage
+    one = campaigns.campaigns("full", LEARNED)[2].run
     with tempfile.TemporaryDirectory() as folder:
-        part = replace(one.stretch, start=1000, stop=1000 + frames, folder=Path(folder))
-        passage = replace(one, stretch=part)
+        part = replace(one.detection, start=1000, stop=1000 + frames, folder=Path(folder))
+        run = replace(one, detection=part)
         begin = time.perf_counter()
-        for chunk in part.chunks:
-            part.keep(chunk)
+        part.detections()
         detected = time.perf_counter()
-        pipeline.run([passage])
+        kiln.make_tables([run])
         done = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return detected - begin, done - detected, peak

@@ -40,7 +40,7 @@ for name in pursuit.FEWER if scale == "quick" else scenes.WINDOWS:
     twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
-    foregrounds = trial.BACKGROUNDS[scale](kiln.Pictures(twin), rooms[name])
+    foregrounds = trial.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
     total = np.zeros((twin.attributes.rows, twin.attributes.columns), dtype=np.float32)
     for t, foreground in zip(rooms[name], foregrounds, strict=True):
         clear = segment_flame(twin.gray(t), twin.attributes.flame_roi).cover(foreground)

@@ -57,7 +57,7 @@ figures.save("table-5-4-parameters", values, caption=caption, provenance=origin)
 
 # %%
 some, t = subsets[1], subsets[1].wanted[0]
-stack, cut = kiln.Pictures(some.recording), np.s_[950:1400, 500:1500]
+stack, cut = kiln.GrayFrames(some.recording), np.s_[950:1400, 500:1500]
 gray, known = stack[t], some.recording.attributes
 shown = {name: one for name, one in models.items() if hasattr(one, "backgrounds")}
 pictures = {name: next(iter(one.backgrounds(stack, [t]))) for name, one in shown.items()}

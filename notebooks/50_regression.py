@@ -101,9 +101,9 @@ for one in wanted:
     some = flown.loc[flown["from_lance"], "particle"].head(40)
     chosen = linked[linked["particle"].isin(some)]
     if len(chosen):
-        made_of = (chosen, one.passage.exit_point_mm, one.passage.frame_rate_hz)
+        made_of = (chosen, one.run.exit_point_mm, one.run.frame_rate_hz)
         parts.append(regression.order_measures(*made_of).assign(fraction=one.fraction))
-empty = regression.order_measures(tracks.head(0), wanted[0].passage.exit_point_mm, 330.0)
+empty = regression.order_measures(tracks.head(0), wanted[0].run.exit_point_mm, 330.0)
 orders = pd.concat(parts, ignore_index=True) if parts else empty
 by_order = orders.groupby(["order", "axis"])[list(survey.FITTED.values())].median().reset_index()
 

@@ -43,7 +43,7 @@ for one in wanted:
     parts = [survey.of_cell(table, cell) for table in (measured.tracks, measured.flights)]
     linked = parts[0][parts[0]["particle"] >= 0]
     row = {"fraction": cell[0], "pressure_bar": cell[1], "frames": len(one.frames)}
-    row |= {"seconds": len(one.frames) / one.passage.frame_rate_hz}
+    row |= {"seconds": len(one.frames) / one.run.frame_rate_hz}
     row |= {"detections_in_air": len(parts[0]), "tracked": len(linked)}
     row |= {"tracks": linked["particle"].nunique()}
     rows.append(row | {"from_lance": int(parts[1]["from_lance"].sum())})

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import backdrop, outcome_page, own, pipeline
+from kilnflight import kiln, outcome_page, own
 from kilnflight.__main__ import main
 from kilnflight.flight import Rules
 from kilnflight.outcome import outcome, summary, used
@@ -81,9 +81,9 @@ def test_a_short_recording_is_work_for_several(stored, tmp_path):
     folder = tmp_path / "mine.zarr"
     write_recording(stored, folder, range(3))
     assert [own.chunk(n) for n in (1, 200, 201, 4000, 4001)] == [25, 25, 26, 500, 500]
-    stretch = own.prepare(folder, tmp_path, own.Wishes(200.0)).passage.stretch
-    assert stretch.chunks == [range(3)]
-    assert len(replace(stretch, stop=300, chunk=own.chunk(300)).chunks) == 8
+    detection = own.prepare(folder, tmp_path, own.Wishes(200.0)).run.detection
+    assert detection.chunks == [range(3)]
+    assert len(replace(detection, stop=300, chunk=own.chunk(300)).chunks) == 8
 
 
 @pytest.mark.parametrize("inside", [".", "out", "a/../b/c"])
@@ -117,8 +117,8 @@ def test_the_lance_is_to_be_known(stored, tmp_path, capsys):
         assert main([*command, "--exit-point", bad]) == 1
         assert f"--exit-point {bad}: write x,y,z" in capsys.readouterr().err
     wishes = own.Wishes(200.0, own.point("-77,250.7,6828"))
-    passage, _ = own.prepare(folder, tmp_path, wishes)
-    np.testing.assert_allclose(passage.exit_point_mm, (-73.2, 238.2, 6486.7), atol=0.5)
+    run, _ = own.prepare(folder, tmp_path, wishes)
+    np.testing.assert_allclose(run.exit_point_mm, (-73.2, 238.2, 6486.7), atol=0.5)
 
 
 def test_an_exit_point_may_begin_with_a_minus(stored, tmp_path, capsys):
@@ -155,10 +155,10 @@ def test_no_wall_is_a_note_and_no_flights(stored, tmp_path):
 
     folder = tmp_path / "sparse.zarr"
     write_recording(Changed(stored, sparse), folder, range(3))
-    passage, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
+    run, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
     assert "The kiln's wall was not found" in notes[0]
-    assert pipeline.flights(passage).empty
-    assert pipeline.slices(passage).empty
+    assert run.table("flights")().empty
+    assert run.table("slices")().empty
 
 
 def test_uneven_frames_are_told(stored, tmp_path):
@@ -177,32 +177,32 @@ def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored,
 
     same = write_recording(stored, tmp_path / "same.zarr")
     other = write_recording(Changed(stored, brighter), tmp_path / "other.zarr")
-    ours, copied, changed = (own.stored(one.path).went_in() for one in (stored, same, other))
+    ours, copied, changed = (repr(kiln.stored_source(one.path)) for one in (stored, same, other))
     assert ours == copied
     assert ours != changed
 
 
 def test_the_summary_says_what_was_used(stored_flights, tmp_path):
     wishes = own.Wishes(200.0)
-    passage = own.prepare(stored_flights, tmp_path, wishes).passage
-    said = dict(used(passage, wishes.given, "2"))
+    run = own.prepare(stored_flights, tmp_path, wishes).run
+    said = dict(used(run, wishes.given, "2"))
     assert said["threshold of DoG"] == "200 grey values (given)"
     assert said["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
-    assert f"{passage.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
+    assert f"{run.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
     assert said["kiln's axis"].startswith("through ")
-    assert said["kiln's radius"] == f"{passage.wall.radius_mm:.0f} mm"
+    assert said["kiln's radius"] == f"{run.wall.radius_mm:.0f} mm"
     assert said["taken for in the air"] == "up to 800 mm from the axis"
     assert said["taken for alight when first seen"] == "not asked"
     assert said["jobs"] == "2"
-    bare = dict(used(replace(passage, exit_point_mm=None, wall=None), (), "1"))
+    bare = dict(used(replace(run, exit_point_mm=None, wall=None), (), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
     assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"
     assert own.Wishes(None, (1.0, 2.0, 3.0)).given == ("exit_point_mm",)
 
 
 def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
-    passage = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).passage
-    found = outcome(replace(passage, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
+    run = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).run
+    found = outcome(replace(run, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
     assert found.notes[0] == "first"
     assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
     assert re.search(r"lie \d{5} mm from it \(median\)\.", found.notes[1])
@@ -211,8 +211,8 @@ def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
 def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
     stored_flights, tmp_path
 ):
-    plain = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).passage
-    asked = own.prepare(stored_flights, tmp_path, own.Wishes(200.0, bright=1.0)).passage
+    plain = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).run
+    asked = own.prepare(stored_flights, tmp_path, own.Wishes(200.0, bright=1.0)).run
     assert plain.rules == Rules()  # nothing changes unless it is asked for
     assert asked.rules.ignition.bright == 1.0
     assert dict(used(asked, (), "1"))["taken for alight when first seen"].startswith("from 1 ")
@@ -221,8 +221,8 @@ def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
     track["gray"] = 5000.0 + np.sin(7 * frame)
-    for passage, told in ((plain, "none"), (asked, "before seen")):
-        assert pipeline.flown(passage, track, {0: fit})["ignition"].tolist() == [told]
+    for run, told in ((plain, "none"), (asked, "before seen")):
+        assert kiln.flights_from(run, track, {0: fit})["ignition"].tolist() == [told]
 
 
 def test_alight_when_first_seen_has_a_line_of_its_own(flown):
@@ -236,8 +236,8 @@ def test_alight_when_first_seen_has_a_line_of_its_own(flown):
 @pytest.fixture
 def flown(stored, stored_flights, tmp_path):
     """An outcome with made-up flights."""
-    passage, _ = own.prepare(stored_flights, tmp_path, own.Wishes(200.0))
-    found = outcome(passage, ("a <note>",))
+    run, _ = own.prepare(stored_flights, tmp_path, own.Wishes(200.0))
+    found = outcome(run, ("a <note>",))
     rows = [
         (1, 0.5, "landed", True, "seen", 0.21),
         (2, 0.7, "burnt out", True, "none", np.nan),
@@ -322,19 +322,19 @@ def test_a_file_is_no_folder_to_write_to(stored_flights, tmp_path, capsys):
 
 def test_ignition_may_be_read_above_the_background(stored_flights, tmp_path):
     wishes = own.Wishes(200.0, above_background=True)
-    passage, _ = own.prepare(stored_flights, tmp_path, wishes)
-    told = dict(used(passage, (), "1"))
+    run, _ = own.prepare(stored_flights, tmp_path, wishes)
+    told = dict(used(run, (), "1"))
     assert told["ignition"] == "a step of the grey values above the background"
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "radius_px": 3.0, **places})
     track["row"], track["col"] = 100.0, np.where(frame < 50, 60.0, 150.0)
-    recording = passage.stretch.origin.recording()
-    behind = backdrop.behind(track, recording, range(len(recording)))
+    recording = run.detection.source.recording()
+    behind = kiln.background_gray(track, recording, range(len(recording)))
     assert len(np.unique(behind)) == 2  # of both places
     track["gray"] = behind + 500.0 + np.sin(7 * frame)
-    above = pipeline.flown(passage, track, {0: fit})["ignition"].tolist()
+    above = kiln.flights_from(run, track, {0: fit})["ignition"].tolist()
     rising = track.assign(gray=track["gray"] + 4000.0 * (frame >= 50))
     assert above == ["none"]
-    assert pipeline.flown(passage, rising, {0: fit})["ignition"].tolist() == ["seen"]
+    assert kiln.flights_from(run, rising, {0: fit})["ignition"].tolist() == ["seen"]

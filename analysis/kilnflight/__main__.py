@@ -15,7 +15,7 @@ from kilnflight.association import GNN, JPDA
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.project.files import write_whole
+from kilnflight.project.cache import write_whole
 from kilnflight.recording.importing import import_recording
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.recording.summary import summarise
@@ -107,7 +107,7 @@ def _track(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    from kilnflight import outcome_page, own, pipeline  # here: it takes time to load them
+    from kilnflight import outcome_page, own  # here: it takes time to load them
     from kilnflight.outcome import outcome, summary, text, used
     from kilnflight.project.parallel import Workers
 
@@ -120,10 +120,10 @@ def _run(options: argparse.Namespace) -> None:
     prepared = own.prepare(options.folder, target, wishes)
     for note in prepared.notes:
         print(f"note: {note}")
-    pipeline.run([prepared.passage], workers)
+    kiln.make_tables([prepared.run], workers)
     jobs = str(options.jobs) if options.scheduler is None else f"those of {options.scheduler}"
-    told = used(prepared.passage, wishes.given, jobs)
-    found = outcome(prepared.passage, prepared.notes, told)
+    told = used(prepared.run, wishes.given, jobs)
+    found = outcome(prepared.run, prepared.notes, told)
     for note in found.notes[len(prepared.notes) :]:
         print(f"note: {note}")
     report = outcome_page.publish(found, open_recording(options.folder), target)

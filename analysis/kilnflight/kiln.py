@@ -1,27 +1,108 @@
-"""The whole life of a frame of the kiln: the only place where it is written out.
+"""The whole way from a frame to a flight: the only place where it is written out.
 
-recording -> background -> flame taken out -> Eq. 2.4 -> combined detector -> one table
+frame -> view -> detections -> tracks -> trajectories -> flights, slices
+
+Each arrow is a table that is made once and cached. Detection, which takes nearly all of the
+time, is done in chunks of frames by processes or a cluster; a killed run goes on with the
+first table that is missing. The tracks are made without the texture term of Eq. 4.24: its
+frame differences would take 2.8 MB a frame, 68 GB for eight campaigns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import zarr
+from zarr.codecs import ZstdCodec
 
+from kilnflight import flight, regression
+from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
+from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination, View
+from kilnflight.detection.correspondence import mean_gray
 from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.wall import Cylinder, InAir
+from kilnflight.project import paths
+from kilnflight.project.cache import CachedTable, clear_parts, make_whole
+from kilnflight.project.parallel import Workers
+from kilnflight.recording import storage
 from kilnflight.recording.frames import PictureRecording
-from kilnflight.tables import DETECTIONS
+from kilnflight.recording.store import StoredRecording, open_recording
+from kilnflight.regression import Regression
+from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
+from kilnflight.tracking.tracker import track
+from kilnflight.tracklets import postprocess, tracked
+from kilnflight.twin.prepared import prepared_scene
+from kilnflight.twin.scene import Twin
+
+CHUNK = 100  # frames; every chunk reads the median's window, 150 frames, anew
+LONG_CHUNK = 500  # frames, where no differences are stored: the window costs less
+TILE = (384, 512)  # of a stored difference, so that a small box is read fast
+PICTURES = 21  # frames in the median picture that stands for the background; ours
+
+Vector = tuple[float, float, float]
+
+
+class Source(Protocol):
+    """Where a recording comes from: sent to other processes, each of which opens it.
+
+    Its ``repr`` tells the recording from any other.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name for people."""
+
+    def recording(self) -> PictureRecording:
+        """Open the recording; once in each process."""
 
 
 @dataclass(frozen=True)
-class Pictures:
+class TwinSource:
+    """A scene of the twin: its name for `kilnflight.twin.scenes.open_scene`, and the seed."""
+
+    name: str
+    seed: int = 0
+
+    @lru_cache(maxsize=2)  # noqa: B019  of equal sources
+    def recording(self) -> Twin:
+        """Return the twin; its flights are worked out once for all chunks of a process."""
+        return prepared_scene(self.name, self.seed)
+
+
+@dataclass(frozen=True)
+class StoredSource:
+    """A recording on disk; its tables are known wherever it lies."""
+
+    name: str
+    content: str  # of `storage.content`
+    folder: Path = field(repr=False)
+
+    @lru_cache(maxsize=2)  # noqa: B019  of equal sources
+    def recording(self) -> StoredRecording:
+        """Return the recording."""
+        return open_recording(self.folder)
+
+
+def stored_source(folder: Path | str) -> StoredSource:
+    """Return the source of a recording on disk; errors as for `open_recording`."""
+    recording = open_recording(folder)
+    content = storage.content(recording.path, len(recording))
+    return StoredSource(recording.attributes.name, content, recording.path.resolve())
+
+
+@dataclass(frozen=True)
+class GrayFrames:
     """The grey values of a recording as a stack that is read frame by frame."""
 
     recording: PictureRecording
@@ -36,16 +117,16 @@ class Pictures:
 
 
 def views(
-    recording: PictureRecording, wanted: Iterable[int], background: BackgroundModel | None = None
+    recording: PictureRecording, frames: Iterable[int], background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Yield number and view of each wanted frame: what a detector may see of it.
+    """Yield number and view of each frame: what a detector may use of it.
 
     Parameters
     ----------
     recording
         Of the twin or from disk; only the background's window is held.
-    wanted
-        Numbers of frames.
+    frames
+        Their numbers.
     background
         The temporal median over 150 frames if None (section 5.1.2).
 
@@ -53,17 +134,17 @@ def views(
     -----
     The first frame has no frame before it; the one after takes its place.
     """
-    wanted = list(wanted)
+    frames = list(frames)
     model = background if background is not None else Median()
     before, gray = -1, np.empty((0, 0), dtype=np.uint16)
-    for t, foreground in zip(wanted, model(Pictures(recording), wanted), strict=True):
+    for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
         frame = recording.frame(t)
         beside = t - 1 if t > 0 else min(1, len(recording) - 1)
         previous = gray if beside == before else recording.gray(beside)
         pixels, xyz = frame.pixels, calibrate_points(frame.xyz)
         if recording.attributes.flame_roi is not None:
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
-            flame.clear(foreground)  # nobody else has it: models give every one anew
+            flame.clear(foreground)  # in place: models give every one anew
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
         before, gray = t, frame.gray
@@ -72,12 +153,337 @@ def views(
 
 def detect(
     recording: PictureRecording,
-    wanted: Iterable[int],
+    frames: Sequence[int],
     detector: Combination | None = None,
     background: BackgroundModel | None = None,
+    differences: Path | None = None,
 ) -> pd.DataFrame:
-    """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`)."""
+    """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`).
+
+    The roots of the foregrounds are stored in the Zarr array ``differences``, if there is one.
+    """
     detector = detector if detector is not None else Combination()
-    roi = recording.attributes.roi
-    parts = [detector(view, roi, frame=t) for t, view in views(recording, wanted, background)]
+    attributes = recording.attributes
+    seen = views(recording, frames, background)
+    if differences is not None:
+        image = (attributes.rows, attributes.columns)
+        seen = _stored(seen, differences, (len(frames), *image))
+    parts = [detector(view, attributes.roi, frame=t) for t, view in seen]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
+
+
+def _stored(
+    seen: Iterator[tuple[int, View]], path: Path, shape: tuple[int, int, int]
+) -> Iterator[tuple[int, View]]:
+    tile = [min(sides) for sides in zip(TILE, shape[1:], strict=True)]
+    codec = ZstdCodec(level=1)
+    array = zarr.create_array(
+        path, shape=shape, chunks=(1, *tile), dtype="uint8", compressors=codec
+    )
+    for k, (t, view) in enumerate(seen):
+        array[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
+        yield t, view
+
+
+@dataclass(frozen=True)
+class DetectionRun:
+    """Consecutive frames of a recording, and how particles are detected in them.
+
+    Parameters
+    ----------
+    source
+        Of the recording.
+    start, stop
+        First frame, and the one after the last.
+    detector, background
+        The combined detector, and what is subtracted before.
+    chunk
+        Frames that are worked on at once.
+    differences
+        Whether differences to the background are stored beside: 2.8 MB a frame.
+    folder
+        Of all tables; data/derived if None.
+    """
+
+    source: Source
+    start: int
+    stop: int
+    detector: Combination
+    background: BackgroundModel = field(default_factory=Median)
+    chunk: int = CHUNK
+    differences: bool = True
+    folder: Path | None = None
+
+    @property
+    def chunks(self) -> list[range]:
+        """The frames in pieces of ``chunk``, cut at its multiples."""
+        first = self.start // self.chunk * self.chunk
+        ends = range(first, self.stop, self.chunk)
+        pieces = [range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends]
+        return [piece for piece in pieces if piece]
+
+    def table(self, frames: range) -> CachedTable:
+        """Return the detections of a chunk."""
+        return CachedTable(
+            "detections",
+            partial(_detect_chunk, self, frames),
+            {
+                "source": self.source,
+                "frames": [frames.start, frames.stop],
+                "detector": self.detector,
+                "background": self.background,
+            },
+            self.folder,
+            whole=partial(self.has_differences, frames),
+        )
+
+    def differences_of(self, frames: range) -> Path:
+        """Return where the frame differences of a chunk are stored."""
+        path = self.table(frames).path
+        return path.with_name(path.name.replace("detections", "differences")).with_suffix(".zarr")
+
+    def has_differences(self, frames: range) -> bool:
+        """Return whether the differences of a chunk are there, or not asked for."""
+        return not self.differences or self.differences_of(frames).is_dir()
+
+    def detections(self) -> pd.DataFrame:
+        """Return all detections, made in this process where they are not there."""
+        parts = [self.table(frames)() for frames in self.chunks]
+        return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
+
+
+def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
+    """Return the detections of a chunk; its differences are stored first."""
+    cv2.setNumThreads(1)
+    find = partial(detect, run.source.recording(), frames, run.detector, run.background)
+    if not run.differences:
+        return find()
+    path, tables = run.differences_of(frames), []
+    clear_parts(path)
+    make_whole(path, lambda part: tables.append(find(differences=part)))
+    return tables[0]
+
+
+def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFrame:
+    """Return what the detector finds (`kilnflight.tables.DETECTIONS`); see `detect_all`."""
+    detect_all([run], workers, f"detection in {run.source.name}")
+    return run.detections()
+
+
+def detect_all(
+    runs: Sequence[DetectionRun], workers: Workers | None = None, label: str = "detection"
+) -> None:
+    """Detect where that has not been done, with progress.
+
+    Parameters
+    ----------
+    runs
+        Recordings, frames and detectors.
+    workers
+        One process if None; the detections do not depend on them.
+    label
+        Of the progress.
+
+    Raises
+    ------
+    InputError
+        If something cannot be read or written, or a worker writes to another folder.
+    """
+    pieces = [(_placed(run), frames) for run in runs for frames in run.chunks]
+    expected = [(run, frames, run.table(frames).path) for run, frames in pieces]
+    missing = [
+        piece
+        for piece in expected
+        if not (piece[2].is_file() and piece[0].has_differences(piece[1]))
+    ]
+    lengths = [len(frames) for _, frames, _ in missing]
+    before = sum(len(frames) for _, frames in pieces) - sum(lengths)
+    (workers or Workers())(_make_chunk, missing, lengths, label, before)
+    lost = [path for *_, path in missing if not path.is_file()]
+    if lost:
+        raise InputError(
+            f"{lost[0]}: a worker has made this, but not here. Give the workers the same folder "
+            "under the same name."
+        )
+
+
+def _placed(run: DetectionRun) -> DetectionRun:
+    """Return the run with its folder spelled out: workers do not know that of this project."""
+    return replace(run, folder=(run.folder or paths.derived()).absolute())
+
+
+def _make_chunk(piece: tuple[DetectionRun, range, Path]) -> None:
+    run, frames, expected = piece
+    table = run.table(frames)
+    if table.path != expected:
+        raise InputError(
+            f"{run.source.name}: this worker has another version of kilnflight than who asks "
+            f"({table.path.name}, expected {expected.name}). Install the same one."
+        )
+    table()
+
+
+@dataclass(frozen=True)
+class KilnRun:
+    """A recording and all that decides which flights are found in it.
+
+    Parameters
+    ----------
+    detection
+        Recording, frames, detector, and the folder of all tables.
+    exit_point_mm
+        Outlet of the lance after Eq. 2.4; None: there are no trajectories.
+    wall
+        The kiln; None: no detection counts as on the wall, and there are no flights.
+    in_air
+        Which detections are in the air.
+    tracker
+        Makes one track of each particle's detections.
+    regression
+        How three polynomials are fitted to a track.
+    rules
+        Which tracks are flights, and how these are read.
+    """
+
+    detection: DetectionRun
+    exit_point_mm: Vector | None = None
+    wall: Cylinder | None = None
+    in_air: InAir = field(default_factory=InAir)
+    tracker: GNN = field(default_factory=GNN)
+    regression: Regression = field(default_factory=Regression)
+    rules: flight.Rules = field(default_factory=flight.Rules)
+
+    @property
+    def frames(self) -> range:
+        """The numbers of the frames."""
+        return range(self.detection.start, self.detection.stop)
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second."""
+        return self.detection.source.recording().attributes.frame_rate_hz
+
+    def table(self, step: str) -> CachedTable:
+        """Return the table of one of `KILN_STEPS`."""
+        make, tables, options = KILN_STEPS[step]
+        depends_on = {name: self._files(name) for name in tables}
+        depends_on |= {name: getattr(self, name) for name in options}
+        return CachedTable(step, partial(make, self), depends_on, self.detection.folder)
+
+    def _files(self, step: str) -> list[str]:
+        run = self.detection
+        if step == "detections":
+            return [run.table(frames).path.name for frames in run.chunks]
+        return [self.table(step).path.name]
+
+
+def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
+    """Make all tables of all recordings that are not there, with progress.
+
+    Parameters
+    ----------
+    runs
+        Recordings; ``run.table(step)()`` then reads a table.
+    workers
+        One process if None. Those of a cluster detect; the rest is done by ``workers.jobs``
+        processes here, a recording each.
+    """
+    workers = workers if workers is not None else Workers()
+    detect_all([run.detection for run in runs], workers)
+    runs = [replace(run, detection=_placed(run.detection)) for run in runs]
+    for step in KILN_STEPS:
+        missing = [run for run in runs if not run.table(step).path.is_file()]
+        lengths = [len(run.frames) for run in missing]
+        before = sum(len(run.frames) for run in runs) - sum(lengths)
+        pieces = [(run, step) for run in missing]
+        replace(workers, scheduler=None)(_make_table, pieces, lengths, step, before)
+
+
+def _make_table(piece: tuple[KilnRun, str]) -> None:
+    run, step = piece
+    run.table(step)()
+
+
+def _track(run: KilnRun) -> pd.DataFrame:
+    """Return the detections in the air with ``particle`` (-1: in no track), post-processed."""
+    table = run.detection.detections()
+    if run.wall is not None:
+        on_wall = run.in_air.on_wall(table[["x", "y", "z"]], run.wall)
+        table = table[~on_wall].reset_index(drop=True)
+    return postprocess(track(table, run.tracker))
+
+
+def _regress(run: KilnRun) -> pd.DataFrame:
+    if run.exit_point_mm is None:
+        return TRAJECTORIES.empty()
+    tracks, rate = tracked(run.table("tracks")()), run.frame_rate_hz
+    return regression.regress_all(tracks, run.exit_point_mm, rate, run.regression)
+
+
+def _fly(run: KilnRun) -> pd.DataFrame:
+    fits = regression.fits(run.table("trajectories")())
+    return flights_from(run, run.table("tracks")(), fits)
+
+
+def _slice(run: KilnRun) -> pd.DataFrame:
+    fits = regression.fits(run.table("trajectories")())
+    return slices_from(run.table("flights")(), fits)
+
+
+def flights_from(
+    run: KilnRun, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit]
+) -> pd.DataFrame:
+    """Return the flights of tracks with these fits; none without a wall."""
+    if run.wall is None:
+        return FLIGHTS.empty()
+    recording, table = run.detection.source.recording(), tracked(tracks)
+    if run.rules.above_background:
+        table = table.assign(background=background_gray(table, recording, run.frames))
+    view = flight.View(recording.attributes.roi, run.frames)
+    rate = run.frame_rate_hz
+    return flight.flights(table, fits, run.wall, run.in_air, rate, run.rules, view)
+
+
+def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
+    """Return the velocity in every metre from the lance of flights that start there."""
+    counted = flights[flights["from_lance"]]
+    ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
+    return flight.slices({particle: fits[particle] for particle in ends}, ends)
+
+
+def background_gray(
+    detections: pd.DataFrame, recording: PictureRecording, frames: range
+) -> npt.NDArray[np.float64]:
+    """Return the grey values (n,) of the kiln behind detections: the mean within their discs.
+
+    A particle that flies from before a dark end plate to before a hot wall brightens without
+    burning; the thesis reads its grey values as they are (`kilnflight.flight.Rules`).
+
+    Parameters
+    ----------
+    detections
+        With ``row``, ``col`` and ``radius_px``.
+    recording
+        Where they are from; only pictures are used.
+    frames
+        Over which the median of `PICTURES` frames is spread.
+    """
+    steps = np.linspace(frames.start, frames.stop - 1, PICTURES).round().astype(int)
+    picture = np.median([recording.gray(int(t)) for t in steps], axis=0)
+    return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
+
+
+class KilnStep(NamedTuple):
+    """How a table is made, from which tables, and with which fields of `KilnRun`."""
+
+    make: Callable[[KilnRun], pd.DataFrame]
+    tables: tuple[str, ...]
+    options: tuple[str, ...]
+
+
+KILN_STEPS = {
+    "tracks": KilnStep(_track, ("detections",), ("wall", "in_air", "tracker")),
+    "trajectories": KilnStep(_regress, ("tracks",), ("exit_point_mm", "regression")),
+    "flights": KilnStep(_fly, ("tracks", "trajectories"), ("rules",)),
+    "slices": KilnStep(_slice, ("trajectories", "flights"), ()),
+}

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from kilnflight import pipeline, stages
 from kilnflight.detection import DoG
 from kilnflight.flight import remaining
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
-from kilnflight.pipeline import Passage
+from kilnflight.kiln import KilnRun
 from kilnflight.scores.intervals import Bootstrap, Interval, median, share
 from kilnflight.tracklets import tracked
 
@@ -39,26 +38,26 @@ class Outcome(NamedTuple):
 
 
 def outcome(
-    passage: Passage, notes: tuple[str, ...] = (), used: tuple[tuple[str, str], ...] = ()
+    run: KilnRun, notes: tuple[str, ...] = (), used: tuple[tuple[str, str], ...] = ()
 ) -> Outcome:
     """Return the tables of a recording, made where they are not there.
 
     Notes are added on what is missing, or not what it seems.
     """
-    stretch = passage.stretch
+    detection = run.detection
     found = Outcome(
-        stretch.origin.name,
-        stretch.stop - stretch.start,
-        stages.detections(stretch),
-        pipeline.tracks(passage),
-        pipeline.trajectories(passage),
-        pipeline.flights(passage),
-        pipeline.slices(passage),
+        detection.source.name,
+        len(run.frames),
+        detection.detections(),
+        run.table("tracks")(),
+        run.table("trajectories")(),
+        run.table("flights")(),
+        run.table("slices")(),
         notes,
         used,
     )
     told = [_no_tracks(found), _none_from_lance(found), _behind_lance(found)]
-    if not passage.rules.above_background:
+    if not run.rules.above_background:
         told.append(_as_it_is(found))
     return found._replace(notes=(*notes, *filter(None, told)))
 
@@ -115,19 +114,19 @@ def _as_it_is(found: Outcome) -> str:
     )
 
 
-def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str, str], ...]:
+def used(run: KilnRun, given: Collection[str], jobs: str) -> tuple[tuple[str, str], ...]:
     """Return what a recording was worked on with, in rows of what and value.
 
     Parameters
     ----------
-    passage
+    run
         How it is worked on.
     given
         What the user gave, of "threshold" and "exit_point_mm".
     jobs
         Who does the work, in a few words.
     """
-    lance, wall, dog = passage.exit_point_mm, passage.wall, passage.stretch.detector.detector
+    lance, wall, dog = run.exit_point_mm, run.wall, run.detection.detector.detector
     rows = []
     if isinstance(dog, DoG):
         source = "given" if "threshold" in given else "not given, from the noise"
@@ -142,12 +141,12 @@ def used(passage: Passage, given: Collection[str], jobs: str) -> tuple[tuple[str
     else:
         axis = f"through {_listed(wall.centre_mm, 0)} mm along {_listed(wall.direction, 4)}"
         rows += [("kiln's axis", axis), ("kiln's radius", f"{wall.radius_mm:.0f} mm")]
-        limit = f"up to {passage.in_air.threshold_mm:g} mm from the axis"
+        limit = f"up to {run.in_air.threshold_mm:g} mm from the axis"
         rows.append(("taken for in the air", limit))
-        bright = passage.rules.ignition.bright
+        bright = run.rules.ignition.bright
         level = "not asked" if bright is None else f"from {bright:g} grey values on (given)"
         rows.append(("taken for alight when first seen", level))
-        above = "above the background" if passage.rules.above_background else "as they are"
+        above = "above the background" if run.rules.above_background else "as they are"
         rows.append(("ignition", f"a step of the grey values {above}"))
     rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
     return (*rows, ("jobs", jobs))

@@ -16,8 +16,7 @@ from kilnflight import __version__
 from kilnflight.flight import remaining
 from kilnflight.outcome import Outcome, summary
 from kilnflight.project import style
-from kilnflight.project.cache import keep, parquet
-from kilnflight.project.files import clear_parts, locked
+from kilnflight.project.cache import clear_parts, locked, parquet, save
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.scores.flights import ignition_histogram
 from kilnflight.tracklets import tracked
@@ -69,7 +68,7 @@ def publish(found: Outcome, recording: PictureRecording, folder: Path) -> Path:
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)
-            keep(folder / name, content)
+            save(folder / name, content)
     return folder / "report.html"
 
 

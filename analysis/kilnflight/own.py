@@ -23,11 +23,9 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
 from kilnflight.flight import Rules
 from kilnflight.ignition import Ignition
-from kilnflight.origins import stored
-from kilnflight.pipeline import Passage, Vector
+from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, Vector, stored_source
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.recording.store import StoredRecording, open_recording
-from kilnflight.stages import LONG_CHUNK, Stretch
 
 NOISE_FRAMES = 5  # spread over the first 150, the median's window
 WALL_FRAMES = 5  # spread over the recording
@@ -62,7 +60,7 @@ class Wishes:
         prints no such value (`kilnflight.ignition.Ignition`).
     above_background
         Whether ignition is a step of the grey values above those of the background, and not as
-        they are (`kilnflight.backdrop`).
+        they are (`kilnflight.kiln.background_gray`).
     """
 
     threshold: float | None = None
@@ -89,7 +87,7 @@ class Wishes:
 class Prepared(NamedTuple):
     """A recording ready to go, and what the reader is to know about it."""
 
-    passage: Passage
+    run: KilnRun
     notes: tuple[str, ...]
 
 
@@ -111,7 +109,7 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
         If there is no recording, it has depth and nobody says where the lance ends, or the
         target is in the recording's own folder.
     """
-    origin = stored(folder)
+    source = stored_source(folder)
     _check_apart(folder, target)
     recording = open_recording(folder)
     notes: list[str] = []
@@ -127,11 +125,19 @@ def prepare(folder: Path, target: Path, wishes: Wishes) -> Prepared:
         )
     _check_times(recording.per_frame["time_s"], recording.attributes.frame_rate_hz, notes)
     detector, parts = Combination(DoG(threshold)), target / "parts"
-    stretch = Stretch(origin, 0, len(recording), detector, chunk(len(recording)), False, parts)
+    detection = DetectionRun(
+        source,
+        0,
+        len(recording),
+        detector,
+        chunk=chunk(len(recording)),
+        differences=False,
+        folder=parts,
+    )
     ignition = Ignition(bright=wishes.bright)
     rules = Rules(ignition=ignition, above_background=wishes.above_background)
-    passage = Passage(stretch, lance, wall, InAir(wishes.in_air_mm), rules=rules)
-    return Prepared(passage, tuple(notes))
+    run = KilnRun(detection, lance, wall, InAir(wishes.in_air_mm), rules=rules)
+    return Prepared(run, tuple(notes))
 
 
 def beside(folder: Path) -> Path:

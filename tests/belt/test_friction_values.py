@@ -11,7 +11,7 @@ from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts
 from kilnflight.belt.slide import Slide
 from kilnflight.checks import InputError
-from kilnflight.project import frozen
+from kilnflight.project import cache
 
 
 def test_the_untouched_values_are_the_defaults():
@@ -53,7 +53,7 @@ def test_a_file_that_does_not_fit_is_refused(tmp_path, change, message):
     change(content)
     again = "damaged" not in message
     content.pop("sha256", None)
-    content["sha256"] = frozen.digest(content) if again else known
+    content["sha256"] = cache.content_hash(content) if again else known
     path = tmp_path / "values.json"
     path.write_text(json.dumps(content))
     with pytest.raises(InputError, match=message):

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from kilnflight import pipeline
+from kilnflight import kiln
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
@@ -19,8 +19,8 @@ def test_the_scales_are_those_of_the_thesis_or_parts():
         some = campaigns.campaigns(scale, LEARNED)
         assert len(some) == number
         assert sum(len(one.frames) for one in some) == frames
-        assert all(not one.passage.stretch.differences for one in some)
-        x, y, z = some[0].passage.exit_point_mm
+        assert all(not one.run.detection.differences for one in some)
+        x, y, z = some[0].run.exit_point_mm
         assert (x, y, z) == pytest.approx((-73.4, 238.6, 6500.0), abs=15)
     with pytest.raises(InputError, match="no scale 'huge'; there are quick"):
         campaigns.campaigns("huge", LEARNED)
@@ -44,9 +44,9 @@ def test_few_frames_give_all_tables_and_two_processes_the_same(monkeypatch, tmp_
 
 
 def test_another_wall_or_exit_point_is_another_table():
-    passage = campaigns.campaigns("quick", LEARNED, scenario="small")[0].passage
-    lance = passage.__class__(passage.stretch, (0.0, 0.0, 6500.0), passage.wall, passage.in_air)
-    wall = passage.__class__(passage.stretch, passage.exit_point_mm, None, passage.in_air)
-    for name in pipeline.STEPS:
-        names = {one.step(name).name for one in (passage, lance, wall)}
+    run = campaigns.campaigns("quick", LEARNED, scenario="small")[0].run
+    lance = run.__class__(run.detection, (0.0, 0.0, 6500.0), run.wall, run.in_air)
+    wall = run.__class__(run.detection, run.exit_point_mm, None, run.in_air)
+    for name in kiln.KILN_STEPS:
+        names = {one.table(name).path.name for one in (run, lance, wall)}
         assert len(names) == (2 if name == "tracks" else 3)

@@ -7,7 +7,7 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.experiments import contest, pursuit
 from kilnflight.experiments.ladders import Ladders, ours
-from kilnflight.stages import scene_of
+from kilnflight.kiln import TwinSource
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 
@@ -73,7 +73,7 @@ def test_windows_with_and_without_a_track(window):
 
 @pytest.mark.parametrize("fraction", WINDOWS)
 def test_settings_are_found_where_nothing_is_scored(fraction):
-    twin = scene_of(f"{fraction.replace(' ', '-').lower()}-4.5-bar", 0)
+    twin = TwinSource(f"{fraction.replace(' ', '-').lower()}-4.5-bar").recording()
     window = tracking_window(twin)
     assert pursuit.scored(twin, "full") == window
     for scale in pursuit.LENGTHS:

@@ -40,7 +40,7 @@ def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
 
 def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
     true = seen(campaign)
-    own = trust.fitted(campaign.passage, true)
+    own = trust.fitted(campaign.run, true)
     given = dict(trust.ways(campaign, true, own))
     for name, one in trust.ways(campaign, true):
         pd.testing.assert_frame_equal(given[name].flights, one.flights)

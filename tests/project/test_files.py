@@ -1,6 +1,6 @@
 import pytest
 
-from kilnflight.project.files import write_whole
+from kilnflight.project.cache import write_whole
 
 
 def test_a_write_that_is_interrupted_leaves_the_old_file(monkeypatch, tmp_path):

@@ -3,7 +3,7 @@ import json
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import frozen
+from kilnflight.project import cache
 from kilnflight.twin import calibration, outcomes, scenes, statements
 from kilnflight.twin.calibration import INPUTS_ONLY, FreeInputs, calibrated, record
 from kilnflight.twin.flight import Flight
@@ -83,7 +83,7 @@ def test_a_file_of_other_targets_is_refused(tmp_path):
     content = json.loads(calibration.FILE.read_text())
     content.pop("sha256")
     content["targets_sha256"] = "0" * 64
-    content["sha256"] = frozen.digest(content)
+    content["sha256"] = cache.content_hash(content)
     with pytest.raises(InputError, match="other targets"):
         calibrated(write(tmp_path / "old.json", content))
 
@@ -92,7 +92,7 @@ def test_a_file_with_other_inputs_is_refused(tmp_path):
     content = json.loads(calibration.FILE.read_text())
     content.pop("sha256")
     content["inputs"]["wind"] = content["inputs"].pop("jet_persistence")
-    content["sha256"] = frozen.digest(content)
+    content["sha256"] = cache.content_hash(content)
     with pytest.raises(InputError, match="other inputs"):
         calibrated(write(tmp_path / "strange.json", content))
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import frozen
+from kilnflight.project import cache
 from kilnflight.twin import exposure
 from kilnflight.twin.exposure import UNTOUCHED, FreeAppearance
 from kilnflight.twin.optics import FULL_SCALE
@@ -75,6 +75,6 @@ def test_other_inputs_are_refused(tmp_path):
     content = json.loads(exposure.FILE.read_text())
     content.pop("sha256")
     content["inputs"]["moon"] = content["inputs"].pop("irradiance")
-    frozen.write(tmp_path / "strange.json", content)
+    cache.write_calibration(tmp_path / "strange.json", content)
     with pytest.raises(InputError, match="other inputs"):
         exposure.exposed(tmp_path / "strange.json")

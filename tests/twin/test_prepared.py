@@ -25,17 +25,17 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
 
 
 def test_another_scene_seed_or_code_is_another_file(monkeypatch):
-    places = {prepared.place(open_scene(name)) for name in (SCENE, "V4@small", "V3@axis-0")}
-    places |= {prepared.place(open_scene(SCENE, 1))}
-    monkeypatch.setattr(prepared, "_code", lambda: "changed")
-    places |= {prepared.place(open_scene(SCENE))}
-    assert len(places) == 5
+    files = {prepared.cached_path(open_scene(name)) for name in (SCENE, "V4@small", "V3@axis-0")}
+    files |= {prepared.cached_path(open_scene(SCENE, 1))}
+    monkeypatch.setattr(prepared, "code_hash", lambda *_: "changed")
+    files |= {prepared.cached_path(open_scene(SCENE))}
+    assert len(files) == 5
 
 
 def test_a_damaged_file_is_told():
     prepared.prepared_scene(SCENE)
     for content in (b"", b"\x80\x05", bytes(24)):
-        prepared.place(open_scene(SCENE)).write_bytes(content)
+        prepared.cached_path(open_scene(SCENE)).write_bytes(content)
         with pytest.raises(InputError, match=r"cannot be read .* Delete it"):
             prepared.prepared_scene(SCENE)
 
@@ -44,3 +44,11 @@ def test_a_damaged_file_is_told():
 def test_a_scene_that_is_not_there_is_told_as_ever(name, seed):
     with pytest.raises(InputError):
         prepared.prepared_scene(name, seed)
+
+
+def test_true_trajectories_are_visible_in_the_air_and_long_enough():
+    true = prepared.true_trajectories(open_scene("confetti-4.5-bar@small"), range(200, 220))
+    assert true["visible"].all()
+    assert (true["label"] != 4).all()
+    assert true.groupby("particle").size().min() >= 5
+    assert not true.duplicated(["frame", "particle"]).any()

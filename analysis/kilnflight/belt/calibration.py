@@ -34,7 +34,7 @@ from kilnflight.belt.machine import Sorter
 from kilnflight.belt.sampling import thinned
 from kilnflight.belt.velocity import motion_profile, velocities
 from kilnflight.checks import InputError
-from kilnflight.project import frozen
+from kilnflight.project import cache
 
 Array = npt.NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def calibrate() -> dict[str, object]:
         "inputs": asdict(best),
         "cost_inputs_only": cost(INPUTS_ONLY, wanted),
         "cost_calibrated": cost(best, wanted),
-        "targets_sha256": frozen.digest(targets()),
+        "targets_sha256": cache.content_hash(targets()),
         "limits": LIMITS,
         "particles": PARTICLES * GROUPS,
         "seed": SEED,
@@ -126,8 +126,7 @@ def calibrate() -> dict[str, object]:
 
 def main() -> int:
     """Fit, write the file, and print what came out."""
-    content = frozen.write(FILE, calibrate())
-    print(frozen.summary(content))
+    print(cache.write_calibration(FILE, calibrate()))
     return 0
 
 

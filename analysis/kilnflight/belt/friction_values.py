@@ -24,7 +24,7 @@ import pandas as pd
 from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import Contacts
 from kilnflight.belt.slide import Slide
-from kilnflight.project import data, frozen
+from kilnflight.project import cache, data
 
 FILE = Path(__file__).with_name("friction_values.json")
 PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are seen
@@ -103,14 +103,14 @@ def targets() -> dict[str, object]:
 
 
 def record(path: Path = FILE) -> dict[str, Any]:
-    """Return the content of the frozen file; see `frozen.read` for what is refused."""
-    return frozen.read(path, targets(), "kilnflight.belt.calibration")
+    """Return the content of the frozen file; see `cache.read_calibration` for what is refused."""
+    return cache.read_calibration(path, targets(), "kilnflight.belt.calibration")
 
 
 @lru_cache(maxsize=8)
 def calibrated(path: Path = FILE) -> FreeValues:
     """Return the frozen values; see `record` for what is refused."""
-    return frozen.inputs(FreeValues, path, record(path))
+    return cache.calibrated(FreeValues, path, record(path))
 
 
 def calibrated_sorter() -> Sorter:

@@ -20,7 +20,7 @@ from kilnflight.belt.machine import Sorter
 from kilnflight.belt.physics import engine
 from kilnflight.checks import InputError, check_count
 from kilnflight.project import paths
-from kilnflight.project.cache import kept
+from kilnflight.project.cache import CachedTable
 from kilnflight.tables import BELT_BODIES
 
 BATCH = 500  # particles that are simulated together: about two seconds of feed
@@ -85,8 +85,8 @@ def _batch(
     sorter: Sorter, material: str, seed: int, folder: Path, number: int, size: int
 ) -> pd.DataFrame:
     bulk = BULKS[material]
-    went_in = {"sorter": repr(sorter), "bulk": repr(bulk), "seed": [seed, number], "size": size}
-    went_in["mujoco"] = engine().__version__
+    depends_on = {"sorter": sorter, "bulk": bulk, "seed": [seed, number], "size": size}
+    depends_on["mujoco"] = engine().__version__
     order = list(BULKS).index(material)
     make = partial(sorter, bulk, size, np.random.default_rng([seed, order, number]))
-    return kept("belt", went_in, make, folder)
+    return CachedTable("belt", make, depends_on, folder)()

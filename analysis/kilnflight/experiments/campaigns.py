@@ -8,12 +8,12 @@ value from which on a particle burns (`kilnflight.ignition.Ignition.bright`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import pandas as pd
 
-from kilnflight import pipeline
+from kilnflight import kiln
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
@@ -21,11 +21,9 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import InAir
 from kilnflight.experiments.lessons import Learned
 from kilnflight.experiments.trial import BACKGROUNDS
-from kilnflight.origins import OfTwin
-from kilnflight.pipeline import Passage, Vector
+from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vector
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
-from kilnflight.stages import LONG_CHUNK, Stretch
 from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.outcomes import PRESSURES_BAR
 
@@ -40,12 +38,12 @@ class Campaign(NamedTuple):
 
     fraction: str
     pressure_bar: float
-    passage: Passage
+    run: KilnRun
 
     @property
     def frames(self) -> range:
         """The frames that are looked at."""
-        return range(self.passage.stretch.start, self.passage.stretch.stop)
+        return self.run.frames
 
 
 def campaigns(
@@ -77,17 +75,19 @@ def _campaign(
     fraction: str, bar: float, scale: str, learned: Learned, seed: int, scenario: str
 ) -> Campaign:
     name = f"{fraction.replace(' ', '-').lower()}-{bar:.1f}-bar"
-    origin = OfTwin(name if scenario == "base" else f"{name}@{scenario}", seed)
-    twin = origin.recording()
+    source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
+    twin = source.recording()
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
     detector = Combination(DoG(learned.threshold))
     subtracted = BACKGROUNDS[scale]
-    stretch = Stretch(
-        origin, first, stop, detector, LONG_CHUNK, differences=False, background=subtracted
+    detection = DetectionRun(
+        source, first, stop, detector, subtracted, LONG_CHUNK, differences=False
     )
     lance = exit_point(twin.attributes)
-    return Campaign(fraction, bar, Passage(stretch, lance, learned.wall, InAir(learned.in_air_mm)))
+    return Campaign(
+        fraction, bar, KilnRun(detection, lance, learned.wall, InAir(learned.in_air_mm))
+    )
 
 
 def exit_point(attributes: Attributes) -> Vector | None:
@@ -112,15 +112,14 @@ def measured(wanted: Sequence[Campaign], workers: Workers | None = None) -> Meas
 
     ``particle`` tells particles of one campaign apart, not of all.
     """
-    pipeline.run([one.passage for one in wanted], workers)
-    steps = (pipeline.tracks, pipeline.trajectories, pipeline.flights, pipeline.slices)
-    return Measured(*(_together(step, wanted) for step in steps))
+    kiln.make_tables([one.run for one in wanted], workers)
+    return Measured(*(_together(step, wanted) for step in Measured._fields))
 
 
-def _together(step: Callable[[Passage], pd.DataFrame], wanted: Sequence[Campaign]) -> pd.DataFrame:
+def _together(step: str, wanted: Sequence[Campaign]) -> pd.DataFrame:
     parts = []
     for one in wanted:
-        table = step(one.passage)
+        table = one.run.table(step)()
         table.insert(0, "fraction", one.fraction)
         table.insert(1, "pressure_bar", one.pressure_bar)
         parts.append(table)

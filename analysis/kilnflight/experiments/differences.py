@@ -12,23 +12,23 @@ import numpy.typing as npt
 import zarr
 
 from kilnflight.checks import InputError
-from kilnflight.stages import TILE, Stretch
+from kilnflight.kiln import TILE, DetectionRun
 
 
 @dataclass(frozen=True)
 class Differences:
-    """Sums of the differences to the background that `detections` has kept.
+    """Sums of the differences to the background that were stored with detections.
 
     Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
     most, less than the noise there.
     """
 
-    wanted: Stretch
+    run: DetectionRun
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the frames."""
-        known = self.wanted.origin.recording().attributes
+        known = self.run.source.recording().attributes
         return known.rows, known.columns
 
     def __call__(
@@ -36,10 +36,10 @@ class Differences:
     ) -> npt.NDArray[np.float64]:
         """Return the sum over the frames first to last, both counted, in a box."""
         total = np.zeros((bottom - top, right - left))
-        for frames in self.wanted.chunks:
+        for frames in self.run.chunks:
             some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
             if some:
-                folder = self.wanted.differences_of(frames)
+                folder = self.run.differences_of(frames)
                 cut = slice(some.start - frames.start, some.stop - frames.start)
                 for place, inside, within in _parts(top, left, bottom, right):
                     roots = _tile(folder, *place)[(cut, *within)].astype(np.uint16)
@@ -73,7 +73,7 @@ def _tile(folder: Path, row: int, col: int) -> npt.NDArray[np.uint8]:
             store = zarr.open_array(folder, mode="r")
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{folder}: frame differences cannot be read ({error}). Run `stages.detections` first."
+            f"{folder}: frame differences cannot be read ({error}). Run `kiln.detections` first."
         ) from error
     height, width = TILE
     rows, cols = slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)

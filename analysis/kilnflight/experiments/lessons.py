@@ -13,8 +13,8 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
 from kilnflight.experiments import tallies, trial
-from kilnflight.experiments.contenders import PASSES, THRESHOLDS
-from kilnflight.project.cache import kept
+from kilnflight.experiments.contenders import PASSES
+from kilnflight.project.cache import CachedTable
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,8 @@ class Learned:
 
 def learned(scale: str, seed: int = 0, frames: int = 0) -> Learned:
     """Return threshold, wall and limit from the five subsets; see `trial`."""
-    went_in = {"scale": scale, "seed": seed, "frames": frames, "thresholds": THRESHOLDS}
-    one = kept(
-        "learned",
-        went_in,
-        partial(_learn, scale, seed, frames),
-    ).iloc[0]
+    depends_on = {"scale": scale, "seed": seed, "frames": frames}
+    one = CachedTable("learned", partial(_learn, scale, seed, frames), depends_on)().iloc[0]
     centre, direction = (
         (float(one[f"{name}_x"]), float(one[f"{name}_y"]), float(one[f"{name}_z"]))
         for name in ("centre", "direction")

@@ -17,14 +17,17 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import stages, tracklets
+from kilnflight import kiln, tracklets
 from kilnflight.checks import InputError
+from kilnflight.detection import DoG
+from kilnflight.detection.combination import Combination
 from kilnflight.experiments.differences import Differences
 from kilnflight.experiments.lessons import Learned
 from kilnflight.experiments.trial import BACKGROUNDS
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
 from kilnflight.scores.matching import pair
+from kilnflight.twin.prepared import true_trajectories
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 
@@ -48,7 +51,7 @@ class Window(NamedTuple):
     scene: str
     frames: range
     detections: pd.DataFrame  # in the air, or without depth
-    truth: pd.DataFrame  # `kilnflight.stages.trajectories`
+    truth: pd.DataFrame  # `kilnflight.twin.prepared.true_trajectories`
     differences: Differences
 
 
@@ -110,12 +113,14 @@ def windows(
     found = []
     for fraction in FEWER if scale == "quick" else WINDOWS:
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
-        frames = (other if others else scored)(stages.scene_of(name, seed), scale)
-        subtracted = BACKGROUNDS[scale]
-        stretch = stages.stretch(name, frames, learned.threshold, seed, subtracted)
-        seen = learned.in_air(stages.detections(stretch, Workers(jobs)))
-        true = stages.trajectories(name, frames, seed)
-        found.append(Window(fraction, name, frames, seen, true, Differences(stretch)))
+        source = kiln.TwinSource(name, seed)
+        twin = source.recording()
+        frames = (other if others else scored)(twin, scale)
+        detector, background = Combination(DoG(learned.threshold)), BACKGROUNDS[scale]
+        run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
+        seen = learned.in_air(kiln.detections(run, Workers(jobs)))
+        true = true_trajectories(twin, frames)
+        found.append(Window(fraction, name, frames, seen, true, Differences(run)))
     return found
 
 

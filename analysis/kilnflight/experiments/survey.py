@@ -78,7 +78,7 @@ def fits_of(
 
 def twin_of(campaign: Campaign) -> Twin:
     """Return the recording of a campaign, with its truth."""
-    recording = campaign.passage.stretch.origin.recording()
+    recording = campaign.run.detection.source.recording()
     if not isinstance(recording, Twin):
         raise InputError(f"{recording.attributes.name}: nothing is known to be true of it.")
     return recording

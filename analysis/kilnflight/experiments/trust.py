@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import pipeline, regression, stages
+from kilnflight import kiln, regression
 from kilnflight.checks import InputError
 from kilnflight.experiments.campaigns import Campaign, Measured
 from kilnflight.experiments.pursuit import GATE_PX
 from kilnflight.experiments.survey import CELL, of_cell, twin_of
-from kilnflight.pipeline import Passage
+from kilnflight.kiln import KilnRun
 from kilnflight.project.parallel import Workers
 from kilnflight.regression import Loss, Regression
 from kilnflight.scores.flights import METRES
@@ -32,6 +32,7 @@ from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
 from kilnflight.twin.outcomes import velocities
+from kilnflight.twin.prepared import true_trajectories
 
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
 STEPS = (
@@ -66,7 +67,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         ``particle``; ``ending``, and ``dwell_s`` (NaN if it is neither on the wall nor burnt
         out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
         (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
-        by a person at five positions or more (`kilnflight.stages.trajectories`).
+        by a person at five positions or more (`kilnflight.twin.prepared.true_trajectories`).
     """
     twin, frames = twin_of(campaign), campaign.frames
     flights, rate = twin.life.flights, twin.scene.frame_rate_hz
@@ -89,8 +90,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
 
 def sightings(campaign: Campaign) -> pd.DataFrame:
     """Return where a person would see which particle in the air, kept."""
-    twin = twin_of(campaign)
-    return stages.trajectories(twin.scene.name, campaign.frames, _seed(campaign))
+    return true_trajectories(twin_of(campaign), campaign.frames)
 
 
 def prepare(wanted: Sequence[Campaign], workers: Workers) -> None:
@@ -101,10 +101,6 @@ def prepare(wanted: Sequence[Campaign], workers: Workers) -> None:
 
 def _sightings(campaign: Campaign) -> None:
     sightings(campaign)
-
-
-def _seed(campaign: Campaign) -> int:
-    return int(str(campaign.passage.stretch.origin.went_in()["seed"]))
 
 
 def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
@@ -148,29 +144,29 @@ def ways(
     own
         Their trajectories; worked out if None.
     """
-    true, passage = sightings(campaign), campaign.passage
+    true, run = sightings(campaign), campaign.run
     lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
     positions = true.assign(gray=lit)
     owner = owned(tracks, true)
-    belongs, exact = owners(tracks, owner), fitted(passage, positions)
+    belongs, exact = owners(tracks, owner), fitted(run, positions)
     known = linked(tracks, owner, true)
-    followed = postprocess(track(positions.drop(columns="particle"), passage.tracker))
+    followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
     deep = deepened(tracks, owner, true)
-    own = fitted(passage, tracks) if own is None else own
+    own = fitted(run, tracks) if own is None else own
     replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
     each = (
         (positions, exact, owners(positions, owned(positions, true))),
-        (known, fitted(passage, known), owners(known, owner)),
-        (followed, fitted(passage, followed), owners(followed, owned(followed, true))),
-        (deep, fitted(passage, deep), belongs),
+        (known, fitted(run, known), owners(known, owner)),
+        (followed, fitted(run, followed), owners(followed, owned(followed, true))),
+        (deep, fitted(run, deep), belongs),
         (tracks, {**own, **replaced}, belongs),
-        (tracks, fitted(replace(passage, regression=WEIGHTED), tracks), belongs),
-        (tracks, fitted(replace(passage, regression=ROBUST), tracks), belongs),
+        (tracks, fitted(replace(run, regression=WEIGHTED), tracks), belongs),
+        (tracks, fitted(replace(run, regression=ROBUST), tracks), belongs),
         (tracks, own, belongs),
     )
     for name, (table, fits, whose) in zip(STEPS, each, strict=True):
-        flights = pipeline.flown(passage, table, fits)
-        yield name, Flown(flights, pipeline.sliced(flights, fits), whose)
+        flights = kiln.flights_from(run, table, fits)
+        yield name, Flown(flights, kiln.slices_from(flights, fits), whose)
 
 
 def linked(tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame) -> pd.DataFrame:
@@ -199,28 +195,26 @@ def deepened(
     return tracks.assign(**{axis: better[:, k] for k, axis in enumerate("xyz")})
 
 
-def fitted(passage: Passage, table: pd.DataFrame) -> dict[int, regression.Fit]:
+def fitted(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
     """Return the trajectories by track of a table that did not come from the chain."""
-    if passage.exit_point_mm is None:
-        raise InputError(f"{passage.stretch.origin.name}: the lance's exit is not known.")
-    rate, method = passage.frame_rate_hz, passage.regression
-    return regression.fits(
-        regression.regress_all(tracked(table), passage.exit_point_mm, rate, method)
-    )
+    if run.exit_point_mm is None:
+        raise InputError(f"{run.detection.source.name}: the lance's exit is not known.")
+    rate, method = run.frame_rate_hz, run.regression
+    return regression.fits(regression.regress_all(tracked(table), run.exit_point_mm, rate, method))
 
 
 def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     """Return the flights with ignition read from grey values above the background.
 
-    `kilnflight.backdrop` says what that is; only pictures are asked, no truth.
+    `kilnflight.kiln.background_gray` says what that is; only pictures are asked, no truth.
     """
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
         tracks, fitted = (of_cell(table, cell).drop(columns=CELL) for table in measured[:2])
-        rules = replace(one.passage.rules, above_background=True)
-        passage = replace(one.passage, rules=rules)
-        found = pipeline.flown(passage, tracks, regression.fits(fitted))
+        rules = replace(one.run.rules, above_background=True)
+        run = replace(one.run, rules=rules)
+        found = kiln.flights_from(run, tracks, regression.fits(fitted))
         found.insert(0, "fraction", cell[0])
         found.insert(1, "pressure_bar", cell[1])
         parts.append(found)

@@ -1,19 +1,24 @@
-"""Tables that are made once and kept, under the hash of what went in.
+"""The one way to keep things on disk: whole files, one writer, tables cached by their inputs.
 
-A table that is there and whole is not made again. The hash covers the arguments and the
-code that a table depends on, so a change of either gives another file; what a later step
-makes counts the names, and so the hashes, of what it was made from among its arguments.
-Old files go with `make clean`.
+A cached table that is there and whole is not made again. Its name holds a hash of the
+arguments and of the code that makes it (`kilnflight.project.closure`); a change of either
+gives another file. A later step counts the names, and so the hashes, of the tables that it
+reads among its arguments. ``make clean`` removes old files.
 """
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import pandas as pd
 import pyarrow as pa
@@ -21,88 +26,116 @@ import pyarrow.parquet as pq
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
-from kilnflight.project.files import clear_parts, locked, write_whole
+from kilnflight.project.closure import code_hash
+
+Inputs = TypeVar("Inputs")
 
 
-def fingerprint(content: object) -> str:
-    """Return twelve digits that stand for the arguments and the code."""
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode())
-    digest.update(_code_digest())
-    return digest.hexdigest()[:12]
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name and rename it."""
+    make_whole(path, lambda part: part.write_bytes(content))
 
 
-@lru_cache(maxsize=1)
-def _code_digest() -> bytes:
-    """Return a hash of the package as this process has them: read once, asked often."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parents[1].rglob("*")):
-        if file.suffix in (".py", ".json"):
-            digest.update(file.read_bytes())
-    return digest.digest()
+def make_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` make a file or a folder under a temporary name, then rename it."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        write(part)
+        if part.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        part.replace(path)
+    finally:
+        _remove(part)
 
 
-def place(
-    name: str,
-    went_in: Mapping[str, object],
-    folder: Path | None = None,
-) -> Path:
-    """Return the file that a table is kept in, in data/derived unless told otherwise."""
-    number = fingerprint([name, dict(went_in)])
-    return (folder or paths.derived()) / f"{name}-{number}.parquet"
+def clear_parts(path: Path) -> None:
+    """Remove what killed processes have left of a file or folder; call it `locked`."""
+    for part in path.parent.glob(f".{path.name}.*.part"):
+        _remove(part)
 
 
-def kept(
-    name: str,
-    went_in: Mapping[str, object],
-    make: Callable[[], pd.DataFrame],
-    folder: Path | None = None,
-    whole: Callable[[], bool] = lambda: True,
-) -> pd.DataFrame:
-    """Return a table that is kept, or make it and keep it.
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Let one process at a time work on a file or folder; the others wait (make -j)."""
+    handle = os.open(path, os.O_RDONLY | (0 if path.is_dir() else os.O_CREAT))
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+@dataclass(frozen=True)
+class CachedTable:
+    """A table that is made once and then read from its file.
 
     Parameters
     ----------
     name
-        Of the kind of table, the first part of the file's name.
-    went_in
-        All that it depends on besides the code; kept in the file.
+        First part of the file's name.
     make
-        Called if there is no such file.
+        Makes the table: a function, also within a `functools.partial`, or an instance.
+    depends_on
+        All that the table depends on besides the code; the ``repr`` of each value counts.
     folder
         data/derived if None.
     whole
-        Whether what ``make`` keeps beside the table is there; else both are made again.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, as on a full disk, or not be read.
+        Whether what ``make`` writes beside the table is there; else both are made again.
     """
-    path = place(name, went_in, folder)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with locked(path.with_suffix(".lock")):
-        if not (path.is_file() and whole()):
-            clear_parts(path)
-            keep(path, parquet(make(), went_in))
-    try:
-        return pd.read_parquet(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(
-            f"{path}: cannot be read ({error}). Delete it; it is made again."
-        ) from error
+
+    name: str
+    make: Callable[[], pd.DataFrame]
+    depends_on: Mapping[str, object]
+    folder: Path | None = None
+    whole: Callable[[], bool] = lambda: True
+
+    @property
+    def path(self) -> Path:
+        """The file of the table."""
+        arguments = json.dumps([self.name, dict(self.depends_on)], sort_keys=True, default=repr)
+        code = code_hash(self.make, *self.depends_on.values())
+        number = hashlib.sha256((arguments + code).encode()).hexdigest()[:12]
+        return (self.folder or paths.derived()) / f"{self.name}-{number}.parquet"
+
+    def __call__(self) -> pd.DataFrame:
+        """Return the table.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, as on a full disk, or not be read.
+        """
+        path = self.path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with locked(path.with_suffix(".lock")):
+            if not (path.is_file() and self.whole()):
+                clear_parts(path)
+                save(path, parquet(self.make(), self.depends_on))
+        try:
+            return pd.read_parquet(path)
+        except (OSError, pa.ArrowException) as error:
+            raise InputError(
+                f"{path}: cannot be read ({error}). Delete it; it is made again."
+            ) from error
 
 
-def parquet(made: pd.DataFrame, went_in: Mapping[str, object] | None = None) -> bytes:
+def parquet(table: pd.DataFrame, depends_on: Mapping[str, object] | None = None) -> bytes:
     """Return a table as the bytes of a Parquet file; the same table gives the same bytes."""
-    table = pa.Table.from_pandas(made, preserve_index=False)
-    said = json.dumps(dict(went_in or {}), sort_keys=True, default=repr).encode()
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"went_in": said})
+    arrow = pa.Table.from_pandas(table, preserve_index=False)
+    arguments = json.dumps(dict(depends_on or {}), sort_keys=True, default=repr).encode()
+    metadata = {**(arrow.schema.metadata or {}), b"depends_on": arguments}
     buffer = io.BytesIO()
-    pq.write_table(table, buffer)
+    pq.write_table(arrow.replace_schema_metadata(metadata), buffer)
     return buffer.getvalue()
 
 
-def keep(path: Path, content: bytes) -> None:
+def save(path: Path, content: bytes) -> None:
     """Write a file of a long run whole, or raise an `InputError` that says how to go on."""
     try:
         write_whole(path, content)
@@ -111,3 +144,55 @@ def keep(path: Path, content: bytes) -> None:
             f"{path}: cannot be written ({error.strerror or error}). What was finished before is "
             "kept: make room and run it again; it goes on from there."
         ) from error
+
+
+def content_hash(content: object) -> str:
+    """Return the SHA-256 of something made of numbers and text, in one spelling."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def write_calibration(path: Path, content: dict[str, object]) -> str:
+    """Write a calibration with its hash; return what came out, line by line."""
+    content = json.loads(json.dumps(content))
+    whole = {**content, "sha256": content_hash(content)}
+    path.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
+    return "\n".join(f"{name}: {whole[name]}" for name in names)
+
+
+def read_calibration(path: Path, targets: object, module: str) -> dict[str, Any]:
+    """Return the content of a calibration file without its hash.
+
+    Parameters
+    ----------
+    path
+        The file.
+    targets
+        What the calibration was fitted to, as it would be hashed today.
+    module
+        Makes the file, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is missing or damaged, or was made for other targets.
+    """
+    again = f"Run `python -m {module}`, or take the file from the repository."
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        known = content.pop("sha256")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
+    if content_hash(content) != known:
+        raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")
+    if content.get("targets_sha256") != content_hash(targets):
+        raise InputError(f"calibration {path}: made for other targets than published. {again}")
+    return dict(content)
+
+
+def calibrated(kind: Callable[..., Inputs], path: Path, content: dict[str, Any]) -> Inputs:
+    """Return the fitted inputs of a calibration's content as the class that they fill."""
+    try:
+        return kind(**content["inputs"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"calibration {path}: other inputs than here ({error}).") from error

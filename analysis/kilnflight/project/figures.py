@@ -31,7 +31,7 @@ from PIL import Image
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, paths
-from kilnflight.project.files import locked, write_whole
+from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.style import style, table_picture
 
 PNG_DPI = 300

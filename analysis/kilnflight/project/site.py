@@ -22,7 +22,7 @@ import pandas as pd
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths
-from kilnflight.project.files import write_whole
+from kilnflight.project.cache import write_whole
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
 # would refuse to load from a page opened as a file.

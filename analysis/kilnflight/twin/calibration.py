@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.optimize import Bounds, differential_evolution
 
 from kilnflight import __version__
-from kilnflight.project import frozen
+from kilnflight.project import cache
 from kilnflight.twin import outcomes, statements
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -145,7 +145,7 @@ def calibrate(generations: int = GENERATIONS) -> dict[str, object]:
         "cost_inputs_only": cost(INPUTS_ONLY, said),
         "cost_calibrated": cost(best, said),
         "targets": target_rows(said),
-        "targets_sha256": frozen.digest(target_rows(said)),
+        "targets_sha256": cache.content_hash(target_rows(said)),
         "limits": LIMITS,
         "particles_per_cell": PARTICLES,
         "step_s": STEP_S,
@@ -158,20 +158,21 @@ def calibrate(generations: int = GENERATIONS) -> dict[str, object]:
 
 
 def record(path: Path = FILE) -> dict[str, object]:
-    """Return the content of a calibration file; see `frozen.read` for what is refused."""
-    return frozen.read(path, target_rows(statements.targets()), "kilnflight.twin.calibration")
+    """Return the content of a calibration file; errors as of `cache.read_calibration`."""
+    return cache.read_calibration(
+        path, target_rows(statements.targets()), "kilnflight.twin.calibration"
+    )
 
 
 @lru_cache(maxsize=8)
 def calibrated(path: Path = FILE) -> FreeInputs:
     """Return the frozen inputs; see `record` for what is refused."""
-    return frozen.inputs(FreeInputs, path, record(path))
+    return cache.calibrated(FreeInputs, path, record(path))
 
 
 def main() -> int:
     """Fit, write the file, and print what came out."""
-    content = frozen.write(FILE, calibrate())
-    print(frozen.summary(content))
+    print(cache.write_calibration(FILE, calibrate()))
     return 0
 
 

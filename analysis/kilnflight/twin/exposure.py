@@ -26,7 +26,7 @@ from kilnflight.background import Median
 from kilnflight.camera import inside
 from kilnflight.detection import Otsu
 from kilnflight.detection.flame import segment_flame
-from kilnflight.project import claims, frozen
+from kilnflight.project import cache, claims
 from kilnflight.scores import score_detections
 from kilnflight.twin import truth
 from kilnflight.twin.background import Surroundings
@@ -222,7 +222,7 @@ def calibrate(twins: list[Twin], generations: int = GENERATIONS) -> dict[str, ob
         "cost_inputs_only": cost(before, wanted),
         "cost_calibrated": cost(after, wanted),
         "targets": wanted.to_dict("records"),
-        "targets_sha256": frozen.digest(wanted.to_dict("records")),
+        "targets_sha256": cache.content_hash(wanted.to_dict("records")),
         "inputs_only": before.round(4).to_dict("records"),
         "calibrated": after.round(4).to_dict("records"),
         "limits": LIMITS,
@@ -236,14 +236,14 @@ def calibrate(twins: list[Twin], generations: int = GENERATIONS) -> dict[str, ob
 
 
 def record(path: Path = FILE) -> dict[str, object]:
-    """Return the content of a calibration file; see `frozen.read` for what is refused."""
-    return frozen.read(path, targets().to_dict("records"), "kilnflight.twin.exposure")
+    """Return the content of a calibration file; errors as of `cache.read_calibration`."""
+    return cache.read_calibration(path, targets().to_dict("records"), "kilnflight.twin.exposure")
 
 
 @lru_cache(maxsize=8)
 def exposed(path: Path = FILE) -> FreeAppearance:
     """Return the frozen inputs; see `record` for what is refused."""
-    return frozen.inputs(FreeAppearance, path, record(path))
+    return cache.calibrated(FreeAppearance, path, record(path))
 
 
 def main() -> int:
@@ -251,8 +251,7 @@ def main() -> int:
     from kilnflight.twin.mixture import fed  # which reads the frozen file
 
     twins = [Twin(fed(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
-    content = frozen.write(FILE, calibrate(twins))
-    print(frozen.summary(content))
+    print(cache.write_calibration(FILE, calibrate(twins)))
     return 0
 
 

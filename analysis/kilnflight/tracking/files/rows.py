@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.checks import InputError, check_columns, check_finite, check_whole
-from kilnflight.project.files import make_whole
+from kilnflight.project.cache import make_whole
 
 # A reader's row: frame, particle, row, col and, with a third axis, plane.
 Row = tuple[int, int, float, float] | tuple[int, int, float, float, float]
