@@ -16,7 +16,7 @@ import pytest
 
 from kilnflight.belt import physics
 from kilnflight.experiments import errata
-from kilnflight.project import claims, notebooks, site
+from kilnflight.project import claims, figures, notebooks
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -46,7 +46,7 @@ TABLES = {
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
 def test_a_notebook_keeps_the_rules(path):
     notebook = jupytext.read(path)
-    assert site.title(notebook)
+    assert figures.title(path.stem)
     assert {"scale", "seed"} <= set(notebooks.known_parameters(notebooks.read_source(path)))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     assert max(len(cell.splitlines()) for cell in code) <= 15
@@ -102,12 +102,12 @@ def smoke(tmp_path_factory):
         assert done.returncode == 0, done.stderr
 
     def execute(path):
-        run("chain", str(path), *build, "-p", "scale=quick")
+        run("project.notebooks", str(path), *build, "-p", "scale=quick")
 
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
         list(pool.map(execute, SOURCES[1:]))
     execute(SOURCES[0])  # collects what the others said
-    run("pages", *made, *build, "--site", str(folder / "site"))
+    run("project.site", *made, *build, "--site", str(folder / "site"))
     return folder
 
 

@@ -44,7 +44,7 @@ def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
     with Image.open(full.path) as large, Image.open(quick.path) as small:
         assert large.width == pytest.approx(2 * small.width, abs=1)
     width = re.compile(r'width="(\d+)"')  # on the page they are as wide
-    shown = [int(width.search(one.body).group(1)) for one in (full, quick)]
+    shown = [int(width.search(one.page).group(1)) for one in (full, quick)]
     assert shown[0] == pytest.approx(shown[1], abs=1)
 
 
@@ -101,7 +101,7 @@ def test_open_figures_are_closed():
     [
         ({"identifier": "Fig 1"}, "lower-case words"),
         ({"identifier": "../fig"}, "lower-case words"),
-        ({"caption": " "}, "without caption"),
+        ({"caption": " "}, "no caption"),
         ({"table": pd.DataFrame()}, "no columns"),
         ({"table": pd.DataFrame({"a": [np.inf]})}, "infinity"),
     ],
@@ -130,3 +130,18 @@ def test_conclusions_are_saved_under_the_notebook():
 def test_a_notebook_without_claims_concludes_too():
     figures.conclude("Nothing to test.", [], MADE)
     assert len(pd.read_csv(paths.figures() / "claims-02-x.csv")) == 0
+
+
+def test_a_png_is_small_even_of_noise_and_stays_as_wide_on_the_page():
+    picture, ((axes,),) = style.canvas(width_mm=180, height_mm=120)
+    axes.imshow(np.random.default_rng(0).random((700, 1000)), cmap="gray")
+    small, noisy = save(picture=style.canvas(width_mm=180)[0]), save("fig-2", picture=picture)
+    assert noisy.path.stat().st_size <= figures.LARGEST_PNG
+    widths = [int(re.search(r'width="(\d+)"', one.page)[1]) for one in (small, noisy)]
+    assert widths[0] == pytest.approx(widths[1], abs=2)
+
+
+def test_what_only_a_check_needs_is_no_figure():
+    figures.save_check("numbers", TABLE, caption="Only looked at.", provenance=MADE)
+    assert (paths.checks() / "numbers.csv").is_file()
+    assert figures.entries() == []

@@ -20,7 +20,7 @@ def page():
 
 
 def test_every_figure_has_its_entry_in_order(page):
-    assert re.findall(r"^## (.+)$", page, re.MULTILINE) == ["fig-a", "fig-b"]
+    assert re.findall(r"^## (.+)$", page, re.MULTILINE) == ["Results by notebook", "fig-a", "fig-b"]
     assert "![fig-a](fig-a.png)" in page
     assert "Second figure. It has 50 % & more_less." in page
     assert "notebooks/02_x.py" in page
@@ -45,10 +45,10 @@ def test_pictures_of_others_do_not_count():
 
 def test_only_notebooks_that_exist_have_concluded(monkeypatch, tmp_path):
     (tmp_path / "notebooks").mkdir()
-    (tmp_path / "notebooks" / "02_x.py").write_text("")
+    (tmp_path / "notebooks" / "02_x.py").write_text("# # Title\n")
     monkeypatch.setattr(paths, "root", lambda: tmp_path)
-    for name in ("claims-02-x", "claims-99-gone"):
-        save(name, "A result.")
+    for stem in ("02_x", "99_gone"):
+        figures.conclude("A result.", [], Provenance(stem, {"scale": "quick"}))
     assert list(figures.concluded()) == ["02_x"]
 
 

@@ -1,5 +1,4 @@
 import nbformat
-import pandas as pd
 import pytest
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 
@@ -9,21 +8,27 @@ from kilnflight.project.figures import Provenance
 
 
 @pytest.fixture
-def executed(tmp_path):
-    """An executed notebook, its saved verdicts, and a table of claims."""
+def executed(tmp_path, monkeypatch):
+    """An executed notebook, its text, its saved verdicts, and a table of claims."""
+    reference, root = paths.reference(), tmp_path / "project"
+    (root / "notebooks").mkdir(parents=True)
+    monkeypatch.setattr(paths, "reference", lambda: reference)
+    monkeypatch.setattr(paths, "root", lambda: root)
 
     def make(text="# A title\n\nText with $x^2$.", stem="07_test"):
+        lines = "".join(f"# {line}\n" for line in text.splitlines())
+        (root / "notebooks" / f"{stem}.py").write_text(f"# %% [markdown]\n{lines}")
         path = tmp_path / "build" / f"{stem}.ipynb"
         path.parent.mkdir(exist_ok=True)
         notebook = new_notebook(cells=[new_markdown_cell(text), new_code_cell("1")])
         notebook.metadata["language_info"] = {"name": "python", "pygments_lexer": "ipython3"}
         notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3"}
         nbformat.write(notebook, path)
-        made = Provenance(stem, {"scale": "quick"})
+        origin = Provenance(stem, {"scale": "quick"})
         verdicts = [claims.judge("depth-3", 300.0)]
-        figures.conclude("One result.", verdicts, made)
+        figures.conclude("One result.", verdicts, origin)
         table = claims.collect([claims.verdict_table(verdicts, stem)])
-        figures.save("claims", table, caption="All.", provenance=made)
+        figures.save("claims", table, caption="All.", provenance=origin)
         return path
 
     return make
@@ -45,8 +50,8 @@ def test_a_site_has_an_index_with_results_and_its_own_mathjax(executed, tmp_path
 
 
 def test_a_notebook_without_verdicts_is_an_error_and_the_old_site_stays(executed, tmp_path):
-    build([executed()], tmp_path)
     path = executed()
+    build([path], tmp_path)
     (paths.figures() / "claims-07-test.png").unlink()
     with pytest.raises(InputError, match="07_test saved no claims-07-test"):
         build([path], tmp_path)
@@ -65,12 +70,10 @@ def test_a_notebook_without_heading_is_an_error(executed, tmp_path):
 
 
 @pytest.fixture
-def project(executed, tmp_path, monkeypatch):
-    executed()
-    (tmp_path / "notebooks").mkdir()
-    (tmp_path / "notebooks" / "07_test.py").write_text("# %% [markdown]\n# # A title\n")
-    monkeypatch.setattr(paths, "root", lambda: tmp_path)
-    return tmp_path
+def project(executed):
+    executed(stem="01_test")
+    executed(stem="02_test")
+    return paths.root()
 
 
 def test_the_readme_gets_the_results_and_only_between_its_marks(project):
@@ -80,7 +83,8 @@ def test_the_readme_gets_the_results_and_only_between_its_marks(project):
     text = readme.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
-    assert "| A title | One result. | 1 | 0 | 0 |" in text
+    assert text.count("One result.") == 1
+    assert "1 reproduced, 0 not reproduced, 78 not decidable" in text
     assert "old" not in text
     assert site.update_readme() is False
 
@@ -91,7 +95,19 @@ def test_a_readme_without_marks_is_an_error(project):
         site.update_readme()
 
 
-def test_the_overview_counts_verdicts(project):
-    table = site.overview({"07_test": "A title"})
-    assert isinstance(table, pd.DataFrame)
-    assert table.loc[0, "reproduced"] == 1
+def test_imports_are_read_from_the_code_and_drawn_once(tmp_path):
+    package = tmp_path / "house"
+    (package / "cellar").mkdir(parents=True)
+    (package / "roof.py").write_text(
+        '"""Keep out rain.\n\nMore."""\nfrom house import hall, cellar'
+    )
+    (package / "hall.py").write_text("import os\nfrom house.cellar.wine import RED")
+    (package / "cellar" / "__init__.py").write_text('"""Store wine."""')
+    (package / "cellar" / "wine.py").write_text("from house.cellar import x\nRED = 1")
+    rooms, purposes = site.imports(package)
+    assert rooms == {"cellar": set(), "hall": {"cellar"}, "roof": {"hall", "cellar"}}
+    assert purposes == {"roof": "Keep out rain.", "hall": "", "cellar": "Store wine."}
+    (axes,) = site.draw_rooms(rooms).axes
+    heights = {text.get_text(): text.get_position()[1] for text in axes.texts}
+    assert heights == {"cellar": 0, "hall": 1, "roof": 2}
+    assert len(axes.lines) == 2  # roof to cellar follows from the others

@@ -1,10 +1,10 @@
-"""The one way to save a figure or table: picture, data, caption, provenance.
+"""Save a figure or table: picture, data, caption and provenance, and the gallery of all.
 
-`save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and keeps ``README.md``, the
-gallery with captions and citations. A smoke run (scale quick), which nobody cites from,
-writes no PDF and a PNG of half the resolution. Caption and provenance live inside the PNG (and
-PDF), so that a picture that leaves the folder still says where it came from; the
-gallery is made from the PNGs alone. The same input gives the same bytes.
+`save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and renews ``README.md``, the
+gallery with captions and citations. A smoke run (scale quick) writes no PDF and a PNG of
+half the resolution. Caption and provenance are stored inside the PNG and the PDF, so
+that a picture that leaves the folder still says where it came from; the gallery is made
+from the PNGs alone. The same input gives the same bytes.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
@@ -36,10 +37,11 @@ from kilnflight.project.style import style, table_picture
 
 PNG_DPI = 300
 DRAFT_DPI = 150  # of a smoke run
-TABLE_DPI = 150  # a table that is drawn as a picture: text only
+TABLE_DPI = 150  # of a table that is drawn as a picture: text only
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
+PICTURE_COLOURS, TABLE_COLOURS = 64, 16  # of a PNG: more cannot be told apart
+LARGEST_PNG = 300_000  # bytes; above it the resolution is reduced
 YEAR = 2026  # of the release, as in CITATION.cff
-
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
 
@@ -74,7 +76,7 @@ def trace(
     seed
         Seed of every random draw, if there is any.
     inputs
-        Files that were read; their SHA-256 is kept.
+        Files that were read; their SHA-256 is stored.
     """
     checksums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs}
     return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit())
@@ -83,15 +85,10 @@ def trace(
 def _commit() -> str:
     """Return the commit that last touched `SOURCES`, "+changes" if they differ from it."""
 
-    def git(*arguments: str) -> str:
-        answer = subprocess.run(
-            ["git", *arguments, "--", *SOURCES],
-            cwd=paths.root(),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        return answer.stdout.strip() if answer.returncode == 0 else ""
+    def git(*command: str) -> str:
+        options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
+        done = subprocess.run(["git", *command, "--", *SOURCES], check=False, **options)
+        return str(done.stdout).strip() if done.returncode == 0 else ""
 
     try:
         commit = git("log", "-1", "--format=%H")
@@ -102,24 +99,13 @@ def _commit() -> str:
 
 @dataclass(frozen=True)
 class Saved:
-    """A saved figure or table; the last value of a cell shows it with its caption."""
+    """A saved figure or table; as the last value of a cell it shows itself."""
 
-    identifier: str
-    caption: str
-    body: str  # HTML
+    page: str  # the figure with its caption, self-contained HTML
     path: Path  # the PNG
 
     def _repr_html_(self) -> str:
-        """Return the figure with its caption, self-contained."""
-        caption = f"<code>{self.identifier}</code> {html.escape(self.caption)}"
-        return f"<figure>{self.body}<figcaption>{caption}</figcaption></figure>"
-
-
-def _image(png: bytes, caption: str, dpi: int) -> str:
-    with Image.open(io.BytesIO(png)) as image:
-        width = round(image.width * SCREEN_DPI / dpi)
-    data = base64.b64encode(png).decode()
-    return f'<img alt="{html.escape(caption)}" width="{width}" src="data:image/png;base64,{data}"/>'
+        return self.page
 
 
 def save(
@@ -141,18 +127,13 @@ def save(
         The data behind the picture, units in the column names; an empty cell means
         "does not apply", infinities are refused.
     caption
-        What is seen, in whole sentences; the first one is the title.
+        What the figure shows, in whole sentences; the first one is the title.
     provenance
-        From `kilnflight.project.provenance.trace`.
+        From `trace`.
     picture
         The figure; without it the table itself is drawn.
     folder
         Where to, the project's figures/ by default.
-
-    Returns
-    -------
-    Saved
-        Shows itself in a notebook.
 
     Raises
     ------
@@ -163,7 +144,7 @@ def save(
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", identifier):
         raise InputError(f"figure id {identifier!r}: use lower-case words joined by hyphens.")
     if not caption.strip():
-        raise InputError(f"figure {identifier}: a figure without caption cannot be cited.")
+        raise InputError(f"figure {identifier}: it has no caption; write what it shows.")
     if not len(table.columns) or np.isinf(table.select_dtypes("number").to_numpy(float)).any():
         raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
     folder = folder or paths.figures()
@@ -171,12 +152,18 @@ def save(
     drawn = picture if picture is not None else table_picture(table)
     draft = provenance.parameters.get("scale") == "quick"
     dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
-    contents = {
-        f"{identifier}.csv": _csv(table),
-        f"{identifier}.png": _png(drawn, identifier, caption, provenance, dpi),
+    colours = TABLE_COLOURS if picture is None else PICTURE_COLOURS
+    texts = {
+        "Title": identifier,
+        "Description": caption,
+        "Software": f"kilnflight {provenance.version}",
+        "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
     }
+    png = _png(drawn, texts, dpi, colours)
+    text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+    contents = {f"{identifier}.csv": text.encode(), f"{identifier}.png": png}
     if not draft:
-        contents[f"{identifier}.pdf"] = _pdf(drawn, identifier, caption, provenance)
+        contents[f"{identifier}.pdf"] = _pdf(drawn, texts)
     plt.close(drawn)
     with locked(folder):
         for name, content in contents.items():
@@ -185,55 +172,51 @@ def save(
     if os.environ.get(paths.SAVED_LIST):
         with Path(os.environ[paths.SAVED_LIST]).open("a") as listed:
             listed.writelines(f"{(folder / name).resolve()}\n" for name in contents)
-    if picture is None:
-        body = table.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
-    else:
-        body = _image(contents[f"{identifier}.png"], caption, dpi)
-    return Saved(identifier, caption, body, folder / f"{identifier}.png")
+    return Saved(
+        _page(identifier, caption, table if picture is None else png), folder / f"{identifier}.png"
+    )
 
 
-def conclude(
-    result: str,
-    verdicts: Iterable[claims.Verdict],
-    provenance: Provenance,
-    folder: Path | None = None,
+def save_check(
+    identifier: str, table: pd.DataFrame, *, caption: str, provenance: Provenance
 ) -> Saved:
+    """Save a table that only a check needs, as `save` does, but not among the figures."""
+    return save(identifier, table, caption=caption, provenance=provenance, folder=paths.checks())
+
+
+def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> Saved:
     """Save a notebook's verdicts under ``claims-<notebook>``; every notebook's last call.
 
     ``result`` is the one line that the index of the site shows for the notebook.
     """
     table = claims.verdict_table(verdicts, provenance.notebook)
     identifier = "claims-" + provenance.notebook.replace("_", "-")
-    return save(identifier, table, caption=result, provenance=provenance, folder=folder)
+    return save(identifier, table, caption=result, provenance=provenance)
 
 
-def _csv(table: pd.DataFrame) -> bytes:
-    return table.to_csv(index=False, lineterminator="\n", float_format="%.6g").encode()
-
-
-def _record(provenance: Provenance) -> str:
-    return json.dumps(asdict(provenance), sort_keys=True, default=str)
-
-
-def _png(picture: Figure, identifier: str, caption: str, provenance: Provenance, dpi: int) -> bytes:
-    metadata = {
-        "Title": identifier,
-        "Description": caption,
-        "Software": f"kilnflight {provenance.version}",
-        "Provenance": _record(provenance),
-    }
-    buffer = io.BytesIO()
+def _png(picture: Figure, texts: Mapping[str, str], dpi: float, colours: int) -> bytes:
+    """Return a PNG of few colours; of as many dots per inch as `LARGEST_PNG` allows."""
+    info = PngInfo()
+    for name, text in texts.items():
+        info.add_text(name, text)
+    drawn, png = io.BytesIO(), io.BytesIO()
     with style():
-        picture.savefig(buffer, format="png", dpi=dpi, metadata=metadata)
-    return buffer.getvalue()
+        picture.savefig(drawn, format="png", dpi=dpi)
+    with Image.open(drawn) as image:
+        few = image.convert("RGB").quantize(
+            colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+        )
+    few.save(png, "PNG", optimize=True, dpi=(dpi, dpi), pnginfo=info)
+    small = len(png.getvalue()) <= LARGEST_PNG
+    return png.getvalue() if small else _png(picture, texts, 0.8 * dpi, colours)
 
 
-def _pdf(picture: Figure, identifier: str, caption: str, provenance: Provenance) -> bytes:
+def _pdf(picture: Figure, texts: Mapping[str, str]) -> bytes:
     metadata = {
-        "Title": identifier,
-        "Subject": caption,
-        "Keywords": _record(provenance),
-        "Creator": f"kilnflight {provenance.version}",
+        "Title": texts["Title"],
+        "Subject": texts["Description"],
+        "Keywords": texts["Provenance"],
+        "Creator": texts["Software"],
         "CreationDate": None,
     }
     buffer = io.BytesIO()
@@ -242,9 +225,23 @@ def _pdf(picture: Figure, identifier: str, caption: str, provenance: Provenance)
     return buffer.getvalue()
 
 
+def _page(identifier: str, caption: str, content: pd.DataFrame | bytes) -> str:
+    """Return a table or a PNG with its caption as HTML."""
+    if isinstance(content, pd.DataFrame):
+        body = content.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
+    else:
+        with Image.open(io.BytesIO(content)) as image:
+            width = round(image.width * SCREEN_DPI / image.info["dpi"][0])
+        data = base64.b64encode(content).decode()
+        words = html.escape(caption)
+        body = f'<img alt="{words}" width="{width}" src="data:image/png;base64,{data}"/>'
+    words = f"<code>{identifier}</code> {html.escape(caption)}"
+    return f"<figure>{body}<figcaption>{words}</figcaption></figure>"
+
+
 @dataclass(frozen=True)
 class Entry:
-    """A saved figure, as its PNG tells it."""
+    """A saved figure, as read from its PNG."""
 
     identifier: str
     caption: str
@@ -253,40 +250,72 @@ class Entry:
 
 def entries(folder: Path | None = None) -> list[Entry]:
     """Return the saved figures of a folder, by id."""
-    found = []
+    saved = []
     for path in sorted((folder or paths.figures()).glob("*.png")):
         with Image.open(path) as image:
-            text = image.info  # what stands before the pixels, which are not decoded
-        if "Provenance" in text:
-            record = json.loads(text["Provenance"])
-            found.append(Entry(path.stem, text["Description"], record))
-    return found
+            texts = image.info  # stands before the pixels, which are not decoded
+        if "Provenance" in texts:
+            provenance = json.loads(texts["Provenance"])
+            saved.append(Entry(path.stem, texts["Description"], provenance))
+    return saved
 
 
 def concluded(folder: Path | None = None) -> dict[str, Path]:
-    """Return where each notebook's verdicts are, by its stem (`figures.conclude`).
-
-    What a notebook left that is no longer there does not count.
-    """
+    """Return the file of each notebook's verdicts, by the stem of a notebook that exists."""
     folder = folder or paths.figures()
     stems = sorted(path.stem for path in (paths.root() / "notebooks").glob("*.py"))
     tables = {stem: folder / f"claims-{stem.replace('_', '-')}.csv" for stem in stems}
     return {stem: path for stem, path in tables.items() if path.is_file()}
 
 
+def title(notebook: str) -> str:
+    """Return the first heading of a notebook, by its stem.
+
+    Raises
+    ------
+    InputError
+        If the notebook has none.
+    """
+    path = paths.root() / "notebooks" / f"{notebook}.py"
+    heading = re.search(r"^# # (.+)$", path.read_text(), re.MULTILINE)
+    if heading is None:
+        raise InputError(f"{path} has no heading; start it with '# %% [markdown]' and '# # Title'.")
+    return heading[1]
+
+
+def overview(folder: Path | None = None) -> pd.DataFrame:
+    """Return one row per notebook that has concluded: title, result and verdict counts."""
+    folder = folder or paths.figures()
+    results = {entry.identifier: entry.caption for entry in entries(folder)}
+    rows = []
+    for stem, path in concluded(folder).items():
+        if path.stem in results:
+            row = {"notebook": stem, "title": title(stem), "result": results[path.stem]}
+            rows.append(row | claims.count(pd.read_csv(path)))
+    return pd.DataFrame(rows, columns=["notebook", "title", "result", *claims.VERDICTS])
+
+
 def gallery(folder: Path) -> str:
-    """Return the text of figures/README.md: every figure with caption and citation."""
-    found = entries(folder)
-    scales = sorted({str(entry.provenance["parameters"].get("scale")) for entry in found})
+    """Return the text of figures/README.md: results, and every figure with its citation."""
+    saved = entries(folder)
+    scales = sorted({str(entry.provenance["parameters"].get("scale")) for entry in saved})
     parts = [
         "# Figures and tables\n",
         f"Made at scale {' and '.join(scales)} (what the repository holds comes from `make full`); "
         "do not edit, and do not edit this page. Each figure has a PNG and a CSV here (the PDF is "
         "made by `make`, not tracked). Caption and provenance are also inside the PNG and the "
         "PDF.\n",
+        "## Results by notebook\n",
+        markdown(overview(folder).drop(columns="notebook")),
     ]
-    parts += [_gallery_entry(entry) for entry in found]
-    return "\n".join(parts)
+    return "\n".join(parts + [_gallery_entry(entry) for entry in saved])
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Return a table as Markdown, numbers to the right."""
+    rule = ["---:" if kind.kind in "if" else "---" for kind in table.dtypes]
+    rows = [table.columns, rule, *table.astype(str).to_numpy()]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
 
 
 def _gallery_entry(entry: Entry) -> str:

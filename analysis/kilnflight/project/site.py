@@ -1,28 +1,31 @@
-"""Executed notebooks become a site that builds and reads without a network.
+"""Render executed notebooks as a site that builds and reads without a network.
 
 Sphinx with myst-nb and the furo theme; MathJax lies beside the pages. The index lists
 the notebooks with title, one-line result and verdict counts, which it takes from what
-the notebooks saved (`kilnflight.project.figures.conclude`).
+the notebooks saved (`kilnflight.project.figures.conclude`). One page shows the rooms of
+the package and their imports, read from the code.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import functools
 import importlib.util
-import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import nbformat
 import pandas as pd
+from matplotlib.figure import Figure
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths
 from kilnflight.project.cache import write_whole
+from kilnflight.project.style import PAGE_MM, canvas, style
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
 # would refuse to load from a page opened as a file.
@@ -40,6 +43,8 @@ figcaption { font-size: 0.9em; margin-top: 0.3em; }
 """
 MARK = "<!-- results: made by `make full`, do not edit -->"
 END_MARK = "<!-- end of results -->"
+# Whose results README.md shows, by number, and where the reader goes from there.
+SHOWN = {"01": "figures/errata.csv", "24": "figures/table-5-11-detection.csv"}
 
 CONFIGURATION: dict[str, object] = {
     "project": "kilnflight",
@@ -63,81 +68,6 @@ CONFIGURATION: dict[str, object] = {
 }
 
 
-def mathjax() -> Path:
-    """Return the MathJax script that the package sphinx-mathjax-offline ships."""
-    package = importlib.util.find_spec("sphinx-mathjax-offline")
-    if package is None or package.origin is None:
-        raise InputError("sphinx-mathjax-offline is not installed; run make setup.")
-    return Path(package.origin).parent / "static" / "mathjax" / MATHJAX
-
-
-def title(notebook: nbformat.NotebookNode) -> str:
-    """Return the first heading of a notebook."""
-    for cell in notebook.cells:
-        found = re.search(r"^# (.+)$", cell.source, re.MULTILINE)
-        if cell.cell_type == "markdown" and found:
-            return found.group(1)
-    raise InputError("a notebook has no heading; start it with '# %% [markdown]' and '# # Title'.")
-
-
-def overview(titles: dict[str, str], folder: Path | None = None) -> pd.DataFrame:
-    """Return one row per notebook: what it found and its verdict counts.
-
-    Parameters
-    ----------
-    titles
-        Title by stem, in the order to show.
-    folder
-        Where the figures are.
-    """
-    folder = folder or paths.figures()
-    saved = {entry.identifier: entry for entry in figures.entries(folder)}
-    rows = []
-    for stem, heading in titles.items():
-        identifier = "claims-" + stem.replace("_", "-")
-        if identifier not in saved:
-            raise InputError(
-                f"{stem} saved no {identifier}; its last cell must call figures.conclude."
-            )
-        table = pd.read_csv(folder / f"{identifier}.csv")
-        result = saved[identifier].caption
-        rows.append({"notebook": stem, "title": heading, "result": result, **claims.count(table)})
-    return pd.DataFrame(rows, columns=["notebook", "title", "result", *claims.VERDICTS])
-
-
-def index_text(table: pd.DataFrame, totals: dict[str, int]) -> str:
-    """Return the text of the site's first page."""
-    named = zip(table["title"], table["notebook"], strict=True)
-    lines = [
-        "# kilnflight",
-        "",
-        "How to see particles fly: a thesis and two papers, each result beside the published one.",
-        "",
-        _sentence(totals),
-        "",
-        *_markdown(table, [f"[{title}]({stem}.ipynb)" for title, stem in named]),
-    ]
-    stems = "\n".join(table["notebook"])
-    return "\n".join(lines) + f"\n\n```{{toctree}}\n:hidden:\n\n{stems}\n```\n"
-
-
-def _markdown(table: pd.DataFrame, names: Sequence[str]) -> list[str]:
-    """Return the lines of a Markdown table of the overview, notebooks called by ``names``."""
-    lines = [
-        "| notebook | result | " + " | ".join(claims.VERDICTS) + " |",
-        "|---|---|" + "---:|" * len(claims.VERDICTS),
-    ]
-    for name, (_, row) in zip(names, table.iterrows(), strict=True):
-        counts = " | ".join(str(row[verdict]) for verdict in claims.VERDICTS)
-        lines.append(f"| {name} | {row['result']} | {counts} |")
-    return lines
-
-
-def _sentence(totals: dict[str, int]) -> str:
-    counts = ", ".join(f"{number} {verdict}" for verdict, number in totals.items())
-    return f"Of {sum(totals.values())} published claims: {counts}."
-
-
 def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
     """Render executed notebooks and return the first page.
 
@@ -152,20 +82,55 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
     for folder in (sources, fresh):
         shutil.rmtree(folder, ignore_errors=True)
     (sources / "_static").mkdir(parents=True)
-    shutil.copyfile(mathjax(), sources / "_static" / MATHJAX)
+    shutil.copyfile(_mathjax(), sources / "_static" / MATHJAX)
     (sources / "_static" / "tables.css").write_text(TABLES_CSS)
-    titles = {}
-    for path in sorted(notebooks):
-        notebook = nbformat.read(path, as_version=4)
-        titles[path.stem] = title(notebook)
+    for path in notebooks:
         shutil.copyfile(path, sources / path.name)
-    judged = paths.figures() / "claims.csv"
-    totals = claims.count(pd.read_csv(judged)) if judged.is_file() else {}
-    (sources / "index.md").write_text(index_text(overview(titles), totals))
+    (sources / "index.md").write_text(_index(sorted(path.stem for path in notebooks)))
+    rooms, purposes = imports(Path(__file__).parents[1])
+    (sources / "rooms.md").write_text(_rooms_page(rooms, purposes))
+    draw_rooms(rooms).savefig(sources / "rooms.svg", metadata={"Date": None})
     _sphinx(sources, fresh, build / "doctrees")
     shutil.rmtree(site, ignore_errors=True)
     shutil.move(fresh, site)
     return site / "index.html"
+
+
+def _mathjax() -> Path:
+    """Return the MathJax script that the package sphinx-mathjax-offline ships."""
+    package = importlib.util.find_spec("sphinx-mathjax-offline")
+    if package is None or package.origin is None:
+        raise InputError("sphinx-mathjax-offline is not installed; run make setup.")
+    return Path(package.origin).parent / "static" / "mathjax" / MATHJAX
+
+
+def _index(stems: Sequence[str]) -> str:
+    """Return the text of the first page: the claims, and every notebook with its result."""
+    table = figures.overview().set_index("notebook", drop=False)
+    for stem in stems:
+        if stem not in table.index:
+            identifier = f"claims-{stem.replace('_', '-')}"
+            raise InputError(
+                f"{stem} saved no {identifier}; its last cell must call figures.conclude."
+            )
+    table = table.loc[list(stems)]
+    table["title"] = "[" + table["title"] + "](" + table["notebook"] + ".ipynb)"
+    lines = [
+        "# kilnflight\n",
+        "How to see particles fly: each result of a thesis and two papers beside ours.\n",
+        f"{_claims_sentence()} How the package is built: [its rooms](rooms.md).\n",
+        figures.markdown(table.drop(columns="notebook")),
+        "```{toctree}\n:hidden:\n",
+        *stems,
+        "rooms\n```\n",
+    ]
+    return "\n".join(lines)
+
+
+def _claims_sentence() -> str:
+    totals = claims.count(pd.read_csv(paths.figures() / "claims.csv"))
+    counts = ", ".join(f"{number} {verdict}" for verdict, number in totals.items())
+    return f"Of {sum(totals.values())} published claims: {counts}."
 
 
 def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
@@ -184,45 +149,84 @@ def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
         raise InputError(f"the site has a problem: {first} (all of them: {log})")
 
 
+def imports(package: Path) -> tuple[dict[str, set[str]], dict[str, str]]:
+    """Read which rooms each room of a package imports, and the first line of its docstring.
+
+    A room is a module or folder at the top of the package.
+    """
+    rooms: dict[str, set[str]] = {}
+    purposes: dict[str, str] = {}
+    for path in sorted(package.rglob("*.py")):
+        place = path.relative_to(package).parts
+        room, tree = place[0].removesuffix(".py"), ast.parse(path.read_text())
+        if len(place) == 1 or place[1:] == ("__init__.py",):
+            purposes[room] = (ast.get_docstring(tree) or "").partition("\n")[0]
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names = [f"{node.module}.{alias.name}".split(".") for alias in node.names]
+                rooms.setdefault(room, set()).update(
+                    name[1] for name in names if name[0] == package.name
+                )
+    inside = rooms.keys() - {"__init__"}
+    return {room: rooms[room] & inside - {room} for room in sorted(inside)}, purposes
+
+
+def draw_rooms(rooms: Mapping[str, set[str]]) -> Figure:
+    """Draw rooms on floors, each above what it imports; implied imports are left out."""
+
+    @functools.cache
+    def below(room: str) -> set[str]:
+        return set().union(rooms[room], *(below(other) for other in rooms[room]))
+
+    @functools.cache
+    def floor(room: str) -> int:
+        return 1 + max(map(floor, rooms[room]), default=-1)
+
+    floors: dict[int, list[str]] = {}
+    for room in rooms:
+        floors.setdefault(floor(room), []).append(room)
+    places = {
+        room: ((k + 0.5 + 0.15 * (level % 2)) / len(level_rooms), level)
+        for level, level_rooms in floors.items()
+        for k, room in enumerate(level_rooms)
+    }
+    figure, ((axes,),) = canvas(width_mm=PAGE_MM, height_mm=15.0 * len(floors))
+    with style():
+        for room, imported in rooms.items():
+            for other in imported - set().union(*map(below, imported)):
+                (x0, y0), (x1, y1) = places[room], places[other]
+                axes.plot([x0, x1], [y0, y1], color="0.6", lw=0.6, ls="-", zorder=1)
+            box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.4", "lw": 0.6}
+            axes.text(*places[room], room, ha="center", va="center", bbox=box, zorder=2)
+    axes.set(xlim=(-0.02, 1.08), ylim=(-0.5, len(floors) - 0.5))
+    axes.axis("off")
+    return figure
+
+
+def _rooms_page(rooms: Mapping[str, set[str]], purposes: Mapping[str, str]) -> str:
+    table = pd.DataFrame(
+        [(room, purposes.get(room, ""), ", ".join(sorted(rooms[room]))) for room in rooms],
+        columns=["room", "what it is for", "imports"],
+    )
+    return (
+        "# The rooms of the package\n\n![Rooms and their imports](rooms.svg)\n\n"
+        "A room imports from floors below only. Imports that follow from others are not drawn.\n\n"
+        + figures.markdown(table)
+    )
+
+
 def results_block() -> str:
-    """Return the README's table of results, from figures/claims.csv and the notebooks."""
-    titles = {}
-    for path in sorted((paths.root() / "notebooks").glob("*.py")):
-        found = re.search(r"^# # (.+)$", path.read_text(), re.MULTILINE)
-        titles[path.stem] = found.group(1) if found else path.stem
-    table = overview(titles)
-    totals = claims.count(pd.read_csv(paths.figures() / "claims.csv"))
-    lines = [
-        MARK,
-        _sentence(totals),
-        "",
-        *_markdown(table, list(table["title"])),
-        *_trust(),
-    ]
+    """Return the lines of README.md with results, from figures/."""
+    results = figures.overview().set_index("notebook")["result"]
+    lines = [MARK, f"- {_claims_sentence()} [Every verdict](figures/claims.csv)."]
+    for stem, result in results.items():
+        if str(stem)[:2] in SHOWN:
+            lines.append(f"- {result} [Table]({SHOWN[str(stem)[:2]]}).")
     return "\n".join([*lines, END_MARK])
 
 
-def _trust() -> list[str]:
-    """Return the main table of the notebook on trust, if it has run."""
-    path = paths.figures() / "trust.csv"
-    if not path.is_file():
-        return []
-    table = pd.read_csv(path, keep_default_na=False, dtype=str)
-    rule = ["---" if k < 2 else "---:" for k in range(table.shape[1])]
-    rows = [table.columns.tolist(), rule, *table.to_numpy().tolist()]
-    return [
-        "",
-        "**How far to trust what is measured** on the twin, where the truth is known (notebook 56; "
-        "median of measured minus true with its 95 % interval +- half the range that holds 68 % of "
-        "it; cell's dwell: the median of all measured flights, and of all true ones; nobody's: "
-        "flights that follow no particle):",
-        "",
-        *(f"| {' | '.join(row)} |" for row in rows),
-    ]
-
-
 def update_readme() -> bool:
-    """Put the current results into README.md; say whether that changed it."""
+    """Write the current results into README.md; return whether that changed it."""
     path = paths.root() / "README.md"
     text = path.read_text()
     if MARK not in text or END_MARK not in text:
@@ -230,8 +234,7 @@ def update_readme() -> bool:
             f"README.md: the lines {MARK!r} and {END_MARK!r} are missing; restore them."
         )
     before, _, rest = text.partition(MARK)
-    after = rest.partition(END_MARK)[2]
-    updated = before + results_block() + after
+    updated = before + results_block() + rest.partition(END_MARK)[2]
     if updated != text:
         write_whole(path, updated.encode())
     return updated != text
