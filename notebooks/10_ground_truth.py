@@ -23,7 +23,7 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from kilnflight import camera
-from kilnflight.experiments import trial
+from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, paths, style
 from kilnflight.twin import mixture, prepared, truth
 
@@ -32,7 +32,7 @@ frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("10_ground_truth", setting, seed=seed, inputs=tables)
-names = trial.FEWER if scale == "quick" else tuple(mixture.SUBSETS)
+names = detection.SMOKE_SUBSETS if scale == "quick" else tuple(mixture.SUBSETS)
 twins = {name: prepared.prepared_scene(name, seed) for name in names}
 wanted = mixture.LABELLED[:frames]
 

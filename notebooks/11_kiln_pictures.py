@@ -21,7 +21,7 @@ import pandas as pd
 
 from kilnflight import camera, kiln
 from kilnflight.detection.flame import segment_flame
-from kilnflight.experiments import pursuit, trial
+from kilnflight.experiments import detection, tracking
 from kilnflight.project import figures, style
 from kilnflight.twin import prepared, scenes
 from kilnflight.twin.geometry import Geometry
@@ -36,11 +36,11 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 
 # %%
 sums, paths, rooms = {}, [], {}
-for name in pursuit.FEWER if scale == "quick" else scenes.WINDOWS:
+for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
     twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
-    foregrounds = trial.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
+    foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
     total = np.zeros((twin.attributes.rows, twin.attributes.columns), dtype=np.float32)
     for t, foreground in zip(rooms[name], foregrounds, strict=True):
         clear = segment_flame(twin.gray(t), twin.attributes.flame_roi).cover(foreground)

@@ -31,12 +31,12 @@ style.use_style()
 # %%
 from kilnflight import background, kiln
 from kilnflight.detection import DoG
-from kilnflight.experiments import contenders, tallies, trial
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.twin import truth
 
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
 for name in ("Mean", "Median", "Adaptive") if scale == "quick" else ():  # few are rendered
     models[name] = replace(models[name], window=12)
@@ -98,11 +98,11 @@ traces = {
 # %%
 attempts = []
 for name, model in models.items():
-    tried = trial.thresholds(subsets, scale, model)
+    tried = detection.compare_thresholds(subsets, scale, model)
     attempts.append(tried[tried["chosen"]].assign(model=name))
 attempts = pd.concat(attempts, ignore_index=True)
-total = tallies.sums(attempts, ["model"]).assign(subset="Total")
-table = pd.concat([tallies.sums(attempts, ["model", "subset"]), total], ignore_index=True)
+total = detection.sum_counts(attempts, ["model"]).assign(subset="Total")
+table = pd.concat([detection.sum_counts(attempts, ["model", "subset"]), total], ignore_index=True)
 used = attempts[["model", "subset", "threshold"]].drop_duplicates()
 table = table.merge(used, how="left")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1", "f1_in_pixels", "threshold"]
@@ -118,7 +118,9 @@ figures.save("table-5-4-background", table, caption=caption, provenance=origin)
 
 # %%
 inside = total.set_index("model")["f1_in_pixels"]
-draws = tallies.resampled_f1(attempts.assign(method=attempts["model"]), np.random.default_rng(seed))
+draws = detection.resampled_f1(
+    attempts.assign(method=attempts["model"]), np.random.default_rng(seed)
+)
 f1 = total.set_index("model")["f1"]
 low, high = draws.quantile([0.025, 0.975]).to_numpy()
 printed = pd.Series({"Median": 0.8592, "TwoFrame": 0.8385})  # the others are only drawn
@@ -162,14 +164,14 @@ figures.save("fig-5-3-detections", found, picture=picture, caption=caption, prov
 # %%
 parts = []
 for name in ("TwoFrame", "Median"):
-    tried = trial.thresholds(subsets, scale, contenders.Unsigned(models[name]))
+    tried = detection.compare_thresholds(subsets, scale, detection_methods.Unsigned(models[name]))
     parts.append(tried[tried["chosen"]].assign(model=name, difference="stops at 0"))
     one = attempts[attempts["model"] == name]
     parts.append(one.assign(difference="absolute"))
 both = pd.concat(parts, ignore_index=True)
 keys = ["model", "difference"]
-recall = tallies.class_recall(both, keys).query("label == 3").set_index(keys)["recall"]
-stops = tallies.sums(both, keys).drop(columns="seconds_per_image").set_index(keys)
+recall = detection.class_recall(both, keys).query("label == 3").set_index(keys)["recall"]
+stops = detection.sum_counts(both, keys).drop(columns="seconds_per_image").set_index(keys)
 stops = stops.assign(
     recall_non_burning=recall, f1_published=stops.index.map(lambda k: printed[k[0]])
 )

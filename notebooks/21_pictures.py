@@ -21,17 +21,17 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
-from kilnflight.experiments import contenders, tallies, trial
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.project import claims, figures, style
 from kilnflight.twin import exposure, truth
 
 style.use_style()
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
 
 # %%
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
@@ -47,12 +47,15 @@ def coarse(foreground):
 
 
 # %%
-some = contenders.THRESHOLDS[:: 4 if scale == "quick" else 1]
+some = detection_methods.THRESHOLDS[:: 4 if scale == "quick" else 1]
 matlab = claims.published("table_5.7").rename(columns={"dog_local_max": "threshold"})
-ways = {"16 bits": contenders.by_threshold(some), "8 bits": contenders.by_threshold(some, coarse)}
-methods = {("Otsu", 0): contenders.by_picture(Otsu())}
+ways = {
+    "16 bits": detection_methods.from_thresholds(some),
+    "8 bits": detection_methods.from_thresholds(some, coarse),
+}
+methods = {("Otsu", 0): detection_methods.from_foreground(Otsu())}
 methods |= {(way, t): method for way, every in ways.items() for t, method in every.items()}
-attempts = trial.run(subsets, methods)
+attempts = detection.run(subsets, methods)
 attempts[["what", "threshold"]] = attempts["method"].to_list()
 attempts["method"] = attempts["what"].replace("16 bits", "SIFT")
 otsu = attempts[attempts["what"] == "Otsu"].drop(columns="threshold")
@@ -63,11 +66,13 @@ otsu = attempts[attempts["what"] == "Otsu"].drop(columns="threshold")
 
 # %%
 few = [one._replace(wanted=one.wanted[::5]) for one in subsets]
-single = {t: contenders.by_picture(DoG(float(t))) for t in {*some, *matlab["threshold"]}}
-times = trial.run(few, single).rename(columns={"method": "threshold"})
+single = {
+    t: detection_methods.from_foreground(DoG(float(t))) for t in {*some, *matlab["threshold"]}
+}
+times = detection.run(few, single).rename(columns={"method": "threshold"})
 cost = times.groupby(["subset", "threshold"])["seconds"].median().rename("seconds")
 dogs = attempts[attempts["what"] == "16 bits"].drop(columns="seconds")
-dogs = tallies.marked_best(dogs.join(cost, on=["subset", "threshold"]))
+dogs = detection.mark_chosen(dogs.join(cost, on=["subset", "threshold"]))
 sift = dogs[dogs["chosen"]]
 threshold = sift.drop_duplicates("subset").set_index("subset")["threshold"]
 
@@ -75,8 +80,8 @@ threshold = sift.drop_duplicates("subset").set_index("subset")["threshold"]
 tables = {}
 for name, one in {"table-5-5-otsu": otsu, "table-5-6-sift": sift}.items():
     by = [column for column in ("threshold", "subset") if column in one]
-    total = tallies.sums(one.assign(subset="Total"), ["subset"])
-    tables[name] = pd.concat([tallies.sums(one, by), total], ignore_index=True)
+    total = detection.sum_counts(one.assign(subset="Total"), ["subset"])
+    tables[name] = pd.concat([detection.sum_counts(one, by), total], ignore_index=True)
 order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_image"]
 tables["table-5-6-sift"] = tables["table-5-6-sift"][["threshold", *order, "f1_in_pixels"]]
 
@@ -106,7 +111,7 @@ figures.save("table-5-6-sift", sift_table, caption=caption, provenance=origin)
 
 # %%
 both = pd.concat([otsu, sift], ignore_index=True)
-recall = tallies.class_recall(both, ["method", "subset"])
+recall = detection.class_recall(both, ["method", "subset"])
 recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 each = [one.name for one in subsets]
 unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
@@ -132,8 +137,8 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 # %%
 both = attempts[attempts["what"].isin(["16 bits", "8 bits"])]
 both = both.merge(threshold.reset_index())  # of each subset
-eight = tallies.sums(both, ["what"]).drop(columns="seconds_per_image")
-faint = tallies.class_recall(both, ["what"])
+eight = detection.sum_counts(both, ["what"]).drop(columns="seconds_per_image")
+faint = detection.class_recall(both, ["what"])
 faint = faint[faint["label"] == 3].set_index("what")["recall"]
 eight = eight.assign(recall_non_burning=eight["what"].map(faint))
 caption = "SIFT on foregrounds of 16 and of 8 bits, with the thresholds chosen for 16."

@@ -31,13 +31,14 @@ from kilnflight.project import claims, figures, style
 style.use_style()
 
 # %%
-from kilnflight import camera, detection
-from kilnflight.experiments import contenders, tallies, trial
+from kilnflight import camera
+from kilnflight import detection as detectors
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.twin import truth
 
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 origin = figures.trace("22_clouds", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 names = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
 printed = {name: claims.published(table) for name, table in names.items()}
@@ -52,7 +53,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # %%
 cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].wanted[0]).xyz)
 counts = (6, 10, 15)  # minPts of Table 5.8
-sorted_mm = {k: detection.k_distances(cloud, k) for k in counts}
+sorted_mm = {k: detectors.k_distances(cloud, k) for k in counts}
 some = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
 curves = pd.DataFrame({f"distance_{k}_mm": line[some] for k, line in sorted_mm.items()})
 curves.insert(0, "point", some + 1)
@@ -75,20 +76,20 @@ figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, pr
 # %%
 clusterers = {}
 for one in printed["dbscan"].itertuples():
-    clusterers["dbscan", one.Index] = detection.DBSCAN(one.epsilon_mm, one.minPts)
+    clusterers["dbscan", one.Index] = detectors.DBSCAN(one.epsilon_mm, one.minPts)
 for one in printed["mo"].itertuples():
-    clusterers["mo", one.Index] = detection.MorphologicalClustering(one.R)
+    clusterers["mo", one.Index] = detectors.MorphologicalClustering(one.R)
 for one in printed["qcc"].itertuples():
-    clusterers["qcc", one.Index] = detection.QuasiClusterCenters(one.K, one.alpha)
-methods = {key: contenders.by_cloud(one) for key, one in clusterers.items()}
-attempts = trial.run(subsets, methods)
+    clusterers["qcc", one.Index] = detectors.QuasiClusterCenters(one.K, one.alpha)
+methods = {key: detection_methods.from_cloud(one) for key, one in clusterers.items()}
+attempts = detection.run(subsets, methods)
 attempts["family"] = attempts["method"].str[0]
 attempts["row"] = attempts["method"].str[1]
 
 # %%
 parameters = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}
-whole = tallies.sums(attempts.assign(subset="Total"), ["family", "row", "subset"])
-apart = tallies.sums(attempts, ["family", "row", "subset"])
+whole = detection.sum_counts(attempts.assign(subset="Total"), ["family", "row", "subset"])
+apart = detection.sum_counts(attempts, ["family", "row", "subset"])
 tables, totals = {}, {}
 for name, columns in parameters.items():
     one = pd.concat([apart, whole])[lambda t, name=name: t["family"] == name]
@@ -156,9 +157,11 @@ figures.save("fig-5-8-parameters", swept, picture=picture, caption=caption, prov
 
 # %%
 ends = {"none": 0, "once (this work)": 1, "twice": 2, "until unchanged": None}
-by_end = {name: detection.MorphologicalClustering(150, n) for name, n in ends.items()}
-read = trial.run(subsets, {name: contenders.by_cloud(one) for name, one in by_end.items()})
-readings = tallies.sums(read, ["method"]).rename(columns={"method": "dilations"})
+by_end = {name: detectors.MorphologicalClustering(150, n) for name, n in ends.items()}
+read = detection.run(
+    subsets, {name: detection_methods.from_cloud(one) for name, one in by_end.items()}
+)
+readings = detection.sum_counts(read, ["method"]).rename(columns={"method": "dilations"})
 readings = readings.assign(f1_published=printed["mo"].set_index("R")["f1"][150])
 caption = f"Morphological clustering, R = 150, dilated as often as told; {images} frames."
 figures.save("mo-readings", readings, caption=caption, provenance=origin)
@@ -171,7 +174,7 @@ figures.save("mo-readings", readings, caption=caption, provenance=origin)
 # %%
 analysed = {"dbscan": 5, "mo": 1, "qcc": 2}
 picked = attempts[attempts["row"] == attempts["family"].map(analysed)]
-recall = tallies.class_recall(picked, ["family", "subset"])
+recall = detection.class_recall(picked, ["family", "subset"])
 recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 by_class = recall.pivot(index=["family", "subset"], columns="label", values="recall")
 
@@ -215,7 +218,7 @@ for k in (20, 25, 30):
     alpha_up[f"K {k}: recall up with alpha"] = bool(high["recall"] > low["recall"])
     alpha_up[f"K {k}: precision down"] = bool(high["precision"] < low["precision"])
 best = {name: one["f1"].max() for name, one in totals.items()}
-pooled = tallies.class_recall(picked, ["family"]).pivot(
+pooled = detection.class_recall(picked, ["family"]).pivot(
     index="family", columns="label", values="recall"
 )
 

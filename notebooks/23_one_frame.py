@@ -29,18 +29,18 @@ from kilnflight.detection import DoG, combination
 from kilnflight.detection.correspondence import potential_particles, summarise
 from kilnflight.detection.evidence import Evidence
 from kilnflight.detection.flame import segment_flame
-from kilnflight.experiments import contenders, trial
+from kilnflight.experiments import detection, detection_methods
 
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 
 # %%
 some = next(one for one in subsets if one.name == "V4")  # the most particles
 images = frames * len(subsets)
 known = some.recording.attributes
-t, view = next(trial.look(some))
-tried = trial.thresholds(subsets, scale)  # each subset takes what is best on the others
+t, view = next(detection.subset_views(some))
+tried = detection.compare_thresholds(subsets, scale)  # each subset takes what is best on the others
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 threshold = threshold.astype(float)
 
@@ -70,7 +70,7 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 # The wall is the largest cluster of the first pass; the second pass gives what may be particles.
 
 # %%
-labels = combination.second_pass(view.xyz, *contenders.PASSES["DBSCAN"])
+labels = combination.second_pass(view.xyz, *detection_methods.PASSES["DBSCAN"])
 keypoints = DoG(threshold[some.name])(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = summarise(view.pixels, view.xyz, labels)
@@ -175,7 +175,7 @@ figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenan
 rows = []
 for subset in subsets:
     detector = combination.Combination(DoG(threshold[subset.name]))
-    for t, view in trial.look(subset):
+    for t, view in detection.subset_views(subset):
         here = subset.particles[subset.particles["frame"] == t]
         table = detector(view, known.roi, t)
         score = scores.score_detections(here[["row", "col"]], table[["row", "col"]], roi=known.roi)

@@ -18,29 +18,31 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import contenders, tallies, trial
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.project import claims, figures, style
 
 style.use_style()
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 origin = figures.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
-tried = trial.thresholds(subsets, scale)
+tried = detection.compare_thresholds(subsets, scale)
 threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 parts = []
 for one in subsets:
-    methods = contenders.eleven(float(threshold[one.name]), one.recording.attributes.roi)
-    parts.append(trial.run([one], methods))
+    methods = detection_methods.table_5_11_methods(
+        float(threshold[one.name]), one.recording.attributes.roi
+    )
+    parts.append(detection.run([one], methods))
 attempts = pd.concat(parts, ignore_index=True)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %%
 printed = claims.published("table_5.11").set_index("method")
-total = tallies.sums(attempts, ["method"]).set_index("method")
+total = detection.sum_counts(attempts, ["method"]).set_index("method")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1"]
 caption = (
     f"Eleven methods on {images} labelled frames within the region of interest, gate 45 px; "
@@ -53,7 +55,7 @@ figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 # ## Beside the publication
 
 # %%
-draws = tallies.resampled_f1(attempts, np.random.default_rng(seed))
+draws = detection.resampled_f1(attempts, np.random.default_rng(seed))
 low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
 beside = pd.DataFrame({"f1": total["f1"], "f1_low": low, "f1_high": high})
 beside = beside.assign(f1_in_pixels=total["f1_in_pixels"], f1_published=printed["f1"])
@@ -72,7 +74,7 @@ figures.save(
 )
 
 # %%
-classes = tallies.class_recall(attempts, ["method"])
+classes = detection.class_recall(attempts, ["method"])
 wide = classes.pivot(index="method", columns="label", values="recall").loc[total.index]
 wide.columns = ["burning_in_air", "non_burning_in_air", "burning_on_wall"]
 caption = "Recall of each class by the eleven methods."

@@ -28,14 +28,14 @@ from kilnflight import camera, scores
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import trial
+from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, style
 
 # %%
 style.use_style()
-frames = frames or trial.FRAMES[scale]
+frames = frames or detection.FRAMES[scale]
 origin = figures.trace("25_wall", {"scale": scale, "frames": frames}, seed=seed)
-subsets = trial.ground_truth(scale, seed, frames)
+subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
@@ -114,11 +114,11 @@ figures.save("fig-3-10-cylinder", points, picture=picture, caption=caption, prov
 # Every marked particle with 3D, by where its points are; detections of SIFT with DBSCAN.
 
 # %%
-tried = trial.thresholds(subsets, scale)
+tried = detection.compare_thresholds(subsets, scale)
 best = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
 known, found = [], []
 for subset in subsets:
-    both = trial.located(subset, Combination(DoG(float(best[subset.name]))))
+    both = detection.positions(subset, Combination(DoG(float(best[subset.name]))))
     for table, one in zip((known, found), both, strict=True):
         distance = np.full(len(one), np.nan)
         has = one["z"].notna().to_numpy()
@@ -167,7 +167,7 @@ roi = subsets[0].recording.attributes.roi
 for (name, level), k in product(thresholds.items(), range(len(subsets))):
     where = {"threshold": name, "threshold_mm": level, "subset": subsets[k].name}
     for which, spots in (("table_5.13", known[k]), ("table_5.14", found[k])):
-        row = trial.told_apart(known[k], spots, level, roi).iloc[0]
+        row = detection.classify_in_air(known[k], spots, level, roi).iloc[0]
         tables[which].append(where | row[["tp", "fp", "fn"]].astype(int).to_dict())
 by_subset = {which: pd.DataFrame(rows) for which, rows in tables.items()}
 

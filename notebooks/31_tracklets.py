@@ -29,15 +29,15 @@ style.use_style()
 
 # %%
 from kilnflight import tracklets
-from kilnflight.experiments import lessons, pursuit
-from kilnflight.tracking import tracker as tracking
+from kilnflight.experiments import campaigns, tracking
+from kilnflight.tracking.tracker import track
 
 origin = figures.trace("31_tracklets", {"scale": scale}, seed=seed)
-windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)
+windows = tracking.windows(scale, campaigns.settings_from_labels(scale, seed), seed, jobs=jobs)
 pair = [one for one in windows if one.fraction in ("wood chip", "paper shred")]
 
 # %%
-tracks = {one.fraction: tracking.track(one.detections) for one in pair}
+tracks = {one.fraction: track(one.detections) for one in pair}
 for one in pair:
     found = tracks[one.fraction]["particle"].nunique()
     print(f"{one.fraction}: {len(one.frames)} frames, {len(one.detections)} detections in the air,")
@@ -57,14 +57,14 @@ for one in pair:
     for step, table in names.items():
         kept = tracklets.tracked(table)
         row = {"fraction": one.fraction, "after": step, "tracks": kept["particle"].nunique()}
-        rows.append(row | {"positions": len(kept)} | pursuit.quality(one.truth, table))
+        rows.append(row | {"positions": len(kept)} | tracking.measures(one.truth, table))
 steps = pd.DataFrame(rows)
 
 # %%
-columns = ["fraction", "after", "tracks", "positions", *pursuit.MEASURES, "jsc_spurious_only"]
+columns = ["fraction", "after", "tracks", "positions", *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
-    f"against the truth, gate {pursuit.GATE_PX:.0f} px."
+    f"against the truth, gate {tracking.GATE_PX:.0f} px."
 )
 figures.save("tracklet-steps", steps[columns], caption=caption, provenance=origin)
 
@@ -102,7 +102,7 @@ figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenan
 # %%
 some = pair[-1]
 generator = np.random.default_rng(seed)
-streaks, empty = pursuit.texture_windows(some, 40, generator)
+streaks, empty = tracking.texture_windows(some, 40, generator)
 with_track = pd.DataFrame([tracklets.energies(one) for one in streaks])
 without = pd.DataFrame([tracklets.energies(one) for one in empty])
 texture = pd.DataFrame({"with_track": with_track.median(), "without": without.median()})
@@ -159,9 +159,11 @@ for way, matching in ways.items():
         for one in tracklets.STEPS
     ]
     for one in windows:
-        table = tracklets.postprocess(tracking.track(one.detections), one.differences, plan)
-        rows.append({"matching": way, "fraction": one.fraction} | pursuit.quality(one.truth, table))
-matched = pd.DataFrame(rows)[["matching", "fraction", *pursuit.MEASURES]]
+        table = tracklets.postprocess(track(one.detections), one.differences, plan)
+        rows.append(
+            {"matching": way, "fraction": one.fraction} | tracking.measures(one.truth, table)
+        )
+matched = pd.DataFrame(rows)[["matching", "fraction", *tracking.MEASURES]]
 caption = "The framework with dual nearest neighbours and with the Hungarian method, all fractions."
 figures.save("fig-4-14-matching", matched, caption=caption, provenance=origin)
 
@@ -194,12 +196,14 @@ plans = {
 # %%
 rows = []
 for one in windows:
-    raw = tracking.track(one.detections)
+    raw = track(one.detections)
     done = {name: tracklets.postprocess(raw, one.differences, plan) for name, plan in plans.items()}
     done["no texture"] = tracklets.postprocess(raw)
     for name, table in done.items():
-        rows.append({"fraction": one.fraction, "reading": name} | pursuit.quality(one.truth, table))
-readings = pd.DataFrame(rows)[["fraction", "reading", *pursuit.MEASURES]]
+        rows.append(
+            {"fraction": one.fraction, "reading": name} | tracking.measures(one.truth, table)
+        )
+readings = pd.DataFrame(rows)[["fraction", "reading", *tracking.MEASURES]]
 caption = "Post-processing under four readings of section 4.2.3, tracks of GNN."
 figures.save("tracklet-readings", readings, caption=caption, provenance=origin)
 

@@ -26,12 +26,12 @@ style.use_style()
 
 # %%
 from kilnflight import tracklets
-from kilnflight.experiments import contest, ladders, lessons, pursuit
+from kilnflight.experiments import campaigns, grid_search, tracking
 
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
-learned = lessons.learned(scale, seed)
-windows = pursuit.windows(scale, learned, seed, jobs=jobs)
-others = pursuit.windows(scale, learned, seed, others=True, jobs=jobs)
+learned = campaigns.settings_from_labels(scale, seed)
+windows = tracking.windows(scale, learned, seed, jobs=jobs)
+others = tracking.windows(scale, learned, seed, others=True, jobs=jobs)
 fractions = [one.fraction for one in windows]
 
 # %%
@@ -61,9 +61,9 @@ figures.save("table-5-15-windows", counted, caption=caption, provenance=origin)
 # ## Settings that are not printed
 
 # %%
-candidates = ladders.ours()
-tried = contest.best_setting(others, candidates)
-trackers = contest.chosen(tried, candidates)
+candidates = grid_search.kilnflight_grids()
+tried = grid_search.grid_search(others, candidates)
+trackers = grid_search.chosen_trackers(tried, candidates)
 spread = tried.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")
 best = tried[tried["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
 caption = (
@@ -77,13 +77,13 @@ figures.save("tracking-settings", table, caption=caption, provenance=origin)
 # ## All 32 cells
 
 # %%
-measured = pursuit.run(windows, trackers)
+measured = tracking.run(windows, trackers)
 keys = ["fraction", "tracker", "postprocessing"]
 caption = (
     "GNN and JPDA with and without post-processing on windows like those of Table 5.15, gate "
-    f"{pursuit.GATE_PX:.0f} px; after Table 5.17."
+    f"{tracking.GATE_PX:.0f} px; after Table 5.17."
 )
-table = measured[[*keys, *pursuit.MEASURES]]
+table = measured[[*keys, *tracking.MEASURES]]
 figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%
@@ -94,12 +94,12 @@ theirs = theirs.assign(
     fraction=theirs["fraction"].map(names), measure=theirs["measure"].str.lower()
 )
 theirs = theirs.rename(columns={"algorithm": "tracker", "post_processing": "postprocessing"})
-cells = measured.melt(keys, list(pursuit.MEASURES), "measure", "here")
+cells = measured.melt(keys, list(tracking.MEASURES), "measure", "here")
 cells = cells.merge(theirs[[*keys, "measure", "value"]].rename(columns={"value": "published"}))
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True)
-for axes, measure in zip(grid.flat, pursuit.MEASURES, strict=True):
+for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
     style.beside_published(axes, cells[cells["measure"] == measure])
     axes.set(title=measure, xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
@@ -119,7 +119,7 @@ columns = {}
 for one in shown:
     columns[one.fraction] = {"truth": one.truth}
     for name, tracker in trackers.items():
-        both = {stage: table for stage, table, _ in pursuit.followed(one, tracker)}
+        both = {stage: table for stage, table, _ in tracking.track_and_postprocess(one, tracker)}
         columns[one.fraction] |= {f"{name} {stage} steps": table for stage, table in both.items()}
 
 # %% tags=["hide-input"]
@@ -170,7 +170,7 @@ order = {
     f"lowest {ranks.idxmin()} {ranks.min():.2f}": ranks.idxmin() == "confetti",
     f"highest {ranks.idxmax()} {ranks.max():.2f}": ranks.idxmax() == "wood chip",
 }
-costs = {name: pursuit.cost(windows, tracker) for name, tracker in trackers.items()}
+costs = {name: tracking.cost(windows, tracker) for name, tracker in trackers.items()}
 seconds, memory = (costs["JPDA"][k] / costs["GNN"][k] for k in (0, 1))
 ahead = apart[["alpha", "beta", "jsc"]].mean()
 small = {

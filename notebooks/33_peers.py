@@ -21,7 +21,7 @@ from itertools import product
 
 import pandas as pd
 
-from kilnflight.experiments import contest, ladders, lessons, pursuit
+from kilnflight.experiments import campaigns, grid_search, tracking
 from kilnflight.experiments import other_trackers as peers
 from kilnflight.project import figures, style
 
@@ -31,9 +31,9 @@ missing = sorted(set(peers.PACKAGES) - set(peers.available()))
 print(f"peers that are not installed and left out: {', '.join(missing) or 'none'}")
 
 # %%
-learned = lessons.learned(scale, seed)
-windows = pursuit.windows(scale, learned, seed, jobs=jobs)
-others = pursuit.windows(scale, learned, seed, others=True, jobs=jobs)
+learned = campaigns.settings_from_labels(scale, seed)
+windows = tracking.windows(scale, learned, seed, jobs=jobs)
+others = tracking.windows(scale, learned, seed, others=True, jobs=jobs)
 number = ", ".join(f"{one.fraction} {len(one.frames)}" for one in windows)
 print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 
@@ -47,7 +47,9 @@ print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 # a ladder, which the table then names.
 
 # %%
-contestants = {f"{name}, ours": some for name, some in ladders.ours().items()} | ladders.theirs()
+contestants = {
+    f"{name}, ours": some for name, some in grid_search.kilnflight_grids().items()
+} | grid_search.peer_grids()
 package = {"GNN, Stone Soup": "stonesoup", "JPDA, Stone Soup": "stonesoup"}
 for name in [one for one in contestants if package.get(one, one) in missing]:
     del contestants[name]
@@ -60,13 +62,13 @@ for name in [one for one in contestants if package.get(one, one) in missing]:
 # %%
 slow = {name: contestants[name] for name in contestants if name == "JPDA, Stone Soup"}
 rest = {name: contestants[name] for name in contestants if name not in slow}
-few = [contest.beginning(one, 4) for one in others] if scale == "quick" else others
-parts = [contest.best_setting(few, rest).assign(frames=len(few[0].frames))]
+few = [grid_search.first_frames(one, 4) for one in others] if scale == "quick" else others
+parts = [grid_search.grid_search(few, rest).assign(frames=len(few[0].frames))]
 if slow:
-    short = [contest.beginning(one, 40) for one in few]
-    parts.append(contest.best_setting(short, slow).assign(frames=len(short[0].frames)))
+    short = [grid_search.first_frames(one, 40) for one in few]
+    parts.append(grid_search.grid_search(short, slow).assign(frames=len(short[0].frames)))
 tried = pd.concat(parts, ignore_index=True)
-best = contest.chosen(tried, contestants)
+best = grid_search.chosen_trackers(tried, contestants)
 caption = (
     "Settings that were tried, with the mean measures on stretches of so many frames that no "
     "result is taken from, without post-processing; the largest beta is chosen, and at_end names "
@@ -78,8 +80,8 @@ figures.save("peers-settings", tried, caption=caption, provenance=origin)
 # ## The same detections, the same measures
 
 # %%
-scores = contest.scored(windows, best)
-columns = ["fraction", "tracker", "postprocessing", *pursuit.MEASURES, "seconds", "note"]
+scores = grid_search.score(windows, best)
+columns = ["fraction", "tracker", "postprocessing", *tracking.MEASURES, "seconds", "note"]
 caption = (
     "Trackers on the same detections of the windows at 4.5 bar, gate 10 px, in the settings "
     "chosen on other stretches. Post-processing is ours, for everyone; seconds are of the "

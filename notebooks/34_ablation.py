@@ -24,38 +24,38 @@ style.use_style()
 
 # %%
 from kilnflight import association
-from kilnflight.experiments import lessons, pursuit
-from kilnflight.tracking import tracker as tracking
+from kilnflight.experiments import campaigns, tracking
+from kilnflight.tracking.tracker import track
 
 origin = figures.trace("34_ablation", {"scale": scale}, seed=seed)
-windows = pursuit.windows(scale, lessons.learned(scale, seed), seed, jobs=jobs)
-trackers = {"GNN": tracking.track}
-trackers["JPDA"] = lambda seen: tracking.track(seen, association.JPDA())
+windows = tracking.windows(scale, campaigns.settings_from_labels(scale, seed), seed, jobs=jobs)
+trackers = {"GNN": track}
+trackers["JPDA"] = lambda seen: track(seen, association.JPDA())
 given = {
-    "true positions": [pursuit.fully_detected(one) for one in windows],
-    "right detections only": [pursuit.without_clutter(one) for one in windows],
+    "true positions": [tracking.with_true_positions(one) for one in windows],
+    "right detections only": [tracking.without_false_detections(one) for one in windows],
     "detections": windows,
 }
 
 # %%
-parts = [pursuit.run(some, trackers).assign(given=name) for name, some in given.items()]
+parts = [tracking.run(some, trackers).assign(given=name) for name, some in given.items()]
 rows = [
     {"fraction": one.fraction, "tracker": "links by the truth"}
-    | pursuit.quality(one.truth, pursuit.linked_by_truth(one))
+    | tracking.measures(one.truth, tracking.linked_by_truth(one))
     for one in windows
 ]
 best = pd.DataFrame(rows).assign(given="detections", postprocessing="without")
 table = pd.concat([*parts, best], ignore_index=True)
 keys = ["given", "tracker", "postprocessing"]
-columns = ["fraction", *keys, *pursuit.MEASURES, "jsc_spurious_only"]
+columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers at "
-    f"their defaults, gate {pursuit.GATE_PX:.0f} px."
+    f"their defaults, gate {tracking.GATE_PX:.0f} px."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 
 # %%
-mean = table.groupby(keys, sort=False)[list(pursuit.MEASURES)].mean().reset_index()
+mean = table.groupby(keys, sort=False)[list(tracking.MEASURES)].mean().reset_index()
 mean["what"] = mean[keys].agg(", ".join, axis=1)
 mean["what"] = mean["what"].str.replace(", without", "").str.replace(", with", " + steps")
 

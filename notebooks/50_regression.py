@@ -22,20 +22,20 @@ import numpy as np
 import pandas as pd
 from IPython.display import HTML
 
-from kilnflight.experiments import flight_drawing, survey
+from kilnflight.experiments import plots, results
 from kilnflight.project import figures, style
 
 style.use_style()
 
 # %%
 from kilnflight import regression
-from kilnflight.experiments import campaigns, certainty, lessons
+from kilnflight.experiments import campaigns, confidence
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import flights as findings
 
 origin = figures.trace("50_regression", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
 tracks, trajectories, flights, _ = measured
 names = list(dict.fromkeys(one.fraction for one in wanted))
 
@@ -61,7 +61,7 @@ figures.save("regression-outcomes", table, caption=caption, provenance=origin)
 
 # %%
 generator = np.random.default_rng(seed)
-ours = survey.regression_table(measured, generator)
+ours = results.regression_table(measured, generator)
 caption = (
     "Medians of the measures of the regression over all trajectories from the lance, both "
     "pressures, after Table 5.18, with 95 % intervals (bootstrap over trajectories). The scatter "
@@ -78,7 +78,7 @@ figures.save("table-5-18-regression", ours, caption=caption, provenance=origin)
 
 # %%
 rows = []
-for cell, one in survey.counted_trajectories(measured).groupby(keys, sort=False):
+for cell, one in results.trajectories_from_lance(measured).groupby(keys, sort=False):
     deep = findings.box(one["rmse_z_mm"].to_numpy())
     row = {**dict(zip(keys, cell, strict=True)), "tracks": len(one), "median_mm": deep["median"]}
     beyond = {"outliers_beyond_mm": deep["whisker_high"], "outliers": int(deep["outliers"])}
@@ -96,8 +96,8 @@ figures.save("regression-depth-jumps", table, caption=caption, provenance=origin
 # %%
 parts = []
 for one in wanted:
-    linked = survey.of_cell(tracks, (one.fraction, one.pressure_bar))
-    flown = survey.of_cell(flights, (one.fraction, one.pressure_bar))
+    linked = results.of_campaign(tracks, (one.fraction, one.pressure_bar))
+    flown = results.of_campaign(flights, (one.fraction, one.pressure_bar))
     some = flown.loc[flown["from_lance"], "particle"].head(40)
     chosen = linked[linked["particle"].isin(some)]
     if len(chosen):
@@ -105,7 +105,7 @@ for one in wanted:
         parts.append(regression.order_measures(*made_of).assign(fraction=one.fraction))
 empty = regression.order_measures(tracks.head(0), wanted[0].run.exit_point_mm, 330.0)
 orders = pd.concat(parts, ignore_index=True) if parts else empty
-by_order = orders.groupby(["order", "axis"])[list(survey.FITTED.values())].median().reset_index()
+by_order = orders.groupby(["order", "axis"])[list(results.FITTED.values())].median().reset_index()
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
@@ -138,7 +138,7 @@ known = [one.fraction for one in wanted if one.pressure_bar == 4.5]
 shown = ["wood chip", "confetti"] if "confetti" in known else known[:2]
 samples = []
 for name in shown:
-    fits, found = survey.fits_of(measured, (name, 4.5), 8)
+    fits, found = results.fits_from_lance(measured, (name, 4.5), 8)
     samples.append((name, list(fits.values()), [one for _, one in found.groupby("particle")]))
 
 # %% tags=["hide-input"]
@@ -148,7 +148,7 @@ picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
 for k, (name, fits, found) in enumerate(samples):
     for row, gray in enumerate((False, True)):
         axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
-        flight_drawing.curves(axes, fits, found, gray)
+        plots.curves(axes, fits, found, gray)
         axes.view_init(elev=15, azim=-65)
         axes.set_title(f"{name}, {'grey values' if gray else 'detections (thin) and fits'}", y=0.98)
 parts = [one.assign(fraction=name) for name, _, found in samples for one in found]
@@ -170,8 +170,8 @@ figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, pr
 # nearer.
 
 # %%
-fits, found = survey.fits_of(measured, (shown[-1], 4.5), 25)
-HTML(flight_drawing.turning(fits, found, f"{shown[-1]}, 4.5 bar: {len(fits)} trajectories"))
+fits, found = results.fits_from_lance(measured, (shown[-1], 4.5), 25)
+HTML(plots.turning(fits, found, f"{shown[-1]}, 4.5 bar: {len(fits)} trajectories"))
 
 # %% [markdown]
 # ## Verdicts
@@ -190,19 +190,21 @@ mean = by_order.groupby("order")["r2_adjusted"].mean()
 gain = float(mean.get(7, float("nan")) - mean.get(6, float("nan")))
 
 # %%
-table = survey.counted_trajectories(measured)
+table = results.trajectories_from_lance(measured)
 apart, pairs = {}, [((name, "z"), (name, axis)) for name in names for axis in "xy"]
 worse = [(("paper shred", "z"), (name, "z")) for name in names if name != "paper shred"]
 for claim, of, wanted in (("fit-2", "mape_{}_percent", pairs), ("fit-3", "r2_{}", pairs + worse)):
     groups = {}
     for name, one in table.groupby("fraction"):
         groups |= {(name, axis): one[of.format(axis)].to_numpy() for axis in "xyz"}
-    apart[claim] = certainty.in_words(certainty.resolution(groups, wanted, generator), "medians")
+    apart[claim] = confidence.in_words(
+        confidence.resolved_differences(groups, wanted, generator), "medians"
+    )
 
 # %%
 note = "trajectories from the lance; the scatter of the depth is an input"
 given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": gain}
-verdicts = survey.decided(measured, given, note, apart)
+verdicts = results.judge_all(measured, given, note, apart)
 deep = ", ".join(f"{name} {value:.0f}" for name, value in rmse["z"].items())
 counted = int(flights["from_lance"].sum())
 result = (

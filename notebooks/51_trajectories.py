@@ -18,19 +18,19 @@ pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 # %%
 import pandas as pd
 
-from kilnflight.experiments import flight_drawing, survey
+from kilnflight.experiments import plots, results
 from kilnflight.project import figures, style
 
 style.use_style()
 
 # %%
-from kilnflight.experiments import campaigns, lessons
+from kilnflight.experiments import campaigns
 from kilnflight.project.parallel import Workers
 
 pictures = pictures or {"quick": 5, "standard": 60, "full": 300}[scale]
 origin = figures.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
 
 # %% [markdown]
 # ## How many
@@ -40,7 +40,7 @@ keys = ["fraction", "pressure_bar"]
 rows = []
 for one in wanted:
     cell = (one.fraction, one.pressure_bar)
-    parts = [survey.of_cell(table, cell) for table in (measured.tracks, measured.flights)]
+    parts = [results.of_campaign(table, cell) for table in (measured.tracks, measured.flights)]
     linked = parts[0][parts[0]["particle"] >= 0]
     row = {"fraction": cell[0], "pressure_bar": cell[1], "frames": len(one.frames)}
     row |= {"seconds": len(one.frames) / one.run.frame_rate_hz}
@@ -65,9 +65,9 @@ for one in wanted:
     cell = (one.fraction, one.pressure_bar)
     first = one.frames.start + (len(one.frames) - pictures) // 2
     some = range(first, first + pictures)
-    sums[cell] = flight_drawing.summed_changes(survey.twin_of(one), some)
-    tracks = survey.of_cell(measured.tracks, cell)
-    flights = survey.of_cell(measured.flights, cell)
+    sums[cell] = plots.summed_changes(results.twin_of(one), some)
+    tracks = results.of_campaign(measured.tracks, cell)
+    flights = results.of_campaign(measured.flights, cell)
     good = flights.loc[flights["from_lance"], "particle"]
     shown[cell] = tracks[tracks["particle"].isin(good)]
 
@@ -79,7 +79,7 @@ captions = {
     f"neighbouring frames, and all trajectories from the lance; after Fig. A.{k + 1}."
     for k, name in enumerate(names)
 }
-drawn = {name: flight_drawing.sums_and_tracks(name, sums, shown) for name in names}
+drawn = {name: plots.sums_and_tracks(name, sums, shown) for name in names}
 columns = ["fraction", "pressure_bar", "particle", "frame", "row", "col"]
 data = pd.concat(shown.values(), ignore_index=True)[columns]
 data = data.groupby("fraction")

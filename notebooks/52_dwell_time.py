@@ -20,22 +20,22 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import definitions, deviations, flight_drawing, survey
+from kilnflight.experiments import accuracy, plots, results
 from kilnflight.project import figures, style
 
 style.use_style()
 
 # %%
 from kilnflight import regression
-from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.experiments import campaigns, confidence, error_budget
 from kilnflight.project.parallel import Workers
 
 origin = figures.trace("52_dwell_time", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
-trust.prepare(wanted, Workers(jobs))
-both = deviations.whole_chain(wanted, measured)
-found, true = survey.cells(measured), survey.true_cells(wanted)
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
+error_budget.prepare_truth(wanted, Workers(jobs))
+both = accuracy.compare_campaigns(wanted, measured)
+found, true = results.by_campaign(measured), results.true_results(wanted)
 names = list(dict.fromkeys(one.fraction for one in wanted))
 bars = sorted({one.pressure_bar for one in wanted})
 
@@ -47,7 +47,7 @@ bars = sorted({one.pressure_bar for one in wanted})
 # %%
 keys = ["fraction", "pressure_bar"]
 counted = measured.flights[measured.flights["from_lance"]]
-ending = deviations.cases(counted["ending"], counted["ignition"].isin(["seen", "before seen"]))
+ending = accuracy.ending_cases(counted["ending"], counted["ignition"].isin(["seen", "before seen"]))
 ends = pd.crosstab([counted["fraction"], counted["pressure_bar"]], ending).reset_index()
 out = measured.flights.groupby(keys)["from_lance"].agg(lambda good: int((~good).sum()))
 out = out.rename("left out: not from the lance").reset_index()
@@ -59,7 +59,7 @@ caption = (
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=origin)
 
 # %%
-known = deviations.endings(both)
+known = accuracy.ending_table(both)
 caption = (
     "How flights end as measured (columns) by how they truly end (rows), in particles whose whole "
     "flight is recorded; of several tracks of a particle the longest. A step of the grey values "
@@ -70,14 +70,14 @@ figures.save("fig-5-18-true-endings", known, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-some = definitions.examples(measured.flights)
-for axes, letter, case in zip(grid[0], "abc", deviations.CASES, strict=True):
+some = plots.examples(measured.flights)
+for axes, letter, case in zip(grid[0], "abc", accuracy.CASES, strict=True):
     axes.set_title(f"({letter}) {case}" + ("" if case in some else ": none measured"))
     if case in some:
         one, cell = some[case], (some[case]["fraction"], some[case]["pressure_bar"])
-        parts = [survey.of_cell(table, cell).drop(columns=keys) for table in measured[:2]]
+        parts = [results.of_campaign(table, cell).drop(columns=keys) for table in measured[:2]]
         track, fit = (part[part["particle"] == one["particle"]] for part in parts)
-        definitions.dwell(axes, regression.fits(fit)[one["particle"]], one, track)
+        plots.dwell_time(axes, regression.fits(fit)[one["particle"]], one, track)
         axes.set_title(f"{axes.get_title()}: {cell[0]}, {cell[1]} bar")
 for axes in grid[0, 1:]:
     axes.set_ylabel("")
@@ -110,12 +110,12 @@ picture, grid = style.canvas(
     1, max(len(bars), 2), width_mm=style.PAGE_MM, height_mm=80, sharey=True
 )
 for axes, bar in zip(grid[0], bars, strict=False):
-    parts = [survey.of_cell(data, (name, bar)) for name in names]
+    parts = [results.of_campaign(data, (name, bar)) for name in names]
     groups = {"true": [one["true_s"].to_numpy() for one in parts]}
     seen = [one.loc[one["track"] >= 0, "true_s"].to_numpy() for one in parts]
     groups |= {"true, of those measured": seen}
     groups["measured"] = [one["measured_s"].to_numpy() for one in parts]
-    flight_drawing.grouped_boxes(axes, groups, names)
+    plots.grouped_boxes(axes, groups, names)
     axes.axhspan(0.3, 0.5, color=style.COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
     axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
 grid[0, 0].set_ylabel("dwell time (s)")
@@ -131,7 +131,7 @@ caption = (
 figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-every = certainty.table(found, true, ["dwell"], np.random.default_rng(seed))
+every = confidence.interval_table(found, true, ["dwell"], np.random.default_rng(seed))
 rows = every[every["outcome"] == "dwell median (s)"].drop(columns="outcome")
 rows = rows.rename(columns={"estimate": "measured_s", "true": "true_s"}).reset_index(drop=True)
 rows["true_number"] = [len(true[cell].dwell_s) for cell in found]
@@ -155,7 +155,7 @@ figures.save("dwell-intervals", every.round(4), caption=caption, provenance=orig
 # ## Every printed number
 
 # %%
-said = certainty.beside(survey.beside_published(found, true, ["dwell"]), every)
+said = confidence.with_intervals(results.beside_published(found, true, ["dwell"]), every)
 caption = (
     "What is printed about dwell times, with its bounds, the truth, and the measurement with its "
     "95 % interval."
@@ -177,7 +177,7 @@ fly = {f"longest at 4.5 bar: {longest}": longest == ["PE granule"]}
 fly[f"{names[-1]} at 5 bar {shorter:.2f} of that"] = bool(shorter < 0.9)
 
 # %%
-numbers, most = survey.table(found).set_index(keys), {}
+numbers, most = results.outcome_table(found).set_index(keys), {}
 for name, limits in zip(names, ["0.3-0.4", "> 0.4", "> 0.4", "0.3-0.4"], strict=False):
     share = numbers[f"dwell {limits} s (%)"].get((name, 5.0), np.nan)
     most[f"{name} {limits} s {share:.0f} %"] = bool(share > 50)
@@ -190,12 +190,14 @@ pairs["dwell-3"] += [(last, ("PE granule", 5.0))]
 times = {cell: one.dwell_s for cell, one in found.items()}
 generator, apart = np.random.default_rng(seed), {}
 for claim, some in pairs.items():
-    apart[claim] = certainty.in_words(certainty.resolution(times, some, generator), "medians")
+    apart[claim] = confidence.in_words(
+        confidence.resolved_differences(times, some, generator), "medians"
+    )
 
 # %%
 given = {"dwell-1": first, "dwell-2": ranks, "dwell-3": fly, "dwell-4": most}
 note = "lost flights count with the time they were seen; much shorter: by over a tenth, a reading"
-verdicts = survey.decided(measured, given, note, apart)
+verdicts = results.judge_all(measured, given, note, apart)
 
 # %%
 parts = [f"{name} {value:.2f}" for name, value in first.items()]

@@ -19,23 +19,23 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import deviations, flight_drawing, survey
+from kilnflight.experiments import accuracy, plots, results
 from kilnflight.project import claims, figures, style
 
 style.use_style()
 
 # %%
-from kilnflight.experiments import campaigns, certainty, definitions, lessons, trust
+from kilnflight.experiments import campaigns, confidence, error_budget
 from kilnflight.project.parallel import Workers
 from kilnflight.regression import fits
 from kilnflight.scores import flights as findings
 from kilnflight.scores import intervals
 
 origin = figures.trace("53_velocity", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
-trust.prepare(wanted, Workers(jobs))
-found, true = survey.cells(measured), survey.true_cells(wanted)
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
+error_budget.prepare_truth(wanted, Workers(jobs))
+found, true = results.by_campaign(measured), results.true_results(wanted)
 keys = ["fraction", "pressure_bar"]
 names = list(dict.fromkeys(one.fraction for one in wanted))
 
@@ -54,10 +54,12 @@ for one in chosen.itertuples():  # of a smoke run, none
     cell, name = (one.fraction, one.pressure_bar), f"{one.fraction} at {one.pressure_bar} bar"
     flight, fit, passed = (
         table[table["particle"] == one.particle].drop(columns=keys)
-        for table in (survey.of_cell(part, cell) for part in (measured.flights, *measured[1::2]))
+        for table in (
+            results.of_campaign(part, cell) for part in (measured.flights, *measured[1::2])
+        )
     )
     way, end_s = fits(fit)[one.particle], flight["end_s"].iloc[0]
-    definitions.slices(grid[0, 0], way, passed, end_s)
+    plots.space_slices(grid[0, 0], way, passed, end_s)
 
 # %%
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
@@ -71,7 +73,7 @@ figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, proven
 # ## Every particle, every metre
 
 # %%
-pairs = deviations.velocities(wanted, measured)
+pairs = accuracy.compare_velocities(wanted, measured)
 caption = (
     "Velocity in depth of each particle, measured and true (Eq. 5.8), in the first two metres; the "
     "boxes of Fig. 5.21 are in fig-5-22-velocity-boxes. The table has every metre. Particle: that "
@@ -111,24 +113,24 @@ for panels, name in zip(grid, names, strict=True):
     for axes, bar in zip(panels, bars, strict=False):
         both = {"true": true[name, bar], "measured": found[name, bar]}
         groups = {k: list(one.velocity_m_s.T) for k, one in both.items()}
-        flight_drawing.grouped_boxes(axes, groups, metres)
+        plots.grouped_boxes(axes, groups, metres)
         axes.set(title=f"{name}, {bar} bar", ylim=(-5, 25))
         boxes[name, bar] = axes
     panels[0].set_ylabel("velocity in depth (m/s)")
 
 # %%
-said = survey.beside_published(found, true, ["velocity", "remaining", "landed"])
+said = results.beside_published(found, true, ["velocity", "remaining", "landed"])
 marks = said[said["outcome"].str.contains(r"velocity \d")].copy()
 marks["at"] = marks["outcome"].str.extract(r"velocity (\d)").astype(float)
 for cell, axes in boxes.items():
-    flight_drawing.published(axes, survey.of_cell(marks, cell))
+    plots.published(axes, results.of_campaign(marks, cell))
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 caption = (
     "Velocity in depth within each metre from the lance, true of all flights in the same frames "
     "and measured; after Figs 5.21 to 5.24. Orange bars: published medians or their bounds. "
     "Numbers: particles that passed the metre; what lies above 25 m/s is cut off."
 )
-both = {"true": survey.table(true), "measured": survey.table(found)}
+both = {"true": results.outcome_table(true), "measured": results.outcome_table(found)}
 data = pd.concat(both, names=["source"]).reset_index("source")
 figures.save("fig-5-22-velocity-boxes", data, picture=picture, caption=caption, provenance=origin)
 
@@ -149,8 +151,8 @@ for axes, name in zip(grid.flat, names, strict=False):
             look = {"color": style.COLOURS[2 - k], "marker": style.MARKERS[k]}
             look |= {"ls": "-" if source == "true" else "--", "label": f"{source}, {bar} bar"}
             axes.plot(findings.METRES, share, **look)
-        printed = survey.of_cell(left, (name, bar))
-        flight_drawing.published(axes, printed.assign(at=printed["at"] + 0.1 * k))
+        printed = results.of_campaign(left, (name, bar))
+        plots.published(axes, printed.assign(at=printed["at"] + 0.1 * k))
 
 # %%
 _ = [axes.set_ylabel("share that passes (%)") for axes in grid[:, 0]]
@@ -160,7 +162,7 @@ caption = (
     "Share of the particles that pass each metre: true of all flights in the same frames, and "
     "measured, where what is lost on the way counts as not remaining. Orange bars: published."
 )
-parts = {"true": survey.table(true), "measured": survey.table(found)}
+parts = {"true": results.outcome_table(true), "measured": results.outcome_table(found)}
 drawn = pd.concat([findings.along(one).assign(source=name) for name, one in parts.items()])
 drawn = pd.concat([drawn[drawn["quantity"] == "remaining"], left.assign(source="published")])
 figures.save("fig-5-20-remaining", drawn, picture=picture, caption=caption, provenance=origin)
@@ -168,7 +170,7 @@ figures.save("fig-5-20-remaining", drawn, picture=picture, caption=caption, prov
 # %%
 generator = np.random.default_rng(seed)
 quantities = ["velocity", "remaining", "landed", "spread"]
-every = certainty.table(found, true, quantities, generator)
+every = confidence.interval_table(found, true, quantities, generator)
 wide = every["outcome"].str.startswith("spread")
 wide, every = every[wide], every[~wide]
 passes = every["outcome"].str.startswith("velocity")
@@ -205,7 +207,7 @@ figures.save("velocity-spread", wide.round(3), caption=caption, provenance=origi
 # are faster than any particle of the twin truly is in that metre.
 
 # %%
-unseen = certainty.unseen(measured.slices, true, generator)
+unseen = confidence.unseen_metres(measured.slices, true, generator)
 caption = (
     "Flights that passed each metre, how many of them before they were first seen (unseen), how "
     "many faster than any true particle there (too fast), and how many of these unseen; median "
@@ -234,7 +236,7 @@ caption = (
     "Every printed number about velocity and remaining share with its bounds, the truth, the "
     "measurement with its 95 % interval, and whether the twin was calibrated on it."
 )
-table = certainty.beside(said, every).round(2)
+table = confidence.with_intervals(said, every).round(2)
 figures.save("velocity-published", table, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -243,7 +245,7 @@ figures.save("velocity-published", table, caption=caption, provenance=origin)
 # Statements with bounds: within them, or off by less than the unit of notebook 12.
 
 # %%
-numbers = survey.table(found).set_index(keys)
+numbers = results.outcome_table(found).set_index(keys)
 first = numbers["velocity 0-1 m (m/s)"]
 order = {}
 for bar, one in first.groupby("pressure_bar"):
@@ -259,7 +261,7 @@ for name in names:
     pair = [found[name, bar].velocity_m_s[:, 0] for bar in (bars[-1], bars[0])]
     pair = [values[np.isfinite(values)] for values in pair]
     one = intervals.Bootstrap()(intervals.ratio_of_medians, pair, generator)
-    rows.append({"fraction": name, **survey.named(one)})
+    rows.append({"fraction": name, **results.interval_columns(one)})
 caption = "Median velocity in the first metre at 5 bar over that at 4.5 bar, 95 % interval."
 table = pd.DataFrame(rows)
 figures.save("velocity-ratio", table, caption=caption, provenance=origin)
@@ -271,7 +273,9 @@ pairs = {"vel-1": [((a, bar), (b, bar)) for bar in bars for a in heavy for b in 
 pairs["vel-6"] = [((name, 5.0), (name, 4.5)) for name in names]
 speeds, apart = {cell: one.velocity_m_s[:, 0] for cell, one in found.items()}, {}
 for claim, some in pairs.items():
-    apart[claim] = certainty.in_words(certainty.resolution(speeds, some, generator), "medians")
+    apart[claim] = confidence.in_words(
+        confidence.resolved_differences(speeds, some, generator), "medians"
+    )
 
 # %%
 given = {"vel-1": order, "vel-6": ratio}
@@ -281,9 +285,9 @@ sentences = {
     "vel-4": "paper shred",
     "vel-5": "PE granule",
 }
-given |= {claim: survey.holds(said, (name, 4.5)) for claim, name in sentences.items()}
+given |= {claim: results.conditions(said, (name, 4.5)) for claim, name in sentences.items()}
 note = "medians measured on the twin; bounds of the printed sentences"
-verdicts = survey.decided(measured, given, note, apart)
+verdicts = results.judge_all(measured, given, note, apart)
 aims = {"vel-2", "vel-3"}
 fit = "the twin's flights were fitted to this cell"
 verdicts = [claims.fitted(one, fit) if one.id in aims else one for one in verdicts]

@@ -20,22 +20,22 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import deviations, survey
+from kilnflight.experiments import accuracy, results
 from kilnflight.project import claims, figures, style
 from kilnflight.scores import flights as findings
 
 style.use_style()
 
 # %%
-from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.experiments import campaigns, confidence, error_budget
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import intervals
 
 origin = figures.trace("54_ignition", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
-trust.prepare(wanted, Workers(jobs))
-above = measured._replace(flights=trust.above_background(wanted, measured))
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
+error_budget.prepare_truth(wanted, Workers(jobs))
+above = measured._replace(flights=error_budget.flights_above_background(wanted, measured))
 readings = {"as published": measured, "above background": above}
 keys = ["fraction", "pressure_bar"]
 names = list(dict.fromkeys(one.fraction for one in wanted))
@@ -44,12 +44,12 @@ names = list(dict.fromkeys(one.fraction for one in wanted))
 # ## Who was told to ignite, and who did
 
 # %%
-both = {name: deviations.whole_chain(wanted, one) for name, one in readings.items()}
+both = {name: accuracy.compare_campaigns(wanted, one) for name, one in readings.items()}
 rows = []
 for reading, table in both.items():
     for cell, one in table.groupby(keys, sort=False):
         row = {"reading": reading, "fraction": cell[0], "pressure_bar": cell[1]}
-        rows.append(row | deviations.errors(one))
+        rows.append(row | accuracy.errors(one))
 
 # %%
 told = pd.DataFrame(rows)
@@ -86,8 +86,8 @@ data = data[[*keys, "particle", "measured_s", "true_s", "measured_above_backgrou
 # %% tags=["hide-input"]
 papers = [name for name in ("confetti", "paper shred") if name in names]
 bars = sorted({one.pressure_bar for one in wanted})
-true = survey.true_cells(wanted)
-kinds = {"true": true} | {name: survey.cells(one) for name, one in readings.items()}
+true = results.true_results(wanted)
+kinds = {"true": true} | {name: results.by_campaign(one) for name, one in readings.items()}
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharex=True)
 for panels, name in zip(grid, papers, strict=False):
     for axes, bar in zip(panels, bars, strict=False):
@@ -99,7 +99,7 @@ for panels, name in zip(grid, papers, strict=False):
         axes.set(title=f"{name}, {bar} bar", ylabel="% of all particles")
 
 # %%
-said = {name: survey.beside_published(one, true, ["ignited"]) for name, one in kinds.items()}
+said = {name: results.beside_published(one, true, ["ignited"]) for name, one in kinds.items()}
 early = said["as published"].query("outcome == 'ignited < 0.1 s (%)'").set_index(keys)["high"]
 for panels, name in zip(grid, papers, strict=False):
     for axes, bar in zip(panels, bars, strict=False):
@@ -120,7 +120,7 @@ for source, cells in kinds.items():
         row = {"source": source, "fraction": name, "pressure_bar": bar}
         for within in (0.1, 0.2, np.inf):
             lit = int((one.ignition_s <= within).sum())
-            found = survey.named(intervals.share(lit, len(one.ignition_s)))
+            found = results.interval_columns(intervals.share(lit, len(one.ignition_s)))
             limit = "" if np.isinf(within) else within
             rows.append({**row, "within_s": limit, **found})
 shares = pd.DataFrame(rows)
@@ -134,7 +134,7 @@ figures.save("ignition-shares", shares.round(4), caption=caption, provenance=ori
 generator = np.random.default_rng(seed)
 parts = {}
 for name in readings:
-    parts[name] = certainty.table(kinds[name], true, ["ignition", "ignited"], generator)
+    parts[name] = confidence.interval_table(kinds[name], true, ["ignition", "ignited"], generator)
 caption = (
     "Shares of the particles that ignite, or of those that do, and the median time in s, by both "
     "readings, with 95 % intervals (Wilson; bootstrap over particles), and true."
@@ -146,7 +146,7 @@ figures.save("ignition-intervals", table, caption=caption, provenance=origin)
 beside = said["as published"].rename(columns={"measured": "as_published"})
 beside.insert(8, "above_background", said["above background"]["measured"])
 for name, part in parts.items():
-    beside = certainty.beside(beside, part, name.replace(" ", "_"))
+    beside = confidence.with_intervals(beside, part, name.replace(" ", "_"))
 caption = (
     "Every printed number about ignition with its bounds, the truth and both readings with their "
     "95 % intervals."
@@ -159,7 +159,7 @@ figures.save("ignition-published", beside.round(3), caption=caption, provenance=
 # On the reading as published; the other one is told beside it.
 
 # %%
-numbers = {name: survey.table(one).set_index(keys) for name, one in kinds.items()}
+numbers = {name: results.outcome_table(one).set_index(keys) for name, one in kinds.items()}
 share = {name: one["ignited (%)"] for name, one in numbers.items()}
 ours, better = share["as published"], share["above background"]
 middle = numbers["as published"]["ignition median (s)"]
@@ -169,7 +169,7 @@ table = said["as published"]
 table = table[table["outcome"].isin(["ignited (%)", "ignited < 0.1 s (%)"])]
 given = {"ign-1": never}
 for claim, name in (("ign-2", "confetti"), ("ign-3", "paper shred")):
-    given[claim] = survey.holds(table, (name, 4.5)) | survey.holds(table, (name, 5.0))
+    given[claim] = results.conditions(table, (name, 4.5)) | results.conditions(table, (name, 5.0))
 
 # %%
 more = {}
@@ -187,15 +187,17 @@ given["ign-4"] = more
 pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
 pairs += [((name, 5.0), (name, 4.5)) for name in papers]
 times = {cell: one.ignition_s for cell, one in kinds["as published"].items()}
-lit = {cell: survey.lit(one) for cell, one in kinds["as published"].items()}
-parts = [certainty.in_words(certainty.resolution_of_shares(lit, pairs), "shares")]
-parts += [certainty.in_words(certainty.resolution(times, pairs, generator), "median times")]
+lit = {cell: results.ignited(one) for cell, one in kinds["as published"].items()}
+parts = [confidence.in_words(confidence.resolved_share_differences(lit, pairs), "shares")]
+parts += [
+    confidence.in_words(confidence.resolved_differences(times, pairs, generator), "median times")
+]
 apart = {"ign-4": "; ".join(parts)}
 
 # %%
 other = ", ".join(f"{a} {b} bar {v:.0f} %" for (a, b), v in better.items())
 note = f"grey values as they are; above the background: {other}"
-verdicts = survey.decided(measured, given, note, apart)
+verdicts = results.judge_all(measured, given, note, apart)
 fit = "the twin was fitted to the share of confetti at 4.5 bar"
 verdicts = [claims.fitted(one, fit) if one.id == "ign-2" else one for one in verdicts]
 parts = [f"{a} {b} bar {v:.0f} % (true {share['true'][a, b]:.0f} %)" for (a, b), v in ours.items()]

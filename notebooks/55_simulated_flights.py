@@ -23,14 +23,14 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from kilnflight.experiments import definitions, flight_drawing, survey
+from kilnflight.experiments import plots, results
 from kilnflight.project import figures, style
 from kilnflight.scores import flights as findings
 
 style.use_style()
 
 # %%
-from kilnflight.experiments import campaigns, lessons
+from kilnflight.experiments import campaigns
 from kilnflight.project.parallel import Workers
 from kilnflight.twin import calibration, outcomes
 from kilnflight.twin.flight import Flight
@@ -38,9 +38,9 @@ from kilnflight.twin.gas import Gas
 
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
 origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
-found = survey.cells(measured)
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
+found = results.by_campaign(measured)
 bar = max(one.pressure_bar for one in wanted)
 names = list(dict.fromkeys(one.fraction for one in wanted))
 
@@ -56,7 +56,7 @@ simulated = {(name, bar): outcomes.findings(one) for name, one in flown.items()}
 picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 70 / 25.4))
 for k, name in enumerate(names[::2][:2]):
     axes = picture.add_subplot(1, 2, k + 1, projection="3d")
-    flight_drawing.flown_paths(axes, flown[name], 30)
+    plots.flown_paths(axes, flown[name], 30)
     axes.set_title(f"{name}, {bar} bar")
 rows = [{"fraction": name, "end": end} for name in names for end in flown[name].end.tolist()]
 ends = pd.DataFrame(rows, columns=["fraction", "end"]).value_counts(sort=False)
@@ -76,7 +76,7 @@ shown, size = 40, {"width_mm": style.PAGE_MM, "height_mm": 95}  # flights of eac
 picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 limits = np.quantile(np.concatenate([one.end_s for one in flown.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
-    lines = definitions.from_the_side(axes, flown[name], flown[name].end_s, limits, shown)
+    lines = plots.from_the_side(axes, flown[name], flown[name].end_s, limits, shown)
     axes.set_title(f"{name}, {bar} bar")
     axes.label_outer()
 picture.colorbar(lines, ax=grid, label="dwell time (s)", extend="both")
@@ -99,7 +99,7 @@ figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance
 picture, grid = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
 both = {"simulated": simulated, "measured": found}
 groups = {source: [one[name, bar].dwell_s for name in names] for source, one in both.items()}
-flight_drawing.grouped_boxes(grid[0, 0], groups, names)
+plots.grouped_boxes(grid[0, 0], groups, names)
 grid[0, 0].set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
 boxes = [
@@ -120,7 +120,7 @@ picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 speeds = {name: one.velocity_m_s[:, :, 0] for name, one in flown.items()}
 limits = np.nanquantile(np.concatenate([one.ravel() for one in speeds.values()]), [0.05, 0.95])
 for axes, name in zip(grid.flat, names, strict=False):
-    lines = definitions.from_the_side(axes, flown[name], speeds[name], limits, shown)
+    lines = plots.from_the_side(axes, flown[name], speeds[name], limits, shown)
     axes.set_title(f"{name}, {bar} bar")
     axes.label_outer()
 picture.colorbar(lines, ax=grid, label="velocity in depth (m/s)", extend="both")
@@ -146,7 +146,7 @@ picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
 metres = [f"{m - 1}-{m} m" for m in findings.METRES]
 for axes, name in zip(grid.flat, names, strict=False):
     groups = {source: list(one[name, bar].velocity_m_s.T) for source, one in both.items()}
-    flight_drawing.grouped_boxes(axes, groups, metres)
+    plots.grouped_boxes(axes, groups, metres)
     axes.set(title=f"{name}, {bar} bar", ylim=(-5, 25))
 _ = [axes.set_ylabel("velocity in depth (m/s)") for axes in grid[:, 0]]
 _ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
@@ -157,7 +157,9 @@ caption = (
     "that passed it; after the right part of Fig. A.7."
 )
 there = {"simulated": simulated, "measured": {cell: found[cell] for cell in simulated}}
-data = pd.concat({name: survey.table(one) for name, one in there.items()}, names=["source"])
+data = pd.concat(
+    {name: results.outcome_table(one) for name, one in there.items()}, names=["source"]
+)
 data = data.reset_index("source")
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
@@ -189,7 +191,7 @@ caption = (
 figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
 # %%
-said = survey.beside_published(there["measured"], simulated, ["penetration"])
+said = results.beside_published(there["measured"], simulated, ["penetration"])
 said = said.rename(columns={"true": "simulated_here"})
 caption = (
     "How far from the lance the flights of the thesis's CFD end, those simulated here, and those "

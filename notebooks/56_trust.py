@@ -19,23 +19,23 @@ jobs = 2  # processes
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import deviations, survey
+from kilnflight.experiments import accuracy, results
 from kilnflight.project import figures, style
 
 style.use_style()
 
 # %%
-from kilnflight.experiments import campaigns, certainty, lessons, trust
+from kilnflight.experiments import campaigns, confidence, error_budget
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import flights as findings
 
 origin = figures.trace("56_trust", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, lessons.learned(scale, seed), seed)
-measured = campaigns.measured(wanted, Workers(jobs))
-trust.prepare(wanted, Workers(jobs))
-budget = deviations.budget(wanted, measured, jobs)
+wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
+measured = campaigns.measure(wanted, Workers(jobs))
+error_budget.prepare_truth(wanted, Workers(jobs))
+budget = accuracy.error_budget(wanted, measured, jobs)
 keys = ["fraction", "pressure_bar"]
-found = survey.cells(measured)
+found = results.by_campaign(measured)
 generator = np.random.default_rng(seed)
 
 # %% [markdown]
@@ -52,14 +52,14 @@ table["found"] = [
     f"{one.found:.0f} of {one.true:.0f} [{one.found_low:.2f}, {one.found_high:.2f}]"
     for one in whole.itertuples()
 ]
-for name, unit in deviations.QUANTITIES.items():
+for name, unit in accuracy.QUANTITIES.items():
     short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
     off = whole[[f"{name}_{what}" for what in ("bias", "low", "high", "spread", "n")]].to_numpy()
     told = [f"{b:+.3f} [{low:+.3f}, {high:+.3f}] +- {s:.3f}" for b, low, high, s, _ in off]
     table[short] = ["" if one[-1] == 0 else say for say, one in zip(told, off, strict=True)]
 
 # %%
-true = survey.true_cells(wanted)
+true = results.true_results(wanted)
 cells = [tuple(cell) for cell in whole[keys].to_numpy()]
 median = pd.DataFrame(
     {
@@ -109,7 +109,7 @@ figures.save("trust", table, caption=caption, provenance=origin)
 # %%
 columns = [*keys, "way", "true", "found", "spurious"]
 what = ("n", "bias", "low", "high", "spread")
-columns += [f"{name}_{one}" for name in deviations.QUANTITIES for one in what]
+columns += [f"{name}_{one}" for name in accuracy.QUANTITIES for one in what]
 caption = (
     "Bias and spread with steps of the chain replaced by the truth: what remains with true "
     "positions and links is due to regression, landing and the test of ignition; true depth has "
@@ -125,7 +125,7 @@ picture, grid = style.canvas(3, 1, width_mm=style.PAGE_MM, height_mm=150, sharex
 mean = budget.groupby(["way", "fraction"])
 for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
     bias, spread = (mean[f"{quantity}_{what}"].mean().unstack() for what in ("bias", "spread"))
-    for k, way in enumerate(trust.STEPS):
+    for k, way in enumerate(error_budget.STEPS):
         place = np.arange(len(names)) + 0.11 * (k - 3.5)
         one = {"color": [*style.COLOURS, "0.5"][k], "marker": [*style.MARKERS, "*"][k], "ms": 3}
         values = bias.loc[way].reindex(names), spread.loc[way].reindex(names)
@@ -148,13 +148,15 @@ figures.save("fig-trust-steps", data, picture=picture, caption=caption, provenan
 # %%
 rows = []
 for quantity in ("dwell_s", "ignition_s"):
-    one = survey.medians(found, quantity, generator).assign(quantity=quantity)
-    one["true"] = survey.medians(true, quantity, generator)["estimate"]
+    one = results.medians(found, quantity, generator).assign(quantity=quantity)
+    one["true"] = results.medians(true, quantity, generator)["estimate"]
     rows.append(one)
 for metre in (1, 2, 3):
-    one = survey.medians(survey.metre(found, metre), "velocity_m_s", generator)
+    one = results.medians(results.in_metre(found, metre), "velocity_m_s", generator)
     one = one.assign(quantity=f"velocity {metre - 1}-{metre} m")
-    one["true"] = survey.medians(survey.metre(true, metre), "velocity_m_s", generator)["estimate"]
+    one["true"] = results.medians(results.in_metre(true, metre), "velocity_m_s", generator)[
+        "estimate"
+    ]
     rows.append(one)
 cover = pd.concat(rows, ignore_index=True)
 
@@ -172,14 +174,18 @@ figures.save("trust-coverage", cover[order], caption=caption, provenance=origin)
 # ## Which differences can be told
 
 # %%
-pairs = survey.pairs(found)
+pairs = results.pairs_to_compare(found)
 rows = []
 for quantity in ("dwell_s", "velocity_m_s"):
-    first = [one if quantity == "dwell_s" else survey.metre(one, 1) for one in (found, true)]
+    first = [one if quantity == "dwell_s" else results.in_metre(one, 1) for one in (found, true)]
     values, truth = ({cell: getattr(f, quantity) for cell, f in one.items()} for one in first)
-    rows.append(certainty.resolution(values, pairs, generator, truth).assign(quantity=quantity))
-lit, truly = ({cell: survey.lit(f) for cell, f in one.items()} for one in (found, true))
-rows.append(certainty.resolution_of_shares(lit, pairs, truly).assign(quantity="ignited share"))
+    rows.append(
+        confidence.resolved_differences(values, pairs, generator, truth).assign(quantity=quantity)
+    )
+lit, truly = ({cell: results.ignited(f) for cell, f in one.items()} for one in (found, true))
+rows.append(
+    confidence.resolved_share_differences(lit, pairs, truly).assign(quantity="ignited share")
+)
 
 # %%
 apart = pd.concat(rows, ignore_index=True)

@@ -12,7 +12,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.flame import segment_flame
-from kilnflight.experiments.differences import Differences
+from kilnflight.experiments.tracking import Differences
 from kilnflight.project import paths
 from kilnflight.project.parallel import Workers
 from kilnflight.tables import DETECTIONS

@@ -7,11 +7,11 @@ from kilnflight import kiln
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.lessons import Learned
+from kilnflight.experiments.campaigns import Settings
 from kilnflight.project.parallel import Workers
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
-LEARNED = Learned(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
+LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
 
 def test_the_scales_are_those_of_the_thesis_or_parts():
@@ -29,14 +29,14 @@ def test_the_scales_are_those_of_the_thesis_or_parts():
 def test_few_frames_give_all_tables_and_two_processes_the_same(monkeypatch, tmp_path):
     monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 4))
     some = campaigns.campaigns("quick", LEARNED, scenario="small")
-    found = campaigns.measured(some)
+    found = campaigns.measure(some)
     for table, kind in zip(found[1:], (TRAJECTORIES, FLIGHTS, SLICES), strict=True):
         assert list(table.columns) == ["fraction", "pressure_bar", *kind.names]
         kind.check(table)
     files = {file.name: file.read_bytes() for file in (tmp_path / "derived").glob("*.parquet")}
     assert len(files) == 2 * 5
     monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "two"))
-    again = campaigns.measured(some, Workers(2))
+    again = campaigns.measure(some, Workers(2))
     for one, other in zip(found, again, strict=True):
         pd.testing.assert_frame_equal(one, other)
     for name, content in files.items():

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import definitions
+from kilnflight.experiments import plots
 from kilnflight.flight import slices
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flight, Flights
@@ -37,7 +37,7 @@ def lines(axes):
     ],
 )
 def test_cases_are_those_of_the_figure(ending, ignition, case):
-    assert definitions.case_of({"ending": ending, "ignition": ignition}) == case
+    assert plots.case_of({"ending": ending, "ignition": ignition}) == case
 
 
 def test_of_each_case_the_flight_with_the_median_dwell_time():
@@ -46,18 +46,18 @@ def test_of_each_case_the_flight_with_the_median_dwell_time():
     flights = flights.assign(ignition="none", dwell_s=[0.5, 0.3, 0.4, 0.1, 0.2, 0.9])
     flights.loc[5, "ignition"] = "seen"
     flights.loc[3, "from_lance"] = False  # does not count
-    found = definitions.examples(flights)
+    found = plots.examples(flights)
     assert {case: one["particle"] for case, one in found.items()} == {
         "landed unlit": 2,
         "burnt out": 5,
     }
-    fewer = definitions.examples(flights.drop(index=1))
+    fewer = plots.examples(flights.drop(index=1))
     assert fewer["landed unlit"]["particle"] == 2
-    assert definitions.examples(flights.head(0)) == {}
+    assert plots.examples(flights.head(0)) == {}
 
 
 def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_ends(axes):
-    definitions.dwell(axes, FIT, FLIGHT, TRACK)
+    plots.dwell_time(axes, FIT, FLIGHT, TRACK)
     drawn = lines(axes)
     np.testing.assert_allclose(drawn["detections"], [[1.0, -0.1]])
     np.testing.assert_allclose(drawn["unlit"][0], [0.0, 0.0], atol=1e-12)
@@ -69,7 +69,7 @@ def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_e
 
 
 def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
-    definitions.dwell(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
+    plots.dwell_time(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
     last, speed = FIT(0.6)[0], FIT.velocity(0.6)[0]
     far = (np.array(FIT.exit_point_mm) - last - speed)[2:] / 1000
     np.testing.assert_allclose(lines(axes)["end: landed"][0][:1], far)
@@ -77,7 +77,7 @@ def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
 
 
 def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
-    definitions.dwell(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
+    plots.dwell_time(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
     drawn = lines(axes)
     assert "burning" not in drawn
     np.testing.assert_allclose(drawn["unlit"][-1], drawn["end: landed"][0])
@@ -85,7 +85,7 @@ def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
 
 def test_metres_are_passed_on_the_trajectory_and_velocities_are_those_of_the_table(axes):
     passed = slices({3: FIT}, {3: 0.6})
-    definitions.slices(axes, FIT, passed.sample(frac=1.0, random_state=0), 0.6)
+    plots.space_slices(axes, FIT, passed.sample(frac=1.0, random_state=0), 0.6)
     time, depth = lines(axes)["a metre is passed"].T
     np.testing.assert_allclose(depth, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(9.0 * time - 4.0 * time**2, depth)
@@ -97,7 +97,7 @@ def test_a_flight_with_a_gap_among_its_slices_is_refused(axes):
     passed = slices({3: FIT}, {3: 0.6})
     for some in (passed[passed["slice_m"] != 2.0], passed.head(0)):
         with pytest.raises(InputError, match="slices: not every slice"):
-            definitions.slices(axes, FIT, some, 0.6)
+            plots.space_slices(axes, FIT, some, 0.6)
 
 
 @pytest.mark.parametrize("by_sample", [False, True])
@@ -107,10 +107,10 @@ def test_simulated_flights_are_coloured_as_far_as_they_fly(axes, by_sample):
         flights.position_m[k, :samples] = np.arange(3.0 * samples).reshape(samples, 3)
     ends = np.array([0.3, 0.5, 0.7])
     values = np.tile(np.arange(len(flights.age_s), dtype=float), (3, 1)) if by_sample else ends
-    drawn = definitions.from_the_side(axes, flights, values, (0.0, 1.0), 3)
+    drawn = plots.from_the_side(axes, flights, values, (0.0, 1.0), 3)
     assert len(drawn.get_segments()) == 3 + 0 + 5
     expected = [0, 1, 2, 0, 1, 2, 3, 4] if by_sample else [0.3] * 3 + [0.7] * 5
     np.testing.assert_allclose(drawn.get_array(), expected)
     np.testing.assert_allclose(drawn.get_segments()[0], [[0.0, 2.0], [3.0, 5.0]])
-    fewer = definitions.from_the_side(axes, flights, values, (0.0, 1.0), 2)
+    fewer = plots.from_the_side(axes, flights, values, (0.0, 1.0), 2)
     assert len(fewer.get_segments()) == 3

@@ -1,8 +1,4 @@
-"""Detectors on labelled frames, counted as chapter 3.3 counts: the detection experiment.
-
-labelled frames -> views x methods (`contenders`) -> one row per frame and method
-    -> sums, rates, intervals (`kilnflight.experiments.tallies`)
-"""
+"""Detection experiment: methods on labelled frames, counted as section 3.3 counts."""
 
 from __future__ import annotations
 
@@ -16,22 +12,21 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
+from kilnflight import kiln
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError, check_columns
 from kilnflight.detection.combination import Combination, Polygon, View
-from kilnflight.experiments.contenders import THRESHOLDS, Method, by_threshold
-from kilnflight.experiments.tallies import marked_best
-from kilnflight.kiln import views
+from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording
-from kilnflight.scores import FrameScore, LabelledPixels, score_detections, total_in_air
+from kilnflight.scores import FrameScore, LabelledPixels, rates, score_detections, total_in_air
 from kilnflight.twin import truth
 from kilnflight.twin.prepared import prepared_scene
 
-POINTS = 2000  # of the untimed first call
+WARM_UP_POINTS = 2000  # of the untimed first call
 # How many of the ten labelled frames of which subsets each scale looks at; 10 of all five are
 # the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
-FEWER = ("V4", "V5")  # of a smoke run
+SMOKE_SUBSETS = ("V4", "V5")  # of a smoke run
 # What is subtracted: the temporal median over 150 frames (section 5.1.2), but in a smoke run
 # over few, so that few have to be rendered.
 BACKGROUNDS = {"quick": Median(window=12), "standard": Median(), "full": Median()}
@@ -50,7 +45,7 @@ class Subset(NamedTuple):
     held: dict[int, View] | None = None
 
 
-def ground_truth(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
+def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
     """Return the subsets of the twin, each with its first labelled frames.
 
     Parameters
@@ -69,7 +64,7 @@ def ground_truth(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
         )
     frames = frames or FRAMES[scale]
     found = []
-    for name in FEWER if scale == "quick" else truth.SUBSETS:
+    for name in SMOKE_SUBSETS if scale == "quick" else truth.SUBSETS:
         twin, wanted = prepared_scene(name, seed), tuple(truth.LABELLED[:frames])
         instances = partial(truth.instances, twin)
         marked = truth.marked(twin, wanted)
@@ -82,12 +77,12 @@ def run(
     methods: Mapping[Any, Method],
     background: BackgroundModel | None = None,
 ) -> pd.DataFrame:
-    """Return `attempt` of all subsets, with progress.
+    """Return `count` of all subsets, with progress.
 
     Parameters
     ----------
     subsets
-        From `ground_truth`.
+        From `labelled_subsets`.
     methods
         By name.
     background
@@ -95,20 +90,22 @@ def run(
     """
     parts: list[pd.DataFrame] = []
     for subset in subsets:
-        frames = look(subset, background)
+        frames = subset_views(subset, background)
         bar = tqdm(frames, desc=subset.name, total=len(subset.wanted), unit="frame", disable=None)
         roi = subset.recording.attributes.roi
-        parts.append(attempt(bar, subset, methods, roi, compiled=bool(parts)))
+        parts.append(count(bar, subset, methods, roi, compiled=bool(parts)))
     return pd.concat(parts, ignore_index=True)
 
 
-def look(subset: Subset, background: BackgroundModel | None = None) -> Iterator[tuple[int, View]]:
+def subset_views(
+    subset: Subset, background: BackgroundModel | None = None
+) -> Iterator[tuple[int, View]]:
     """Yield number and view of each wanted frame, held for the next look if the subset holds.
 
     Parameters
     ----------
     subset
-        From `ground_truth`.
+        From `labelled_subsets`.
     background
         That of the subset if None; with another one nothing is held.
     """
@@ -117,13 +114,13 @@ def look(subset: Subset, background: BackgroundModel | None = None) -> Iterator[
     if held is not None and all(t in held for t in subset.wanted):
         yield from ((t, held[t]) for t in subset.wanted)
         return
-    for t, view in views(subset.recording, subset.wanted, subtracted):
+    for t, view in kiln.views(subset.recording, subset.wanted, subtracted):
         if held is not None:
             held[t] = view
         yield t, view
 
 
-def thresholds(
+def compare_thresholds(
     subsets: list[Subset], scale: str, background: BackgroundModel | None = None
 ) -> pd.DataFrame:
     """Return DoG with every threshold of `THRESHOLDS`, and which one each subset is to use.
@@ -133,16 +130,16 @@ def thresholds(
     Returns
     -------
     DataFrame
-        Of `attempt`, the threshold in place of the method; ``chosen`` where the threshold is
+        Of `count`, the threshold in place of the method; ``chosen`` where the threshold is
         the one that is best on the other subsets (section 5.1.3). Their ``seconds`` are not
         known: one look at a frame answers for all thresholds.
     """
     some = THRESHOLDS[:: 4 if scale == "quick" else 1]
-    tried = run(subsets, by_threshold(some), background).assign(seconds=np.nan)
-    return marked_best(tried.rename(columns={"method": "threshold"}))
+    tried = run(subsets, from_thresholds(some), background).assign(seconds=np.nan)
+    return mark_chosen(tried.rename(columns={"method": "threshold"}))
 
 
-def attempt(
+def count(
     frames: Iterable[tuple[int, View]],
     subset: Subset,
     methods: Mapping[Any, Method],
@@ -194,7 +191,7 @@ def attempt(
 
 def _compile(methods: Iterable[Method], view: View) -> None:
     """Call every method on a few of a view's points, so that no compiling is timed."""
-    some = view._replace(pixels=view.pixels[:POINTS], xyz=view.xyz[:POINTS])
+    some = view._replace(pixels=view.pixels[:WARM_UP_POINTS], xyz=view.xyz[:WARM_UP_POINTS])
     for method in methods:
         method(some)
 
@@ -222,7 +219,7 @@ def _taking_part(score: FrameScore) -> npt.NDArray[np.intp]:
     return np.concatenate([score.pairs[:, 0], score.missed])
 
 
-def measured_places(
+def measured_positions(
     view: View, image: npt.NDArray[np.integer], particles: npt.ArrayLike
 ) -> npt.NDArray[np.float64]:
     """Return where the cloud has marked particles: mean of the points in their pixels.
@@ -247,7 +244,7 @@ def measured_places(
     return means.reindex(np.asarray(particles)).to_numpy()
 
 
-def located(
+def positions(
     subset: Subset, detector: Combination, background: BackgroundModel | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return where a subset's marked particles and its detections are in space.
@@ -256,14 +253,14 @@ def located(
     -------
     marked : DataFrame
         ``subset``, ``frame``, ``row``, ``col``, ``label`` and, from the cloud, ``x``, ``y``,
-        ``z`` in mm (`measured_places`).
+        ``z`` in mm (`measured_positions`).
     detected : DataFrame
         ``subset`` and `kilnflight.tables.DETECTIONS`.
     """
     marked, detected = [], []
-    for t, view in look(subset, background):
+    for t, view in subset_views(subset, background):
         here = subset.particles[subset.particles["frame"] == t]
-        place = measured_places(view, subset.instances(t), here["particle"])
+        place = measured_positions(view, subset.instances(t), here["particle"])
         one = here[["frame", "row", "col", "label"]].reset_index(drop=True)
         marked.append(one.join(pd.DataFrame(place, columns=list("xyz"))))
         detected.append(detector(view, subset.recording.attributes.roi, t))
@@ -272,7 +269,7 @@ def located(
     return first, second
 
 
-def told_apart(
+def classify_in_air(
     marked: pd.DataFrame, spots: pd.DataFrame, threshold_mm: float, roi: Polygon | None
 ) -> pd.DataFrame:
     """Return how well spots of a subset are told to be in the air (Tables 5.13 and 5.14).
@@ -280,7 +277,7 @@ def told_apart(
     Parameters
     ----------
     marked
-        Of `located`, with ``distance_mm`` from the axis (NaN: no 3D, not considered).
+        Of `positions`, with ``distance_mm`` from the axis (NaN: no 3D, not considered).
     spots
         Detections with the same columns; for Table 5.13 the marked particles themselves.
     threshold_mm
@@ -300,3 +297,102 @@ def told_apart(
         flying.append(((here["label"] != 4) & here["distance_mm"].notna()).to_numpy())
         told.append((found["distance_mm"] <= threshold_mm).to_numpy())
     return total_in_air(scores, flying, told)
+
+
+def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return counts and rates summed over frames.
+
+    Parameters
+    ----------
+    table
+        Of `count`.
+    by
+        Columns that stay apart.
+
+    Returns
+    -------
+    DataFrame
+        ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1`` by the gate of 45 px
+        (section 3.3); the median ``seconds_per_image``, which one frame that a busy machine
+        delayed does not move; and ``f1_in_pixels`` by the pixels of a particle (5.1.1).
+    """
+    groups = table.groupby(by, sort=False)
+    counts = groups[["tp", "fp", "fn"]].sum().reset_index()
+    inside = groups[["tp_pixels", "fp_pixels", "fn_pixels"]].sum()
+    f1 = rates(*(inside[name] for name in inside.columns))["f1"].to_numpy()
+    median = groups["seconds"].median().to_numpy()
+    more = {"seconds_per_image": median, "f1_in_pixels": f1}
+    together = rates(counts["tp"], counts["fp"], counts["fn"]).assign(**more)
+    return pd.concat([counts, together], axis=1)
+
+
+def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``."""
+    parts = []
+    for label in truth.CLASSES:
+        names = {f"found_{label}": "tp", f"marked_{label}": "marked"}
+        one = table.groupby(by, sort=False)[list(names)].sum().rename(columns=names).reset_index()
+        missed = one["marked"] - one["tp"]
+        recall = rates(one["tp"], 0 * missed, missed)["recall"].where(one["marked"] > 0)
+        parts.append(
+            one.drop(columns="marked").assign(label=label, fn=missed, recall=recall.to_numpy())
+        )
+    return pd.concat(parts, ignore_index=True)[[*by, "label", "tp", "fn", "recall"]]
+
+
+def leave_one_out(table: pd.DataFrame, parameter: str) -> pd.DataFrame:
+    """Return for each subset the parameter that is best on the others (section 5.1.3).
+
+    Parameters
+    ----------
+    table
+        Of `count`, with a column ``parameter`` beside.
+
+    Returns
+    -------
+    DataFrame
+        ``subset`` and ``parameter``; among equals the smallest.
+    """
+    subsets = list(table["subset"].unique())
+    if len(subsets) < 2:
+        raise InputError(f"leave_one_out: needs two subsets or more, got {subsets}.")
+    chosen = []
+    for subset in subsets:
+        others = sum_counts(table[table["subset"] != subset], [parameter]).sort_values(parameter)
+        best = others[parameter].to_numpy()[int(np.argmax(others["f1"].to_numpy()))]
+        chosen.append({"subset": subset, parameter: best})
+    return pd.DataFrame(chosen)
+
+
+def mark_chosen(tried: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of `count` by ``threshold`` with ``chosen``; see `compare_thresholds`."""
+    best = leave_one_out(tried, "threshold").set_index("subset")["threshold"]
+    return tried.assign(chosen=tried["threshold"] == tried["subset"].map(best))
+
+
+def resampled_f1(
+    table: pd.DataFrame, generator: np.random.Generator, draws: int = 2000
+) -> pd.DataFrame:
+    """Return F1 of every method over draws of frames with replacement, subset by subset.
+
+    Parameters
+    ----------
+    table
+        Of `count`; every method on the same frames.
+    generator
+        Of the draws; all methods see the same draws, so that differences are paired.
+
+    Returns
+    -------
+    DataFrame
+        (draws, methods), a column per method.
+    """
+    wide = table.pivot(index=["subset", "frame"], columns="method", values=["tp", "fp", "fn"])
+    if wide.isna().to_numpy().any():
+        raise InputError("resampled_f1: a method lacks a frame; give all methods all frames.")
+    position = wide.reset_index().groupby("subset", sort=False).indices
+    picked = np.concatenate(
+        [generator.choice(rows, (draws, len(rows))) for rows in position.values()], axis=1
+    )
+    tp, fp, fn = (wide[name].to_numpy()[picked].sum(axis=1) for name in ("tp", "fp", "fn"))
+    return pd.DataFrame(2 * tp / np.maximum(2 * tp + fp + fn, 1), columns=wide["tp"].columns)

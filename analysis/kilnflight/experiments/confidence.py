@@ -1,33 +1,28 @@
-"""How certain is what campaigns come to: intervals, and which differences are beyond chance.
-
-95 % intervals: medians and quartiles by bootstrap over particles, shares by Wilson
-(`kilnflight.scores.intervals` says what they leave out). A velocity is that of the particles that
-passed the metre, and of those the interval is; "velocity last" is of the metre that is the last
-one in the sample. The longest dwell time has none: no bootstrap gives one for a maximum.
-"""
+"""Confidence intervals of what campaigns come to, and which differences are beyond chance."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.experiments import survey
-from kilnflight.experiments.deviations import Key, shares_told_apart, told_apart
-from kilnflight.experiments.survey import CELL, Cell, median_of
+from kilnflight.experiments import results
+from kilnflight.experiments.results import KEYS, CampaignKey, interval_columns, median_of
 from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import LAST_SHARE, METRES, Findings, outcomes, quartiles, remaining
 from kilnflight.scores.intervals import Bootstrap, Interval, Quantile
 
+Key = TypeVar("Key", bound=tuple[str, object])  # a cell, or a fraction and an axis
 Array = npt.NDArray[np.float64]
 QUARTILE = Bootstrap(least=11)  # `Quantile` says why
 NOTHING = Interval(np.nan, -np.inf, np.inf, (0,))
 
 
-def intervals_of(findings: Findings, generator: np.random.Generator) -> dict[str, Interval]:
+def outcome_intervals(findings: Findings, generator: np.random.Generator) -> dict[str, Interval]:
     """Return the interval of each of `flights.outcomes`, by name and in its unit."""
     lit = findings.ignition_s[np.isfinite(findings.ignition_s)]
     every = len(findings.ignition_s)
@@ -87,9 +82,9 @@ def _percent(number: int, counted: int) -> Interval:
     return Interval(100 * estimate, 100 * low, 100 * high, numbers)
 
 
-def table(
-    found: Mapping[Cell, Findings],
-    true: Mapping[Cell, Findings],
+def interval_table(
+    found: Mapping[CampaignKey, Findings],
+    true: Mapping[CampaignKey, Findings],
     quantities: Sequence[str],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -104,27 +99,29 @@ def table(
     rows = []
     for cell, one in found.items():
         truth = outcomes(true[cell])
-        for name, interval in intervals_of(one, generator).items():
+        for name, interval in outcome_intervals(one, generator).items():
             if name.split(" ")[0] in quantities:
-                row = {**dict(zip(CELL, cell, strict=True)), "outcome": name}
-                rows.append(row | survey.named(interval) | {"true": truth[name]})
-    columns = [*CELL, "outcome", "number", "estimate", "low", "high", "true"]
+                row = {**dict(zip(KEYS, cell, strict=True)), "outcome": name}
+                rows.append(row | results.interval_columns(interval) | {"true": truth[name]})
+    columns = [*KEYS, "outcome", "number", "estimate", "low", "high", "true"]
     return pd.DataFrame(rows, columns=columns)
 
 
-def beside(said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured") -> pd.DataFrame:
-    """Return a table of `survey.beside_published` with intervals behind a column.
+def with_intervals(
+    said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured"
+) -> pd.DataFrame:
+    """Return a table of `results.beside_published` with intervals behind a column.
 
     Parameters
     ----------
     said
         With ``fraction``, ``pressure_bar``, ``outcome`` and the column ``name``.
     certain
-        Of `table`, of the findings that the column was worked out from.
+        Of `interval_table`, of the findings that the column was worked out from.
     name
         Of the column; ``_low`` and ``_high`` are put behind it.
     """
-    keys = [*CELL, "outcome"]
+    keys = [*KEYS, "outcome"]
     known = certain.set_index(keys).reindex(pd.MultiIndex.from_frame(said[keys]))
     wide, place = said.copy(), list(said.columns).index(name)
     for k, side in enumerate(("low", "high")):
@@ -132,8 +129,8 @@ def beside(said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured") ->
     return wide
 
 
-def unseen(
-    slices: pd.DataFrame, true: Mapping[Cell, Findings], generator: np.random.Generator
+def unseen_metres(
+    slices: pd.DataFrame, true: Mapping[CampaignKey, Findings], generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return what the velocities come to without the metres that were passed before being seen.
 
@@ -156,14 +153,14 @@ def unseen(
     """
     rows: list[dict[str, object]] = []
     for cell, one in true.items():
-        part = survey.of_cell(slices, cell)
+        part = results.of_campaign(slices, cell)
         for k, metre in enumerate(METRES):
             here = part[part["slice_m"] == metre]
             speed, seen = here["velocity_m_s"].to_numpy(np.float64), here["observed"].to_numpy(bool)
             real = one.velocity_m_s[np.isfinite(one.velocity_m_s[:, k]), k]
             fast = speed > real.max(initial=0.0)
-            found = survey.named(median_of(speed[seen], generator))
-            row = {**dict(zip(CELL, cell, strict=True)), "metre": metre, "number": len(speed)}
+            found = results.interval_columns(median_of(speed[seen], generator))
+            row = {**dict(zip(KEYS, cell, strict=True)), "metre": metre, "number": len(speed)}
             row |= {"unseen": int((~seen).sum()), "too_fast": int(fast.sum())}
             row |= {"too_fast_unseen": int((fast & ~seen).sum()), "median_m_s": quartiles(speed)[1]}
             row |= {"seen_m_s": found["estimate"], "low": found["low"], "high": found["high"]}
@@ -171,7 +168,7 @@ def unseen(
     return pd.DataFrame(rows)
 
 
-def resolution(
+def resolved_differences(
     groups: Mapping[Key, Array],
     pairs: Sequence[tuple[Key, Key]],
     generator: np.random.Generator,
@@ -202,24 +199,24 @@ def resolution(
     would only narrow the interval of their difference.
     """
     there = [one for one in pairs if one[0] in groups and one[1] in groups]
-    ours = told_apart(groups, there, generator, true=true)
-    theirs = told_apart(groups, there, generator, table_5_15(groups))
+    ours = median_differences(groups, there, generator, true=true)
+    theirs = median_differences(groups, there, generator, trajectory_counts(groups))
     return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
 
 
-def resolution_of_shares(
+def resolved_share_differences(
     counts: Mapping[Key, tuple[int, int]],
     pairs: Sequence[tuple[Key, Key]],
     true: Mapping[Key, tuple[int, int]] | None = None,
 ) -> pd.DataFrame:
-    """Return `resolution` of shares; ``counts``: how many, of how many."""
+    """Return `resolved_differences` of shares; ``counts``: how many, of how many."""
     there = [one for one in pairs if one[0] in counts and one[1] in counts]
-    ours = shares_told_apart(counts, there, true=true)
-    theirs = shares_told_apart(counts, there, table_5_15(counts))
+    ours = share_differences(counts, there, true=true)
+    theirs = share_differences(counts, there, trajectory_counts(counts))
     return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
 
 
-def table_5_15(keys: Iterable[Key]) -> dict[Key, int]:
+def trajectory_counts(keys: Iterable[Key]) -> dict[Key, int]:
     """Return how many trajectories of each fraction the thesis has (Table 5.15)."""
     printed = claims.published("table_5.15")
     amount = dict(
@@ -229,7 +226,7 @@ def table_5_15(keys: Iterable[Key]) -> dict[Key, int]:
 
 
 def in_words(table: pd.DataFrame, what: str) -> str:
-    """Return which differences of a `resolution` are beyond chance, as part of a reason.
+    """Return which differences of a `resolved_differences` are beyond chance, as part of a reason.
 
     Examples
     --------
@@ -251,3 +248,71 @@ def in_words(table: pd.DataFrame, what: str) -> str:
     said += [f"not: {' / '.join(close)}"] if close else []
     few = int(table["resolved_with_table_5_15"].sum())
     return "; ".join([*said, f"with the numbers of Table 5.15: {few} of {len(table)}"])
+
+
+def share_differences(
+    counts: Mapping[Key, tuple[int, int]],
+    pairs: Sequence[tuple[Key, Key]],
+    sizes: Mapping[Key, int] | None = None,
+    true: Mapping[Key, tuple[int, int]] | None = None,
+) -> pd.DataFrame:
+    """Return differences of shares like `median_differences`; ``counts``: how many, of how many."""
+    rows = []
+    for first, second in pairs:
+        one, two = counts[first], counts[second]
+        if sizes is not None:
+            one, two = _resized(one, sizes[first]), _resized(two, sizes[second])
+        found = intervals.difference_of_shares(one, two)
+        row = {"first": first, "second": second, **interval_columns(found)}
+        if true is not None:
+            shares = [true[cell][0] / max(true[cell][1], 1) for cell in (first, second)]
+            row |= {"true": shares[0] - shares[1]}
+        rows.append(row | {"resolved": found.resolves()})
+    return pd.DataFrame(rows)
+
+
+def _resized(count: tuple[int, int], size: int) -> tuple[int, int]:
+    """Return how many of ``size`` the same share is."""
+    number, of = count
+    return (round(size * number / of) if of else 0), size
+
+
+def median_differences(
+    groups: Mapping[Key, npt.NDArray[np.float64]],
+    pairs: Sequence[tuple[Key, Key]],
+    generator: np.random.Generator,
+    sizes: Mapping[Key, int] | None = None,
+    true: Mapping[Key, npt.NDArray[np.float64]] | None = None,
+) -> pd.DataFrame:
+    """Return differences of medians with their interval, and whether they are resolved.
+
+    Parameters
+    ----------
+    groups
+        Values by cell; NaN are left out.
+    pairs
+        First and second.
+    generator
+        Of the bootstrap.
+    sizes
+        How many particles to reckon with, if not with all, with and without a value: as many
+        of them as of ours have one.
+    true
+        True values by cell: their difference of medians stands beside.
+    """
+    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
+    rows = []
+    for first, second in pairs:
+        both = known[first], known[second]
+        wanted = None
+        if sizes is not None:
+            counts = ((len(known[name]), len(groups[name])) for name in (first, second))
+            ends = zip(counts, (sizes[first], sizes[second]), strict=True)
+            wanted = [_resized(count, size)[0] for count, size in ends]
+        found = intervals.Bootstrap()(intervals.difference_of_medians, both, generator, wanted)
+        row = {"first": first, "second": second, **interval_columns(found)}
+        if true is not None:
+            one, two = (quartiles(true[c][np.isfinite(true[c])])[1] for c in (first, second))
+            row |= {"true": float(one - two)}
+        rows.append(row | {"resolved": found.resolves()})
+    return pd.DataFrame(rows)

@@ -1,4 +1,4 @@
-"""The detectors of section 5.1.3 side by side: what each is given, and with which parameters."""
+"""Methods compared in section 5.1.3: what each is given, and with which parameters."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ PASSES: dict[str, tuple[Clusterer, Clusterer]] = {
 }
 
 
-def by_picture(detector: Detector2D) -> Method:
+def from_foreground(detector: Detector2D) -> Method:
     """Return a 2D detector as a method."""
     return lambda view: detector(view.foreground)
 
 
-def by_threshold(
+def from_thresholds(
     thresholds: Iterable[float], look: Callable[[Foreground], Foreground] = lambda image: image
 ) -> dict[float, Method]:
     """Return DoG with each threshold as a method, from one look at each view.
@@ -64,7 +64,7 @@ def by_threshold(
     return {threshold: partial(_above, share, float(threshold)) for threshold in some}
 
 
-def by_cloud(clusterer: Clusterer) -> Method:
+def from_cloud(clusterer: Clusterer) -> Method:
     """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
 
     def centers(view: View) -> npt.NDArray[np.float64]:
@@ -74,7 +74,7 @@ def by_cloud(clusterer: Clusterer) -> Method:
     return centers
 
 
-def eleven(threshold: float, roi: Polygon | None) -> dict[str, Method]:
+def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Method]:
     """Return the eleven methods of Table 5.11 under their printed names.
 
     Parameters
@@ -90,10 +90,10 @@ def eleven(threshold: float, roi: Polygon | None) -> dict[str, Method]:
     that of either alone.
     """
     pictures: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": DoG(threshold)}
-    methods = {f"2D-{name}": by_picture(one) for name, one in pictures.items()}
-    methods["3D-DBSCAN Clustering"] = by_cloud(DBSCAN(eps=50.0, min_points=10))
-    methods["3D-MO-based Clustering"] = by_cloud(MorphologicalClustering(150))
-    methods["3D-QCC Clustering"] = by_cloud(QuasiClusterCenters(30, 0.1))
+    methods = {f"2D-{name}": from_foreground(one) for name, one in pictures.items()}
+    methods["3D-DBSCAN Clustering"] = from_cloud(DBSCAN(eps=50.0, min_points=10))
+    methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
+    methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
     for cloud, passes in PASSES.items():
         share = _Shared(*passes)
         for name, detector in pictures.items():

@@ -1,29 +1,27 @@
-"""Trackers on stretches of the campaigns, scored as section 5.2.2 scores: the tracking experiment.
-
-scene -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
-
-The trackers run on the windows of Table 5.15. What the thesis does not print about them is
-set on other stretches of the same campaigns (`others`), which share no frame with those.
-"""
+"""Tracking experiment: trackers on windows of the campaigns, scored as in section 5.2.2."""
 
 from __future__ import annotations
 
 import time
 import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import zarr
 
 from kilnflight import kiln, tracklets
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments.differences import Differences
-from kilnflight.experiments.lessons import Learned
-from kilnflight.experiments.trial import BACKGROUNDS
+from kilnflight.experiments.campaigns import Settings
+from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.kiln import TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
 from kilnflight.scores.matching import pair
@@ -36,7 +34,7 @@ GATE_PX = 10.0
 MARGIN = 150  # frames between a window and the stretch for settings: no shared background
 # Frames of a window and of the stretch for settings, by scale; 0: as long as Table 5.15's.
 LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
-FEWER = ("wood chip", "paper shred")  # fractions of a smoke run
+SMOKE_FRACTIONS = ("wood chip", "paper shred")  # fractions of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
 SPAN = 11  # frames that such a window sums
@@ -55,7 +53,7 @@ class Window(NamedTuple):
     differences: Differences
 
 
-def flying(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
+def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
     """Return how many particles fly in the stretches of some length at these first frames."""
     first = np.asarray(list(starts), dtype=np.intp)
     table, rate = twin.life.table, twin.scene.frame_rate_hz
@@ -65,20 +63,20 @@ def flying(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.int
     return np.asarray(number.sum(axis=1), dtype=np.intp)
 
 
-def busiest(twin: Twin, within: range, length: int) -> range:
+def busiest_frames(twin: Twin, within: range, length: int) -> range:
     """Return the part of a stretch, of some length, in which most particles fly."""
     starts = range(within.start, within.stop - length + 1)
-    start = starts[int(flying(twin, starts, length).argmax())]
+    start = starts[int(flying_particles(twin, starts, length).argmax())]
     return range(start, start + length)
 
 
-def scored(twin: Twin, scale: str) -> range:
+def scored_frames(twin: Twin, scale: str) -> range:
     """Return the window of Table 5.15, or the busiest part of it."""
     window = tracking_window(twin)
-    return busiest(twin, window, LENGTHS[scale][0] or len(window))
+    return busiest_frames(twin, window, LENGTHS[scale][0] or len(window))
 
 
-def other(twin: Twin, scale: str) -> range:
+def settings_frames(twin: Twin, scale: str) -> range:
     """Return the busiest part of another stretch like the window, for the choice of settings.
 
     Like: as long, with as near to as many particles as Table 5.15 counts, and far away.
@@ -87,13 +85,13 @@ def other(twin: Twin, scale: str) -> range:
     before = range(0, window.start - MARGIN - len(window) + 1, 10)
     after = range(window.stop + MARGIN, len(twin) - len(window) + 1, 10)
     starts = [*before, *after]
-    off = np.abs(flying(twin, starts, len(window)) - WINDOWS[str(twin.scene.fraction)][0])
+    off = np.abs(flying_particles(twin, starts, len(window)) - WINDOWS[str(twin.scene.fraction)][0])
     start = starts[int(off.argmin())]
-    return busiest(twin, range(start, start + len(window)), LENGTHS[scale][1])
+    return busiest_frames(twin, range(start, start + len(window)), LENGTHS[scale][1])
 
 
 def windows(
-    scale: str, learned: Learned, seed: int = 0, *, others: bool = False, jobs: int = 1
+    scale: str, learned: Settings, seed: int = 0, *, others: bool = False, jobs: int = 1
 ) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar, detected (kept on disk).
 
@@ -111,11 +109,11 @@ def windows(
         Processes.
     """
     found = []
-    for fraction in FEWER if scale == "quick" else WINDOWS:
+    for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
-        frames = (other if others else scored)(twin, scale)
+        frames = (settings_frames if others else scored_frames)(twin, scale)
         detector, background = Combination(DoG(learned.threshold)), BACKGROUNDS[scale]
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
         seen = learned.in_air(kiln.detections(run, Workers(jobs)))
@@ -124,7 +122,7 @@ def windows(
     return found
 
 
-def quality(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
+def measures(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
     """Return the four measures, JSC in the thesis's narrower wording, and counts of tracks."""
     score = score_tracks(truth, tracks, GATE_PX)
     row = {name: float(getattr(score, name)) for name in MEASURES}
@@ -138,15 +136,15 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
     Returns
     -------
     DataFrame
-        ``fraction``, ``tracker``, ``postprocessing``, the columns of `quality`, and
+        ``fraction``, ``tracker``, ``postprocessing``, the columns of `measures`, and
         ``seconds``: of the tracking, or of the post-processing after it.
     """
     rows = []
     for window in windows:
         for name, tracker in trackers.items():
-            for stage, table, seconds in followed(window, tracker):
+            for stage, table, seconds in track_and_postprocess(window, tracker):
                 row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
-                rows.append(row | quality(window.truth, table) | {"seconds": seconds})
+                rows.append(row | measures(window.truth, table) | {"seconds": seconds})
     return pd.DataFrame(rows)
 
 
@@ -168,7 +166,9 @@ def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple
     return seconds, peak
 
 
-def followed(window: Window, tracker: Tracker) -> Iterator[tuple[str, pd.DataFrame, float]]:
+def track_and_postprocess(
+    window: Window, tracker: Tracker
+) -> Iterator[tuple[str, pd.DataFrame, float]]:
     """Yield the tracks of a window "without" and "with" post-processing, and the seconds."""
     begin = time.perf_counter()
     tracks = tracker(window.detections)
@@ -195,14 +195,14 @@ def linked_by_truth(window: Window) -> pd.DataFrame:
     return seen.assign(particle=particle)
 
 
-def without_clutter(window: Window) -> Window:
+def without_false_detections(window: Window) -> Window:
     """Return the window with only the detections that belong to a true trajectory."""
     linked = linked_by_truth(window)
     kept = linked[linked["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
     return window._replace(detections=kept)
 
 
-def fully_detected(window: Window) -> Window:
+def with_true_positions(window: Window) -> Window:
     """Return the window with the true positions, and depths, as its detections."""
     return window._replace(detections=window.truth[["frame", "row", "col", "x", "y", "z"]])
 
@@ -258,3 +258,68 @@ def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float])
     ]
     top, left = corner
     return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Sums of the differences to the background that were stored with detections.
+
+    Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
+    most, less than the noise there.
+    """
+
+    run: DetectionRun
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frames."""
+        known = self.run.source.recording().attributes
+        return known.rows, known.columns
+
+    def __call__(
+        self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
+    ) -> npt.NDArray[np.float64]:
+        """Return the sum over the frames first to last, both counted, in a box."""
+        total = np.zeros((bottom - top, right - left))
+        for frames in self.run.chunks:
+            some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
+            if some:
+                folder = self.run.differences_of(frames)
+                cut = slice(some.start - frames.start, some.stop - frames.start)
+                for place, inside, within in _parts(top, left, bottom, right):
+                    roots = _tile(folder, *place)[(cut, *within)].astype(np.uint16)
+                    total[inside] += np.sum(roots * roots, axis=0, dtype=np.uint32)
+        return total
+
+
+def _parts(
+    top: int, left: int, bottom: int, right: int
+) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
+    """Yield the tiles that a box touches: which, where in the box, and where in the tile."""
+    height, width = TILE
+    for row in range(top // height, (bottom - 1) // height + 1):
+        for col in range(left // width, (right - 1) // width + 1):
+            rows = max(top, row * height), min(bottom, (row + 1) * height)
+            cols = max(left, col * width), min(right, (col + 1) * width)
+            inside = slice(rows[0] - top, rows[1] - top), slice(cols[0] - left, cols[1] - left)
+            within = tuple(
+                slice(ends[0] - at * size, ends[1] - at * size)
+                for ends, at, size in ((rows, row, height), (cols, col, width))
+            )
+            yield (row, col), inside, (within[0], within[1])
+
+
+@lru_cache(maxsize=32)  # 20 MB each: what pairs in 300 frames look at, again and again
+def _tile(folder: Path, row: int, col: int) -> npt.NDArray[np.uint8]:
+    """Return the roots (frames, rows, cols) of one tile in all frames of a chunk."""
+    try:
+        # the files of many frames in one go: asked one by one, they cost twice the time
+        with zarr.config.set({"codec_pipeline.batch_size": 32}):
+            store = zarr.open_array(folder, mode="r")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{folder}: frame differences cannot be read ({error}). Run `kiln.detections` first."
+        ) from error
+    height, width = TILE
+    rows, cols = slice(row * height, (row + 1) * height), slice(col * width, (col + 1) * width)
+    return np.asarray(store[:, rows, cols], dtype=np.uint8)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import certainty
+from kilnflight.experiments import confidence
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import Findings, outcomes
 
@@ -22,7 +22,7 @@ def flights(count=60, seed=0):
 
 @pytest.mark.parametrize("findings", [flights(), flights(3), NONE])
 def test_it_is_the_interval_of_the_number_that_is_told(findings):
-    found = certainty.intervals_of(findings, np.random.default_rng(0))
+    found = confidence.outcome_intervals(findings, np.random.default_rng(0))
     told = outcomes(findings)
     assert list(found) == list(told.index)
     estimates = [interval.estimate for interval in found.values()]
@@ -33,7 +33,7 @@ def test_it_is_the_interval_of_the_number_that_is_told(findings):
 
 def test_shares_are_in_per_cent_and_few_values_have_no_interval():
     times = np.array([0.1, 0.35, 0.4, 0.4, 0.5, 0.6, 0.7])
-    found = certainty.intervals_of(NONE._replace(dwell_s=times), np.random.default_rng(0))
+    found = confidence.outcome_intervals(NONE._replace(dwell_s=times), np.random.default_rng(0))
     wilson = intervals.share(5, 7)
     share = found["dwell > 0.4 s (%)"]
     assert share[:3] == pytest.approx([100 * value for value in wilson[:3]])
@@ -50,7 +50,7 @@ def test_a_metre_of_few_has_a_median_but_no_interval():
     one = flights()
     few = one.velocity_m_s.copy()
     few[5:, 4], few[:5, 4] = np.nan, 3.0
-    found = certainty.intervals_of(one._replace(velocity_m_s=few), np.random.default_rng(0))
+    found = confidence.outcome_intervals(one._replace(velocity_m_s=few), np.random.default_rng(0))
     assert found["velocity 4-5 m (m/s)"] == (3.0, -np.inf, np.inf, (5,))
     assert found["remaining 5 m (%)"].numbers == (60,)
     assert found["spread 4-5 m (m/s)"] == (0.0, -np.inf, np.inf, (5,))
@@ -60,20 +60,24 @@ def test_a_metre_of_few_has_a_median_but_no_interval():
 
 def test_a_table_has_a_row_for_every_number_and_cell():
     found = {CELL: flights(), ("confetti", 5.0): flights(seed=1)}
-    rows = certainty.table(found, found, ["remaining", "landed"], np.random.default_rng(0))
+    rows = confidence.interval_table(
+        found, found, ["remaining", "landed"], np.random.default_rng(0)
+    )
     assert len(rows) == 2 * 6
     np.testing.assert_allclose(rows["estimate"], rows["true"])
     assert (rows["low"] <= rows["estimate"]).all()
-    assert list(certainty.table({}, {}, ["dwell"], np.random.default_rng(0)).columns)[:3] == [
-        "fraction", "pressure_bar", "outcome"]  # fmt: skip
+    none = confidence.interval_table({}, {}, ["dwell"], np.random.default_rng(0))
+    assert list(none.columns)[:3] == ["fraction", "pressure_bar", "outcome"]
 
 
 def test_intervals_stand_behind_the_column_they_belong_to():
     names = ["dwell median (s)", "dwell longest (s)"]
     said = pd.DataFrame({"fraction": "confetti", "pressure_bar": 4.5, "outcome": names})
     said = said.assign(measured=0.3, use="held out").iloc[::-1]
-    certain = certainty.table({CELL: flights()}, {CELL: NONE}, ["dwell"], np.random.default_rng(0))
-    wide = certainty.beside(said, certain)
+    certain = confidence.interval_table(
+        {CELL: flights()}, {CELL: NONE}, ["dwell"], np.random.default_rng(0)
+    )
+    wide = confidence.with_intervals(said, certain)
     assert list(wide.columns[-4:]) == ["measured", "measured_low", "measured_high", "use"]
     assert wide["measured_low"].isna().tolist() == [True, False]
     assert wide["measured_low"].iloc[1] == certain.set_index("outcome")["low"][names[0]]
@@ -89,28 +93,28 @@ def test_what_is_told_apart_with_our_numbers_need_not_be_with_the_theses():
     }
     first, second, third = groups
     pairs = [(first, second), (third, second), (first, ("paper shred", 4.5))]
-    table = certainty.resolution(groups, pairs, draw)
+    table = confidence.resolved_differences(groups, pairs, draw)
     assert table["resolved"].tolist() == [True, True]  # the third pair was not measured
     assert table["resolved_with_table_5_15"].tolist() == [False, True]
-    said = certainty.in_words(table, "medians")
+    said = confidence.in_words(table, "medians")
     assert "wood chip 4.5 < confetti 4.5 / PE granule 4.5 > confetti 4.5" in said
     assert said.endswith("with the numbers of Table 5.15: 1 of 2")
-    assert certainty.table_5_15(groups) == {first: 7, second: 37, third: 25}
-    assert certainty.in_words(certainty.resolution(groups, [], draw), "medians") == ""
+    assert confidence.trajectory_counts(groups) == {first: 7, second: 37, third: 25}
+    assert confidence.in_words(confidence.resolved_differences(groups, [], draw), "medians") == ""
 
 
 def test_shares_are_told_apart_likewise():
     counts = {("confetti", 4.5): (100, 400), ("confetti", 5.0): (140, 400)}
-    table = certainty.resolution_of_shares(counts, [tuple(counts)])
+    table = confidence.resolved_share_differences(counts, [tuple(counts)])
     assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, False]]
-    assert "shares told apart: confetti 4.5 < confetti 5.0" in certainty.in_words(table, "shares")
+    assert "shares told apart: confetti 4.5 < confetti 5.0" in confidence.in_words(table, "shares")
 
 
 def test_a_quantity_that_nobody_has_is_not_told_apart():
     groups = {("confetti", 4.5): np.full(9, np.nan), ("confetti", 5.0): np.linspace(0, 1, 9)}
-    table = certainty.resolution(groups, [tuple(groups)], np.random.default_rng(0))
+    table = confidence.resolved_differences(groups, [tuple(groups)], np.random.default_rng(0))
     assert table["resolved"].tolist() == [False]
-    assert "none; not: confetti 4.5, confetti 5.0" in certainty.in_words(table, "medians")
+    assert "none; not: confetti 4.5, confetti 5.0" in confidence.in_words(table, "medians")
 
 
 def test_metres_that_nobody_saw_are_counted_and_left_out_beside():
@@ -120,7 +124,7 @@ def test_metres_that_nobody_saw_are_counted_and_left_out_beside():
     other = slices.assign(slice_m=-1.0)  # behind the lance: not asked for
     velocity = np.array([[9.0, np.nan], [12.0, np.nan]])[:, [0, 1, 1, 1, 1]]
     true = {CELL: NONE._replace(velocity_m_s=velocity), ("confetti", 5.0): NONE}
-    table = certainty.unseen(pd.concat([slices, other]), true, np.random.default_rng(0))
+    table = confidence.unseen_metres(pd.concat([slices, other]), true, np.random.default_rng(0))
     assert len(table) == 10
     assert table.loc[0, ["number", "unseen", "too_fast", "too_fast_unseen"]].tolist() == [
         5,

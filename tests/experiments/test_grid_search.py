@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import contest
+from kilnflight.experiments import grid_search
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.ladders import Ladders, ours, theirs
-from kilnflight.experiments.pursuit import Window
+from kilnflight.experiments.grid_search import Grid, kilnflight_grids, peer_grids
+from kilnflight.experiments.tracking import Window
 
 LONG = tuple(map(float, range(10)))
 
@@ -48,11 +48,11 @@ def hill(*top, ladder=LONG, first=(0.0,)):
         )
 
     names = [f"p{k}" for k in range(len(top))]
-    return Ladders(build, dict.fromkeys(names, ladder), dict.fromkeys(names, first))
+    return Grid(build, dict.fromkeys(names, ladder), dict.fromkeys(names, first))
 
 
 def chosen_one(window, ladders):
-    tried = contest.best_setting([window], {"one": ladders})
+    tried = grid_search.grid_search([window], {"one": ladders})
     best = tried[tried["chosen"]]
     assert len(best) == 1
     return best.iloc[0], tried
@@ -60,16 +60,16 @@ def chosen_one(window, ladders):
 
 def test_the_best_setting_of_each_tracker_is_chosen(window):
     choice = {0.0: alone, 1.0: right, 2.0: refuses}
-    one = Ladders(choice.get, {"way": (0.0, 1.0, 2.0)}, {"way": (0.0, 1.0, 2.0)})
-    other = Ladders(choice.get, {"way": (0.0,)}, {"way": (0.0,)})
+    one = Grid(choice.get, {"way": (0.0, 1.0, 2.0)}, {"way": (0.0, 1.0, 2.0)})
+    other = Grid(choice.get, {"way": (0.0,)}, {"way": (0.0,)})
     trackers = {"one": one, "other": other}
-    tried = contest.best_setting([window], trackers)
+    tried = grid_search.grid_search([window], trackers)
     assert tried["chosen"].tolist() == [False, True, False, True]
     assert tried["beta"].iloc[1] == pytest.approx(1)
     assert np.isnan(tried["beta"].iloc[2])
     assert tried["note"].tolist() == ["", "", "not run: too dense.", ""]
     assert tried["at_end"].tolist() == ["", "", "", ""]
-    assert contest.chosen(tried, trackers) == {"one": right, "other": alone}
+    assert grid_search.chosen_trackers(tried, trackers) == {"one": right, "other": alone}
 
 
 @settings(deadline=None, max_examples=10)  # each climbs a dozen settings
@@ -95,7 +95,7 @@ def test_who_refuses_a_neighbor_stays_where_it_is(window):
     def build(way):
         return right if way == 1 else refuses
 
-    best, tried = chosen_one(window, Ladders(build, {"way": (0.0, 1.0, 2.0)}, {"way": (1.0,)}))
+    best, tried = chosen_one(window, Grid(build, {"way": (0.0, 1.0, 2.0)}, {"way": (1.0,)}))
     assert best["setting"] == "way 1"
     assert len(tried) == 3
 
@@ -105,36 +105,36 @@ def test_who_refuses_a_neighbor_stays_where_it_is(window):
     [((2.0, 1.0), (1.0,)), ((1.0, 1.0), (1.0,)), ((1.0, 2.0), (3.0,)), ((1.0,), ())],
 )
 def test_ladders_that_cannot_be_climbed_are_refused(ladder, first):
-    with pytest.raises(InputError, match="Ladders: step has the ladder"):
-        Ladders(lambda step: right, {"step": ladder}, {"step": first})
+    with pytest.raises(InputError, match="Grid: step has the ladder"):
+        Grid(lambda step: right, {"step": ladder}, {"step": first})
 
 
 def test_every_setting_on_the_ladders_has_its_own_name_and_a_tracker():
-    for ladders in [*ours().values(), *theirs().values()]:
+    for ladders in [*kilnflight_grids().values(), *peer_grids().values()]:
         some = ladders.first() + ladders.neighbors(ladders.first()[0])
         assert len({ladders.text(one) for one in some}) == len(set(some))
         for one in some:
             assert callable(ladders.build(*one))
-    assert theirs()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
+    assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
 
 
 def test_who_refuses_a_window_has_rows_without_measures(window):
-    scores = contest.scored([window], {"one": right, "other": refuses})
+    scores = grid_search.score([window], {"one": right, "other": refuses})
     assert scores["postprocessing"].tolist() == ["without", "with"] * 2
     assert scores["beta"].isna().tolist() == [False, False, True, True]
 
 
 def test_nothing_to_choose_from_is_an_error(window):
     with pytest.raises(InputError, match="no windows"):
-        contest.best_setting([], {"one": hill(1.0)})
-    no = Ladders(lambda way: refuses, {"way": (0.0, 1.0)}, {"way": (0.0,)})
+        grid_search.grid_search([], {"one": hill(1.0)})
+    no = Grid(lambda way: refuses, {"way": (0.0, 1.0)}, {"way": (0.0,)})
     with pytest.raises(InputError, match="refuses every setting"):
-        contest.best_setting([window], {"one": no})
+        grid_search.grid_search([window], {"one": no})
 
 
 def test_the_beginning_of_a_stretch(window):
-    short = contest.beginning(window, 4)
+    short = grid_search.first_frames(window, 4)
     assert short.frames == range(4)
     for table in (short.detections, short.truth):
         assert table["frame"].tolist() == [0, 1, 2, 3] * 3
-    assert contest.beginning(window, 99).frames == window.frames
+    assert grid_search.first_frames(window, 99).frames == window.frames

@@ -1,7 +1,4 @@
-"""What the measured flights of campaigns come to, cell by cell, beside what is printed and true.
-
-A cell is a fraction at a pressure. Only flights that start at the lance count (Fig. 4.21).
-"""
+"""What the measured flights of campaigns come to, beside what is printed and true."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ import pandas as pd
 
 from kilnflight import regression
 from kilnflight.checks import InputError
-from kilnflight.experiments.campaigns import Campaign, Measured
+from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES, Findings, outcomes
@@ -27,24 +24,22 @@ from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.outcomes import PRESSURES_BAR
 from kilnflight.twin.scene import Twin
 
-Cell = tuple[str, float]
-CELL = ["fraction", "pressure_bar"]
+CampaignKey = tuple[str, float]
+KEYS = ["fraction", "pressure_bar"]
 
 
-def of_cell(table: pd.DataFrame, cell: Cell) -> pd.DataFrame:
+def of_campaign(table: pd.DataFrame, cell: CampaignKey) -> pd.DataFrame:
     """Return the rows of a cell."""
     return table[(table["fraction"] == cell[0]) & (table["pressure_bar"] == cell[1])]
 
 
-def cells(measured: Measured) -> dict[Cell, Findings]:
-    """Return what the flights of each cell come to; `findings_of` each."""
-    keys = measured.tracks[CELL].drop_duplicates().itertuples(index=False, name=None)
-    return {cell: findings_of(*(of_cell(one, cell) for one in measured[1:])) for cell in keys}
+def by_campaign(measured: Measurement) -> dict[CampaignKey, Findings]:
+    """Return what the flights of each cell come to; `of_flights` each."""
+    keys = measured.tracks[KEYS].drop_duplicates().itertuples(index=False, name=None)
+    return {cell: of_flights(*(of_campaign(one, cell) for one in measured[1:])) for cell in keys}
 
 
-def findings_of(
-    trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
-) -> Findings:
+def of_flights(trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame) -> Findings:
     """Return dwell times, velocities by metre, ignition and reach of the flights that count.
 
     Dwell times of flights that were lost are in, as the thesis has them in (appendix A.1);
@@ -65,14 +60,14 @@ def findings_of(
     )
 
 
-def fits_of(
-    measured: Measured, cell: Cell, most: int
+def fits_from_lance(
+    measured: Measurement, cell: CampaignKey, most: int
 ) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
     """Return the first trajectories from the lance of a cell, and their detections."""
-    flights = of_cell(measured.flights, cell)
+    flights = of_campaign(measured.flights, cell)
     names = flights.loc[flights["from_lance"], "particle"].sort_values().head(most).tolist()
-    every = regression.fits(of_cell(measured.trajectories, cell)[TRAJECTORIES.names])
-    tracks = of_cell(measured.tracks, cell)
+    every = regression.fits(of_campaign(measured.trajectories, cell)[TRAJECTORIES.names])
+    tracks = of_campaign(measured.tracks, cell)
     return {name: every[name] for name in names}, tracks[tracks["particle"].isin(names)]
 
 
@@ -84,7 +79,7 @@ def twin_of(campaign: Campaign) -> Twin:
     return recording
 
 
-def true_cells(wanted: Sequence[Campaign]) -> dict[Cell, Findings]:
+def true_results(wanted: Sequence[Campaign]) -> dict[CampaignKey, Findings]:
     """Return what the flights in the same frames truly come to, seen or not.
 
     A flight counts if it begins after the first frame and is over by the last.
@@ -99,7 +94,7 @@ def true_cells(wanted: Sequence[Campaign]) -> dict[Cell, Findings]:
     return found
 
 
-def table(found: Mapping[Cell, Findings]) -> pd.DataFrame:
+def outcome_table(found: Mapping[CampaignKey, Findings]) -> pd.DataFrame:
     """Return the named numbers of `kilnflight.scores.flights.outcomes`, one row per cell."""
     rows = [
         {"fraction": name, "pressure_bar": bar, "particles": len(one.ignition_s)}
@@ -110,7 +105,9 @@ def table(found: Mapping[Cell, Findings]) -> pd.DataFrame:
 
 
 def beside_published(
-    measured: Mapping[Cell, Findings], true: Mapping[Cell, Findings], quantities: Sequence[str]
+    measured: Mapping[CampaignKey, Findings],
+    true: Mapping[CampaignKey, Findings],
+    quantities: Sequence[str],
 ) -> pd.DataFrame:
     """Return every printed number of some quantities with truth and measurement beside it.
 
@@ -133,17 +130,17 @@ def beside_published(
     said = said[said["outcome"].str.split(" ").str[0].isin(quantities)]
     said = said.drop_duplicates(["fraction", "pressure_bar", "outcome", "printed"])
     both = {"true": true, "measured": measured}
-    answers = {name: statements.answer(said, table(found)) for name, found in both.items()}
+    answers = {name: statements.answer(said, outcome_table(found)) for name, found in both.items()}
     return said.drop(columns=["source", "use"]).assign(**answers, use=said["use"])
 
 
-def holds(said: pd.DataFrame, cell: Cell) -> dict[str, bool]:
+def conditions(said: pd.DataFrame, cell: CampaignKey) -> dict[str, bool]:
     """Return whether the measurement agrees with each printed number of a cell.
 
     Within the printed bounds; where one number is printed, within the unit of
     `kilnflight.twin.statements.LEAST_UNIT`.
     """
-    rows = of_cell(said, cell)
+    rows = of_campaign(said, cell)
     units = statements.misfits(rows, rows["measured"])
     found: dict[str, bool] = {}
     for one, off in zip(rows.to_dict("records"), units, strict=True):
@@ -160,17 +157,17 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
 
 
 def medians(
-    found: Mapping[Cell, Findings], quantity: str, generator: np.random.Generator
+    found: Mapping[CampaignKey, Findings], quantity: str, generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return the median of a field of `Findings` by cell with its 95 % interval."""
     rows = []
     for (name, bar), one in found.items():
         interval = median_of(getattr(one, quantity), generator)
-        rows.append({"fraction": name, "pressure_bar": bar, **named(interval)})
+        rows.append({"fraction": name, "pressure_bar": bar, **interval_columns(interval)})
     return pd.DataFrame(rows)
 
 
-def metre(found: Mapping[Cell, Findings], number: int) -> dict[Cell, Findings]:
+def in_metre(found: Mapping[CampaignKey, Findings], number: int) -> dict[CampaignKey, Findings]:
     """Return the findings with the velocity in one metre only, (n,)."""
     return {
         cell: one._replace(velocity_m_s=one.velocity_m_s[:, number - 1])
@@ -178,12 +175,14 @@ def metre(found: Mapping[Cell, Findings], number: int) -> dict[Cell, Findings]:
     }
 
 
-def lit(findings: Findings) -> tuple[int, int]:
+def ignited(findings: Findings) -> tuple[int, int]:
     """Return how many particles ignite, and of how many."""
     return int(np.isfinite(findings.ignition_s).sum()), len(findings.ignition_s)
 
 
-def pairs(found: Mapping[Cell, Findings]) -> list[tuple[Cell, Cell]]:
+def pairs_to_compare(
+    found: Mapping[CampaignKey, Findings],
+) -> list[tuple[CampaignKey, CampaignKey]]:
     """Return what is compared: fractions at one pressure, and pressures of one fraction."""
     return [
         (one, two)
@@ -192,7 +191,7 @@ def pairs(found: Mapping[Cell, Findings]) -> list[tuple[Cell, Cell]]:
     ]
 
 
-def named(interval: Interval) -> dict[str, float]:
+def interval_columns(interval: Interval) -> dict[str, float]:
     """Return an interval as columns; what is infinite stays empty."""
     bounds = [np.nan if np.isinf(edge) else edge for edge in (interval.low, interval.high)]
     return {
@@ -203,11 +202,11 @@ def named(interval: Interval) -> dict[str, float]:
     }
 
 
-LEAST = 6  # flights in a cell, below which nothing is said about it
+LEAST_FLIGHTS = 6  # flights in a cell, below which nothing is said about it
 
 
-def decided(
-    measured: Measured,
+def judge_all(
+    measured: Measurement,
     given: Mapping[str, float | pd.Series | Mapping[str, bool]],
     note: str = "",
     apart: Mapping[str, str] | None = None,
@@ -226,11 +225,11 @@ def decided(
         By claim: what of it is beyond chance (`certainty.in_words`). It stands in the
         reason; the verdict is that of the criterion, on the numbers as they are.
     """
-    counted = measured.flights[measured.flights["from_lance"]].groupby(CELL).size()
-    few = counted[counted < LEAST]
+    counted = measured.flights[measured.flights["from_lance"]].groupby(KEYS).size()
+    few = counted[counted < LEAST_FLIGHTS]
     missing = len(FRACTIONS) * len(PRESSURES_BAR) - len(counted) + len(few)
     if missing:
-        reason = f"fewer than {LEAST} flights in {missing} of the eight cells at this scale"
+        reason = f"fewer than {LEAST_FLIGHTS} flights in {missing} of the eight cells at this scale"
         return [claims.undecidable(name, reason) for name in given]
     notes = {name: "; ".join(filter(None, [note, (apart or {}).get(name, "")])) for name in given}
     return [claims.judge(name, value, note=notes[name]) for name, value in given.items()]
@@ -242,14 +241,14 @@ PLURALS = {"wood chip": "Wood chips", "confetti": "Confetti"}
 PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
 
 
-def counted_trajectories(measured: Measured) -> pd.DataFrame:
+def trajectories_from_lance(measured: Measurement) -> pd.DataFrame:
     """Return the trajectories from the lance."""
-    keys = [*CELL, "particle"]
+    keys = [*KEYS, "particle"]
     table = measured.trajectories.merge(measured.flights[[*keys, "from_lance"]], on=keys)
     return table[table["from_lance"]]
 
 
-def regression_table(measured: Measured, generator: np.random.Generator) -> pd.DataFrame:
+def regression_table(measured: Measurement, generator: np.random.Generator) -> pd.DataFrame:
     """Return medians over the trajectories from the lance beside Table 5.18.
 
     Returns
@@ -259,7 +258,7 @@ def regression_table(measured: Measured, generator: np.random.Generator) -> pd.D
         ``tracks``, the four published ones, and of each of ours ``_low`` and ``_high``: its
         95 % interval (bootstrap over trajectories).
     """
-    table = counted_trajectories(measured)
+    table = trajectories_from_lance(measured)
     rows = [
         {"fraction": name, "axis": axis}
         | {to: one[of.format(axis)].median() for of, to in FITTED.items()}
@@ -281,5 +280,5 @@ def regression_table(measured: Measured, generator: np.random.Generator) -> pd.D
             for one in ours.itertuples()
         ]
         for side in ("low", "high"):
-            ours[f"{to}_{side}"] = [named(interval)[side] for interval in found]
+            ours[f"{to}_{side}"] = [interval_columns(interval)[side] for interval in found]
     return ours

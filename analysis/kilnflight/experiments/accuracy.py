@@ -1,29 +1,33 @@
-"""How far measured flights are from the true ones: bias, spread, what was found and resolved."""
+"""Errors of measured flights."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 import joblib
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.experiments.campaigns import Campaign, Measured
-from kilnflight.experiments.survey import CELL, named, of_cell
-from kilnflight.experiments.trust import Flown, owned, owners, sightings, true_flights, ways
+from kilnflight.experiments.campaigns import Campaign, Measurement
+from kilnflight.experiments.error_budget import (
+    FlightTables,
+    particle_of_track,
+    replace_steps,
+    true_flights,
+    true_particles,
+    true_positions,
+)
+from kilnflight.experiments.results import KEYS, of_campaign
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import fits
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES, quartiles
+from kilnflight.scores.flights import METRES
 
-Key = TypeVar("Key", bound=tuple[str, object])  # a cell, or a fraction and an axis
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 
 
-def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
+def compare(way: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true, one row per true particle whose whole flight is recorded.
 
     Of several tracks of a particle the one that was followed for longest counts; what starts
@@ -34,7 +38,7 @@ def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
     way
         Flights that were worked out in one way.
     true
-        `kilnflight.experiments.trust.true_flights`.
+        `kilnflight.experiments.error_budget.true_flights`.
 
     Returns
     -------
@@ -69,27 +73,29 @@ def compared(way: Flown, true: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def whole_chain(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
-    """Return `compared` of the measurement as it is, with fraction and pressure in front."""
+def compare_campaigns(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+    """Return `compare` of the measurement as it is, with fraction and pressure in front."""
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
-        tracks, _, flights, slices = (of_cell(table, cell) for table in measured)
-        belongs = owners(tracks, owned(tracks.reset_index(drop=True), sightings(one)))
-        both = compared(Flown(flights, slices, belongs), true_flights(one))
+        tracks, _, flights, slices = (of_campaign(table, cell) for table in measured)
+        belongs = particle_of_track(
+            tracks, true_particles(tracks.reset_index(drop=True), true_positions(one))
+        )
+        both = compare(FlightTables(flights, slices, belongs), true_flights(one))
         both.insert(0, "fraction", cell[0])
         both.insert(1, "pressure_bar", cell[1])
         parts.append(both)
     return pd.concat(parts, ignore_index=True)
 
 
-def endings(both: pd.DataFrame) -> pd.DataFrame:
+def ending_table(both: pd.DataFrame) -> pd.DataFrame:
     """Return how flights end by how they truly do (Fig. 5.18), in particles.
 
     Parameters
     ----------
     both
-        `whole_chain`.
+        `compare_campaigns`.
 
     Returns
     -------
@@ -98,21 +104,21 @@ def endings(both: pd.DataFrame) -> pd.DataFrame:
         out`` and ``lost`` as measured, and ``not measured``.
     """
     real = both[both["particle"] >= 0]
-    true = cases(real["true_ending"], real["true_ignition_s"].notna()).rename("true")
-    told = cases(real["ending"], real["measured_ignition_s"].notna())
+    true = ending_cases(real["true_ending"], real["true_ignition_s"].notna()).rename("true")
+    told = ending_cases(real["ending"], real["measured_ignition_s"].notna())
     told = told.where(real["track"] >= 0, "not measured")
     table = pd.crosstab([real["fraction"], real["pressure_bar"], true], told)
     every = [*CASES, LOST, "not measured"]
     return table.reindex(columns=every, fill_value=0).rename_axis(columns=None).reset_index()
 
 
-def cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
+def ending_cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
     """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
     landed = lit.map({False: CASES[0], True: CASES[1]})
     return ending.where(ending != LANDED, landed)
 
 
-def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+def compare_velocities(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
     """Return the velocity in each metre, measured and true, one row per particle and metre.
 
     Of several tracks of a particle the one that was followed for longest counts.
@@ -126,8 +132,10 @@ def velocities(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
-        tracks, _, flights, slices = (of_cell(table, cell) for table in measured)
-        belongs = owners(tracks, owned(tracks.reset_index(drop=True), sightings(one)))
+        tracks, _, flights, slices = (of_campaign(table, cell) for table in measured)
+        belongs = particle_of_track(
+            tracks, true_particles(tracks.reset_index(drop=True), true_positions(one))
+        )
         seen = slices[["particle", "slice_m", "velocity_m_s"]].copy()
         seen = seen[~seen["particle"].isin(_shorter(flights, belongs))]
         seen["particle"] = seen["particle"].map(belongs).fillna(-1).astype(np.int64)
@@ -162,7 +170,7 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     Parameters
     ----------
     both
-        `compared`.
+        `compare`.
     seed
         Of the bootstrap.
     """
@@ -191,7 +199,7 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     return row
 
 
-def account(way: Flown, true: pd.DataFrame) -> dict[str, int]:
+def account_flights(way: FlightTables, true: pd.DataFrame) -> dict[str, int]:
     """Return what became of every flight that starts at the lance; the parts add up.
 
     Returns
@@ -217,11 +225,11 @@ def account(way: Flown, true: pd.DataFrame) -> dict[str, int]:
     }
 
 
-def budget(wanted: Sequence[Campaign], measured: Measured, jobs: int = 1) -> pd.DataFrame:
+def error_budget(wanted: Sequence[Campaign], measured: Measurement, jobs: int = 1) -> pd.DataFrame:
     """Return `errors` of every cell and way of `trust.ways`, in so many processes."""
     rows = joblib.Parallel(n_jobs=jobs)(
         joblib.delayed(_budget)(
-            one, *(of_cell(part, (one.fraction, one.pressure_bar)) for part in measured[:2])
+            one, *(of_campaign(part, (one.fraction, one.pressure_bar)) for part in measured[:2])
         )
         for one in wanted
     )
@@ -233,77 +241,11 @@ def _budget(
 ) -> list[dict[str, object]]:
     """Return the rows of one campaign, given its tracks and their trajectories."""
     cell = {"fraction": campaign.fraction, "pressure_bar": campaign.pressure_bar}
-    tracks = tracked.drop(columns=CELL).reset_index(drop=True)
-    own = fits(trajectories.drop(columns=CELL))
+    tracks = tracked.drop(columns=KEYS).reset_index(drop=True)
+    own = fits(trajectories.drop(columns=KEYS))
     true, rows = true_flights(campaign), []
-    for name, way in ways(campaign, tracks, own):
-        rows.append({**cell, "way": name, **errors(compared(way, true)), **account(way, true)})
+    for name, way in replace_steps(campaign, tracks, own):
+        rows.append(
+            {**cell, "way": name, **errors(compare(way, true)), **account_flights(way, true)}
+        )
     return rows
-
-
-def shares_told_apart(
-    counts: Mapping[Key, tuple[int, int]],
-    pairs: Sequence[tuple[Key, Key]],
-    sizes: Mapping[Key, int] | None = None,
-    true: Mapping[Key, tuple[int, int]] | None = None,
-) -> pd.DataFrame:
-    """Return differences of shares like `told_apart`; ``counts``: how many, of how many."""
-    rows = []
-    for first, second in pairs:
-        one, two = counts[first], counts[second]
-        if sizes is not None:
-            one, two = _resized(one, sizes[first]), _resized(two, sizes[second])
-        found = intervals.difference_of_shares(one, two)
-        row = {"first": first, "second": second, **named(found)}
-        if true is not None:
-            shares = [true[cell][0] / max(true[cell][1], 1) for cell in (first, second)]
-            row |= {"true": shares[0] - shares[1]}
-        rows.append(row | {"resolved": found.resolves()})
-    return pd.DataFrame(rows)
-
-
-def _resized(count: tuple[int, int], size: int) -> tuple[int, int]:
-    """Return how many of ``size`` the same share is."""
-    number, of = count
-    return (round(size * number / of) if of else 0), size
-
-
-def told_apart(
-    groups: Mapping[Key, npt.NDArray[np.float64]],
-    pairs: Sequence[tuple[Key, Key]],
-    generator: np.random.Generator,
-    sizes: Mapping[Key, int] | None = None,
-    true: Mapping[Key, npt.NDArray[np.float64]] | None = None,
-) -> pd.DataFrame:
-    """Return differences of medians with their interval, and whether they are resolved.
-
-    Parameters
-    ----------
-    groups
-        Values by cell; NaN are left out.
-    pairs
-        First and second.
-    generator
-        Of the bootstrap.
-    sizes
-        How many particles to reckon with, if not with all, with and without a value: as many
-        of them as of ours have one.
-    true
-        True values by cell: their difference of medians stands beside.
-    """
-    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
-    rows = []
-    for first, second in pairs:
-        both = known[first], known[second]
-        wanted = None
-        if sizes is not None:
-            counts = ((len(known[name]), len(groups[name])) for name in (first, second))
-            ends = zip(counts, (sizes[first], sizes[second]), strict=True)
-            wanted = [_resized(count, size)[0] for count, size in ends]
-        found = intervals.Bootstrap()(intervals.difference_of_medians, both, generator, wanted)
-        row = {"first": first, "second": second, **named(found)}
-        if true is not None:
-            one, two = (quartiles(true[c][np.isfinite(true[c])])[1] for c in (first, second))
-            row |= {"true": float(one - two)}
-        rows.append(row | {"resolved": found.resolves()})
-    return pd.DataFrame(rows)

@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import deviations, trust
-from kilnflight.experiments.deviations import compared, errors, told_apart
-from kilnflight.experiments.trust import Flown
+from kilnflight.experiments import accuracy, error_budget
+from kilnflight.experiments.accuracy import compare, errors
+from kilnflight.experiments.confidence import median_differences, share_differences
+from kilnflight.experiments.error_budget import FlightTables
 
 TRUE = pd.DataFrame(
     {
@@ -35,7 +36,7 @@ OWNERS = pd.Series({1: 10, 2: 10, 3: -1, 4: 11})
 
 
 def test_the_longest_track_of_a_particle_counts_and_nobodys_come_last():
-    both = compared(Flown(FLIGHTS, SLICES, OWNERS), TRUE)
+    both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
     assert both["particle"].tolist() == [10, 11, 12, -1]
     assert both["track"].tolist() == [1, -1, -1, 3]
     assert both.loc[0, ["measured_dwell_s", "true_dwell_s"]].tolist() == [0.32, 0.3]
@@ -43,9 +44,9 @@ def test_the_longest_track_of_a_particle_counts_and_nobodys_come_last():
 
 
 def test_endings_stand_by_the_true_ones_and_every_particle_once():
-    both = compared(Flown(FLIGHTS, SLICES, OWNERS), TRUE)
+    both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
     both = both.assign(fraction="chip", pressure_bar=4.5)
-    found = deviations.endings(both).set_index("true").drop(columns=["fraction", "pressure_bar"])
+    found = accuracy.ending_table(both).set_index("true").drop(columns=["fraction", "pressure_bar"])
     assert found.index.tolist() == ["burnt out", "landed unlit"]
     assert found.loc["burnt out"].to_dict() == {
         **{"landed unlit": 0, "landed burning": 1, "burnt out": 0, "lost": 0},
@@ -56,7 +57,7 @@ def test_endings_stand_by_the_true_ones_and_every_particle_once():
 
 
 def test_errors_are_those_of_measurable_particles():
-    found = errors(compared(Flown(FLIGHTS, SLICES, OWNERS), TRUE))
+    found = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
     assert (found["true"], found["found"], found["spurious"]) == (2, 1, 1)
     assert found["dwell_s_bias"] == pytest.approx(0.02)
     assert found["velocity_m_s_bias"] == pytest.approx(0.5)
@@ -68,12 +69,12 @@ def test_errors_are_those_of_measurable_particles():
 
 def test_shorter_tracks_of_a_particle_do_not_count_twice():
     lengths = FLIGHTS.assign(last_s=[0.1, 0.3, 0.5, 0.1])
-    assert deviations._shorter(lengths, OWNERS).tolist() == [1]
-    assert deviations._shorter(FLIGHTS, OWNERS).tolist() == [2]
+    assert accuracy._shorter(lengths, OWNERS).tolist() == [1]
+    assert accuracy._shorter(FLIGHTS, OWNERS).tolist() == [2]
 
 
 def test_without_any_flight_nothing_is_found_and_nothing_is_known():
-    found = errors(compared(Flown(FLIGHTS[:0], SLICES[:0], OWNERS[:0]), TRUE))
+    found = errors(compare(FlightTables(FLIGHTS[:0], SLICES[:0], OWNERS[:0]), TRUE))
     assert (found["found"], found["spurious"]) == (0, 0)
     assert np.isnan(found["dwell_s_bias"])
 
@@ -85,8 +86,8 @@ def test_a_large_difference_is_told_and_a_small_sample_tells_none():
         ("b", 4.5): generator.normal(0.5, 0.05, 80),
     }
     pairs = [(("a", 4.5), ("b", 4.5))]
-    assert told_apart(groups, pairs, generator)["resolved"].tolist() == [True]
-    few = told_apart(groups, pairs, generator, {("a", 4.5): 3, ("b", 4.5): 3})
+    assert median_differences(groups, pairs, generator)["resolved"].tolist() == [True]
+    few = median_differences(groups, pairs, generator, {("a", 4.5): 3, ("b", 4.5): 3})
     assert few["resolved"].tolist() == [False]
 
 
@@ -95,28 +96,28 @@ def test_detections_belong_to_the_nearest_true_position_within_the_gate():
         {"frame": [0, 0, 1], "particle": [7, 8, 7], "row": [10.0, 50, 12], "col": 5.0}
     )
     seen = pd.DataFrame({"frame": [0, 0, 1, 2], "row": [11.0, 90, 13, 12], "col": 5.0})
-    assert trust.owned(seen, true).tolist() == [7, -1, 7, -1]
+    assert error_budget.true_particles(seen, true).tolist() == [7, -1, 7, -1]
 
 
 def test_a_track_belongs_to_whom_at_least_half_of_it_belongs():
     tracks = pd.DataFrame({"particle": [1, 1, 1, 2, 2, 2, -1]})
     owner = np.array([7, 7, -1, 7, 8, 9, 7])
-    assert trust.owners(tracks, owner).to_dict() == {1: 7, 2: -1}
+    assert error_budget.particle_of_track(tracks, owner).to_dict() == {1: 7, 2: -1}
 
 
 def test_the_true_depth_replaces_the_measured_one_where_the_owner_is_known():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": np.nan, "y": np.nan, "z": [1.0, 2.0, 3.0]})
-    found = trust.deepened(tracks, np.array([7, 7, -1]), true)
+    found = error_budget.with_true_depth(tracks, np.array([7, 7, -1]), true)
     assert found["z"].tolist() == [6000.0, 5900.0, 3.0]
 
 
 def test_every_quantity_has_a_unit():
-    assert list(deviations.QUANTITIES) == ["dwell_s", "velocity_m_s", "ignition_s"]
+    assert list(accuracy.QUANTITIES) == ["dwell_s", "velocity_m_s", "ignition_s"]
 
 
 def test_every_flight_from_the_lance_is_accounted_for_once():
-    found = deviations.account(Flown(FLIGHTS, SLICES, OWNERS), TRUE)
+    found = accuracy.account_flights(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
     assert found == {"flights": 3, "found": 1, "duplicates": 1, "cut": 0, "spurious": 1}
     parts = [found[name] for name in ("found", "duplicates", "cut", "spurious")]
     assert sum(parts) == found["flights"]
@@ -125,15 +126,17 @@ def test_every_flight_from_the_lance_is_accounted_for_once():
 def test_shares_are_told_apart_with_many_particles_and_not_with_few():
     counts = {("a", 4.5): (40, 100), ("b", 4.5): (10, 100)}
     pairs = [(("a", 4.5), ("b", 4.5))]
-    many = deviations.shares_told_apart(counts, pairs, true=counts)
+    many = share_differences(counts, pairs, true=counts)
     assert many["resolved"].tolist() == [True]
     assert many["true"].tolist() == [pytest.approx(0.3)]
-    few = deviations.shares_told_apart(counts, pairs, {("a", 4.5): 7, ("b", 4.5): 7})
+    few = share_differences(counts, pairs, {("a", 4.5): 7, ("b", 4.5): 7})
     assert few["resolved"].tolist() == [False]
 
 
 def test_sizes_count_particles_with_and_without_a_value():
     values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
     groups = {("a", 4.5): values, ("b", 4.5): values}
-    found = told_apart(groups, [tuple(groups)], np.random.default_rng(0), dict.fromkeys(groups, 40))
+    found = median_differences(
+        groups, [tuple(groups)], np.random.default_rng(0), dict.fromkeys(groups, 40)
+    )
     assert found["number"].tolist() == [20]  # a quarter of 40, twice

@@ -6,7 +6,7 @@ from kilnflight import background, kiln
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import View
-from kilnflight.experiments import contenders, tallies, trial
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
 
@@ -17,7 +17,7 @@ MEDIAN = background.Median(window=20)
 def subset():
     twin, wanted = open_scene("V3@small"), (75, 76)
     instances = {t: truth.instances(twin, t) for t in wanted}
-    return trial.Subset("V3", twin, wanted, truth.marked(twin, wanted), instances.get)
+    return detection.Subset("V3", twin, wanted, truth.marked(twin, wanted), instances.get)
 
 
 def perfect(subset):
@@ -33,13 +33,13 @@ def perfect(subset):
 
 def test_who_finds_everything_has_full_marks_and_who_finds_nothing_none(subset):
     methods = {"all": perfect(subset), "none": lambda view: np.empty((0, 2))}
-    table = trial.run([subset], methods, MEDIAN)
-    total = tallies.sums(table, ["method"]).set_index("method")
+    table = detection.run([subset], methods, MEDIAN)
+    total = detection.sum_counts(table, ["method"]).set_index("method")
     assert total.loc["all", ["precision", "recall", "f1"]].tolist() == [1, 1, 1]
     assert total.loc["all", "tp"] == len(subset.particles)
     assert total.loc["none", ["tp", "fp", "f1"]].tolist() == [0, 0, 0]
     assert total.loc["all", "f1_in_pixels"] > 0.9
-    recall = tallies.class_recall(table, ["method"]).set_index(["method", "label"])
+    recall = detection.class_recall(table, ["method"]).set_index(["method", "label"])
     there = subset.particles["label"].value_counts()
     for label in (2, 3, 4):
         assert recall.loc[("all", label), "tp"] == there.get(label, 0)
@@ -53,19 +53,19 @@ def test_the_first_call_which_may_compile_is_not_timed(subset):
         calls.append(len(view.xyz))
         return np.empty((0, 2))
 
-    table = trial.run([subset], {"one": method}, MEDIAN)
-    assert calls[0] <= trial.POINTS
+    table = detection.run([subset], {"one": method}, MEDIAN)
+    assert calls[0] <= detection.WARM_UP_POINTS
     assert len(calls) == 1 + len(subset.wanted)
     assert len(table) == len(subset.wanted)
 
 
 def test_detectors_of_each_kind_are_methods(subset):
     methods = {
-        "picture": contenders.by_picture(DoG(1500.0)),
-        "cloud": contenders.by_cloud(DBSCAN(60.0, 4)),
-        **contenders.eleven(1500.0, subset.recording.attributes.roi),
+        "picture": detection_methods.from_foreground(DoG(1500.0)),
+        "cloud": detection_methods.from_cloud(DBSCAN(60.0, 4)),
+        **detection_methods.table_5_11_methods(1500.0, subset.recording.attributes.roi),
     }
-    table = trial.run([subset._replace(wanted=(75,))], methods, MEDIAN)
+    table = detection.run([subset._replace(wanted=(75,))], methods, MEDIAN)
     assert list(table["method"]) == list(methods)
     assert (table[["tp", "fp", "fn"]] >= 0).all(axis=None)
     assert len(set(table["tp"] + table["fn"])) == 1
@@ -75,24 +75,24 @@ def test_detectors_of_each_kind_are_methods(subset):
 
 def test_views_that_are_held_are_those_of_a_first_look(subset):
     holding = subset._replace(wanted=(75, 77), background=MEDIAN, held={})
-    first = list(trial.look(holding))
-    again = list(trial.look(holding._replace(wanted=(77,))))
+    first = list(detection.subset_views(holding))
+    again = list(detection.subset_views(holding._replace(wanted=(77,))))
     assert [t for t, _ in first] == [75, 77]
     assert again[0][1] is first[1][1]
-    anew = list(trial.look(holding._replace(held=None, wanted=(77,))))
+    anew = list(detection.subset_views(holding._replace(held=None, wanted=(77,))))
     for one, other in zip(anew[0][1], again[0][1], strict=True):
         np.testing.assert_array_equal(one, other)
-    other = list(trial.look(holding, background=background.Median(window=6)))
+    other = list(detection.subset_views(holding, background=background.Median(window=6)))
     assert other[1][1] is not first[1][1]
     assert not np.array_equal(other[1][1].foreground, first[1][1].foreground)
-    assert next(view for _, view in trial.look(holding)) is first[0][1]
+    assert next(view for _, view in detection.subset_views(holding)) is first[0][1]
 
 
 def test_measured_places_are_means_of_the_points_in_the_pixels(subset):
     ((t, view),) = kiln.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)
     ids = subset.particles.loc[subset.particles["frame"] == t, "particle"].to_numpy()
-    place = trial.measured_places(view, image, ids)
+    place = detection.measured_positions(view, image, ids)
     for one, found in zip(ids, place, strict=True):
         own = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == one]
         if len(own):
@@ -116,32 +116,32 @@ def attempts(**f1):
 
 def test_the_parameter_of_a_subset_is_best_on_the_others():
     table = attempts(low=(1, 8, 8), high=(9, 2, 2)).rename(columns={"method": "threshold"})
-    chosen = tallies.leave_one_out(table, "threshold").set_index("subset")["threshold"]
+    chosen = detection.leave_one_out(table, "threshold").set_index("subset")["threshold"]
     assert chosen.to_dict() == {"V1": "low", "V2": "high", "V3": "high"}
     with pytest.raises(InputError, match="two subsets"):
-        tallies.leave_one_out(table[table["subset"] == "V1"], "threshold")
+        detection.leave_one_out(table[table["subset"] == "V1"], "threshold")
 
 
 def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     table = attempts(one=(5, 5, 5), other=(8, 8, 8))
-    draws = tallies.resampled_f1(table, np.random.default_rng(0), draws=50)
+    draws = detection.resampled_f1(table, np.random.default_rng(0), draws=50)
     assert draws.shape == (50, 2)
     assert draws["one"].to_numpy() == pytest.approx(2 * 5 / 15)
-    again = tallies.resampled_f1(table, np.random.default_rng(0), draws=50)
+    again = detection.resampled_f1(table, np.random.default_rng(0), draws=50)
     pd.testing.assert_frame_equal(draws, again)
     with pytest.raises(InputError, match="lacks a frame"):
-        tallies.resampled_f1(table.iloc[1:], np.random.default_rng(0))
+        detection.resampled_f1(table.iloc[1:], np.random.default_rng(0))
 
 
 def test_thresholds_ascend():
-    assert list(contenders.THRESHOLDS) == sorted(set(contenders.THRESHOLDS))
+    assert list(detection_methods.THRESHOLDS) == sorted(set(detection_methods.THRESHOLDS))
 
 
 def test_unsigned_differences_keep_what_is_brighter(subset):
     stack = kiln.Pictures(subset.recording)
     for model in (background.TwoFrame(), background.Median(window=20)):
         absolute = next(iter(model(stack, [76])))
-        cut = next(iter(contenders.Unsigned(model)(stack, [76])))
+        cut = next(iter(detection_methods.Unsigned(model)(stack, [76])))
         brighter = cut > 0
         np.testing.assert_array_equal(cut[brighter], absolute[brighter])
         assert (cut[~brighter] == 0).all()
@@ -155,9 +155,9 @@ def test_one_look_for_all_thresholds_is_the_detector_at_each():
     none = np.empty((0, 2), dtype=np.intp)
     view = View(image.astype(np.uint16), image.astype(np.uint16), image, none, np.empty((0, 3)))
     for look in (lambda foreground: foreground, lambda foreground: foreground / 4):
-        methods = contenders.by_threshold((2000, 200, 700), look)
+        methods = detection_methods.from_thresholds((2000, 200, 700), look)
         assert sorted(methods) == [200, 700, 2000]
         for threshold, method in methods.items():
             expected = DoG(float(threshold))(look(image))
             np.testing.assert_array_equal(method(view), expected)
-    assert contenders.by_threshold(()) == {}
+    assert detection_methods.from_thresholds(()) == {}

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import contest, pursuit
-from kilnflight.experiments.ladders import Ladders, ours
+from kilnflight.experiments import grid_search, tracking
+from kilnflight.experiments.grid_search import Grid, kilnflight_grids
 from kilnflight.kiln import TwinSource
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
@@ -32,59 +32,59 @@ def window():
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
     seen = pd.concat([seen, clutter], ignore_index=True).sort_values("frame", ignore_index=True)
-    return pursuit.Window("confetti", "made up", FRAMES, seen, truth, Flat())
+    return tracking.Window("confetti", "made up", FRAMES, seen, truth, Flat())
 
 
 def test_post_processing_and_truth_make_it_better(window):
-    table = pursuit.run([window], {"GNN": track})
+    table = tracking.run([window], {"GNN": track})
     before, after = (table.set_index("postprocessing").loc[name] for name in ("without", "with"))
     assert after["beta"] > before["beta"]
     assert after["alpha"] > 0.85
-    links = pursuit.linked_by_truth(window)
+    links = tracking.linked_by_truth(window)
     assert len(links) == len(window.detections)
     assert set(links["particle"]) == {-1, 7, 8}
     assert (links["particle"] == -1).sum() == 6
-    score = pursuit.quality(window.truth, links)
+    score = tracking.measures(window.truth, links)
     assert score["jsc_theta"] == 1.0
     assert score["alpha"] == pytest.approx(54 / 60)
-    assert pursuit.quality(window.truth, track(pursuit.fully_detected(window).detections))[
+    assert tracking.measures(window.truth, track(tracking.with_true_positions(window).detections))[
         "alpha"
     ] == pytest.approx(1.0)
-    clean = pursuit.without_clutter(window)
+    clean = tracking.without_false_detections(window)
     assert len(clean.detections) == len(window.detections) - 6
 
 
 def test_the_cost_of_a_tracker(window):
-    seconds, peak = pursuit.cost([window, window], track, repeats=1)
+    seconds, peak = tracking.cost([window, window], track, repeats=1)
     assert 0 < seconds < 60
     assert 0 < peak < 500
 
 
 def test_windows_with_and_without_a_track(window):
     generator = np.random.default_rng(0)
-    streaks, empty = pursuit.texture_windows(window, 5, generator)
-    assert all(one.shape == pursuit.BOX for one in [*streaks, *empty])
-    assert all((one == pursuit.SPAN).all() for one in streaks)
+    streaks, empty = tracking.texture_windows(window, 5, generator)
+    assert all(one.shape == tracking.BOX for one in [*streaks, *empty])
+    assert all((one == tracking.SPAN).all() for one in streaks)
     crowded = window._replace(truth=window.truth, differences=Flat())
     crowded.differences.shape = (130, 70)
     with pytest.raises(InputError, match="no place without a track"):
-        pursuit.texture_windows(crowded, 5, generator)
+        tracking.texture_windows(crowded, 5, generator)
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
 def test_settings_are_found_where_nothing_is_scored(fraction):
     twin = TwinSource(f"{fraction.replace(' ', '-').lower()}-4.5-bar").recording()
     window = tracking_window(twin)
-    assert pursuit.scored(twin, "full") == window
-    for scale in pursuit.LENGTHS:
-        part, other = pursuit.scored(twin, scale), pursuit.other(twin, scale)
+    assert tracking.scored_frames(twin, "full") == window
+    for scale in tracking.LENGTHS:
+        part, other = tracking.scored_frames(twin, scale), tracking.settings_frames(twin, scale)
         assert set(part) <= set(window)
         assert not set(other) & set(
-            range(window.start - pursuit.MARGIN, window.stop + pursuit.MARGIN)
+            range(window.start - tracking.MARGIN, window.stop + tracking.MARGIN)
         )
         assert 0 <= other.start < other.stop <= len(twin)
-        if pursuit.LENGTHS[scale][0]:
-            assert len(part) == pursuit.LENGTHS[scale][0]
+        if tracking.LENGTHS[scale][0]:
+            assert len(part) == tracking.LENGTHS[scale][0]
 
 
 def test_the_setting_with_the_largest_beta_is_chosen(window):
@@ -92,10 +92,10 @@ def test_the_setting_with_the_largest_beta_is_chosen(window):
         return seen.assign(particle=np.arange(len(seen)))
 
     way = {"way": (0.0, 1.0)}
-    one = Ladders(lambda way: (blind, track)[int(way)], way, way)
-    trackers = {"one": one, "two": Ladders(lambda way: blind, way, way)}
-    tried = contest.best_setting([window], trackers)
+    one = Grid(lambda way: (blind, track)[int(way)], way, way)
+    trackers = {"one": one, "two": Grid(lambda way: blind, way, way)}
+    tried = grid_search.grid_search([window], trackers)
     best = tried[tried["chosen"]].set_index("tracker")["setting"]
     assert best.to_dict() == {"one": "way 1", "two": "way 0"}
-    assert contest.chosen(tried, trackers)["one"] is track
-    assert len(ours()["JPDA"].first()) == len(ours()["GNN"].first()) > 10
+    assert grid_search.chosen_trackers(tried, trackers)["one"] is track
+    assert len(kilnflight_grids()["JPDA"].first()) == len(kilnflight_grids()["GNN"].first()) > 10

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import survey
-from kilnflight.experiments.campaigns import Measured
+from kilnflight.experiments import results
+from kilnflight.experiments.campaigns import Measurement
 from kilnflight.project import claims
 from kilnflight.regression import Regression, regress_all
 from kilnflight.scores.flights import Findings
@@ -44,7 +44,7 @@ SLICED = pd.DataFrame(
 
 
 def test_only_flights_from_the_lance_count_and_slices_behind_it_do_not():
-    found = survey.findings_of(TRAJECTORIES, FLOWN, SLICED)
+    found = results.of_flights(TRAJECTORIES, FLOWN, SLICED)
     assert found.dwell_s.tolist() == [0.3, 0.4]
     np.testing.assert_equal(found.velocity_m_s[:, :3], [[5, np.nan, np.nan], [8, 7, np.nan]])
     np.testing.assert_equal(found.ignition_s, [np.nan, 0.1])
@@ -54,19 +54,19 @@ def test_only_flights_from_the_lance_count_and_slices_behind_it_do_not():
 def measured(cells):
     parts = [TRAJECTORIES.assign(particle=TRAJECTORIES["particle"]), FLOWN, SLICED]
     tables = [pd.concat([with_cell(one, cell) for cell in cells]) for one in parts]
-    return Measured(with_cell(track(1, 5.0)), *tables)
+    return Measurement(with_cell(track(1, 5.0)), *tables)
 
 
 def test_cells_and_their_table_have_one_row_each():
-    found = survey.cells(measured([CELL]))
+    found = results.by_campaign(measured([CELL]))
     assert list(found) == [CELL]
-    row = survey.table(found).iloc[0]
+    row = results.outcome_table(found).iloc[0]
     assert (row["particles"], row["dwell median (s)"]) == (2, pytest.approx(0.35))
 
 
 def test_printed_numbers_stand_beside_truth_and_measurement():
-    found = survey.cells(measured([CELL]))
-    said = survey.beside_published(found, found, ["dwell"])
+    found = results.by_campaign(measured([CELL]))
+    said = results.beside_published(found, found, ["dwell"])
     assert set(said["fraction"]) == {"confetti"}
     np.testing.assert_array_equal(said["true"], said["measured"])
 
@@ -75,12 +75,12 @@ def test_a_printed_number_holds_within_its_bounds_or_its_unit():
     rows = [("velocity 0-1 m (m/s)", 7.4, 7.4, 7.8), ("remaining 1 m (%)", 90.0, 100.0, 89.0)]
     said = pd.DataFrame(rows, columns=["outcome", "low", "high", "measured"])
     said = said.assign(fraction="confetti", pressure_bar=4.5)
-    assert list(survey.holds(said, CELL).values()) == [True, False]
-    assert survey.holds(said, ("PE granule", 4.5)) == {"nothing measured": False}
+    assert list(results.conditions(said, CELL).values()) == [True, False]
+    assert results.conditions(said, ("PE granule", 4.5)) == {"nothing measured": False}
 
 
 def test_a_claim_about_eight_cells_is_not_decided_on_one():
-    (verdict,) = survey.decided(measured([CELL]), {"dwell-1": 0.4})
+    (verdict,) = results.judge_all(measured([CELL]), {"dwell-1": 0.4})
     assert verdict.verdict == claims.NOT_DECIDABLE
     assert "eight cells" in verdict.reason
 
@@ -88,7 +88,7 @@ def test_a_claim_about_eight_cells_is_not_decided_on_one():
 def test_pairs_differ_in_fraction_or_pressure_but_not_in_both():
     cells = [("a", 4.5), ("a", 5.0), ("b", 4.5), ("b", 5.0)]
     nothing = Findings(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
-    pairs = survey.pairs(dict.fromkeys(cells, nothing))
+    pairs = results.pairs_to_compare(dict.fromkeys(cells, nothing))
     assert len(pairs) == 4
     assert (("a", 4.5), ("b", 5.0)) not in pairs
 
@@ -96,7 +96,7 @@ def test_pairs_differ_in_fraction_or_pressure_but_not_in_both():
 def test_medians_have_intervals_and_few_particles_have_none():
     few = Findings(np.array([0.3, 0.4]), np.full((2, 5), np.nan), np.empty(0), np.empty(0))
     many = few._replace(dwell_s=np.linspace(0.2, 0.6, 41))
-    rows = survey.medians({("a", 4.5): few, ("b", 4.5): many}, "dwell_s", np.random.default_rng(0))
+    rows = results.medians({("a", 4.5): few, ("b", 4.5): many}, "dwell_s", np.random.default_rng(0))
     assert rows["low"].isna().tolist() == [True, False]
     assert rows.loc[1, "low"] < 0.4 < rows.loc[1, "high"]
 
@@ -106,23 +106,23 @@ def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them
     single = with_cell(TRAJECTORIES[TRAJECTORIES["particle"] == 1])
     many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
     flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
-    table = survey.regression_table(
-        Measured(None, many, flown, None), np.random.default_rng(0)
+    table = results.regression_table(
+        Measurement(None, many, flown, None), np.random.default_rng(0)
     ).set_index("axis")
     deep = table.loc["z"]
     assert (deep["tracks"], deep["rmse_mm"]) == (20, 95.0)
     assert 0.0 < deep["rmse_mm_low"] < 95.0 < deep["rmse_mm_high"] < 190.0
-    few = survey.regression_table(
-        Measured(None, many, flown.head(3), None), np.random.default_rng(0)
+    few = results.regression_table(
+        Measurement(None, many, flown.head(3), None), np.random.default_rng(0)
     )
     assert few["rmse_mm_low"].isna().all()
 
 
 def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict():
     every = measured([(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR])
-    flights = pd.concat([every.flights.assign(particle=k) for k in range(survey.LEAST)])
+    flights = pd.concat([every.flights.assign(particle=k) for k in range(results.LEAST_FLIGHTS)])
     many, given = every._replace(flights=flights), {"dwell-1": 0.4, "dwell-2": {"first": True}}
-    plain = survey.decided(many, given, "a note")
-    told = survey.decided(many, given, "a note", {"dwell-2": "medians told apart: none"})
+    plain = results.judge_all(many, given, "a note")
+    told = results.judge_all(many, given, "a note", {"dwell-2": "medians told apart: none"})
     assert [one.verdict for one in told] == [one.verdict for one in plain]
     assert [one.reason for one in told] == ["a note", "a note; medians told apart: none"]

@@ -1,12 +1,4 @@
-"""Flights with one step of the chain after the other replaced by the truth.
-
-true positions, true links -> regression -> flights      what regression and definitions cost
-our detections, true links -> regression -> flights      and what detection costs on top
-true positions, our tracks -> regression -> flights      or tracking
-our tracks at the true depth -> regression -> flights    our chain with a camera without scatter
-our tracks -> regression with weights, or also robust -> flights     another regression
-the whole chain
-"""
+"""Flights with one step of the chain after the other replaced by the truth."""
 
 from __future__ import annotations
 
@@ -20,9 +12,9 @@ import pandas as pd
 
 from kilnflight import kiln, regression
 from kilnflight.checks import InputError
-from kilnflight.experiments.campaigns import Campaign, Measured
-from kilnflight.experiments.pursuit import GATE_PX
-from kilnflight.experiments.survey import CELL, of_cell, twin_of
+from kilnflight.experiments.campaigns import Campaign, Measurement
+from kilnflight.experiments.results import KEYS, of_campaign, twin_of
+from kilnflight.experiments.tracking import GATE_PX
 from kilnflight.kiln import KilnRun
 from kilnflight.project.parallel import Workers
 from kilnflight.regression import Loss, Regression
@@ -50,7 +42,7 @@ WEIGHTED = Regression(scale_mm=SCATTER_MM)
 ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
 
 
-class Flown(NamedTuple):
+class FlightTables(NamedTuple):
     """Flights that were worked out in one way."""
 
     flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
@@ -83,27 +75,27 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         table[f"velocity_{metre}_m_s"] = each[:, k]
     table["ignition_s"] = flights.ignition_s
     table["whole"] = (release >= frames.start) & (over < frames.stop)
-    seen = sightings(campaign)["particle"].unique()
+    seen = true_positions(campaign)["particle"].unique()
     table["measurable"] = table["particle"].isin(seen)
     return table[(release < frames.stop) & (over > frames.start)].reset_index(drop=True)
 
 
-def sightings(campaign: Campaign) -> pd.DataFrame:
+def true_positions(campaign: Campaign) -> pd.DataFrame:
     """Return where a person would see which particle in the air, kept."""
     return true_trajectories(twin_of(campaign), campaign.frames)
 
 
-def prepare(wanted: Sequence[Campaign], workers: Workers) -> None:
-    """Make the `sightings` of all campaigns, several at a time."""
+def prepare_truth(wanted: Sequence[Campaign], workers: Workers) -> None:
+    """Make the `true_positions` of all campaigns, several at a time."""
     lengths = [len(one.frames) for one in wanted]
     workers(_sightings, list(wanted), lengths, "truth")
 
 
 def _sightings(campaign: Campaign) -> None:
-    sightings(campaign)
+    true_positions(campaign)
 
 
-def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
+def true_particles(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
     """Return the true particle that each detection belongs to, (n,); -1: none.
 
     In each frame detections and true positions are paired within `GATE_PX`.
@@ -119,7 +111,7 @@ def owned(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
     return owner
 
 
-def owners(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
+def particle_of_track(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
     """Return the true particle by track: whose most of its detections are, and at least half."""
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
     table = table[table["particle"] >= 0]
@@ -130,9 +122,9 @@ def owners(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
     return best["owner"].where(known, -1).set_axis(best["particle"].to_numpy())
 
 
-def ways(
+def replace_steps(
     campaign: Campaign, tracks: pd.DataFrame, own: Mapping[int, regression.Fit] | None = None
-) -> Iterator[tuple[str, Flown]]:
+) -> Iterator[tuple[str, FlightTables]]:
     """Yield the flights with one step after the other replaced by the truth; `STEPS`.
 
     Parameters
@@ -144,32 +136,38 @@ def ways(
     own
         Their trajectories; worked out if None.
     """
-    true, run = sightings(campaign), campaign.run
+    true, run = true_positions(campaign), campaign.run
     lit = np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY)
     positions = true.assign(gray=lit)
-    owner = owned(tracks, true)
-    belongs, exact = owners(tracks, owner), fitted(run, positions)
-    known = linked(tracks, owner, true)
+    owner = true_particles(tracks, true)
+    belongs, exact = particle_of_track(tracks, owner), fit_tracks(run, positions)
+    known = link_by_truth(tracks, owner, true)
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
-    deep = deepened(tracks, owner, true)
-    own = fitted(run, tracks) if own is None else own
+    deep = with_true_depth(tracks, owner, true)
+    own = fit_tracks(run, tracks) if own is None else own
     replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
     each = (
-        (positions, exact, owners(positions, owned(positions, true))),
-        (known, fitted(run, known), owners(known, owner)),
-        (followed, fitted(run, followed), owners(followed, owned(followed, true))),
-        (deep, fitted(run, deep), belongs),
+        (positions, exact, particle_of_track(positions, true_particles(positions, true))),
+        (known, fit_tracks(run, known), particle_of_track(known, owner)),
+        (
+            followed,
+            fit_tracks(run, followed),
+            particle_of_track(followed, true_particles(followed, true)),
+        ),
+        (deep, fit_tracks(run, deep), belongs),
         (tracks, {**own, **replaced}, belongs),
-        (tracks, fitted(replace(run, regression=WEIGHTED), tracks), belongs),
-        (tracks, fitted(replace(run, regression=ROBUST), tracks), belongs),
+        (tracks, fit_tracks(replace(run, regression=WEIGHTED), tracks), belongs),
+        (tracks, fit_tracks(replace(run, regression=ROBUST), tracks), belongs),
         (tracks, own, belongs),
     )
     for name, (table, fits, whose) in zip(STEPS, each, strict=True):
         flights = kiln.flights_from(run, table, fits)
-        yield name, Flown(flights, kiln.slices_from(flights, fits), whose)
+        yield name, FlightTables(flights, kiln.slices_from(flights, fits), whose)
 
 
-def linked(tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame) -> pd.DataFrame:
+def link_by_truth(
+    tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
+) -> pd.DataFrame:
     """Return the detections with their true particle, without the depths that are another's.
 
     A detection belongs to a particle by its place in the image; a depth that is off by more
@@ -183,7 +181,7 @@ def linked(tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFram
     return known
 
 
-def deepened(
+def with_true_depth(
     tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
 ) -> pd.DataFrame:
     """Return the tracks with the true place in space wherever a detection belongs to someone."""
@@ -195,7 +193,7 @@ def deepened(
     return tracks.assign(**{axis: better[:, k] for k, axis in enumerate("xyz")})
 
 
-def fitted(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
+def fit_tracks(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
     """Return the trajectories by track of a table that did not come from the chain."""
     if run.exit_point_mm is None:
         raise InputError(f"{run.detection.source.name}: the lance's exit is not known.")
@@ -203,7 +201,7 @@ def fitted(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
     return regression.fits(regression.regress_all(tracked(table), run.exit_point_mm, rate, method))
 
 
-def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataFrame:
+def flights_above_background(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
     """Return the flights with ignition read from grey values above the background.
 
     `kilnflight.kiln.background_gray` says what that is; only pictures are asked, no truth.
@@ -211,7 +209,7 @@ def above_background(wanted: Sequence[Campaign], measured: Measured) -> pd.DataF
     parts = []
     for one in wanted:
         cell = (one.fraction, one.pressure_bar)
-        tracks, fitted = (of_cell(table, cell).drop(columns=CELL) for table in measured[:2])
+        tracks, fitted = (of_campaign(table, cell).drop(columns=KEYS) for table in measured[:2])
         rules = replace(one.run.rules, above_background=True)
         run = replace(one.run, rules=rules)
         found = kiln.flights_from(run, tracks, regression.fits(fitted))

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from kilnflight.detection.wall import Cylinder
-from kilnflight.experiments import campaigns, trust
-from kilnflight.experiments.lessons import Learned
+from kilnflight.experiments import campaigns, error_budget
+from kilnflight.experiments.campaigns import Settings
 
-LEARNED = Learned(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
+LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
 
 @pytest.fixture
@@ -18,13 +18,15 @@ def campaign(monkeypatch):
 
 
 def seen(campaign):
-    true = trust.sightings(campaign)
-    return true.assign(gray=np.where(true["label"] == 2, trust.LIT_GRAY, trust.UNLIT_GRAY))
+    true = error_budget.true_positions(campaign)
+    return true.assign(
+        gray=np.where(true["label"] == 2, error_budget.LIT_GRAY, error_budget.UNLIT_GRAY)
+    )
 
 
 def flights(campaign, tracks):
-    found = dict(trust.ways(campaign, tracks))
-    assert tuple(found) == trust.STEPS
+    found = dict(error_budget.replace_steps(campaign, tracks))
+    assert tuple(found) == error_budget.STEPS
     for one in found.values():
         assert set(one.flights["particle"]) <= set(one.owners.index)
     return {name: one.flights.reset_index(drop=True) for name, one in found.items()}
@@ -40,11 +42,11 @@ def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
 
 def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
     true = seen(campaign)
-    own = trust.fitted(campaign.run, true)
-    given = dict(trust.ways(campaign, true, own))
-    for name, one in trust.ways(campaign, true):
+    own = error_budget.fit_tracks(campaign.run, true)
+    given = dict(error_budget.replace_steps(campaign, true, own))
+    for name, one in error_budget.replace_steps(campaign, true):
         pd.testing.assert_frame_equal(given[name].flights, one.flights)
-    none = dict(trust.ways(campaign, true, {}))
+    none = dict(error_budget.replace_steps(campaign, true, {}))
     assert not none["whole chain"].flights["from_lance"].any()
     assert len(none["true positions and links"].flights) > 3
 
@@ -84,7 +86,7 @@ def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign
 def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": 1.0, "y": 2.0, "z": [7499.0, 7400.0, 9000.0]})
-    found = trust.linked(tracks, np.array([7, 7, -1]), true)
+    found = error_budget.link_by_truth(tracks, np.array([7, 7, -1]), true)
     assert found["particle"].tolist() == [7, 7, -1]
     np.testing.assert_equal(found["z"].to_numpy(), [7499.0, np.nan, 9000.0])
     np.testing.assert_equal(found["x"].to_numpy(), [1.0, np.nan, 1.0])
