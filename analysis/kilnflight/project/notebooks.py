@@ -1,4 +1,4 @@
-"""A notebook's text (jupytext percent) becomes an executed notebook, or says why not.
+"""Execute a notebook's text (jupytext percent), or say in one line why that failed.
 
     notebooks/NN_name.py -> build/NN_name.ipynb
 
@@ -15,24 +15,27 @@ import logging
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import jupytext
 import nbformat
 import papermill
 from nbclient.exceptions import DeadKernelError
 from papermill.exceptions import PapermillExecutionError
+from traitlets.config import Config
 
 from kilnflight.checks import InputError
+from kilnflight.project.cache import write_whole
 from kilnflight.project.paths import PROGRESS, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
-TELL_S = 60.0  # between two words on how far long work is
+TELL_S = 60.0  # between two lines on how far long work is
 
 
 def read_source(path: Path) -> nbformat.NotebookNode:
@@ -53,23 +56,15 @@ def read_source(path: Path) -> nbformat.NotebookNode:
         raise InputError(
             f'{path}: no cell is tagged parameters; start it with # %% tags=["parameters"].'
         )
-    notebook.metadata["kernelspec"] = {
-        "name": "python3",
-        "display_name": "Python 3",
-        "language": "python",
-    }
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    notebook.metadata["kernelspec"] = kernel
     return notebook
 
 
 def known_parameters(notebook: nbformat.NotebookNode) -> dict[str, object]:
     """Return the names and default values of the notebook's parameters cell."""
-    values: dict[str, object] = {}
-    for cell in notebook.cells:
-        if "parameters" in cell.metadata.get("tags", []):
-            for statement in ast.parse(cell.source).body:
-                if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
-                    values[statement.targets[0].id] = ast.literal_eval(statement.value)
-    return values
+    known = papermill.inspect_notebook(notebook)
+    return {name: ast.literal_eval(parameter["default"]) for name, parameter in known.items()}
 
 
 def parse_parameters(
@@ -95,21 +90,20 @@ def parse_parameters(
     values: dict[str, object] = {}
     numbers = {name.split("_")[0] for name in notebooks}
     for item in items:
-        name, equals, text = item.partition("=")
-        number, dot, rest = name.partition(".")
-        if not equals or not (rest if dot else name).isidentifier():
+        target, equals, text = item.partition("=")
+        number, dot, name = target.rpartition(".")
+        if not equals or not name.isidentifier():
             raise InputError(
                 f"parameter {item!r}: write name=value, or NN.name=value for one notebook."
             )
         if dot and (not number.isdigit() or (numbers and number not in numbers)):
             known = f" ({', '.join(sorted(numbers))})" if numbers else ""
             raise InputError(f"parameter {item!r}: {number!r} is no notebook's number{known}.")
-        if dot and number != stem.split("_")[0]:
-            continue
-        try:
-            values[rest if dot else name] = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
-            values[rest if dot else name] = text
+        if not dot or number == stem.split("_")[0]:
+            try:
+                values[name] = ast.literal_eval(text)
+            except (ValueError, SyntaxError):
+                values[name] = text
     return values
 
 
@@ -122,10 +116,8 @@ def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str,
                 f"For one notebook only, write {stem.split('_')[0]}.name=value."
             )
         default = known[name]
-        same = isinstance(value, type(default)) or (
-            isinstance(default, float) and isinstance(value, int)
-        )
-        if not same or isinstance(value, bool) != isinstance(default, bool):
+        allowed = (int, float) if isinstance(default, float) else type(default)
+        if not isinstance(value, allowed) or isinstance(value, bool) != isinstance(default, bool):
             raise InputError(
                 f"{stem}: parameter {name} is {value!r}, expected {type(default).__name__} "
                 f"(the default is {default!r})."
@@ -134,17 +126,28 @@ def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str,
         raise InputError(f"{stem}: scale {given['scale']!r} is none of {', '.join(SCALES)}.")
 
 
-def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
-    """Execute a notebook with papermill and return the executed one.
+@contextmanager
+def private_sockets() -> Iterator[Config]:
+    """Yield the settings of a kernel that talks through a folder of its own, then remove it.
 
-    The cells run in the project's folder (the current directory).
+    Kernels that start together now and then pick the same TCP port, or the same name of a
+    socket in a shared folder, and one of them dies.
+    """
+    # not in TMPDIR: the path of a socket has at most 107 characters
+    with tempfile.TemporaryDirectory(prefix="kilnflight-", dir="/tmp") as folder:
+        yield Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/k"}})
+
+
+def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
+    """Execute a notebook in the current directory and return the executed one.
 
     Raises
     ------
     InputError
-        If the source or a parameter is wrong; nothing is executed then.
+        If the source or a parameter is wrong (nothing is executed then), or the kernel
+        does not start.
     papermill.exceptions.PapermillExecutionError
-        If a cell fails; what ran is kept as ``<stem>.failed.ipynb``.
+        If a cell fails; what ran stays as ``<stem>.failed.ipynb``.
     """
     stem = source.stem
     notebook = read_source(source)
@@ -153,55 +156,74 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     if given.get("scale") == "quick" and "jobs" in known:
         given = {"jobs": 1, **given}  # a process takes longer to start than its share of the work
     build.mkdir(parents=True, exist_ok=True)
-    for left_behind in build.glob(f".{stem}.*.ipynb"):  # of a run that was killed outright
-        left_behind.unlink()
     whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"
-    plain = build / f".{stem}.{os.getpid()}.source.ipynb"
-    partial = build / f".{stem}.{os.getpid()}.partial.ipynb"
-    # figures.save notes what it wrote here, so that make sees when a figure goes missing
-    saved = build / f".{stem}.{os.getpid()}.saved.part"
-    progress = build / f".{stem}.{os.getpid()}.progress"
-    os.environ |= {SAVED_LIST: str(saved.resolve()), PROGRESS: str(progress.resolve())}
-    ended = threading.Event()
-    teller = threading.Thread(target=_tell, args=(stem, progress, ended), daemon=True)
-    teller.start()
-    try:
-        nbformat.write(notebook, plain)
-        papermill.execute_notebook(
-            str(plain),
-            str(partial),
-            parameters=dict(given),
-            kernel_name="python3",
-            cwd=str(Path.cwd()),
-            # the kernel talks on this machine only; its advice about encryption is noise here
-            extra_arguments=["--IPKernelApp.log_level=CRITICAL"],
-            progress_bar={"desc": stem, "unit": "cell"} if sys.stderr.isatty() else False,
-        )
+    with tempfile.TemporaryDirectory() as folder:
+        names = f"{stem}.ipynb", "saved", "progress"
+        partial, saved, progress = (Path(folder) / name for name in names)
+        # figures.save lists what it wrote, so that make sees when a figure goes missing
+        os.environ |= {SAVED_LIST: str(saved), PROGRESS: str(progress)}
+        try:
+            with _progress_told(stem, progress):
+                _execute(notebook, partial, given)
+        except PapermillExecutionError:
+            write_whole(failed, partial.read_bytes())
+            raise
+        finally:
+            del os.environ[SAVED_LIST], os.environ[PROGRESS]
         failed.unlink(missing_ok=True)
         if saved.is_file():
-            saved.replace(build / f"{stem}.saved")
-        partial.replace(whole)
-        return whole
-    except PapermillExecutionError:
-        partial.replace(failed)
-        raise
+            write_whole(build / f"{stem}.saved", saved.read_bytes())
+        write_whole(whole, partial.read_bytes())
+    return whole
+
+
+def _execute(notebook: nbformat.NotebookNode, target: Path, given: Mapping[str, object]) -> None:
+    """Execute a notebook; start its kernel once more if it dies before it answers."""
+    bar = {"desc": target.stem, "unit": "cell"} if sys.stderr.isatty() else False
+    for last in (False, True):
+        try:
+            with private_sockets() as config:
+                papermill.execute_notebook(
+                    notebook,
+                    str(target),
+                    parameters=dict(given),
+                    kernel_name="python3",
+                    cwd=str(Path.cwd()),
+                    progress_bar=bar,
+                    config=config,
+                )
+            return
+        except DeadKernelError:  # it died at work: an interruption
+            raise
+        except RuntimeError as error:
+            if last:
+                raise InputError(
+                    f"{target.stem}: its kernel died twice before it answered. Is there free "
+                    "memory, and room in /tmp? Run the same make again; it goes on from here."
+                ) from error
+
+
+@contextmanager
+def _progress_told(stem: str, progress: Path) -> Iterator[None]:
+    """Print every now and then how far a notebook's long work is."""
+    ended = threading.Event()
+
+    def tell() -> None:
+        before = ""
+        while not ended.wait(TELL_S):
+            lines = progress.read_text().split("\n") if progress.is_file() else []
+            last = next((line.strip() for line in reversed(lines) if line.strip()), before)
+            if last != before:
+                print(f"{stem}: {last}", flush=True)
+            before = last
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
     finally:
         ended.set()
-        teller.join()  # it may be reading what is removed below
-        del os.environ[SAVED_LIST], os.environ[PROGRESS]
-        for temporary in (plain, partial, saved, progress):
-            temporary.unlink(missing_ok=True)
-
-
-def _tell(stem: str, progress: Path, ended: threading.Event) -> None:
-    """Print every now and then how far a notebook's long work is, until it has ended."""
-    before = ""
-    while not ended.wait(TELL_S):
-        drawn = progress.read_text().split("\n") if progress.is_file() else []
-        last = next((line.strip() for line in reversed(drawn) if line.strip()), "")
-        if last and last != before:
-            print(f"{stem}: {last}", flush=True)
-        before = last
+        teller.join()  # it may be reading what is removed next
 
 
 def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
@@ -224,17 +246,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     # asked to end, by whatever signal: clean up as after Ctrl-C (asyncio passes nothing else on)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # what was under way when the kernel was killed is reported below, in one line
-    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    for name in ("asyncio", "papermill"):  # what they would log is reported below, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     stem = options.source.stem
     started = time.monotonic()
     try:
-        notebooks = [path.stem for path in options.source.parent.glob("[0-9][0-9]_*.py")]
-        given: dict[str, Any] = parse_parameters(options.parameter, stem, notebooks)
-        for path in sorted(options.source.parent.glob("[0-9][0-9]_*.py")):
+        sources = sorted(options.source.parent.glob("[0-9][0-9]_*.py"))
+        stems = [path.stem for path in sources]
+        given = parse_parameters(options.parameter, stem, stems)
+        for path in sources:
             # all of them before any runs: half a set of new figures is worse than none
-            meant = parse_parameters(options.parameter, path.stem, notebooks)
-            if path == options.source or meant.keys() - {"scale"}:  # all know a scale (tested)
+            meant = parse_parameters(options.parameter, path.stem, stems)
+            if path != options.source and meant.keys() - {"scale"}:  # all know a scale (tested)
                 check_parameters(path.stem, known_parameters(read_source(path)), meant)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
         print(f"{stem}: running ({shown})", flush=True)
@@ -246,8 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{stem}: {error}" if stem not in str(error) else str(error), file=sys.stderr)
         return 1
     except PapermillExecutionError as error:
-        kept = options.build / f"{stem}.failed.ipynb"
-        print(explain(stem, error, kept), file=sys.stderr)
+        print(explain(stem, error, options.build / f"{stem}.failed.ipynb"), file=sys.stderr)
         return 1
     except (KeyboardInterrupt, DeadKernelError) as error:
         why = "" if isinstance(error, KeyboardInterrupt) else " (its kernel was killed or died)"
