@@ -27,7 +27,7 @@ STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 FIRST := 00_claims
 EXECUTED := $(STEMS:%=build/%.ipynb)
 NUMBERS := $(foreach stem,$(STEMS),$(firstword $(subst _, ,$(stem))))
-LIBRARY := $(filter-out %/project/notebooks.py %/project/site.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' | sort))
+LIBRARY := $(filter-out %/project/notebooks.py %/project/site.py,$(shell find analysis/kilnflight -name '*.py' -o -name '*.json' -o -name '*.txt' | sort))
 FACTS := $(shell find data/reference -name '*.csv' | sort)
 
 # Freed memory is kept for the next frame: to be given it anew costs more than to reuse it.

@@ -37,8 +37,8 @@ def _authors_data() -> Path | None:
     named = os.environ.get("KILNFLIGHT_EXTERNAL")
     folders = [Path(named)] if named else []
     folders += [PROJECT / "data" / "external", PROJECT.parent / "shared" / "data" / "belt_dem"]
-    wanted = [file.name for file in data.FILES]
-    return next((f for f in folders if all((f / name).is_file() for name in wanted)), None)
+    names = data.BELT_DEM.values()
+    return next((f for f in folders if all((f / name).is_file() for name in names)), None)
 
 
 AUTHORS_DATA = _authors_data()

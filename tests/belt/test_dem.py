@@ -86,7 +86,7 @@ def test_without_any_file_there_is_nothing_to_find(monkeypatch, tmp_path):
 
 def test_some_but_not_all_files_are_an_error(monkeypatch, tmp_path):
     monkeypatch.setattr(
-        "kilnflight.project.data.find", lambda file: tmp_path if "spheres" in file.name else None
+        "kilnflight.project.data.find", lambda name: tmp_path if "spheres" in name else None
     )
     with pytest.raises(InputError, match="cuboids, cylinders are missing"):
         find_dem()

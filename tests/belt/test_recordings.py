@@ -62,8 +62,9 @@ def test_beside_the_other_data_only_the_published_files_are_used(folder, monkeyp
     path.write_bytes(b"other")
     with pytest.raises(InputError, match=r"001\.csv.* SHA-256 .* expected"):
         find_recordings()
-    file = data.ExternalFile("belt_recordings/Kugeln/001.csv", hashlib.sha256(b"").hexdigest(), "")
-    monkeypatch.setattr(data, "RECORDINGS", (file,))
+    name = "belt_recordings/Kugeln/001.csv"
+    monkeypatch.setattr(data, "RECORDINGS", (name,))
+    monkeypatch.setitem(data.SHA256, name, hashlib.sha256(b"").hexdigest())
     path.write_bytes(gzip.compress(b"") if ending.endswith("gz") else b"")
     assert find_recordings() == {"spheres": [path]}
 

@@ -8,13 +8,27 @@ from kilnflight.checks import InputError
 from kilnflight.project import data
 
 CONTENT = b"tracks"
-FILE = data.ExternalFile("t.zip", hashlib.sha256(CONTENT).hexdigest(), "some tracks")
+NAME = "belt/t.zip"
 
 
 @pytest.fixture
 def folder(monkeypatch, tmp_path):
     monkeypatch.setattr("kilnflight.project.paths.external", lambda: tmp_path / "external")
     return tmp_path / "external"
+
+
+@pytest.fixture
+def offered(monkeypatch, tmp_path):
+    """Let one small file be at an address."""
+
+    def offer(address):
+        registry = tmp_path / "registry.txt"
+        checksum = hashlib.sha256(CONTENT).hexdigest()
+        registry.write_text(f"{NAME} {checksum} {address}\n")
+        monkeypatch.setattr(data, "REGISTRY", registry)
+        monkeypatch.setitem(data.SHA256, NAME, checksum)
+
+    return offer
 
 
 @pytest.fixture
@@ -38,97 +52,78 @@ def server(tmp_path):
         running.shutdown()
 
 
-def test_a_file_is_fetched_once(folder, server):
-    path = data.fetch(FILE, [f"{server}/good.zip"])
-    assert path.read_bytes() == CONTENT
-    assert data.fetch(FILE, ["http://127.0.0.1:1/gone"]) == path
+def test_a_file_is_fetched_once(folder, server, offered):
+    offered(f"{server}/good.zip")
+    assert data.fetch(NAME) == folder / NAME
+    assert (folder / NAME).read_bytes() == CONTENT
+    offered("http://127.0.0.1:1/gone")
+    assert data.fetch(NAME) == data.find(NAME) == folder / NAME
 
 
-def test_the_next_address_is_tried(folder, server):
-    urls = [f"{server}/nothing.zip", f"{server}/good.zip"]
-    assert data.fetch(FILE, urls).read_bytes() == CONTENT
+def test_every_file_has_its_place_and_address():
+    assert set(data.BELT_DEM.values()) < set(data.SHA256)
+    assert len(data.RECORDINGS) == 32
+    for line in data.REGISTRY.read_text().splitlines():
+        name, checksum, address = line.split()
+        assert len(checksum) == 64
+        assert address.split("/")[-1] == name.split("/")[-1]
+        if "trackHistory" in name:
+            part = name.split("/")[1]
+            assert f"/data/{part}/trackSortResult{part}/" in address
 
 
-def test_the_recordings_have_a_place_and_an_address_each():
-    names = [file.name for file in data.RECORDINGS]
-    assert len(set(names)) == len(names) == 32
-    tracked = [file for file in data.RECORDINGS if "trackHistory" in file.name]
-    assert len(tracked) == 16
-    for file in data.RECORDINGS:
-        part, name = file.name.split("/")[1:]
-        beside = f"trackSortResult{part}/" if file in tracked else ""
-        assert file.address == f"{part}/{beside}{name}"
-        assert len(file.sha256) == 64
-
-
-def test_a_file_with_an_address_of_its_own_is_fetched_to_its_place(folder, server, monkeypatch):
-    monkeypatch.setattr(data, "REPOSITORY", server)
-    monkeypatch.setattr(data, "COMMITS", ("nowhere", "../."))
-    one = data.ExternalFile("belt/a/t.zip", FILE.sha256, "tracks", "../good.zip")
-    assert data.fetch(one) == folder / "belt" / "a" / "t.zip"
-    assert data.find(one).read_bytes() == CONTENT
-
-
-@pytest.mark.parametrize("named", [None, *data.NAMED])
-def test_recordings_are_fetched_unless_a_folder_is_named(folder, monkeypatch, capsys, named):
+@pytest.mark.parametrize("named", [None, *data.FOLDERS])
+def test_recordings_are_fetched_unless_a_folder_is_named(folder, monkeypatch, named):
     fetched = []
-
-    def fetch(file):
-        fetched.append(file)
-        return folder / file.name
-
-    monkeypatch.setattr(data, "fetch", fetch)
-    for name in data.NAMED:
+    monkeypatch.setattr(data, "fetch", fetched.append)
+    for name in data.FOLDERS:
         monkeypatch.delenv(name, raising=False)
     if named:
         monkeypatch.setenv(named, str(folder))
     assert data.main([]) == 0
-    wanted = [*data.FILES] if named else [*data.FILES, *data.RECORDINGS]
-    assert fetched == wanted
-    assert ("belt_recordings: 32 files" in capsys.readouterr().out) == (named is None)
+    assert fetched == [*data.BELT_DEM.values(), *(() if named else data.RECORDINGS)]
 
 
-def test_a_damaged_download_is_told_and_not_kept(folder, server):
+def test_a_damaged_download_is_told_and_not_kept(folder, server, offered):
+    offered(f"{server}/damaged.zip")
     with pytest.raises(InputError, match=r"t\.zip: what .* another SHA-256.*nothing was kept"):
-        data.fetch(FILE, [f"{server}/damaged.zip"])
-    assert list(folder.iterdir()) == []
+        data.fetch(NAME)
+    assert not [path for path in folder.rglob("*") if path.is_file()]
 
 
-def test_no_network_is_told(folder):
-    with pytest.raises(ConnectionError, match=r"t\.zip: no connection"):
-        data.fetch(FILE, ["http://127.0.0.1:1/good.zip"])
-    assert list(folder.iterdir()) == []
+@pytest.mark.parametrize("address", ["http://127.0.0.1:1/good.zip", "{server}/nothing.zip"])
+def test_a_file_that_cannot_be_reached_is_told(folder, server, offered, address):
+    offered(address.format(server=server))
+    with pytest.raises(ConnectionError, match=r"t\.zip: no connection to http"):
+        data.fetch(NAME)
+    assert not [path for path in folder.rglob("*") if path.is_file()]
 
 
-def test_a_file_that_is_gone_everywhere_is_told(folder, server):
-    with pytest.raises(ConnectionError, match="does not offer it any more"):
-        data.fetch(FILE, [f"{server}/nothing.zip"])
-
-
-def test_a_file_with_another_checksum_is_never_used(folder):
-    folder.mkdir()
-    (folder / "t.zip").write_bytes(b"other")
+def test_a_file_with_another_checksum_is_never_used(folder, offered):
+    offered("http://127.0.0.1:1/good.zip")
+    (folder / "belt").mkdir(parents=True)
+    (folder / NAME).write_bytes(b"other")
     for call in (data.find, data.fetch):
         with pytest.raises(InputError, match=r"SHA-256 .* expected .*Delete it and run make data"):
-            call(FILE)
+            call(NAME)
 
 
-def test_who_names_a_folder_means_it(monkeypatch, tmp_path):
+def test_a_named_folder_must_have_the_file(monkeypatch, tmp_path):
     monkeypatch.setenv("KILNFLIGHT_EXTERNAL", str(tmp_path))
-    with pytest.raises(InputError, match=r"which has no t\.zip"):
-        data.find(FILE)
+    with pytest.raises(InputError, match=r"which has no belt/t\.zip"):
+        data.find(NAME)
 
 
 def test_what_was_never_fetched_is_none(folder):
-    assert data.find(FILE) is None
+    assert data.find(NAME) is None
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 1), (["--optional"], 0)])
 def test_make_goes_on_without_a_network_but_make_data_does_not(
     folder, monkeypatch, capsys, arguments, code
 ):
-    def nothing(file, urls=None):
-        raise ConnectionError(f"{file.name}: no connection")
+    def nothing(name):
+        raise ConnectionError(f"{name}: no connection")
 
     monkeypatch.setattr(data, "fetch", nothing)
     assert data.main(arguments) == code
@@ -140,11 +135,11 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
 @pytest.mark.parametrize("arguments", [[], ["--optional"]])
 def test_a_damaged_file_stops_both(folder, capsys, arguments):
     folder.mkdir()
-    (folder / data.FILES[0].name).write_bytes(b"other")
+    (folder / data.BELT_DEM["spheres"]).write_bytes(b"other")
     assert data.main(arguments) == 1
     assert "SHA-256" in capsys.readouterr().err
 
 
 def test_the_pinned_files_are_the_authors(authors_data):
-    for file in data.FILES:
-        assert data.find(file) == authors_data / file.name
+    for name in data.BELT_DEM.values():
+        assert data.find(name) == authors_data / name

@@ -126,11 +126,11 @@ def _measured(folder: Path) -> list[Path]:
 
 def _check_published(folder: Path) -> None:
     """Raise an `InputError` if a file that `data.RECORDINGS` lists is another one."""
-    for file in data.RECORDINGS:
-        plain = folder.parent / file.name
+    for name in data.RECORDINGS:
+        plain = folder.parent / name
         for path in (plain, plain.with_name(f"{plain.name}.gz")):
             if path.is_file():
-                data.check(path, file)
+                data.check(path, name)
 
 
 def _cells(path: Path) -> Array:
