@@ -89,11 +89,7 @@ def gating(tracks: int) -> Row:
     rng = np.random.default_rng(tracks)
     where, seen = rng.uniform(0, 1500, (2, tracks, 2))
     residual = np.tile([[30.0, 5.0], [5.0, 20.0]], (tracks, 1, 1))
-    unknown = np.full(tracks, np.nan)
-    predicted, detected = (
-        Predicted(where, residual, unknown, unknown),
-        Detected(seen, *[unknown] * 2),
-    )
+    predicted, detected = Predicted(where, residual), Detected(seen)
 
     def by_scipy() -> np.ndarray:
         inverse = np.linalg.inv(residual)

@@ -45,9 +45,7 @@ situations = {  # predictions of T1 and T2; D1, D2 and N1
 
 
 def gated(tracks, seen):
-    blank, none = np.full(len(tracks), np.nan), np.full(len(seen), np.nan)
-    predicted = Predicted(np.array(tracks), spread, blank, blank)
-    return gate(predicted, Detected(np.array(seen), none, none))
+    return gate(Predicted(np.array(tracks), spread), Detected(np.array(seen)))
 
 
 # %%
@@ -249,13 +247,11 @@ found = pd.concat([found, other, clutter.assign(what="clutter")], ignore_index=T
 # %%
 parts, open_gate = [], Gate(depth_mm=np.inf)
 for step in list(tracking.steps(found))[1:]:
-    row, col = step.predicted.state[0, :2]  # of the first track, born in frame 0
+    row, col = step.predicted.positions[0]  # of the first track, born in frame 0
     here, depth = found.iloc[step.rows], step.predicted.depth_mm[:1]
-    one = Predicted(np.array([[row, col]]), step.residual_covariance[:1], depth, depth)
-    seen = Detected(here[["row", "col"]].to_numpy(), *here[["z", "z"]].to_numpy().T)
-    inside = np.isfinite(open_gate(one, seen).distance_squared[0])
+    inside = np.isfinite(open_gate(step.predicted, step.detected).distance_squared[0])
     part = here.assign(expected_row=row, expected_col=col, expected_z=depth[0], in_ellipse=inside)
-    spread = np.sqrt(one.residual_covariance[0].diagonal())
+    spread = np.sqrt(step.predicted.residual_covariance[0].diagonal())
     part[["reach_row_px", "reach_col_px"]] = Gate().distance * spread
     parts.append(part.assign(in_gate=np.isfinite(step.pairs.distance_squared[0])))
 table = pd.concat(parts, ignore_index=True)

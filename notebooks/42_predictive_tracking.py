@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import appearance, arrival, association, physics, pictures, predictive, tracker
+from kilnflight.belt import appearance, arrival, physics, pictures, predictive, tracker
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.project import claims, figures, style
 
@@ -31,7 +31,7 @@ seed = 2020  # of the simulation and of the noise in the pictures
 jobs = 2  # processes of the simulation
 
 # %%
-from kilnflight.belt import answers, dem, filters, sampling, touching
+from kilnflight.belt import answers, dem, sampling, touching
 
 style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material
@@ -139,10 +139,12 @@ caption = (
 figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-step = next(one for one in tracker.BeltTracker().steps(spheres.spots) if min(one.costs.shape) >= 5)
-whole = association.matrix(step.costs, step.gone, step.new)
-n, m = step.costs.shape
-names = [f"track {name}" for name in step.names] + ["new"] * m
+follower = tracker.BeltTracker()
+steps = follower.steps(spheres.spots)
+step = next(one for one in steps if min(one.pairs.distance_squared.shape) >= 5)
+likelihoods = follower.likelihoods(step.predicted, step.detected, step.pairs)
+whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
+names = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
 seen = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
 table = pd.DataFrame(np.where(np.isinf(whole), np.nan, whole).round(2))
 table.columns = [f"{name}_{k}" for k, name in enumerate(seen)]
@@ -153,7 +155,7 @@ axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vma
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
         axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-for i, j in enumerate(step.column):
+for i, j in enumerate(likelihoods.detection()):
     axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
 axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
@@ -194,7 +196,7 @@ boxes.round(4)
 # %%
 counts = []
 for name, one in bodies.items():
-    truth = pictures.at_rate(one, 1 / filters.BELT_FRAME_S)
+    truth = pictures.at_rate(one, 1 / tracker.BELT_FRAME_S)
     together = touching.seen_together(looked[name].spots, truth)
     for label, who in (("all", one["particle"].unique()), ("seen with another", together)):
         fed, told = (some[some["particle"].isin(who)] for some in (one, parts[name, "images"]))

@@ -185,9 +185,7 @@ def test_a_choice_that_is_none(kind):
 @every
 def test_a_gate_of_nought_leaves_every_track_missed(associator):
     at = np.zeros((2, 2))
-    unknown = np.full(2, np.nan)
-    predicted = Predicted(at, np.tile(np.eye(2), (2, 1, 1)), unknown, unknown)
-    pairs = Gate(distance=0)(predicted, Detected(at, unknown, unknown))
+    pairs = Gate(distance=0)(Predicted(at, np.tile(np.eye(2), (2, 1, 1))), Detected(at))
     assert pairs.gate_probability == 0.0
     assert associator(pairs).tolist() == [[1, 0, 0]] * 2
 
@@ -335,9 +333,8 @@ def test_likelihoods_too_small_for_a_float():
 
 def test_in_three_dimensions_by_hand():
     """Eq. 4.12 with |2 pi S|^(1/2) = (2 pi)^(3/2) 8 for S = 4 I, and a ball of four sigmas."""
-    predicted = Predicted(np.zeros((1, 3)), 4.0 * np.eye(3)[None], *np.full((2, 1), np.nan))
-    detected = Detected(np.array([[2.0, 0.0, 0.0]]), *np.full((2, 1), np.nan))
-    pairs = Gate(4.0)(predicted, detected)
+    predicted = Predicted(np.zeros((1, 3)), 4.0 * np.eye(3)[None])
+    pairs = Gate(4.0)(predicted, Detected(np.array([[2.0, 0.0, 0.0]])))
     assert pairs.dimensions == 3
     p_g = math.erf(4 / math.sqrt(2)) - math.sqrt(2 / math.pi) * 4 * math.exp(-8)  # chi, 3 degrees
     density = 1 / (4 / 3 * math.pi * (4 * 2) ** 3)

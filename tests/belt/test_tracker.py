@@ -12,10 +12,19 @@ from scipy.stats import multivariate_normal, norm
 
 from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.area import TRACKED
-from kilnflight.belt.association import associate, matrix, pair_costs
 from kilnflight.belt.crossing import last_states
-from kilnflight.belt.filters import constant_acceleration, constant_velocity
-from kilnflight.belt.tracker import BACK, LEFT, LOST, RUNNING, SIDEWAYS, BeltTracker
+from kilnflight.belt.tracker import (
+    BACK,
+    LEFT,
+    LOST,
+    RUNNING,
+    SIDEWAYS,
+    BeltTracker,
+    Likelihoods,
+    constant_acceleration,
+    constant_velocity,
+    pair_costs,
+)
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.gate import Detected, Gate, Predicted
@@ -85,12 +94,7 @@ def scene(seed, tracks, detections):
     seen = rng.uniform([400, 40], [440, 60], (detections, 2))
     spread = rng.normal(0, 3, (tracks, 2, 2))
     residual = spread @ spread.transpose(0, 2, 1) + np.eye(2)
-    unknown = np.full(max(tracks, detections), np.nan)
-    pairs = Gate()(
-        Predicted(predicted, residual, unknown[:tracks], unknown[:tracks]),
-        Detected(seen, unknown[:detections], unknown[:detections]),
-    )
-    return predicted, residual, seen, pairs
+    return predicted, residual, seen, Gate()(Predicted(predicted, residual), Detected(seen))
 
 
 @settings(deadline=None)
@@ -100,10 +104,11 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     _, _, _, pairs = scene(seed, tracks, detections)
     costs = pair_costs(pairs, 0.1)
     gone, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
-    whole = matrix(costs, gone, new)
+    likelihoods = Likelihoods(costs, gone, new, np.zeros(tracks))
+    whole = likelihoods.matrix()
     assert whole.shape == (tracks + detections, tracks + detections)
     rows, columns = linear_sum_assignment(np.where(np.isinf(whole), 1e9, whole))
-    column = associate(costs, gone, new)
+    column = likelihoods.detection()
     total = sum(costs[i, j] if j >= 0 else -np.log(gone[i]) for i, j in enumerate(column))
     total -= np.log(np.delete(new, column[column >= 0])).sum()
     assert total == pytest.approx(whole[rows, columns].sum())
@@ -228,11 +233,12 @@ def test_scores_add_up_and_thresholds_are_those_of_the_ratio_test():
     table, score = moving(frames=10), 0.0
     clutter = np.log(tracker.appearance.clutter_density)
     for step in tracker.steps(table):
-        if len(step.costs):
-            score -= step.costs[0, 0] + clutter
+        likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
+        if len(likelihoods.costs):
+            score -= likelihoods.costs[0, 0] + clutter
         else:
-            score = np.log(step.new[0]) - clutter
-        assert step.after.score[0] == pytest.approx(score)
+            score = np.log(likelihoods.new[0]) - clutter
+        assert step.tracks["score"][0] == pytest.approx(score)
 
 
 def test_an_empty_belt_has_no_tracks():

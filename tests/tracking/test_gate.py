@@ -25,7 +25,7 @@ def found(positions, depth=None, points=None):
     return Detected(one.positions, one.depth_mm, one.points)
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)
 @given(seed=seeds, n=st.integers(0, 6), m=st.integers(0, 6), distance=st.floats(0, 6))
 def test_eq_4_8_pair_by_pair(seed, n, m, distance):
     rng = np.random.default_rng(seed)

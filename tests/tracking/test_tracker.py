@@ -166,14 +166,17 @@ def test_nothing_is_remembered_between_calls():
 def test_the_steps_tell_what_was_done():
     table = together(flight((100, 100), (10, 12)), flight((297, 105), (-10, 12)))
     for step in steps(table):
-        n, m = len(step.predicted.particle), len(step.rows)
+        n, m = step.pairs.distance_squared.shape
         assert step.weights.shape == (n, 1 + m)
-        assert step.residual_covariance.shape == (n, 2, 2)
+        assert step.predicted.residual_covariance.shape == (n, 2, 2)
         assert (table["frame"].to_numpy()[step.rows] == step.frame).all()
-        assert len(step.particle) == m
+        assert len(step.particle) == len(step.rows) == m
+        recorded = step.tracks[step.tracks["row"] >= 0]
+        assert sorted(recorded["particle"]) == sorted(step.particle)
+        assert sorted(recorded["row"]) == sorted(step.rows)
     assert n == m == 2
     found = table.iloc[step.rows].assign(particle=step.particle).sort_values("particle")
-    apart = step.predicted.state[:, :2] - found[["row", "col"]]
+    apart = step.predicted.positions - found[["row", "col"]]
     assert (apart.abs() < 1.0).all(axis=None)
 
 

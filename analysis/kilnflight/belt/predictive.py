@@ -20,14 +20,19 @@ from kilnflight.belt.arrival import CV, ArrivalModel
 from kilnflight.belt.corners import FindCorners
 from kilnflight.belt.crossing import deviations, last_states
 from kilnflight.belt.deviation import summarise
-from kilnflight.belt.filters import BELT_FRAME_S, constant_acceleration, constant_velocity
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.homography import Calibration, calibrate
 from kilnflight.belt.matching import match
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, at_rate
 from kilnflight.belt.spots import Spots, average, measure
-from kilnflight.belt.tracker import BeltTracker, Followed
+from kilnflight.belt.tracker import (
+    BELT_FRAME_S,
+    BeltTracker,
+    Followed,
+    constant_acceleration,
+    constant_velocity,
+)
 from kilnflight.checks import InputError, check_count
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 

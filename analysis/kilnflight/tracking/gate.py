@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.special import gammainc
 
 from kilnflight.association import Pairs
-from kilnflight.checks import InputError, check_between, check_finite, check_limit, check_shape
+from kilnflight.checks import check_between, check_finite, check_limit, check_shape
 from kilnflight.tracking.kalman import factor
 
 Array = npt.NDArray[np.float64]
@@ -29,16 +28,16 @@ class Predicted(NamedTuple):
 
     positions: Array  # (n, d), px
     residual_covariance: Array  # (n, d, d), px^2: S = H P H' + R
-    depth_mm: Array  # (n,), z of the last detection that had one; NaN: none ever had
-    points: Array  # (n,), 3D points of the last detection that had any; NaN: none ever had
+    depth_mm: Array | None = None  # (n,), z of the last detection that had one; NaN: none had
+    points: Array | None = None  # (n,), 3D points of the last detection that had any; NaN: none
 
 
 class Detected(NamedTuple):
     """The m detections of a frame."""
 
     positions: Array  # (m, d), px
-    depth_mm: Array  # (m,), NaN: no depth
-    points: Array  # (m,), number of 3D points; NaN: unknown
+    depth_mm: Array | None = None  # (m,), NaN: no depth
+    points: Array | None = None  # (m,), number of 3D points; NaN: unknown
 
 
 @dataclass(frozen=True)
@@ -82,75 +81,23 @@ class Gate:
         n, d = predicted.positions.shape
         check_shape(predicted.residual_covariance, (n, d, d), "residual covariance")
         check_shape(detected.positions, (None, d), "positions of detections")
-        for name, places in (("predictions", predicted[0]), ("detections", detected[0])):
-            if not np.isfinite(places).all():  # the quick look first
-                check_finite(places, f"positions of {name}")
-        # plain arrays: for others numba would compile it again
-        known: list[Any] = [np.array(part, np.float64, order="C") for part in predicted]
-        known += [np.array(part, np.float64, order="C") for part in detected]
-        known += [float(self.distance) ** 2, float(self.depth_mm)]
-        squares, logs, sizes, singular = _gate(*known)
-        if singular >= 0:
-            raise InputError(
-                f"Gate: the residual covariance of track {singular} is singular or not finite. "
-                "Give the motion model some measurement noise."
-            )
+        check_finite(detected.positions, "positions of detections")
+        lower = factor(predicted.residual_covariance)
+        apart = detected.positions.T - predicted.positions[:, :, None]
+        squares = np.square(np.linalg.solve(lower, apart)).sum(axis=1)
+        steps = _differences(predicted.depth_mm, detected.depth_mm, squares.shape)
+        outside = (squares >= self.distance**2) | (steps >= self.depth_mm)  # NaN passes
+        sizes = _differences(predicted.points, detected.points, squares.shape)
+        sizes[outside | np.isnan(sizes)] = 0.0
+        logs = 2.0 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
         ball = np.pi ** (d / 2) / math.gamma(d / 2 + 1)  # volume of the unit ball
         areas = ball * self.distance**d * np.exp(logs / 2)
-        return Pairs(squares, logs, sizes, areas, float(gammainc(d / 2, self.distance**2 / 2)), d)
+        probability = float(gammainc(d / 2, self.distance**2 / 2))
+        return Pairs(np.where(outside, np.inf, squares), logs, sizes, areas, probability, d)
 
 
-@njit(cache=True)
-def _gate(
-    expected: Any,
-    residual: Any,
-    depths: Any,
-    sizes: Any,
-    seen: Any,
-    seen_depths: Any,
-    seen_sizes: Any,
-    limit: float,
-    depth: float,
-) -> Any:
-    """Return d^2 (inf outside), ln |S|, differences in size, and the first singular track.
-
-    The strip of the first axis that holds the ellipse is looked at first; few pairs are left.
-    Sorting or a tree would pay beyond a thousand tracks only (1000 x 1000 pairs: see
-    benchmarks/bench_tracking.py).
-    """
-    n, d = expected.shape
-    m = len(seen)
-    squares, differences, logs = np.full((n, m), np.inf), np.zeros((n, m)), np.zeros(n)
-    lower, apart = np.zeros((d, d)), np.empty(d)
-    for i in range(n):
-        if not factor(residual[i], lower):
-            return squares, logs, differences, i
-        for a in range(d):
-            logs[i] += 2.0 * np.log(lower[a, a])
-        reach = np.sqrt(limit * residual[i, 0, 0])
-        for j in range(m):
-            apart[0] = seen[j, 0] - expected[i, 0]
-            if abs(apart[0]) > reach:
-                continue
-            if abs(seen_depths[j] - depths[i]) >= depth:  # NaN passes
-                continue
-            for a in range(1, d):
-                apart[a] = seen[j, a] - expected[i, a]
-            square = _squared(apart, lower)
-            if square < limit:
-                squares[i, j] = square
-                difference = abs(seen_sizes[j] - sizes[i])
-                differences[i, j] = 0.0 if np.isnan(difference) else difference
-    return squares, logs, differences, -1
-
-
-@njit(cache=True)
-def _squared(apart: Any, lower: Any) -> float:
-    """Return the squared Mahalanobis distance; ``apart`` is used up."""
-    square = 0.0
-    for a in range(len(apart)):
-        for b in range(a):
-            apart[a] -= lower[a, b] * apart[b]
-        apart[a] /= lower[a, a]
-        square += apart[a] * apart[a]
-    return square
+def _differences(tracks: Array | None, detections: Array | None, shape: tuple[int, ...]) -> Array:
+    """Return |differences| (n, m), NaN where either is unknown."""
+    if tracks is None or detections is None:
+        return np.full(shape, np.nan)
+    return np.abs(np.asarray(tracks)[:, None] - detections)

@@ -23,18 +23,19 @@ sheet that is lit from the side jumps by 1 to 3 px. They are not tuned to any re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from math import factorial
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from filterpy.common import Q_continuous_white_noise
+from scipy.linalg import toeplitz
 
-from kilnflight.checks import InputError, check_between, check_finite, check_positive, check_shape
+from kilnflight.checks import InputError, check_at_least, check_finite, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]
-
-LARGEST = 1e30  # px and frames; squares stay numbers, and nothing that is seen comes near
-LONGEST = 2.0**64  # frames, more than lie between any two whole numbers of 8 bytes
 
 
 class Motion(Protocol):
@@ -56,14 +57,73 @@ class Motion(Protocol):
         """Return states (n, k) and covariances (n, k, k) of particles seen once, at (n, d)."""
 
 
+class _Steady(ABC):
+    """Matrices of a motion whose highest derivative is constant but for white noise.
+
+    The noise is taken as continuous, so that two steps of one frame and one step of two
+    frames are the same: a gap needs no frame that is not there.
+    """
+
+    velocity: Any
+
+    @property
+    @abstractmethod
+    def _spreads(self) -> tuple[float, ...]:
+        """Standard deviations of a new track: position, velocity and so on."""
+
+    @property
+    @abstractmethod
+    def _noise(self) -> float:
+        """Root of the density of the white noise."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number of px and frames."""
+        where = type(self).__name__
+        numbers = check_finite(self.velocity, f"{where}: velocity")
+        check_shape(numbers, (None,), f"{where}: velocity, one number per dimension")
+        if not len(numbers):
+            raise InputError(f"{where}: velocity is empty; give one number per dimension.")
+        for field in fields(self)[1:]:  # type: ignore[arg-type]
+            check_positive(getattr(self, field.name), f"{where}: {field.name}")
+
+    def transition(self, frames: float) -> Array:
+        """Return F over a number of frames, (k, k); Eq. 4.4."""
+        check_at_least(frames, 0, "transition: frames")
+        powers = [frames**k / factorial(k) for k in range(len(self._spreads))]
+        block = toeplitz(np.eye(1, len(powers))[0], powers)
+        return np.asarray(np.kron(block, np.eye(len(self.velocity))), dtype=np.float64)
+
+    def process_noise(self, frames: float) -> Array:
+        """Return Q, the white noise integrated over a number of frames, (k, k)."""
+        check_at_least(frames, 0, "process_noise: frames")
+        order, axes, density = len(self._spreads), len(self.velocity), self._noise**2
+        noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
+        return np.asarray(noise, dtype=np.float64)
+
+    def measurement(self) -> Array:
+        """Return H of section 4.1.4, (d, k): only positions are seen."""
+        axes = len(self.velocity)
+        return np.eye(axes, axes * len(self._spreads))
+
+    def measurement_noise(self) -> Array:
+        """Return R (d, d), the same for each axis."""
+        return self._spreads[0] ** 2 * np.eye(len(self.velocity))
+
+    def initial(self, positions: Array) -> tuple[Array, Array]:
+        """Return states (n, k) and covariances (n, k, k) of particles seen once."""
+        axes, count = len(self.velocity), len(positions)
+        check_shape(positions, (None, axes), "positions of new tracks")
+        rest = np.zeros((count, axes * (len(self._spreads) - 2)))
+        state = np.hstack([positions, np.tile(self.velocity, (count, 1)), rest])
+        variance = np.repeat(np.square(self._spreads), axes)
+        return state, np.tile(np.diag(variance), (count, 1, 1))
+
+
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(_Steady):
     """Uniform motion, disturbed by white noise of the acceleration (Eqs 4.1-4.5, thesis).
 
-    Notes
-    -----
-    Eq. 4.5 prints no Q. The noise is taken as continuous, so that two steps of one frame
-    and one step of two frames are the same: a gap needs no frame that is not there.
+    Eq. 4.5 prints no Q.
     """
 
     velocity: tuple[float, ...] = (0.0, 0.0)  # px/frame, of a new track; one per dimension
@@ -71,39 +131,17 @@ class ConstantVelocity:
     acceleration_noise: float = 1.0  # px/frame^1.5: velocity changes by 1 px/frame in a frame
     measurement_sd: float = 2.0  # px: centroid of a tumbling sheet, 1 to 3
 
-    def __post_init__(self) -> None:
-        """Refuse what is no number of px and frames."""
-        _check(self.velocity, "ConstantVelocity")
-        _check_size(self.velocity_sd, "ConstantVelocity: velocity_sd")
-        _check_size(self.acceleration_noise, "ConstantVelocity: acceleration_noise")
-        _check_size(self.measurement_sd, "ConstantVelocity: measurement_sd")
+    @property
+    def _spreads(self) -> tuple[float, ...]:
+        return self.measurement_sd, self.velocity_sd
 
-    def transition(self, frames: float) -> Array:
-        """Return F of Eq. 4.4 over a number of frames, (2 d, 2 d)."""
-        t = _span(frames, "transition: frames")
-        return _each_axis([[1, t], [0, 1]], len(self.velocity))
-
-    def process_noise(self, frames: float) -> Array:
-        """Return Q, the white noise integrated over a number of frames, (2 d, 2 d)."""
-        t = _span(frames, "process_noise: frames")
-        block = [[t**3 / 3, t**2 / 2], [t**2 / 2, t]]
-        return self.acceleration_noise**2 * _each_axis(block, len(self.velocity))
-
-    def measurement(self) -> Array:
-        """Return H of section 4.1.4, (d, 2 d): positions are seen, velocities are not."""
-        return _each_axis([[1, 0]], len(self.velocity))
-
-    def measurement_noise(self) -> Array:
-        """Return R (d, d), the same for each axis."""
-        return self.measurement_sd**2 * np.eye(len(self.velocity))
-
-    def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, 2 d) and covariances (n, 2 d, 2 d) of particles seen once."""
-        return _seen_once(positions, self.velocity, (self.measurement_sd, self.velocity_sd))
+    @property
+    def _noise(self) -> float:
+        return self.acceleration_noise
 
 
 @dataclass(frozen=True)
-class ConstantAcceleration:
+class ConstantAcceleration(_Steady):
     """Uniform acceleration, disturbed by white noise of the jerk (belt, 2016 and 2020 papers).
 
     A new track has no acceleration, give or take ``acceleration_sd``.
@@ -115,82 +153,13 @@ class ConstantAcceleration:
     jerk_noise: float = 0.3  # px/frame^2.5: acceleration changes by 0.3 px/frame^2 in a frame
     measurement_sd: float = 2.0  # px, as for constant velocity
 
-    def __post_init__(self) -> None:
-        """Refuse what is no number of px and frames."""
-        _check(self.velocity, "ConstantAcceleration")
-        _check_size(self.velocity_sd, "ConstantAcceleration: velocity_sd")
-        _check_size(self.acceleration_sd, "ConstantAcceleration: acceleration_sd")
-        _check_size(self.jerk_noise, "ConstantAcceleration: jerk_noise")
-        _check_size(self.measurement_sd, "ConstantAcceleration: measurement_sd")
+    @property
+    def _spreads(self) -> tuple[float, ...]:
+        return self.measurement_sd, self.velocity_sd, self.acceleration_sd
 
-    def transition(self, frames: float) -> Array:
-        """Return F over a number of frames, (3 d, 3 d)."""
-        t = _span(frames, "transition: frames")
-        return _each_axis([[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]], len(self.velocity))
-
-    def process_noise(self, frames: float) -> Array:
-        """Return Q, the white noise integrated over a number of frames, (3 d, 3 d)."""
-        t = _span(frames, "process_noise: frames")
-        block = [
-            [t**5 / 20, t**4 / 8, t**3 / 6],
-            [t**4 / 8, t**3 / 3, t**2 / 2],
-            [t**3 / 6, t**2 / 2, t],
-        ]
-        return self.jerk_noise**2 * _each_axis(block, len(self.velocity))
-
-    def measurement(self) -> Array:
-        """Return H (d, 3 d): only positions are seen."""
-        return _each_axis([[1, 0, 0]], len(self.velocity))
-
-    def measurement_noise(self) -> Array:
-        """Return R (d, d), the same for each axis."""
-        return self.measurement_sd**2 * np.eye(len(self.velocity))
-
-    def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, 3 d) and covariances (n, 3 d, 3 d) of particles seen once."""
-        spreads = (self.measurement_sd, self.velocity_sd, self.acceleration_sd)
-        return _seen_once(positions, self.velocity, spreads)
-
-
-def _check(velocity: tuple[float, ...], where: str) -> None:
-    numbers = check_finite(velocity, f"{where}: velocity")
-    check_shape(numbers, (None,), f"{where}: velocity, one number per dimension")
-    if not len(numbers):
-        raise InputError(f"{where}: velocity is empty; give one number per dimension.")
-    if np.abs(numbers).max() > LARGEST:
-        raise InputError(f"{where}: velocity {velocity!r} is beyond {LARGEST:g} px/frame.")
-
-
-def _check_size(value: float, where: str) -> None:
-    check_positive(value, where)
-    check_between(value, 0, LARGEST, where)
-
-
-def _span(frames: float, where: str) -> float:
-    """Return a number of frames whose powers are numbers, too."""
-    check_between(frames, 0, LONGEST, where)
-    return float(frames)
-
-
-def _each_axis(block: list[list[float]], dimensions: int) -> Array:
-    """Return ``block``, the matrix of one axis, for all axes side by side."""
-    (rows, columns), axis = np.shape(block), np.arange(dimensions)
-    matrix = np.zeros((rows, dimensions, columns, dimensions))
-    matrix[:, axis, :, axis] = block
-    return matrix.reshape(rows * dimensions, columns * dimensions)
-
-
-def _seen_once(
-    positions: Array, velocity: tuple[float, ...], spreads: tuple[float, ...]
-) -> tuple[Array, Array]:
-    """Return states and covariances; ``spreads``: of position, velocity and so on."""
-    dimensions, count = len(velocity), len(positions)
-    check_shape(positions, (None, dimensions), "positions of new tracks")
-    state = np.zeros((count, dimensions * len(spreads)))
-    state[:, :dimensions] = positions
-    state[:, dimensions : 2 * dimensions] = velocity
-    variance = np.repeat(np.square(spreads), dimensions)
-    return state, np.repeat(np.diag(variance)[None], count, axis=0)
+    @property
+    def _noise(self) -> float:
+        return self.jerk_noise
 
 
 MOTIONS: tuple[Motion, ...] = (ConstantVelocity(), ConstantAcceleration())

@@ -1,24 +1,26 @@
 """From detections to tracks: predict, gate, associate, update, start, stop (thesis, 4.1).
 
-One loop over frames serves every associator and every motion model; within a frame all
-tracks are arrays. What is linked is the detections themselves: the filter decides, but no
-filtered position is ever handed on (section 5.2.3).
+One loop over frames, `follow`, serves the kiln and the belt, every associator and every motion
+model; within a frame all tracks are one array. What is linked is the detections themselves: the
+filter decides, but no filtered position is ever handed on (section 5.2.3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from numba import njit
 
 from kilnflight.association import GNN, Associator, Pairs
 from kilnflight.checks import (
     InputError,
+    check_between,
     check_columns,
+    check_count,
     check_offers,
     check_whole,
     is_real,
@@ -28,32 +30,100 @@ from kilnflight.tables import DETECTIONS, Table
 from kilnflight.tracking import kalman
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.motion import ConstantVelocity, Motion
-from kilnflight.tracking.tracklist import Management, Tracks, born, joined, living, seen
 
 Array = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-
-__all__ = ["Management", "Step", "Tracks", "record", "steps", "track"]
+Integers = npt.NDArray[np.integer]
+Booleans = npt.NDArray[np.bool_]
+# Structured, one entry per track, the older first: the columns of `layout`.
+Tracks = npt.NDArray[np.void]
+Noted = Mapping[str, npt.NDArray[Any]]  # columns that the rules note
 
 NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
 
 
+class Frame(NamedTuple):
+    """The detections of one frame."""
+
+    number: int
+    span: float  # time since the frame before, in the units of the motion
+    rows: Integers  # (m,), rows of the table, by position; the m detections in this order
+    detected: Detected
+
+
 class Step(NamedTuple):
-    """What happened in one frame, for whoever wants to look (Figs 4.2 and 2.20 to 2.22)."""
+    """What happened in one frame, for figures (4.2, 2.20 to 2.22; Fig. 3 of the belt's)."""
 
     frame: int
     rows: Integers  # (m,), rows of the table, by position; the m detections in this order
-    predicted: Tracks  # the n tracks after prediction, before update
-    residual_covariance: Array  # (n, 2, 2), S: ellipses of the gates
+    predicted: Predicted  # where the n tracks were expected; S: ellipses of the gates
+    detected: Detected
     pairs: Pairs
     weights: Array  # (n, 1 + m)
     particle: Integers  # (m,), the track each detection went to or started
+    tracks: Tracks  # the n tracks after the update, then those that started
 
 
-_GNN = GNN()
-_MOTION = ConstantVelocity()
-_GATE = Gate()
-_MANAGEMENT = Management()
+class Rules(Protocol):
+    """What kiln and belt bring to the loop: who takes what, and when tracks end."""
+
+    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
+        """Return which tracks live on when ``frame`` comes."""
+
+    def associate(
+        self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
+    ) -> tuple[Array, Noted, Noted]:
+        """Return weights (n, 1 + m); notes of the tracks, and of each detection that starts one."""
+
+
+@dataclass(frozen=True)
+class Management:
+    """When a track is given up, Eq. 4.14: seen too seldom, or not for too long.
+
+    Notes
+    -----
+    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of
+    30 px/frame that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px; longer
+    gaps, up to 15 frames, are closed afterwards (t_eps,CONNECT of Table 5.16).
+    ``visibility``: SIFT finds about half of the particles that do not burn and all of those
+    that do (section 5.1), so a true track lies above 0.4 but for bad luck. Since one miss in
+    the second frame makes 0.5 and another 1/3, it is tested from ``visibility_age`` on only.
+    Frames that have no detection at all count like any other.
+    """
+
+    visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
+    invisible: int = 5  # CIC_eps, frames in a row; not printed
+    visibility_age: int = 4  # frames of life from which visibility is tested; not printed
+
+    def __post_init__(self) -> None:
+        """Refuse what is no share and no number of frames."""
+        check_between(self.visibility, 0, 1, "Management: visibility")
+        check_count(self.invisible, "Management: invisible", least=0)
+        check_count(self.visibility_age, "Management: visibility_age", least=0)
+
+    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
+        """Return which tracks live on when ``frame`` comes."""
+        age = frame - tracks["born"]
+        seldom = (age >= self.visibility_age) & (tracks["seen"] < self.visibility * age)
+        return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
+
+
+@dataclass(frozen=True)
+class _Kiln:
+    """The rules of the kiln: any associator, and Eq. 4.14."""
+
+    associator: Associator
+    management: Management
+
+    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
+        return self.management.keeps(tracks, frame)
+
+    def associate(
+        self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
+    ) -> tuple[Array, Noted, Noted]:
+        return self.associator(pairs), {}, {}
+
+
+_GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
 
 def track(
@@ -72,7 +142,7 @@ def track(
         are used where present. NaN in z, and NaN or 0 in points, mean unknown. Other columns
         are carried along.
     associator, motion, gate, management
-        Who gets what, how particles move, what is possible, when tracks end.
+        Which detection a track takes, how particles move, what is possible, when tracks end.
 
     Returns
     -------
@@ -105,9 +175,9 @@ def track(
         check_columns(detections, ["particle"], NEEDED.name)
         left_out = (detections["particle"] == -1).to_numpy(dtype=bool, na_value=False)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    wanted = np.flatnonzero(~left_out)
+    rows = np.flatnonzero(~left_out)
     for step in steps(detections[~left_out], associator, motion, gate, management):
-        particle[wanted[step.rows]] = step.particle
+        particle[rows[step.rows]] = step.particle
     return detections.assign(particle=particle)
 
 
@@ -119,46 +189,107 @@ def steps(
     management: Management = _MANAGEMENT,
 ) -> Iterator[Step]:
     """Yield what `track` does in each frame that has detections; same arguments."""
-    _check_parts(associator, motion, gate, management)
-    frames, rows, found = _read(detections)
-    if not len(frames):
-        return
-    starts = np.flatnonzero(np.diff(frames, prepend=frames[:1] - 1))
+    check_offers(associator, ("__call__",), "track: associator")
+    check_parts(motion, gate, "track")
+    check_offers(management, ("keeps",), "track: management")
+    frames, rows, detected = _read(detections)
+    numbers, starts = np.unique(frames, return_index=True)
+    spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
+    parts = np.split(np.arange(len(frames)), starts[1:])
+    yield from follow(
+        (
+            Frame(number, span, rows[part], take(detected, part))
+            for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
+        ),
+        motion,
+        gate,
+        _Kiln(associator, management),
+    )
+
+
+def check_parts(motion: Motion, gate: Gate, where: str) -> None:
+    """Refuse what is no motion and no gate, such as a class in place of its instance."""
+    moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
+    check_offers(motion, moves, f"{where}: motion")
+    check_offers(gate, ("__call__",), f"{where}: gate")
+
+
+def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
+    """Return the columns of `Tracks`; ``notes`` are those that only some rules have."""
+    k = motion.measurement().shape[1]
+    return np.dtype(
+        [
+            ("particle", np.int64),  # ids in order of birth
+            ("state", np.float64, (k,)),
+            ("covariance", np.float64, (k, k)),
+            ("depth_mm", np.float64),  # last known; NaN: never known
+            ("points", np.float64),  # last known number of 3D points; NaN: never known
+            ("born", np.int64),  # frame
+            ("last", np.int64),  # frame of the last recorded detection
+            ("seen", np.int64),  # number of recorded detections, V in Eq. 4.14
+            ("row", np.int64),  # of the table: what was recorded in this frame; -1: missed
+            *notes,
+        ]
+    )
+
+
+def follow(
+    frames: Iterable[Frame],
+    motion: Motion,
+    gate: Gate,
+    rules: Rules,
+    notes: Sequence[tuple[str, type]] = (),
+) -> Iterator[Step]:
+    """Yield what happens in each frame: the one loop of kiln and belt.
+
+    ``notes`` are the names and types of what the rules note of each track.
+    """
     measurement, noise = motion.measurement(), motion.measurement_noise()
-    tracks, started = born(motion, 0, 0, _take(found, slice(0, 0))), 0
-    before, gap = int(frames[0]), -1
-    for start, stop in zip(starts, np.append(starts[1:], len(frames)), strict=True):
-        frame, here = int(frames[start]), _take(found, slice(start, stop))
-        old = living(tracks, management, frame - 1)
-        if frame - before != gap:
-            gap = frame - before
-            moves = motion.transition(float(gap)), motion.process_noise(float(gap))
-        state, covariance = kalman.predict(old.state, old.covariance, *moves)
-        old = old._replace(state=state, covariance=covariance)
+    tracks, started, span = np.zeros(0, layout(motion, notes)), 0, -1.0
+    for frame in frames:
+        tracks, detected = tracks[rules.keeps(tracks, frame.number)], frame.detected
+        if frame.span != span:
+            span = frame.span
+            moves = motion.transition(span), motion.process_noise(span)
+        state, covariance = kalman.predict(tracks["state"], tracks["covariance"], *moves)
         residual = kalman.residual_covariance(covariance, measurement, noise)
-        predicted = Predicted(state @ measurement.T, residual, old.depth_mm, old.points)
-        pairs = gate(predicted, here)
-        weights = associator(pairs) if _any_inside(pairs) else _missed(pairs)
-        state, covariance = kalman.update(
-            state, covariance, here.positions, weights, measurement, noise
+        expected = state @ measurement.T
+        predicted = Predicted(expected, residual, tracks["depth_mm"], tracks["points"])
+        pairs = gate(predicted, detected)
+        weights, noted, first_noted = rules.associate(tracks, predicted, detected, pairs)
+        tracks["state"], tracks["covariance"] = kalman.update(
+            state, covariance, detected.positions, weights, measurement, noise
         )
         owner = record(weights)
-        particle = _named(owner, old.particle, started)
-        new = born(motion, frame, started, _take(here, owner < 0))
-        yield Step(frame, rows[start:stop], old, residual, pairs, weights, particle)
-        tracks = joined(seen(old, state, covariance, here, owner, frame), new)
-        started, before = started + len(new.particle), frame
+        taken, alone = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)
+        tracks["row"] = -1
+        for name, values in noted.items():
+            tracks[name] = values
+        old = tracks[owner[taken]]
+        old["seen"] += 1
+        _record(old, frame, taken)
+        tracks[owner[taken]] = old
+        new = np.zeros(len(alone), tracks.dtype)
+        new["particle"] = started + np.arange(len(new))
+        new["state"], new["covariance"] = motion.initial(detected.positions[alone])
+        new["depth_mm"] = new["points"] = np.nan
+        new["born"], new["seen"] = frame.number, 1
+        for name, values in first_noted.items():
+            new[name] = values[alone]
+        _record(new, frame, alone)
+        particle = np.empty(len(owner), dtype=np.int64)
+        particle[taken], particle[alone] = old["particle"], new["particle"]
+        tracks, started = np.concatenate([tracks, new]), started + len(new)
+        yield Step(frame.number, frame.rows, predicted, detected, pairs, weights, particle, tracks)
 
 
-def _check_parts(
-    associator: Associator, motion: Motion, gate: Gate, management: Management
-) -> None:
-    """Refuse what is none of the four, such as a class in place of its instance."""
-    moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
-    check_offers(associator, ("__call__",), "track: associator")
-    check_offers(motion, moves, "track: motion")
-    check_offers(gate, ("__call__",), "track: gate")
-    check_offers(management, ("keeps",), "track: management")
+def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
+    """Note the detections that tracks are recorded with; unknown depth leaves the last one."""
+    tracks["last"], tracks["row"] = frame.number, frame.rows[detection]
+    for name, values in zip(("depth_mm", "points"), frame.detected[1:], strict=True):
+        if values is not None:
+            known = values[detection]
+            tracks[name] = np.where(np.isnan(known), tracks[name], known)
 
 
 def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
@@ -192,62 +323,27 @@ def _optional(table: pd.DataFrame, name: str) -> Array:
     return values
 
 
-def _take(found: Detected, which: Any) -> Detected:
-    return Detected(found.positions[which], found.depth_mm[which], found.points[which])
+def take(detected: Detected, part: Any) -> Detected:
+    """Return some of the detections."""
+    positions, *known = detected
+    return Detected(positions[part], *(None if one is None else one[part] for one in known))
 
 
-def _any_inside(pairs: Pairs) -> bool:
-    return bool(np.isfinite(pairs.distance_squared).any())
-
-
-def _missed(pairs: Pairs) -> Array:
-    """Return the weights where no gate holds a detection: there is nothing to associate."""
-    tracks, detections = pairs.distance_squared.shape
-    return np.eye(1, 1 + detections).repeat(tracks, axis=0)
-
-
-@njit(cache=True)
-def record(weights: Any) -> Any:
+def record(weights: Array) -> Integers:
     """Return the track (m,) that each detection is recorded for, -1: none.
 
     See `track`. Of equal weights the older track's, and of these the first detection's,
     comes first. Rows of 0 and 1 are read off as they are.
     """
-    tracks, detections = weights.shape[0], weights.shape[1] - 1
-    first, total = np.full(detections, -1, np.int64), np.zeros(detections)
-    for i in range(tracks):
-        for j in range(detections):
-            total[j] += weights[i, j + 1]
-            if first[j] < 0 or weights[i, j + 1] > weights[first[j], j + 1]:
-                first[j] = i
-    owner, free = np.full(detections, -1, np.int64), np.ones(tracks, np.bool_)
-    pairs = np.empty((tracks * detections, 2), np.int64)
-    count = 0
-    for i in range(tracks):
-        for j in range(detections):
-            sure = total[j] > 0.5 and first[j] == i
-            if sure or weights[i, j + 1] > weights[i, 0]:
-                pairs[count, 0], pairs[count, 1] = i, j
-                count += 1
-    value = np.empty(count)
-    for p in range(count):
-        value[p] = -weights[pairs[p, 0], pairs[p, 1] + 1]
-    for p in np.argsort(value, kind="mergesort"):
-        i, j = pairs[p]
+    pairs = weights[:, 1:]
+    owner, free = np.full(pairs.shape[1], -1), np.ones(len(pairs), dtype=np.bool_)
+    if not pairs.size:
+        return owner
+    first = pairs.argmax(axis=0) == np.arange(len(pairs))[:, None]
+    likely = (pairs.sum(axis=0) > 0.5) & first
+    tracks, detections = np.nonzero(likely | (pairs > weights[:, :1]))
+    order = np.argsort(-pairs[tracks, detections], kind="stable")
+    for i, j in zip(tracks[order].tolist(), detections[order].tolist(), strict=True):
         if free[i] and owner[j] < 0:
-            owner[j] = i
-            free[i] = False
+            owner[j], free[i] = i, False
     return owner
-
-
-@njit(cache=True)
-def _named(owner: Any, particle: Any, started: int) -> Any:
-    """Return the particle of each detection; those of no track get the next ids."""
-    names = np.empty(len(owner), np.int64)
-    for j in range(len(owner)):
-        if owner[j] >= 0:
-            names[j] = particle[owner[j]]
-        else:
-            names[j] = started
-            started += 1
-    return names
