@@ -12,13 +12,14 @@ import pandas as pd
 from measure import Row, compare
 
 from kilnflight.project import figures
-from kilnflight.twin import appearance, drawing, scenes
+from kilnflight.twin import picture as drawing
+from kilnflight.twin import scenes
 from kilnflight.twin.scene import Twin
 
 LENGTHS = (100, 1000, 3000)
 
 
-def one_by_one(picture: np.ndarray, blobs: appearance.Blobs) -> np.ndarray:
+def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:
     """Draw each particle over the whole picture, as one writes it first."""
     row, column = np.indices(picture.shape, dtype=np.float32)
     for k in range(len(blobs.row)):
@@ -37,9 +38,9 @@ def rows() -> list[Row]:
     """Return the comparison of drawing the particles of one frame of V1."""
     twin = scenes.open_scene("V1")
     twin.frame(80)  # what is made once per scene
-    seen, geometry = twin.see(80), twin.scene.geometry
+    view, geometry = twin.view(80), twin.scene.geometry
     keep = slice(0, 20)  # the peer takes seconds for twenty
-    blobs = appearance.Blobs._make(part[keep] for part in seen.blobs)
+    blobs = drawing.Blobs._make(part[keep] for part in view.blobs)
     empty = np.full((geometry.rows, geometry.columns), 4000.0, dtype=np.float32)
 
     def ours() -> np.ndarray:

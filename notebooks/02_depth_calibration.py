@@ -32,7 +32,7 @@ from matplotlib import cbook
 
 from kilnflight import camera
 from kilnflight.project import claims, figures, paths, style
-from kilnflight.twin import plate
+from kilnflight.twin.camera import see_all_plates, see_plate
 
 style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]
@@ -67,7 +67,7 @@ figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=origin)
 # of the picture and heavy-tailed; their size is set to the text's words: an input.
 
 # %%
-captured, true = plate.see_all_plates(points, np.random.default_rng(seed))
+captured, true = see_all_plates(points, np.random.default_rng(seed))
 metres = np.array(camera.PLATE_DISTANCES_MM) / 1000.0
 plates = pd.DataFrame({"true_m": metres, "median_mm": np.median(captured, axis=1)})
 plates["published_mm"] = camera.invert_depth(camera.PLATE_DISTANCES_MM)
@@ -77,7 +77,7 @@ plates.round(1)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=70)
-some = [plate.see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
+some = [see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
 for cloud, m in zip(some, metres, strict=True):
     axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))

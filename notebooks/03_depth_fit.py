@@ -19,12 +19,12 @@ import pandas as pd
 
 from kilnflight import camera
 from kilnflight.project import claims, figures, style
-from kilnflight.twin import plate
+from kilnflight.twin.camera import see_all_plates
 
 style.use_style()
 points = points or {"quick": 200, "standard": 2000, "full": 20000}[scale]
 origin = figures.trace("03_depth_fit", {"scale": scale, "points": points}, seed=seed)
-captured, true = plate.see_all_plates(points, np.random.default_rng(seed))
+captured, true = see_all_plates(points, np.random.default_rng(seed))
 metres = np.array(camera.PLATE_DISTANCES_MM) / 1000.0
 medians = np.median(captured, axis=1)
 print(f"{points} points at each of {len(metres)} distances")

@@ -25,16 +25,16 @@ from scipy.spatial import cKDTree
 from kilnflight import camera
 from kilnflight.experiments import detection
 from kilnflight.project import claims, figures, paths, style
-from kilnflight.twin import mixture, prepared, truth
+from kilnflight.twin import scenes, truth
 
 style.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("10_ground_truth", setting, seed=seed, inputs=tables)
-names = detection.SMOKE_SUBSETS if scale == "quick" else tuple(mixture.SUBSETS)
-twins = {name: prepared.prepared_scene(name, seed) for name in names}
-wanted = mixture.LABELLED[:frames]
+names = detection.SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS
+twins = {name: scenes.cached_scene(name, seed) for name in names}
+wanted = scenes.LABELLED[:frames]
 
 # %% [markdown]
 # ## Counts by class (Tables 5.2 and 5.3)
@@ -72,7 +72,7 @@ figures.save("table-5-3-ground-truth", table, caption=caption, provenance=origin
 
 # %% tags=["hide-input"]
 twin = twins[names[0]]
-frame = twin.frame(mixture.LABELLED[0])
+frame = twin.frame(scenes.LABELLED[0])
 size = {"width_mm": style.PAGE_MM, "height_mm": 72}
 picture, ((left, right),) = style.canvas(1, 2, **size)
 left.imshow(frame.gray, cmap="gray", vmin=0, vmax=65_535, interpolation="bilinear")
@@ -102,7 +102,7 @@ figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption,
 # %%
 nearest = []
 for twin in twins.values():
-    cloud = twin.frame(mixture.LABELLED[0]).xyz.astype(float)
+    cloud = twin.frame(scenes.LABELLED[0]).xyz.astype(float)
     true = camera.calibrate_depth(cloud[:, 2])
     cloud = cloud * (true / cloud[:, 2])[:, None]
     nearest.append(cKDTree(cloud).query(cloud, k=2, workers=1)[0][:, 1])

@@ -23,8 +23,8 @@ from kilnflight import camera, kiln
 from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import detection, tracking
 from kilnflight.project import figures, style
-from kilnflight.twin import prepared, scenes
-from kilnflight.twin.geometry import Geometry
+from kilnflight.twin import scenes
+from kilnflight.twin.camera import Geometry
 
 style.use_style()
 frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
@@ -37,7 +37,7 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 # %%
 sums, paths, rooms = {}, [], {}
 for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
-    twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = scenes.cached_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
     foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
@@ -50,7 +50,7 @@ for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
 
 # %%
 for name, room in rooms.items():
-    twin = prepared.prepared_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = scenes.cached_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
     for t in room:
         moment = twin.life.at(twin.time_s(t))
         row, col = twin.scene.geometry.project(twin.scene.geometry.to_camera(moment.position_m))

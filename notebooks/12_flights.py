@@ -5,12 +5,13 @@
 import pandas as pd
 from IPython.display import Markdown
 
+from kilnflight.experiments import statements, twin_calibration
 from kilnflight.project import figures, style
 from kilnflight.scores import flights as findings
-from kilnflight.twin import calibration, outcomes, statements
+from kilnflight.twin import fitted, truth
 from kilnflight.twin.flight import Flight
-from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.gas import Gas
+from kilnflight.twin.particles import FRACTIONS
 
 Markdown("**Input:** the twin alone. Nothing here was seen by a camera, and no claim is judged.")
 
@@ -35,13 +36,13 @@ particles = 0  # per fraction and pressure; 0: 100, 1000 or 4000 by scale
 style.use_style()
 particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]
 setting = {"scale": scale, "particles": particles}
-origin = figures.trace("12_flights", setting, seed=seed, inputs=[calibration.FILE])
-versions = {"inputs only": calibration.INPUTS_ONLY, "calibrated": calibration.calibrated()}
+origin = figures.trace("12_flights", setting, seed=seed, inputs=[fitted.FLIGHT_FILE])
+versions = {"inputs only": fitted.FlightInputs(), "calibrated": fitted.flight_inputs()}
 flown, rows = {}, {}
 for version, free in versions.items():
     inputs = free.applied(Flight(), Gas())
-    flown[version] = outcomes.released_all(inputs, particles, seed)
-    rows[version] = outcomes.table(flown[version])
+    flown[version] = truth.released_all(inputs, particles, seed)
+    rows[version] = statements.true_outcomes(flown[version])
 said = statements.statements()
 answers = {version: statements.answer(said, rows[version]) for version in versions}
 
@@ -70,18 +71,19 @@ figures.save("twin-flights-inputs-only", failures, caption=caption, provenance=o
 # lance, and are not to be read as a measured length, angle or wind.
 
 # %%
-record = calibration.record()
-again = [calibration.cost(free, statements.targets(), seed=seed) for free in versions.values()]
-fitted = pd.DataFrame({name: vars(free) for name, free in versions.items()}).rename_axis("input")
-limits = pd.DataFrame(calibration.LIMITS, index=["lowest", "highest"]).T
-fitted = fitted.join(limits).reset_index().rename(columns={"inputs only": "inputs_only"})
+record = twin_calibration.record()
+targets = statements.targets()
+again = [twin_calibration.cost(free, targets, seed=seed) for free in versions.values()]
+values = pd.DataFrame({name: vars(free) for name, free in versions.items()}).rename_axis("input")
+limits = pd.DataFrame(twin_calibration.LIMITS, index=["lowest", "highest"]).T
+values = values.join(limits).reset_index().rename(columns={"inputs only": "inputs_only"})
 caption = (
     "The inputs that nobody published, before and after the fit to wood chips and confetti at "
     f"4.5 bar. Cost {record['cost_inputs_only']:.0f} before and {record['cost_calibrated']:.0f} "
     f"after {record['evaluations']} evaluations; with other particles {again[0]:.0f} and "
     f"{again[1]:.0f}, so some of the gain was chance."
 )
-figures.save("twin-flights-calibration", fitted, caption=caption, provenance=origin)
+figures.save("twin-flights-calibration", values, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Every statement
@@ -169,7 +171,7 @@ boxes = pd.DataFrame(
         "version": version,
         "fraction": name,
         "pressure_bar": bar,
-        **findings.box(outcomes.dwell_times(one)),
+        **findings.box(truth.dwell_times(one)),
     }
     for version, cells in flown.items()
     for (name, bar), one in cells.items()

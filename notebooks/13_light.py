@@ -19,21 +19,22 @@ from dataclasses import asdict
 
 import pandas as pd
 
+from kilnflight.experiments import twin_exposure
 from kilnflight.project import figures
-from kilnflight.twin import exposure
+from kilnflight.twin.fitted import LIGHT_FILE, LightInputs
 
-origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[exposure.FILE])
+origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[LIGHT_FILE])
 
 # %% [markdown]
 # ## Inputs, before and after
 #
 # Two searches were made; the second lets flames overexpose, as the thesis says they do, and has
-# a wider limit for the wall (`kilnflight.twin.exposure` tells both).
+# a wider limit for the wall (`kilnflight.experiments.twin_exposure` states both).
 
 # %%
-record = exposure.record()
-limits = pd.DataFrame(exposure.LIMITS, index=["lowest", "highest"]).T
-assumed = asdict(exposure.UNTOUCHED)
+record = twin_exposure.record()
+limits = pd.DataFrame(twin_exposure.LIMITS, index=["lowest", "highest"]).T
+assumed = asdict(LightInputs())
 fitted = pd.DataFrame({"input": limits.index, "assumed": assumed.values()})
 fitted = fitted.assign(fitted=record["inputs"].values(), lowest=limits["lowest"].to_numpy())
 fitted = fitted.assign(highest=limits["highest"].to_numpy())

@@ -21,14 +21,15 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection, detection_methods, twin_exposure
 from kilnflight.project import claims, figures, style
-from kilnflight.twin import exposure, truth
+from kilnflight.twin import scenes, truth
+from kilnflight.twin.fitted import LIGHT_FILE
 
 style.use_style()
 frames = frames or detection.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
-origin = figures.trace("21_pictures", setting, seed=seed, inputs=[exposure.FILE])
+origin = figures.trace("21_pictures", setting, seed=seed, inputs=[LIGHT_FILE])
 
 # %%
 subsets = detection.labelled_subsets(scale, seed, frames)
@@ -114,7 +115,7 @@ both = pd.concat([otsu, sift], ignore_index=True)
 recall = detection.class_recall(both, ["method", "subset"])
 recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 each = [one.name for one in subsets]
-unlit = dict(zip(truth.SUBSETS, exposure.UNLIT_RECALL, strict=True))
+unlit = dict(zip(scenes.SUBSETS, twin_exposure.UNLIT_RECALL, strict=True))
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=62, sharey=True)

@@ -32,8 +32,9 @@ style.use_style()
 # %%
 from kilnflight.experiments import campaigns
 from kilnflight.project.parallel import Workers
-from kilnflight.twin import calibration, outcomes
-from kilnflight.twin.flight import Flight
+from kilnflight.twin import truth
+from kilnflight.twin.fitted import flight_inputs
+from kilnflight.twin.flight import ENDS, Flight
 from kilnflight.twin.gas import Gas
 
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
@@ -45,9 +46,9 @@ bar = max(one.pressure_bar for one in wanted)
 names = list(dict.fromkeys(one.fraction for one in wanted))
 
 # %%
-inputs = calibration.calibrated().applied(Flight(), Gas())
-flown = {name: outcomes.released(name, bar, inputs, particles, seed + 55) for name in names}
-simulated = {(name, bar): outcomes.findings(one) for name, one in flown.items()}
+inputs = flight_inputs().applied(Flight(), Gas())
+flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
+simulated = {(name, bar): truth.flight_values(one) for name, one in flown.items()}
 
 # %% [markdown]
 # ## Simulated trajectories
@@ -61,7 +62,7 @@ for k, name in enumerate(names[::2][:2]):
 rows = [{"fraction": name, "end": end} for name in names for end in flown[name].end.tolist()]
 ends = pd.DataFrame(rows, columns=["fraction", "end"]).value_counts(sort=False)
 data = ends.rename("particles").reset_index()
-data["end"] = [outcomes.ENDS[end] for end in data["end"]]
+data["end"] = [ENDS[end] for end in data["end"]]
 caption = (
     "Thirty simulated flights each, dots 1 m apart in depth, after Fig. A.5; the table says how "
     "the flights of all fractions end."

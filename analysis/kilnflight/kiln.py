@@ -42,8 +42,8 @@ from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
-from kilnflight.twin.prepared import prepared_scene
 from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import cached_scene
 
 CHUNK = 100  # frames; every chunk reads the median's window, 150 frames, anew
 LONG_CHUNK = 500  # frames, where no differences are stored: the window costs less
@@ -77,7 +77,7 @@ class TwinSource:
     @lru_cache(maxsize=2)  # noqa: B019  of equal sources
     def recording(self) -> Twin:
         """Return the twin; its flights are worked out once for all chunks of a process."""
-        return prepared_scene(self.name, self.seed)
+        return cached_scene(self.name, self.seed)
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from kilnflight.project import claims
 from kilnflight.regression import Regression, regress_all
 from kilnflight.scores.flights import Findings
 from kilnflight.tables import FLIGHTS
-from kilnflight.twin.fractions import FRACTIONS
-from kilnflight.twin.outcomes import PRESSURES_BAR
+from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scenes import PRESSURES_BAR
 
 EXIT = (0.0, 0.0, 6500.0)
 CELL = ("confetti", 4.5)

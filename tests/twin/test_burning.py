@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from kilnflight.twin import burning, forces
-from kilnflight.twin.fractions import CONFETTI, PE_GRANULES
+from kilnflight.twin import burning
+from kilnflight.twin import gas as forces
+from kilnflight.twin.burning import BURNING, CHAR, State
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.state import BURNING, CHAR, State
+from kilnflight.twin.particles import CONFETTI, PE_GRANULES
 
 GAS, STEP = Gas(), 0.5e-3
 

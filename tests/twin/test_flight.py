@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.twin import forces
+from kilnflight.twin import gas as forces
+from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import ENDS, Flight, drag_rate, exit_velocity, fly, launch
-from kilnflight.twin.fractions import CONFETTI, FRACTIONS, PAPER_SHREDS, PE_GRANULES
 from kilnflight.twin.gas import GRAVITY_M_S2, Gas
-from kilnflight.twin.geometry import Geometry
+from kilnflight.twin.particles import CONFETTI, FRACTIONS, PAPER_SHREDS, PE_GRANULES
 
 PLACE = Geometry()
 STILL = Gas(stream_m_s=0.0, turbulence_m_s=0.0, turbulence_in_jet=0.0, jet_persistence=0.0)

@@ -2,13 +2,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.checks import InputError
-from kilnflight.twin.feed import Burst, by_hand
+from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import Flight
-from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.geometry import Geometry
 from kilnflight.twin.life import OnTheWall, live
+from kilnflight.twin.particles import Burst
 
 KILN = (Gas(), Geometry(), Flight(), OnTheWall())
 FEED = (Burst("confetti", 40, -0.5), Burst("wood chip", 20, -0.3), Burst("PE granule", 0, 0.0))
@@ -84,19 +82,3 @@ def test_an_empty_kiln_is_a_kiln():
     nothing = live((), *KILN, seed=1)
     assert len(nothing.table) == 0
     assert len(nothing.at(0.5).particle) == 0
-
-
-def test_feeding_by_hand_comes_in_bursts_and_loses_nobody():
-    bursts = by_hand(FRACTIONS["confetti"], 300, 9.0, np.random.default_rng(1))
-    assert sum(burst.count for burst in bursts) == 300
-    assert 5 < len(bursts) < 100
-    times = np.concatenate([b.release(np.random.default_rng(2))[1] for b in bursts])
-    gaps = np.diff(np.sort(times))
-    assert gaps.std() > 1.3 * gaps.mean()  # more uneven than a steady random feed (1.0)
-    assert by_hand(FRACTIONS["confetti"], 0, 9.0, np.random.default_rng(1)) == ()
-
-
-def test_impossible_bursts_are_told():
-    for wrong in ({"fraction": "coal"}, {"count": -1}, {"duration_s": 0.0}):
-        with pytest.raises(InputError):
-            Burst(**{"fraction": "confetti", "count": 1, "start_s": 0.0, **wrong})

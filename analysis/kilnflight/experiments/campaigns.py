@@ -23,8 +23,8 @@ from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vecto
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
-from kilnflight.twin.fractions import FRACTIONS
-from kilnflight.twin.outcomes import PRESSURES_BAR
+from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scenes import PRESSURES_BAR
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from kilnflight.detection.combination import Combination, Polygon, View
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.scores import FrameScore, LabelledPixels, rates, score_detections, total_in_air
-from kilnflight.twin import truth
-from kilnflight.twin.prepared import prepared_scene
+from kilnflight.twin import scenes, truth
 
 WARM_UP_POINTS = 2000  # of the untimed first call
 # How many of the ten labelled frames of which subsets each scale looks at; 10 of all five are
@@ -57,15 +56,15 @@ def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]
     frames
         How many labelled frames of each; 0: 1, 1 or 10 by scale.
     """
-    if scale not in FRAMES or not 0 <= frames <= len(truth.LABELLED):
+    if scale not in FRAMES or not 0 <= frames <= len(scenes.LABELLED):
         raise InputError(
             f"ground_truth: scale {scale!r} with {frames} frames; there are {', '.join(FRAMES)}, "
-            f"and up to {len(truth.LABELLED)} labelled frames."
+            f"and up to {len(scenes.LABELLED)} labelled frames."
         )
     frames = frames or FRAMES[scale]
     found = []
-    for name in SMOKE_SUBSETS if scale == "quick" else truth.SUBSETS:
-        twin, wanted = prepared_scene(name, seed), tuple(truth.LABELLED[:frames])
+    for name in SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS:
+        twin, wanted = scenes.cached_scene(name, seed), tuple(scenes.LABELLED[:frames])
         instances = partial(truth.instances, twin)
         marked = truth.marked(twin, wanted)
         found.append(Subset(name, twin, wanted, marked, instances, BACKGROUNDS[scale], {}))

@@ -23,8 +23,7 @@ from kilnflight.scores.matching import pair
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
-from kilnflight.twin.outcomes import velocities
-from kilnflight.twin.prepared import true_trajectories
+from kilnflight.twin.truth import true_trajectories, velocities
 
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
 STEPS = (
@@ -59,7 +58,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
         ``particle``; ``ending``, and ``dwell_s`` (NaN if it is neither on the wall nor burnt
         out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
         (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
-        by a person at five positions or more (`kilnflight.twin.prepared.true_trajectories`).
+        by a person at five positions or more (`kilnflight.twin.truth.true_trajectories`).
     """
     twin, frames = twin_of(campaign), campaign.frames
     flights, rate = twin.life.flights, twin.scene.frame_rate_hz

@@ -11,18 +11,19 @@ import pandas as pd
 
 from kilnflight import regression
 from kilnflight.checks import InputError
+from kilnflight.experiments import statements
 from kilnflight.experiments.campaigns import Campaign, Measurement
+from kilnflight.experiments.statements import outcome_table
 from kilnflight.project import claims
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES, Findings, outcomes
+from kilnflight.scores.flights import METRES, Findings
 from kilnflight.scores.intervals import Bootstrap, Interval
 from kilnflight.slicing import straight_on
 from kilnflight.tables import TRAJECTORIES
-from kilnflight.twin import outcomes as true_outcomes
-from kilnflight.twin import statements
-from kilnflight.twin.fractions import FRACTIONS
-from kilnflight.twin.outcomes import PRESSURES_BAR
+from kilnflight.twin import truth
+from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import PRESSURES_BAR
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
@@ -90,18 +91,8 @@ def true_results(wanted: Sequence[Campaign]) -> dict[CampaignKey, Findings]:
         flights, release = twin.life.flights, twin.life.release_s * twin.scene.frame_rate_hz
         over = release + flights.end_s * twin.scene.frame_rate_hz
         inside = (release >= one.frames.start) & (over < one.frames.stop)
-        found[one.fraction, one.pressure_bar] = true_outcomes.findings(flights.only(inside))
+        found[one.fraction, one.pressure_bar] = truth.flight_values(flights.only(inside))
     return found
-
-
-def outcome_table(found: Mapping[CampaignKey, Findings]) -> pd.DataFrame:
-    """Return the named numbers of `kilnflight.scores.flights.outcomes`, one row per cell."""
-    rows = [
-        {"fraction": name, "pressure_bar": bar, "particles": len(one.ignition_s)}
-        | outcomes(one).to_dict()
-        for (name, bar), one in found.items()
-    ]
-    return pd.DataFrame(rows)
 
 
 def beside_published(
@@ -138,7 +129,7 @@ def conditions(said: pd.DataFrame, cell: CampaignKey) -> dict[str, bool]:
     """Return whether the measurement agrees with each printed number of a cell.
 
     Within the printed bounds; where one number is printed, within the unit of
-    `kilnflight.twin.statements.LEAST_UNIT`.
+    `kilnflight.experiments.statements.LEAST_UNIT`.
     """
     rows = of_campaign(said, cell)
     units = statements.misfits(rows, rows["measured"])

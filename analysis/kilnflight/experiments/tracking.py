@@ -25,9 +25,9 @@ from kilnflight.kiln import TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
 from kilnflight.scores.matching import pair
-from kilnflight.twin.prepared import true_trajectories
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
+from kilnflight.twin.truth import true_trajectories
 
 # The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
 GATE_PX = 10.0
@@ -49,7 +49,7 @@ class Window(NamedTuple):
     scene: str
     frames: range
     detections: pd.DataFrame  # in the air, or without depth
-    truth: pd.DataFrame  # `kilnflight.twin.prepared.true_trajectories`
+    truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
     differences: Differences
 
 

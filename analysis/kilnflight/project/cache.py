@@ -160,7 +160,7 @@ def write_calibration(path: Path, content: dict[str, object]) -> str:
     return "\n".join(f"{name}: {whole[name]}" for name in names)
 
 
-def read_calibration(path: Path, targets: object, module: str) -> dict[str, Any]:
+def read_calibration(path: Path, targets: object | None, module: str) -> dict[str, Any]:
     """Return the content of a calibration file without its hash.
 
     Parameters
@@ -168,7 +168,8 @@ def read_calibration(path: Path, targets: object, module: str) -> dict[str, Any]
     path
         The file.
     targets
-        What the calibration was fitted to, as it would be hashed today.
+        What the calibration was fitted to, as it would be hashed today; None: what the
+        file itself states.
     module
         Makes the file, for the message.
 
@@ -185,6 +186,7 @@ def read_calibration(path: Path, targets: object, module: str) -> dict[str, Any]
         raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
     if content_hash(content) != known:
         raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")
+    targets = content.get("targets") if targets is None else targets
     if content.get("targets_sha256") != content_hash(targets):
         raise InputError(f"calibration {path}: made for other targets than published. {again}")
     return dict(content)

@@ -15,9 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import InputError
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.optics import Optics
+from kilnflight.twin.camera import Geometry, Optics
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -89,24 +87,6 @@ class Background:
     def depth_mm(self) -> Array:
         """True depth of wall and plate, (rows, columns); shared by the scenes of a kiln."""
         return _depth_mm(self.geometry)
-
-    def relit(self, optics: Optics, surroundings: Surroundings) -> Background:
-        """Return the same walls in other light: levels of `Optics` and of the burner.
-
-        The pictures that cost time are shared. The wall's temperatures must be the same.
-        """
-        other = Background(self.geometry, optics, surroundings, self.seed)
-        same = optics.wall_k == self.optics.wall_k and (
-            (surroundings.texture_k, surroundings.plate_k, surroundings.edge_px)
-            == (self.surroundings.texture_k, self.surroundings.plate_k, self.surroundings.edge_px)
-        )
-        if not same:
-            raise InputError("relit: temperatures and edges of the walls must stay the same.")
-        brighter = np.float32(optics.wall_level / self.optics.wall_level)
-        other.__dict__.update(
-            level=self.level * brighter, depth_mm=self.depth_mm, _edges=self._edges
-        )
-        return other
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""

@@ -7,23 +7,112 @@ its ignition temperature, hot gas around it, and a slip that does not blow the f
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.twin import forces
-from kilnflight.twin.gas import Gas
-from kilnflight.twin.state import BURNING, CHAR, UNLIT, State
+from kilnflight.twin.gas import (
+    DRYING_K,
+    Gas,
+    apparent_heat_capacity,
+    conduct,
+    heat_flux,
+    heat_transfer,
+)
+from kilnflight.twin.particles import Fraction, Particles
 
 Array = npt.NDArray[np.float64]
 
+UNLIT, BURNING, CHAR = 0, 1, 2
 CAUSES = ("", "surface temperature", "hot gas", "slip")
+
+
+@dataclass
+class State:
+    """The particles still in flight: what is fixed, and what changes; arrays (active, ...)."""
+
+    kind: Fraction
+    index: npt.NDArray[np.intp]  # row of the particle among all
+    diameter_m: Array
+    broadside_m2: Array
+    surface_m2: Array
+    half_m: Array  # half thickness or radius
+    dry_kg: Array
+    ignition_k: Array
+    orientation: Array
+    position: Array  # (active, 3)
+    velocity: Array  # (active, 3)
+    turbulence: Array  # (active, 3)
+    lift: Array  # (active, 3) unit vectors
+    nodes_k: Array  # (active, nodes): middles of the shells, from inside out
+    surface_k: Array
+    volatiles_kg: Array
+    char_kg: Array
+    burning: npt.NDArray[np.int8]
+    met: npt.NDArray[np.bool_]  # (active, 3): ignition criteria fulfilled one step ago
+
+    @classmethod
+    def at_rest(cls, particles: Particles, nodes: int, temperature_k: float) -> State:
+        """Return all particles, cold and without motion."""
+        n, kind, dry = len(particles), particles.fraction, particles.dry_mass_kg
+        return cls(
+            kind=kind,
+            index=np.arange(n),
+            diameter_m=particles.diameter_m,
+            broadside_m2=particles.broadside_m2,
+            surface_m2=particles.surface_m2,
+            half_m=particles.thickness_m / 2,
+            dry_kg=dry,
+            ignition_k=particles.ignition_k,
+            orientation=particles.orientation,
+            position=np.zeros((n, 3)),
+            velocity=np.zeros((n, 3)),
+            turbulence=np.zeros((n, 3)),
+            lift=np.tile([0.0, 0.0, 1.0], (n, 1)),
+            nodes_k=np.full((n, 1 if kind.sheet else nodes), temperature_k),
+            surface_k=np.full(n, temperature_k),
+            volatiles_kg=dry * kind.volatile_share,
+            char_kg=dry * (1 - kind.volatile_share),
+            burning=np.full(n, UNLIT, dtype=np.int8),
+            met=np.zeros((n, 3), dtype=bool),
+        )
+
+    def keep(self, rows: npt.NDArray[np.bool_]) -> None:
+        """Drop the particles whose flight has ended."""
+        for field in fields(self)[1:]:
+            setattr(self, field.name, getattr(self, field.name)[rows])
+
+    @property
+    def char_share(self) -> Array:
+        """Char that is left over the char there was, (active,); 1 where there is none."""
+        whole = self.dry_kg * (1 - self.kind.volatile_share)
+        return np.divide(self.char_kg, whole, out=np.ones_like(whole), where=whole > 0)
+
+    @property
+    def area_share(self) -> Array:
+        """Share of the broadside area that is left, (active,): charred sheets crumble."""
+        return np.where((self.burning == CHAR) & self.kind.sheet, self.char_share, 1.0)
+
+    @property
+    def release_mass_kg(self) -> Array:
+        """Mass at release, water included, (active,)."""
+        return self.dry_kg * (1 + self.kind.moisture)
+
+    @property
+    def mass_kg(self) -> Array:
+        """Present mass, (active,); ash keeps it above 2 % of the mass at release."""
+        low, high = DRYING_K
+        wet = 1 - np.clip((self.nodes_k.mean(axis=1) - low) / (high - low), 0.0, 1.0)
+        now = self.volatiles_kg + self.char_kg + self.kind.moisture * self.dry_kg * wet
+        return np.maximum(now, 0.02 * self.release_mass_kg)
 
 
 def heat_and_burn(state: State, gas: Gas, gas_k: Array, slip_m_s: Array, step_s: float) -> None:
     """Advance temperatures and masses by one step, in place."""
-    coefficient = forces.heat_transfer(slip_m_s, state.diameter_m, gas_k)
+    coefficient = heat_transfer(slip_m_s, state.diameter_m, gas_k)
     wall = gas.wall_temperature_k
-    flux = forces.heat_flux(state.surface_k, gas_k, wall, coefficient, state.kind.emissivity)
+    flux = heat_flux(state.surface_k, gas_k, wall, coefficient, state.kind.emissivity)
     unlit = state.burning == UNLIT
     nodes, surface = _warmer(state, flux, step_s)
     state.nodes_k = np.where(unlit[:, None], nodes, state.nodes_k)
@@ -43,7 +132,7 @@ def _warmer(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
     """
     kind = state.kind
     if kind.sheet:
-        capacity = forces.apparent_heat_capacity(
+        capacity = apparent_heat_capacity(
             state.nodes_k[:, 0], kind.heat_capacity_j_kg_k, kind.moisture
         )
         gain = step_s * flux * state.surface_m2 / (state.dry_kg * capacity)
@@ -52,7 +141,7 @@ def _warmer(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
     volume = state.surface_m2 * state.half_m / (kind.body + 1)
     solid = state.dry_kg / volume
     properties = (kind.conductivity_w_m_k, kind.heat_capacity_j_kg_k, solid, kind.moisture)
-    nodes = forces.conduct(state.nodes_k, flux, state.half_m, properties, kind.body, step_s)
+    nodes = conduct(state.nodes_k, flux, state.half_m, properties, kind.body, step_s)
     half_shell = state.half_m / nodes.shape[1] / 2
     return nodes, nodes[:, -1] + flux * half_shell / kind.conductivity_w_m_k
 
@@ -60,12 +149,12 @@ def _warmer(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
 def ignite(
     state: State, gas_k: Array, slip_m_s: Array, gas_limit_k: float, extinction_1_s: float
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int8]]:
-    """Set fire to what fulfils all criteria, in place.
+    """Ignite the particles that fulfil all criteria, in place.
 
     Returns
     -------
     lit : (active,) bool
-        What caught fire in this step.
+        Particles that ignite in this step.
     cause : (active,) int8
         Index into `CAUSES`: the criterion that had not been fulfilled one step before
         (of several, the first in that order).
@@ -83,6 +172,3 @@ def ignite(
     state.burning[lit] = BURNING
     state.met = met
     return lit, cause
-
-
-__all__ = ["CAUSES", "heat_and_burn", "ignite"]

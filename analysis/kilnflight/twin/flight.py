@@ -16,11 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.checks import InputError, check_positive
-from kilnflight.twin import burning, forces
-from kilnflight.twin.fractions import SPHERE, Particles
-from kilnflight.twin.gas import GRAVITY_M_S2, Gas, density
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.state import CHAR, State
+from kilnflight.twin.burning import CHAR, State, heat_and_burn, ignite
+from kilnflight.twin.camera import Geometry, unit_vectors
+from kilnflight.twin.gas import GRAVITY_M_S2, Gas, density, disc_drag, reynolds, sphere_drag
+from kilnflight.twin.particles import SPHERE, Particles
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +29,7 @@ ENDS = ("landed", "burnt out", "left the kiln", "still flying")
 
 @dataclass(frozen=True)
 class Flight:
-    """How a flight is computed, and the few quantities that nobody published."""
+    """Settings of the computation, and the few quantities that are not published."""
 
     step_s: float = 0.5e-3  # a quarter of it changes medians by less than 3 % (tested)
     sample_s: float = 2e-3  # between stored states; frames are interpolated
@@ -65,7 +64,7 @@ class Flights(NamedTuple):
     area: npt.NDArray[np.float32]  # (n, samples): share of the broadside area that is left
     state: npt.NDArray[np.int8]  # (n, samples): UNLIT, BURNING or CHAR
     ignition_s: Array  # (n,), NaN if never
-    cause: npt.NDArray[np.int8]  # (n,), index into burning.CAUSES
+    cause: npt.NDArray[np.int8]  # (n,), index into CAUSES
     end_s: Array  # (n,)
     end: npt.NDArray[np.int8]  # (n,), index into ENDS
     end_position_m: Array  # (n, 3)
@@ -182,9 +181,9 @@ def fly(
         if step % every == 0:
             flights.note(step // every, state)
         gas_k, slip = _move(state, gas, geometry, generator, settings)
-        burning.heat_and_burn(state, gas, gas_k, slip, settings.step_s)
+        heat_and_burn(state, gas, gas_k, slip, settings.step_s)
         limits = (settings.ignition_gas_k, settings.extinction_1_s)
-        lit, cause = burning.ignite(state, gas_k, slip, *limits)
+        lit, cause = ignite(state, gas_k, slip, *limits)
         flights.ignition_s[state.index[lit]] = time + settings.step_s
         flights.cause[state.index[lit]] = cause[lit]
     return flights.cut()
@@ -210,7 +209,7 @@ def launch(
     bore = generator.uniform(-0.4, 0.4, (n, 2)) * gas.lance_diameter_m
     state.position = geometry.lance_m + np.concatenate([np.zeros((n, 1)), bore], axis=1)
     state.velocity = direction * speed[:, None]
-    state.lift = _unit(generator.normal(size=(n, 3)))
+    state.lift = unit_vectors(generator.normal(size=(n, 3)))
     return state
 
 
@@ -237,8 +236,8 @@ def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
 
 def drag_rate(state: State, slip_m_s: Array, gas_k: Array) -> Array:
     """Return drag acceleration over slip velocity in 1/s, (active,)."""
-    number = forces.reynolds(slip_m_s, state.diameter_m, gas_k)
-    law = forces.sphere_drag if state.kind.body == SPHERE else forces.disc_drag
+    number = reynolds(slip_m_s, state.diameter_m, gas_k)
+    law = sphere_drag if state.kind.body == SPHERE else disc_drag
     area = state.orientation * state.broadside_m2 * state.area_share
     return density(gas_k) * law(number) * area * slip_m_s / (2 * state.mass_kg)
 
@@ -280,7 +279,7 @@ def _wander(
     noise = generator.normal(size=shape) * strength[:, None]
     state.turbulence = keep * state.turbulence + np.sqrt(1 - keep**2) * noise
     turn = np.sqrt(dt / settings.lift_time_s)
-    state.lift = _unit(state.lift + turn * generator.normal(size=shape))
+    state.lift = unit_vectors(state.lift + turn * generator.normal(size=shape))
 
 
 def _lift(state: State, relative: Array, slip_m_s: Array, gas_k: Array) -> Array:
@@ -300,7 +299,3 @@ def _ended(state: State, geometry: Geometry, settings: Flight) -> npt.NDArray[np
     radius = np.hypot(state.position[:, 1], state.position[:, 2])
     over[radius >= geometry.kiln_radius_mm / 1000.0] = ENDS.index("landed")
     return over
-
-
-def _unit(vectors: Array) -> Array:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)

@@ -8,21 +8,19 @@ particle ignites (section 5.1.1), burns with a flame that flickers, and fades.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError
-from kilnflight.twin.burning import CAUSES
-from kilnflight.twin.feed import Burst
+from kilnflight.twin.burning import BURNING, CAUSES
+from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
-from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.geometry import Geometry
-from kilnflight.twin.state import BURNING
+from kilnflight.twin.particles import FRACTIONS, Burst
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +31,7 @@ class OnTheWall:
 
     Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
     over 150 frames would absorb them otherwise, yet they are found (Table 5.5). Scenes take
-    ``share_on`` and ``body_s`` from `kilnflight.twin.exposure`. While a flame is on it does
+    ``share_on`` and ``body_s`` from `kilnflight.twin.fitted`. While a flame is on it does
     not change from frame to frame, as a real one would.
     """
 
@@ -56,6 +54,10 @@ class Moment(NamedTuple):
     landed: npt.NDArray[np.bool_]
     age_s: Array
 
+    def take(self, rows: npt.NDArray[np.generic]) -> Moment:
+        """Return the moment of some particles, by a mask or their rows."""
+        return Moment._make(part[rows] for part in self)
+
 
 @dataclass(frozen=True)
 class Life:
@@ -63,78 +65,46 @@ class Life:
 
     table: pd.DataFrame  # one row per particle, see `live`
     flights: Flights
-    release_s: Array
-    over_s: Array  # when nothing is left to see
+
+    @cached_property
+    def release_s(self) -> Array:
+        """When each particle leaves the lance, (n,), in s from the first frame."""
+        return self.table["release_s"].to_numpy()
+
+    @cached_property
+    def over_s(self) -> Array:
+        """When nothing of a particle can be seen any more, (n,), in s from the first frame."""
+        landed = self.flights.end == ENDS.index("landed")
+        afterwards = (self.table["flame_delay_s"] + self.table["flame_s"]).to_numpy() * landed
+        return self.release_s + self.flights.end_s + afterwards
 
     def at(self, time_s: float) -> Moment:
-        """Return what there is at a time, in s from the first frame."""
+        """Return the particles at a time, in s from the first frame."""
         rows = np.flatnonzero((self.release_s <= time_s) & (self.over_s > time_s))
         age = time_s - self.release_s[rows]
         end = self.flights.end_s[rows]
         landed = age >= end
         age_flying = np.minimum(age, end)
-        low, share = self._between(rows, age_flying)
-        position = self._mixed(self.flights.position_m, rows, low, share)
+        # the sample before each age, and how far the age is beyond it
+        step = self.flights.age_s[1] if len(self.flights.age_s) > 1 else 1.0
+        last = np.maximum((self.flights.state[rows] >= 0).sum(axis=1) - 1, 0)
+        low = np.minimum((age_flying / step).astype(np.intp), last)
+        share = np.where(low < last, age_flying / step - low, 0.0)
+        position = _interpolated(self.flights.position_m, rows, low, share)
         position[landed] = self.flights.end_position_m[rows[landed]]
+        velocity = _interpolated(self.flights.velocity_m_s, rows, low, share)
         state = self.flights.state[rows, low]
         on_wall = self._flame_on(rows, age - end) & landed
         return Moment(
             particle=rows,
             position_m=position,
-            velocity_m_s=self._mixed(self.flights.velocity_m_s, rows, low, share)
-            * ~landed[:, None],
-            surface_k=self._mixed(self.flights.surface_k, rows, low, share),
-            area=self._mixed(self.flights.area, rows, low, share),
+            velocity_m_s=velocity * ~landed[:, None],
+            surface_k=_interpolated(self.flights.surface_k, rows, low, share),
+            area=_interpolated(self.flights.area, rows, low, share),
             burning=np.where(landed, on_wall, state >= BURNING),
             landed=landed,
             age_s=age,
         )
-
-    def rekindled(self, before: OnTheWall, wall: OnTheWall) -> Life:
-        """Return the same flights with other fires on the wall.
-
-        Parameters
-        ----------
-        before
-            What this life was computed with.
-        wall
-            Instead of it; only ``sheet_s``, ``body_s`` and ``share_on`` may differ.
-        """
-        if (
-            replace(before, sheet_s=wall.sheet_s, body_s=wall.body_s, share_on=wall.share_on)
-            != wall
-        ):
-            raise InputError(f"rekindled: {wall} differs from {before} in more than durations.")
-        sheet = np.array([FRACTIONS[name].sheet for name in self.table["fraction"]], dtype=bool)
-        longer = np.where(sheet, wall.sheet_s / before.sheet_s, wall.body_s / before.body_s)
-        table = self.table.assign(
-            flame_s=self.table["flame_s"] * longer, flicker_share=wall.share_on
-        )
-        landed = (table["end"] == "landed").to_numpy()
-        afterwards = (table["flame_delay_s"] + table["flame_s"]).to_numpy() * landed
-        over = self.release_s + self.flights.end_s + afterwards
-        return replace(self, table=table, over_s=over)
-
-    def _between(
-        self, rows: npt.NDArray[np.intp], age_s: Array
-    ) -> tuple[npt.NDArray[np.intp], Array]:
-        """Return the sample before each age and how far the age is beyond it, 0 to 1."""
-        step = self.flights.age_s[1] if len(self.flights.age_s) > 1 else 1.0
-        last = np.maximum((self.flights.state[rows] >= 0).sum(axis=1) - 1, 0)
-        low = np.minimum((age_s / step).astype(np.intp), last)
-        return low, np.where(low < last, age_s / step - low, 0.0)
-
-    @staticmethod
-    def _mixed(
-        samples: npt.NDArray[np.float32],
-        rows: npt.NDArray[np.intp],
-        low: npt.NDArray[np.intp],
-        share: Array,
-    ) -> Array:
-        one = samples[rows, low].astype(np.float64)
-        two = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
-        weight = share.reshape((-1,) + (1,) * (one.ndim - 1))
-        return np.where(weight > 0, one + weight * (two - one), one)
 
     def _flame_on(self, rows: npt.NDArray[np.intp], on_wall_s: Array) -> npt.NDArray[np.bool_]:
         delay, rate, phase, share = (
@@ -142,6 +112,19 @@ class Life:
             for name in ("flame_delay_s", "flicker_hz", "flicker_phase", "flicker_share")
         )
         return (on_wall_s >= delay) & (((on_wall_s - delay) * rate + phase) % 1.0 < share)
+
+
+def _interpolated(
+    samples: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.intp],
+    low: npt.NDArray[np.intp],
+    share: Array,
+) -> Array:
+    """Return samples (n, samples, ...) of some rows, a share of the way beyond the lower one."""
+    before = samples[rows, low].astype(np.float64)
+    after = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
+    weight = share.reshape((-1,) + (1,) * (before.ndim - 1))
+    return np.where(weight > 0, before + weight * (after - before), before)
 
 
 def live(
@@ -152,7 +135,7 @@ def live(
     on_the_wall: OnTheWall,
     seed: int,
 ) -> Life:
-    """Compute the life of everything that is fed.
+    """Compute the life of all particles that are fed.
 
     Particles of one fraction fly together; each fraction has random numbers of its own, so
     that feeding more of one does not change another.
@@ -165,25 +148,33 @@ def live(
         ``ignition_cause``, ``end_s`` (from the release), ``end``, ``end_x_mm``,
         ``end_y_mm``, ``end_z_mm`` (camera coordinates).
     """
-    if not feed:  # an empty kiln is a kiln
+    if not feed:
         feed = [Burst(next(iter(FRACTIONS)), 0, 0.0)]
-    tables, parts, releases = [], [], []
+    tables, parts = [], []
     for number, name in enumerate(FRACTIONS):
         bursts = [burst for burst in feed if burst.fraction == name]
         if not bursts:
             continue
         generator = np.random.default_rng([seed, number])
         drawn = [burst.release(generator) for burst in bursts]
-        particles = drawn[0][0].joined([one for one, _ in drawn[1:]])
-        times = np.concatenate([time for _, time in drawn])
-        flights = fly(particles, gas, geometry, generator, flight)
-        parts.append(flights)
-        releases.append(times)
-        table = particles.table().assign(release_s=times)
+        particles = drawn[0][0].joined([more for more, _ in drawn[1:]])
+        parts.append(fly(particles, gas, geometry, generator, flight))
+        table = particles.table().assign(release_s=np.concatenate([time for _, time in drawn]))
         tables.append(_wall_fire(table, particles.fraction.sheet, on_the_wall, generator))
     flights = Flights.joined(parts, flight)
+    end = geometry.to_camera(flights.end_position_m)
     table = pd.concat(tables, ignore_index=True)
-    return _together(table, flights, np.concatenate(releases), geometry)
+    table = table.assign(
+        particle=np.arange(len(table)),
+        ignition_s=flights.ignition_s,
+        ignition_cause=[CAUSES[k] for k in flights.cause],
+        end_s=flights.end_s,
+        end=[ENDS[k] for k in flights.end],
+        end_x_mm=end[:, 0],
+        end_y_mm=end[:, 1],
+        end_z_mm=end[:, 2],
+    )
+    return Life(table, flights)
 
 
 def _wall_fire(
@@ -198,23 +189,3 @@ def _wall_fire(
         flicker_phase=generator.uniform(0.0, 1.0, n),
         flicker_share=wall.share_on,
     )
-
-
-def _together(table: pd.DataFrame, flights: Flights, release: Array, geometry: Geometry) -> Life:
-    landed = flights.end == ENDS.index("landed")
-    afterwards = (table["flame_delay_s"] + table["flame_s"]).to_numpy() * landed
-    place = geometry.to_camera(flights.end_position_m)
-    table = table.assign(
-        particle=np.arange(len(table)),
-        ignition_s=flights.ignition_s,
-        ignition_cause=[CAUSES[k] for k in flights.cause],
-        end_s=flights.end_s,
-        end=[ENDS[k] for k in flights.end],
-        end_x_mm=place[:, 0],
-        end_y_mm=place[:, 1],
-        end_z_mm=place[:, 2],
-    )
-    return Life(table, flights, release, release + flights.end_s + afterwards)
-
-
-__all__ = ["Life", "Moment", "OnTheWall", "live"]

@@ -7,27 +7,24 @@ by any process, and nothing grows with the length.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import check_positive
 from kilnflight.recording.frames import Attributes, Frame, check_position
-from kilnflight.twin import appearance, drawing
-from kilnflight.twin.appearance import Blobs, Bodies, Tumbling
 from kilnflight.twin.background import Background, Surroundings
-from kilnflight.twin.depth import DepthCamera
-from kilnflight.twin.feed import Burst
+from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.geometry import Geometry
 from kilnflight.twin.life import Life, Moment, OnTheWall, live
-from kilnflight.twin.optics import FULL_SCALE, Optics
+from kilnflight.twin.particles import Burst
+from kilnflight.twin.picture import Blobs, Bodies, Pixels, Tumbling, bodies, cover, paint, project
 
 Array = npt.NDArray[np.float64]
 RIM = 0.8  # share of the radius from which on a burning particle's edge has depth; assumption
@@ -95,7 +92,7 @@ class Twin:
 
     @cached_property
     def _bodies(self) -> Bodies:
-        return appearance.bodies(self.life.table, self.scene.tumbling, self.scene.seed)
+        return bodies(self.life.table, self.scene.tumbling, self.scene.seed)
 
     @cached_property
     def _background(self) -> Background:
@@ -113,31 +110,6 @@ class Twin:
         """Noise of the picture without particles; flames change it where they saturate."""
         return self.scene.optics.noise(self._background.level).astype(np.float32)
 
-    def in_other_light(self, scene: Scene) -> Twin:
-        """Return the recording of a scene that differs in its light only; flights are shared.
-
-        Parameters
-        ----------
-        scene
-            As this one but for levels of ``optics``, the burner's flame in ``surroundings``,
-            and how long what landed burns (``on_the_wall``).
-        """
-        same = replace(
-            self.scene,
-            optics=scene.optics,
-            surroundings=scene.surroundings,
-            on_the_wall=scene.on_the_wall,
-        )
-        if same != scene:
-            raise InputError("in_other_light: the scene differs in more than light.")
-        other = Twin(scene)
-        other.__dict__.update(
-            life=self.life.rekindled(self.scene.on_the_wall, scene.on_the_wall),
-            _background=self._background.relit(scene.optics, scene.surroundings),
-            _noise=self._noise,
-        )
-        return other
-
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
         return t / self.scene.frame_rate_hz
@@ -151,47 +123,43 @@ class Twin:
             If there is no such frame.
         """
         check_position(t, len(self), self.scene.name)
-        seen = self.see(t)
-        gray = self._exposed(t, seen.picture)
-        pixels, xyz = self._cloud(t, seen)
-        return Frame(t, self.time_s(t), gray, pixels, xyz, seen.labels)
+        view = self.view(t)
+        gray = self._exposed(t, view.picture)
+        pixels, xyz = self._cloud(t, view)
+        return Frame(t, self.time_s(t), gray, pixels, xyz, view.labels)
 
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
         """Return the grey values (rows, columns) of frame ``t`` alone, the same as its own."""
         check_position(t, len(self), self.scene.name)
-        return self._exposed(t, self.see(t).picture)
+        return self._exposed(t, self.view(t).picture)
 
     def empty(self, t: int) -> npt.NDArray[np.float32]:
         """Return the picture (rows, columns) at frame ``t`` without any particle or noise."""
         return self._background.at(self.time_s(t))
 
-    def see(self, t: int) -> Seen:
-        """Return the picture before noise and what in it is which particle."""
-        place, time = self.scene.geometry, self.time_s(t)
-        moment = self._in_front(self.life.at(time))
+    def view(self, t: int) -> View:
+        """Return the picture before noise, and which particle covers which pixel of it."""
+        place, optics, time = self.scene.geometry, self.scene.optics, self.time_s(t)
+        moment = self.life.at(time)
+        # leave out what is behind the camera or not burning on the wall
+        in_front = place.to_camera(moment.position_m)[:, 2] > 300.0
+        moment = moment.take(in_front & (~moment.landed | moment.burning))
         picture = self._background.at(time)
-        wall = self.scene.optics.wall_level
-        blobs = appearance.project(moment, self._bodies, place, self.scene.optics, wall)
-        pixels = drawing.cover(blobs, place.rows, place.columns)
-        marked, visible = drawing.paint(picture, blobs, pixels, self.scene.optics)
+        blobs = project(moment, self._bodies, place, optics)
+        pixels = cover(blobs, place.rows, place.columns)
+        marked, visible = paint(picture, blobs, pixels, optics)
         order = np.argsort(moment.particle)
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
-        moment = Moment._make(part[of_blob] for part in moment)
+        moment = moment.take(of_blob)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
         first, last, left, right = self.scene.surroundings.flame_roi
         # what a person sees as flame: far above the wall, or as bright as the camera can tell
-        bright = picture[first:last, left:right] >= min(2.5 * wall, FULL_SCALE)
+        bright = picture[first:last, left:right] >= min(2.5 * optics.wall_level, FULL_SCALE)
         labels[first:last, left:right][bright] = 1
-        show = marked & visible[pixels.blob]
+        shown = marked & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
-        labels.reshape(-1)[pixels.place[show]] = kinds[pixels.blob[show]]
-        return Seen(picture, moment, blobs, pixels, show, visible, kinds, labels)
-
-    def _in_front(self, moment: Moment) -> Moment:
-        """Leave out what is behind the camera or not burning on the wall."""
-        depth = self.scene.geometry.to_camera(moment.position_m)[:, 2]
-        shown = (depth > 300.0) & (~moment.landed | moment.burning)
-        return Moment._make(part[shown] for part in moment)
+        labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
+        return View(picture, moment, blobs, pixels, shown, visible, kinds, labels)
 
     def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
         """Return the picture with noise as grey values."""
@@ -214,11 +182,11 @@ class Twin:
         depth = self.scene.depth.captured(position_mm[..., 2])
         return position_mm * (depth / position_mm[..., 2])[..., None]
 
-    def _cloud(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    def _cloud(self, t: int, view: View) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
         generator = self._random(t, 1)
-        index, depth = self._wall_depth(generator, seen.labels)
-        of_particles, particle_depth = self._particle_depth(t, seen)
+        index, depth = self._wall_depth(generator, view.labels)
+        of_particles, particle_depth = self._particle_depth(t, view)
         index = np.concatenate([index, of_particles])
         captured = self.scene.depth.captured(np.concatenate([depth, particle_depth]))
         row, column = np.divmod(index, self.scene.geometry.columns)
@@ -238,34 +206,32 @@ class Twin:
         error = wall.scale.take(chosen) * common + depth.white_mm * white
         return wall.index.take(chosen), wall.depth_mm.take(chosen) + error
 
-    def _particle_depth(self, t: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Array]:
+    def _particle_depth(self, t: int, view: View) -> tuple[npt.NDArray[np.intp], Array]:
         """Return pixels and true depth with error of the points on particles."""
-        depth, blobs = self.scene.depth, seen.blobs
-        has, common = self.particle_errors(t)
-        chosen = self._chosen_points(t, seen, has)
-        index, first = np.unique(seen.pixels.place[chosen], return_index=True)
-        blob = seen.pixels.blob[chosen[first]]
+        depth, blobs = self.scene.depth, view.blobs
+        has_depth, common = self.particle_errors(t)
+        chosen = self._chosen_points(t, view, has_depth)
+        index, first = np.unique(view.pixels.place[chosen], return_index=True)
+        blob = view.pixels.blob[chosen[first]]
         row = index // self.scene.geometry.columns
         tilt = depth.tilt_mm_px * (row - blobs.row[blob])
         white = depth.white_mm * self._random(t, 4).standard_normal(len(index))
         return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
 
-    def points_of(self, t: int, seen: Seen) -> npt.NDArray[np.intp]:
-        """Return the particles that have at least one valid point in frame ``t``, seen so."""
-        chosen = self._chosen_points(t, seen, self.particle_errors(t)[0])
-        return np.unique(seen.blobs.particle[seen.pixels.blob[chosen]])
+    def particles_with_depth(self, t: int, view: View) -> npt.NDArray[np.intp]:
+        """Return the particles that have at least one valid point in the view of frame ``t``."""
+        chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
+        return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
 
     def _chosen_points(
-        self, t: int, seen: Seen, has: npt.NDArray[np.bool_]
+        self, t: int, view: View, has_depth: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.intp]:
-        """Return which entries of the frame's particle pixels are valid points.
-
-        ``has``: which particles have depth at all.
-        """
-        flat = seen.picture.reshape(-1)[seen.pixels.place]
-        on = seen.show & has[seen.blobs.particle][seen.pixels.blob] & (seen.pixels.radius <= 1.0)
+        """Return which of a view's pixels are valid points; ``has_depth`` by particle."""
+        pixels, of_blob = view.pixels, has_depth[view.blobs.particle]
+        flat = view.picture.reshape(-1)[pixels.place]
+        on = view.shown & of_blob[pixels.blob] & (pixels.radius <= 1.0)
         # A saturated core has no texture, and so no depth; its rim against the wall has.
-        on &= (flat < FULL_SCALE) | (seen.pixels.radius > RIM)
+        on &= (flat < FULL_SCALE) | (pixels.radius > RIM)
         chosen = np.flatnonzero(on)
         luck = self._random(t, 2).random(len(chosen))
         return chosen[luck < self.scene.depth.points_per_pixel]
@@ -294,23 +260,22 @@ class Twin:
         return wave < share, size * generator.standard_normal(n)
 
 
-@dataclass(frozen=True)
-class Seen:
-    """One frame before noise; internal."""
+class View(NamedTuple):
+    """One frame before noise."""
 
     picture: npt.NDArray[np.float32]
-    moment: Moment
+    moment: Moment  # in the order of the blobs
     blobs: Blobs
-    pixels: drawing.Pixels
-    show: npt.NDArray[np.bool_]
-    visible: npt.NDArray[np.bool_]
-    kinds: npt.NDArray[np.uint8]
+    pixels: Pixels
+    shown: npt.NDArray[np.bool_]  # of the pixels: labelled as a particle
+    visible: npt.NDArray[np.bool_]  # of the blobs: a person would mark it
+    kinds: npt.NDArray[np.uint8]  # of the blobs: label 2, 3 or 4
     labels: npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class _Wall:
-    """The wall's pixels that can have depth; internal."""
+    """The wall's pixels that can have depth."""
 
     index: npt.NDArray[np.intp]
     depth_mm: Array
@@ -332,8 +297,8 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     score *= 0.9 + 0.1 * generator.random(level.shape, dtype=np.float32)
     edge = scene.surroundings.edge_px
     score[:edge], score[-edge:], score[:, :edge], score[:, -edge:] = 0, 0, 0, 0
-    wanted = min(int(depth.wall_points / depth.kept_per_frame), score.size // 2)
-    index = np.sort(np.argpartition(score.reshape(-1), -wanted)[-wanted:])
+    count = min(int(depth.wall_points / depth.kept_per_frame), score.size // 2)
+    index = np.sort(np.argpartition(score.reshape(-1), -count)[-count:])
     row, column = np.divmod(index, place.columns)
     across = -(-place.columns // depth.patch_px)
     patch = (row // depth.patch_px) * across + column // depth.patch_px
@@ -363,6 +328,3 @@ def _broadly(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[
     coarse = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     coarse = cv2.GaussianBlur(coarse, (0, 0), spread_px / block)
     return cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR).astype(np.float32)
-
-
-__all__ = ["Scene", "Twin"]

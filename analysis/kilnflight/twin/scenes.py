@@ -1,31 +1,52 @@
 """The scenes of the thesis: five ground-truth subsets and eight campaigns, and variations.
 
 ``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections
-5.1.1, 5.2.3, appendix A.1). How many particles were fed is not; the rates follow from the
-trajectories in the windows of Table 5.15 (`feed_rate`). Flight and ignition have the frozen
-inputs of `kilnflight.twin.calibration`, the picture those of `kilnflight.twin.exposure`; the
-scenario ``inputs-only`` has the untouched ones.
+5.1.1, 5.2.3, appendix A.1). How many particles were fed is not: the rates of the campaigns
+follow from the trajectories in the windows of Table 5.15, the handfuls of the subsets from
+the counts of Table 5.2. Flight, ignition and light have the inputs of
+`kilnflight.twin.fitted`; the scenario ``inputs-only`` has the assumed ones.
 """
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from kilnflight.checks import InputError
-from kilnflight.twin.calibration import INPUTS_ONLY, calibrated
-from kilnflight.twin.exposure import UNTOUCHED, exposed
-from kilnflight.twin.feed import by_hand
+from kilnflight.project import paths
+from kilnflight.project.cache import locked, write_whole
+from kilnflight.project.closure import code_hash
+from kilnflight.twin.camera import Optics
+from kilnflight.twin.fitted import FlightInputs, LightInputs, flight_inputs, light_inputs
 from kilnflight.twin.flight import Flight
-from kilnflight.twin.fractions import FRACTIONS
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.mixture import SUBSETS, subset
-from kilnflight.twin.optics import Optics
-from kilnflight.twin.outcomes import PRESSURES_BAR
+from kilnflight.twin.particles import FRACTIONS, Burst, by_hand
 from kilnflight.twin.scene import Scene, Twin
 
-# Handfuls found by `python -m kilnflight.twin.mixture` against Table 5.2, and their seed.
+PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
+SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
+FRAMES = 160  # of a subset
+LABELLED = range(75, 85)  # ten frames of each, with 75 before and after for the backgrounds
+RATE_HZ = 330.0  # sec. 2.1.4
+PE_RATE_HZ = 153.85  # longer exposure for small transparent granules (sec. 5.2.3)
+
+# The subsets differ in how many particles burn in the air, do not burn yet, and burn on the
+# wall. All fractions are fed together; what differs is when the last handfuls were thrown in:
+# sheets that have had time to ignite, chips and granules still on their way, and a mixture that
+# has landed. With the fitted inputs shreds burn in numbers and early, confetti seldom: what
+# burns in the air is a handful of mostly shreds thrown 0.3 to 0.6 s before.
+# Fractions of each handful and their shares; start relative to the labelled frames, duration.
+_MIXTURE = {"wood chip": 0.45, "PE granule": 0.45, "confetti": 0.06, "paper shred": 0.04}
+HANDFULS: dict[str, tuple[dict[str, float], float, float]] = {
+    "flying": ({"paper shred": 0.8, "confetti": 0.2}, -0.6, 0.3),
+    "unlit": (_MIXTURE, -0.25, 0.25),
+    "landed": (_MIXTURE, -0.85, 0.4),
+}
+# Their particles, found by `python -m kilnflight.experiments.twin_mixture`.
 SIZES: dict[str, dict[str, int]] = {
     "V1": {"flying": 198, "unlit": 29, "landed": 123},
     "V2": {"flying": 108, "unlit": 12, "landed": 321},
@@ -34,17 +55,16 @@ SIZES: dict[str, dict[str, int]] = {
     "V5": {"flying": 25, "unlit": 73, "landed": 86},
 }
 
-# Particles per second: trajectories of Table 5.15 over window and median dwell time (0.3 to
-# 0.5 s, section 5.3.1; 0.4 s taken). A trajectory counts when any part lies in the window.
-WINDOWS: dict[str, tuple[int, int]] = {  # trajectories, frames
+# Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
+# trajectory counts when any part lies in the window.
+WINDOWS: dict[str, tuple[int, int]] = {
     "wood chip": (7, 300),
     "confetti": (37, 300),
     "paper shred": (32, 100),
     "PE granule": (25, 300),
 }
-# First frames of these windows in the thesis's recordings.
 STARTS = {"wood chip": 100, "confetti": 200, "paper shred": 550, "PE granule": 200}
-DWELL_S = 0.4
+DWELL_S = 0.4  # median, 0.3 to 0.5 s (sec. 5.3.1)
 # Frames at 4.5 and 5 bar (appendix A.1).
 LENGTHS: dict[str, tuple[int, int]] = {
     "wood chip": (3102, 3234),
@@ -52,35 +72,53 @@ LENGTHS: dict[str, tuple[int, int]] = {
     "paper shred": (3000, 3002),
     "PE granule": (3029, 3113),
 }
-PE_RATE_HZ = 153.85  # longer exposure for small transparent granules (sec. 5.2.3)
-RATE_HZ = 330.0  # sec. 2.1.4
 
 
-def frame_rate(fraction: str) -> float:
-    """Return the frame rate in Hz at which a fraction was recorded."""
-    return PE_RATE_HZ if fraction == "PE granule" else RATE_HZ
+def handful(kind: str, count: int) -> tuple[Burst, ...]:
+    """Return the bursts of one of the `HANDFULS` with ``count`` particles."""
+    shares, start, duration = HANDFULS[kind]
+    moment = LABELLED.start / RATE_HZ
+    sizes = np.round(np.cumsum([0.0, *shares.values()]) * count).astype(int)
+    return tuple(
+        Burst(name, int(size), moment + start, duration)
+        for name, size in zip(shares, np.diff(sizes), strict=True)
+    )
 
 
-def feed_rate(fraction: str) -> float:
-    """Return how many particles per second are fed."""
-    trajectories, frames = WINDOWS[fraction]
-    return trajectories / (frames / frame_rate(fraction) + DWELL_S)
+def fed(name: str, sizes: dict[str, int], seed: int) -> Scene:
+    """Return the scene of a subset with the given handfuls, its picture as assumed."""
+    feed = sum((handful(kind, size) for kind, size in sizes.items()), ())
+    flight, gas = flight_inputs().applied(Flight(), Gas())
+    return Scene(name, feed, FRAMES, seed, flight=flight, gas=gas)
+
+
+def ground_truth(name: str, seed: int = 0) -> Scene:
+    """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
+    if name not in SUBSETS:
+        raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
+    number = SUBSETS.index(name) + 1
+    return light_inputs().applied(fed(name, SIZES[name], 1000 * seed + number))
 
 
 def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
-    """Return the recording of one fraction at one pressure, as long as the thesis's."""
+    """Return the recording of one fraction at one pressure, as long as the thesis's.
+
+    Particles per second are the trajectories of Table 5.15 over the time in which they can
+    have begun: the window and a median dwell time.
+    """
     if fraction not in FRACTIONS or pressure_bar not in PRESSURES_BAR:
         raise InputError(
             f"no campaign with {fraction!r} at {pressure_bar} bar; there are "
             f"{', '.join(FRACTIONS)} at {' and '.join(map(str, PRESSURES_BAR))} bar."
         )
     place = (list(FRACTIONS).index(fraction), PRESSURES_BAR.index(pressure_bar))
-    frames, rate = LENGTHS[fraction][place[1]], frame_rate(fraction)
+    granules = fraction == "PE granule"
+    frames, rate = LENGTHS[fraction][place[1]], PE_RATE_HZ if granules else RATE_HZ
     generator = np.random.default_rng([seed, 401, *place])
     duration = frames / rate
-    count = round(feed_rate(fraction) * (duration + 1.0))
-    optics = Optics() if rate == RATE_HZ else Optics(exposure_s=6.0e-3)
-    flight, gas = calibrated().applied(Flight(), Gas(pressure_bar=pressure_bar))
+    trajectories, window = WINDOWS[fraction]
+    count = round(trajectories / (window / rate + DWELL_S) * (duration + 1.0))
+    flight, gas = flight_inputs().applied(Flight(), Gas(pressure_bar=pressure_bar))
     scene = Scene(
         name=f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar",
         feed=by_hand(FRACTIONS[fraction], count, duration, generator),
@@ -90,51 +128,38 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
         fraction=fraction,
         gas=gas,
         flight=flight,
-        optics=optics,
+        optics=Optics(exposure_s=6.0e-3) if granules else Optics(),
     )
-    return exposed().applied(scene)
+    return light_inputs().applied(scene)
 
 
-def tracking_window(twin: Twin, step: int = 10) -> range:
+def tracking_window(twin: Twin) -> range:
     """Return the frames of a campaign on which its tracking is scored (Table 5.15).
 
-    The thesis followed the trajectories of a stretch by hand and prints its frames and their
-    number. Fed in bursts, the same frames of another recording hold another number, so the
-    stretch of the same length is taken in which nearest to as many particles fly, the one
-    that starts nearest to the published frame among equals. The truth is asked, no picture.
-
-    Parameters
-    ----------
-    twin
-        A campaign.
-    step
-        Stretches start at its multiples.
+    The thesis followed the trajectories of a window by hand and prints its frames and their
+    number. Fed in bursts, the same frames of another recording hold another number. So the
+    window of the same length is taken whose number of flying particles is nearest; among
+    equals, the one that starts nearest to the published frame. Windows start at every tenth
+    frame. Only the truth is used, no picture.
     """
     fraction = twin.scene.fraction
     if fraction not in WINDOWS:
         raise InputError(f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign.")
-    wanted, length = WINDOWS[fraction]
-    starts = np.arange(0, len(twin) - length + 1, step)
+    trajectories, length = WINDOWS[fraction]
+    starts = np.arange(0, len(twin) - length + 1, 10)
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
     flying = (released < starts[:, None] + length) & (ended > starts[:, None])
-    off = np.abs(flying.sum(axis=1) - wanted)
-    best = np.lexsort((np.abs(starts - STARTS[fraction]), off))[0]
-    return range(int(starts[best]), int(starts[best]) + length)
+    off = np.abs(flying.sum(axis=1) - trajectories)
+    best = int(starts[np.lexsort((np.abs(starts - STARTS[fraction]), off))[0]])
+    return range(best, best + length)
 
 
-def ground_truth(name: str, seed: int = 0) -> Scene:
-    """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
-    if name not in SUBSETS:
-        raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
-    number = SUBSETS.index(name) + 1
-    return subset(name, SIZES[name], 1000 * seed + number)
-
-
-def _untouched(scene: Scene) -> Scene:
-    flight, gas = INPUTS_ONLY.applied(scene.flight, scene.gas)
-    return UNTOUCHED.applied(replace(scene, flight=flight, gas=gas))
+def _assumed(scene: Scene) -> Scene:
+    """Return a scene with the assumed instead of the fitted inputs."""
+    flight, gas = FlightInputs().applied(scene.flight, scene.gas)
+    return LightInputs().applied(replace(scene, flight=flight, gas=gas))
 
 
 def small(scene: Scene) -> Scene:
@@ -152,9 +177,7 @@ def small(scene: Scene) -> Scene:
             columns=place.columns // 4,
         ),
         surroundings=replace(
-            around,
-            flame_roi=(top, bottom, left, right),
-            edge_px=around.edge_px // 4,
+            around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4
         ),
         depth=replace(depth, wall_points=depth.wall_points // 16, patch_px=depth.patch_px // 4),
     )
@@ -164,7 +187,7 @@ def small(scene: Scene) -> Scene:
 SCENARIOS = {
     "base": lambda scene: scene,
     "small": small,
-    "inputs-only": _untouched,
+    "inputs-only": _assumed,
     "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
     "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
     "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),
@@ -182,8 +205,13 @@ SCENARIOS = {
 
 def names() -> tuple[str, ...]:
     """Return the names of all scenes."""
-    runs = [campaign(one, bar).name for one in FRACTIONS for bar in PRESSURES_BAR]
-    return (*SUBSETS, *runs)
+    return (*SUBSETS, *_campaigns())
+
+
+def _campaigns() -> dict[str, tuple[str, float]]:
+    """Return fraction and pressure of the campaigns by their name."""
+    cells = [(fraction, bar) for fraction in FRACTIONS for bar in PRESSURES_BAR]
+    return {campaign(*cell).name: cell for cell in cells}
 
 
 def open_scene(name: str, seed: int | None = None) -> Twin:
@@ -201,18 +229,56 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     """
     plain, _, scenario = name.partition("@")
     scenario = scenario or "base"
-    if plain not in names() or scenario not in SCENARIOS:
+    campaigns = _campaigns()
+    if plain not in (*SUBSETS, *campaigns) or scenario not in SCENARIOS:
         raise InputError(
-            f"no scene {name!r}; there are {', '.join(names())}, each with @ and one of "
-            f"{', '.join(SCENARIOS)}."
+            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each with @ and "
+            f"one of {', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if number < 0:
         raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
-    if plain in SUBSETS:
-        scene = ground_truth(plain, number)
-    else:
-        runs = {campaign(one, bar).name: (one, bar) for one in FRACTIONS for bar in PRESSURES_BAR}
-        scene = campaign(*runs[plain], number)
-    varied = SCENARIOS[scenario](scene)
-    return Twin(varied if scenario == "base" else replace(varied, name=name))
+    cell = campaigns.get(plain)
+    scene = SCENARIOS[scenario](campaign(*cell, number) if cell else ground_truth(plain, number))
+    return Twin(scene if scenario == "base" else replace(scene, name=name))
+
+
+CACHED = ("life", "_bodies", "_wall")  # of the recording; of its background the level
+
+
+def cached_scene(name: str, seed: int | None = None) -> Twin:
+    """Return the recording of a scene as `open_scene` does, sooner.
+
+    Flights, walls and the pixels with depth depend on the scene alone and take some seconds.
+    They are kept in data/derived under the hash of the scene and of the twin's code; with
+    them a frame is the same to the bit.
+
+    Raises
+    ------
+    InputError
+        As `open_scene`, or if the kept file cannot be read.
+    """
+    twin = open_scene(name, seed)
+    path = cache_file(twin)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with locked(path.with_suffix(".lock")):
+        if not path.is_file():
+            parts = {part: getattr(twin, part) for part in CACHED}
+            content = (parts, twin._background.level)
+            write_whole(path, pickle.dumps(content, pickle.HIGHEST_PROTOCOL))
+            return twin
+    try:
+        parts, level = pickle.loads(path.read_bytes())
+    except (pickle.UnpicklingError, EOFError, ValueError) as error:
+        raise InputError(
+            f"{path}: cannot be read ({error}). Delete it; it is made again."
+        ) from error
+    twin.__dict__.update(parts)
+    twin._background.__dict__["level"] = level
+    return twin
+
+
+def cache_file(twin: Twin) -> Path:
+    """Return the file in which a scene's flights and walls are kept."""
+    text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
+    return paths.derived() / f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.pickle"

@@ -1,29 +1,39 @@
-"""What is true about a recording of the twin: per particle, and per particle and frame."""
+"""What is true about a recording of the twin, and what its flights truly come to.
+
+Nothing is rendered for the outcomes of flights and nothing is measured: a particle counts
+whether a camera could have seen it or not. Their distances are along the kiln from the lance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from matplotlib.path import Path as Polygon
 from tqdm import tqdm
 
-from kilnflight.twin.outcomes import crossing_times
+from kilnflight.camera import inside
+from kilnflight.project.cache import CachedTable
+from kilnflight.scores.flights import METRES, Findings
+from kilnflight.twin.camera import Geometry
+from kilnflight.twin.flight import ENDS, Flight, Flights, fly
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.particles import FRACTIONS, find_fraction
 from kilnflight.twin.scene import Twin
+from kilnflight.twin.scenes import PRESSURES_BAR
 
-SUBSETS = ("V1", "V2", "V3", "V4", "V5")  # section 5.1.1
-LABELLED = range(75, 85)  # ten frames of each, with 75 before and after for the backgrounds
-FRAMES = 160
-CROSSINGS_M = (1.0, 2.0, 3.0, 4.0, 5.0)  # distances from the lance (sec. 5.3.1)
+Array = npt.NDArray[np.float64]
+
 CLASSES = {2: "burning in air", 3: "non-burning in air", 4: "burning on the wall"}  # Table 5.1
+NO_DWELL = [ENDS.index(end) for end in ("left the kiln", "still flying")]
 
 
 def tables(twin: Twin, frames: range | None = None) -> dict[str, pd.DataFrame]:
-    """Return both tables of the truth by name; every wanted frame is looked at once."""
-    wanted = frames if frames is not None else range(len(twin))
-    bar = tqdm(wanted, desc=f"truth of {twin.scene.name}", unit="frame", disable=None)
+    """Return both tables of the truth by name, for all frames or some."""
+    frames = range(len(twin)) if frames is None else frames
+    bar = tqdm(frames, desc=f"truth of {twin.scene.name}", unit="frame", disable=None)
     parts = [sightings(twin, t) for t in bar]
     return {"particles": particles(twin), "sightings": pd.concat(parts, ignore_index=True)}
 
@@ -39,28 +49,49 @@ def particles(twin: Twin) -> pd.DataFrame:
         release; NaN if never.
     """
     table = twin.life.table.copy()
-    for distance in CROSSINGS_M:
-        times = crossing_times(twin.life.flights, distance, twin.scene.geometry.lance_m[0])
-        table[f"crossing_{distance:.0f}m_s"] = times
+    for metre in METRES:
+        times = crossing_times(twin.life.flights, float(metre), twin.scene.geometry.lance_m[0])
+        table[f"crossing_{metre}m_s"] = times
     return table
 
 
-def marked(twin: Twin, wanted: Iterable[int]) -> pd.DataFrame:
+def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
     """Return what a person marks in frames: the `sightings` that are visible and in the ROI.
 
     The evaluation of detectors counts nothing else (section 5.1.3).
     """
-    parts = [sightings(twin, t) for t in wanted]
-    seen = pd.concat(parts, ignore_index=True)
-    return seen[seen["visible"] & seen["in_roi"]].reset_index(drop=True)
+    table = pd.concat([sightings(twin, t) for t in frames], ignore_index=True)
+    return table[table["visible"] & table["in_roi"]].reset_index(drop=True)
+
+
+def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFrame:
+    """Return the true trajectories in some frames, as a person would follow them (sec. 5.2.1).
+
+    Parameters
+    ----------
+    twin, frames
+        The recording and the numbers of its frames.
+    shortest
+        Positions that a trajectory has at least: "for some time" is all that was printed.
+
+    Returns
+    -------
+    DataFrame
+        The rows of `marked` of particles in the air.
+    """
+    depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
+    visible = CachedTable("truth", partial(marked, twin, frames), depends_on)()
+    flying = visible[visible["label"] != 4]
+    long = flying.groupby("particle")["frame"].transform("size") >= shortest
+    return flying[long].reset_index(drop=True)
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
     """Return which particle each pixel (rows, columns) of frame ``t`` shows; -1 is none."""
-    seen = twin.see(t)
-    image = np.full(seen.labels.shape, -1, dtype=np.int32)
-    blob = seen.pixels.blob[seen.show]
-    image.reshape(-1)[seen.pixels.place[seen.show]] = seen.blobs.particle[blob]
+    view = twin.view(t)
+    image = np.full(view.labels.shape, -1, dtype=np.int32)
+    blob = view.pixels.blob[view.shown]
+    image.reshape(-1)[view.pixels.place[view.shown]] = view.blobs.particle[blob]
     return image
 
 
@@ -72,32 +103,103 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     DataFrame
         ``frame``, ``time_s``, ``particle``; ``row``, ``col`` in pixels; ``pixels`` that a
         person would mark, and ``radius_px`` of a disc of as many; ``visible`` by the rule of
-        `kilnflight.twin.drawing`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
+        `kilnflight.twin.picture`; ``label`` as Table 5.1 (2, 3, 4); ``in_roi``;
         ``has_depth``: at least one valid point on it (as section 5.1.1 counts "3D available");
         true ``x``, ``y``, ``z`` in mm and ``velocity_x_m_s`` ... in camera coordinates.
     """
-    seen = twin.see(t)
-    moment, geometry = seen.moment, twin.scene.geometry
-    count = np.bincount(seen.pixels.blob[seen.show], minlength=len(moment.particle))
+    view = twin.view(t)
+    moment, geometry = view.moment, twin.scene.geometry
+    row, col = view.blobs.row, view.blobs.column
+    count = np.bincount(view.pixels.blob[view.shown], minlength=len(moment.particle))
     place = geometry.to_camera(moment.position_m)
     velocity = moment.velocity_m_s @ geometry.axes
-    inside = (seen.blobs.row >= -0.5) & (seen.blobs.row <= geometry.rows - 0.5)
-    inside &= (seen.blobs.column >= -0.5) & (seen.blobs.column <= geometry.columns - 0.5)
-    roi = Polygon(np.array(twin.attributes.roi))
+    in_picture = (row >= -0.5) & (row <= geometry.rows - 0.5)
+    in_picture &= (col >= -0.5) & (col <= geometry.columns - 0.5)
     return pd.DataFrame(
         {
             "frame": t,
             "time_s": twin.time_s(t),
             "particle": moment.particle,
-            "row": seen.blobs.row,
-            "col": seen.blobs.column,
+            "row": row,
+            "col": col,
             "pixels": count,
             "radius_px": np.sqrt(count / np.pi),
-            "visible": seen.visible & inside,
-            "label": seen.kinds,
-            "in_roi": roi.contains_points(np.stack([seen.blobs.row, seen.blobs.column], axis=1)),
-            "has_depth": np.isin(seen.blobs.particle, twin.points_of(t, seen)),
+            "visible": view.visible & in_picture,
+            "label": view.kinds,
+            "in_roi": inside(twin.attributes.roi or (), row, col),
+            "has_depth": np.isin(moment.particle, twin.particles_with_depth(t, view)),
             **{axis: place[:, k] for k, axis in enumerate("xyz")},
             **{f"velocity_{axis}_m_s": velocity[:, k] for k, axis in enumerate("xyz")},
         }
     )
+
+
+def released(
+    name: str, pressure_bar: float, inputs: tuple[Flight, Gas], count: int, seed: int
+) -> Flights:
+    """Let ``count`` particles of a fraction fly, all launched at once.
+
+    Parameters
+    ----------
+    name
+        Of the fraction.
+    pressure_bar
+        Of the lance's air.
+    inputs
+        How flights are computed, and the gas (at any pressure).
+    count
+        Of particles.
+    seed
+        The same seed gives the same particles for all inputs.
+    """
+    flight, gas = inputs
+    kind = find_fraction(name)
+    at_pressure = Gas(**{**vars(gas), "pressure_bar": pressure_bar})
+    drawn = kind.draw(count, np.random.default_rng([seed, 1]))
+    return fly(drawn, at_pressure, Geometry(), np.random.default_rng([seed, 2]), flight)
+
+
+def released_all(
+    inputs: tuple[Flight, Gas], count: int, seed: int
+) -> dict[tuple[str, float], Flights]:
+    """Return the flights of every fraction at both pressures; see `released`."""
+    cells = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]
+    return {cell: released(*cell, inputs, count, seed) for cell in cells}
+
+
+def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:
+    """Return when each particle first was that far from the lance, in s, (n,); NaN if never."""
+    way = flights.position_m[:, :, 0] - lance_s_m
+    beyond = way >= distance_m
+    after = np.argmax(beyond, axis=1) if way.shape[1] else np.zeros(len(way), dtype=np.intp)
+    rows = np.flatnonzero(beyond.any(axis=1) & (after > 0))
+    high, low = way[rows, after[rows]], way[rows, after[rows] - 1]
+    share = (distance_m - low) / (high - low)
+    age = flights.age_s
+    times = np.full(len(way), np.nan)
+    times[rows] = age[after[rows] - 1] + share * (age[after[rows]] - age[after[rows] - 1])
+    return times
+
+
+def velocities(flights: Flights) -> Array:
+    """Return each particle's mean velocity within each metre in m/s (Eq. 5.8), (n, 5).
+
+    NaN where a particle did not pass the whole metre.
+    """
+    crossed = [crossing_times(flights, float(metre)) for metre in METRES]
+    times = np.stack([np.zeros(len(flights.end)), *crossed], axis=1)
+    return 1.0 / np.diff(times, axis=1)
+
+
+def dwell_times(flights: Flights) -> Array:
+    """Return dwell times in s: from the lance to landing or burning out (sec. 5.3.1).
+
+    Particles that leave the kiln or still fly have none and are left out.
+    """
+    return flights.end_s[~np.isin(flights.end, NO_DWELL)]
+
+
+def flight_values(flights: Flights) -> Findings:
+    """Return the true values of the flights, particle by particle."""
+    reached = flights.end_position_m[:, 0]
+    return Findings(dwell_times(flights), velocities(flights), flights.ignition_s, reached)

@@ -1,14 +1,8 @@
 import numpy as np
 import pytest
 
-from kilnflight.twin import mixture, scenes
-
-
-def test_a_handful_has_as_many_particles_as_asked_for():
-    for kind in mixture.HANDFULS:
-        bursts = mixture.handful(kind, 101)
-        assert sum(burst.count for burst in bursts) == 101
-        assert sum(mixture.HANDFULS[kind][0].values()) == pytest.approx(1.0)
+from kilnflight.experiments import twin_mixture as mixture
+from kilnflight.twin import scenes
 
 
 def test_published_counts_are_those_of_table_5_2():
@@ -33,7 +27,7 @@ def test_neighbours_come_nearest_first_and_never_fall_below_zero():
     assert min(map(min, some)) == 0
 
 
-@pytest.mark.parametrize("name", ["V5"])  # all five: python -m kilnflight.twin.mixture
+@pytest.mark.parametrize("name", ["V5"])  # all five: python -m kilnflight.experiments.twin_mixture
 def test_a_subset_counts_as_table_5_2_within_ten_per_cent(name):
     found = mixture.counted(scenes.ground_truth(name))
     published = mixture.published_counts(name)

@@ -2,9 +2,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight.experiments import statements
 from kilnflight.project import claims
 from kilnflight.scores import flights as findings
-from kilnflight.twin import outcomes, statements
+from kilnflight.twin import truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
@@ -17,9 +18,9 @@ def test_every_number_about_flight_and_ignition_is_expressed():
 
 
 def test_every_statement_names_an_outcome():
-    flights = outcomes.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
+    flights = truth.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
     assert set(statements.statements()["outcome"]) <= set(
-        findings.outcomes(outcomes.findings(flights)).index
+        findings.outcomes(truth.flight_values(flights)).index
     )
 
 

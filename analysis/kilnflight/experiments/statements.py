@@ -7,12 +7,16 @@ see is decided here, by cell and quantity alone (design rule: wood chips and con
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
 from kilnflight.project import claims
-from kilnflight.scores.flights import place_of
-from kilnflight.twin.fractions import FRACTIONS
+from kilnflight.scores.flights import Findings, outcomes, place_of
+from kilnflight.twin import truth
+from kilnflight.twin.flight import Flights
+from kilnflight.twin.particles import FRACTIONS
 
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
 CELLS = (("wood chip", 4.5), ("confetti", 4.5))
@@ -60,8 +64,8 @@ def use_of(fraction: str, pressure_bar: float, outcome: str) -> str:
     """Return what the calibration may do with a statement."""
     if (fraction, pressure_bar) not in CELLS:
         return HELD_OUT
-    wanted = outcome.startswith(("velocity", "remaining", "dwell")) or outcome == "ignited (%)"
-    return CALIBRATED if wanted else NOT_USED
+    used = outcome.startswith(("velocity", "remaining", "dwell")) or outcome == "ignited (%)"
+    return CALIBRATED if used else NOT_USED
 
 
 def statements() -> pd.DataFrame:
@@ -102,7 +106,7 @@ def statements() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def along(said: pd.DataFrame) -> pd.DataFrame:
+def along(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the statements that have a place on the way, as `kilnflight.scores.flights.along`.
 
     Returns
@@ -111,14 +115,14 @@ def along(said: pd.DataFrame) -> pd.DataFrame:
         ``fraction``, ``pressure_bar``, ``quantity``, ``distance_m``, ``low``, ``high``.
     """
     columns = ["fraction", "pressure_bar", "quantity", "distance_m", "low", "high"]
-    places = [place_of(name) for name in said["outcome"]]
-    table = said.assign(quantity=[q for q, _ in places], distance_m=[d for _, d in places])
+    places = [place_of(name) for name in rows["outcome"]]
+    table = rows.assign(quantity=[q for q, _ in places], distance_m=[d for _, d in places])
     return table.loc[table["distance_m"].notna(), columns].reset_index(drop=True)
 
 
-def within(said: pd.DataFrame, values: pd.Series) -> pd.Series:
+def within(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
     """Return "yes" where a value lies within the published bounds, else by how many units not."""
-    return misfits(said, values).map(lambda units: "yes" if units == 0 else f"off by {units:.1f}")
+    return misfits(rows, values).map(lambda units: "yes" if units == 0 else f"off by {units:.1f}")
 
 
 def targets() -> pd.DataFrame:
@@ -127,7 +131,7 @@ def targets() -> pd.DataFrame:
     return everything[everything["use"] == CALIBRATED].reset_index(drop=True)
 
 
-def misfits(said: pd.DataFrame, values: pd.Series) -> pd.Series:
+def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
     """Return by how many units each value lies outside its bounds, 0 inside.
 
     A unit is half the width of the bounds, or `LEAST_UNIT` where that is more. A value that
@@ -135,16 +139,38 @@ def misfits(said: pd.DataFrame, values: pd.Series) -> pd.Series:
     """
     value = values.to_numpy(dtype=np.float64)
     value = np.where(np.isfinite(value), value, 0.0)
-    low, high = said["low"].to_numpy(), said["high"].to_numpy()
-    least = said["outcome"].str.split(" ").str[0].map(LEAST_UNIT).to_numpy(dtype=np.float64)
+    low, high = rows["low"].to_numpy(), rows["high"].to_numpy()
+    least = rows["outcome"].str.split(" ").str[0].map(LEAST_UNIT).to_numpy(dtype=np.float64)
     unit = np.fmax((high - low) / 2, least)
     outside = np.fmax(np.fmax(low - value, value - high), 0.0)
-    return pd.Series(outside / unit, index=said.index)
+    return pd.Series(outside / unit, index=rows.index)
 
 
-def answer(said: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
-    """Return the value of each statement's outcome from `kilnflight.twin.outcomes.table`."""
-    found = {(row["fraction"], row["pressure_bar"]): row for _, row in outcomes.iterrows()}
-    cells = zip(said["fraction"], said["pressure_bar"], strict=True)
-    values = [found[cell][name] for cell, name in zip(cells, said["outcome"], strict=True)]
-    return pd.Series(values, index=said.index, dtype=np.float64)
+def outcome_table(cells: Mapping[tuple[str, float], Findings]) -> pd.DataFrame:
+    """Return the outcomes of campaigns, one row per fraction and pressure.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``particles``, and the names of
+        `kilnflight.scores.flights.outcomes`.
+    """
+    rows = [
+        {"fraction": name, "pressure_bar": bar, "particles": len(values.ignition_s)}
+        | outcomes(values).to_dict()
+        for (name, bar), values in cells.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def true_outcomes(flights: Mapping[tuple[str, float], Flights]) -> pd.DataFrame:
+    """Return the `outcome_table` of flights of the twin, as they truly are."""
+    return outcome_table({cell: truth.flight_values(all_) for cell, all_ in flights.items()})
+
+
+def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
+    """Return the value of each statement's outcome from an `outcome_table`."""
+    by_cell = {(row["fraction"], row["pressure_bar"]): row for _, row in outcomes.iterrows()}
+    cells = zip(rows["fraction"], rows["pressure_bar"], strict=True)
+    values = [by_cell[cell][name] for cell, name in zip(cells, rows["outcome"], strict=True)]
+    return pd.Series(values, index=rows.index, dtype=np.float64)

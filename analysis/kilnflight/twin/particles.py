@@ -1,8 +1,9 @@
-"""The four fractions: what is fed, and how single particles differ.
+"""The four fractions: how single particles differ, and when they are fed.
 
 The thesis shows the fractions on a photograph with a scale (Fig. 2.7) but prints neither
 sizes nor masses; every range here is therefore a value of handbooks or of the product, as
-its comment says, and is drawn uniformly. Lengths in metres, SI units throughout.
+its comment says, and is drawn uniformly. Particles are fed by hand, in bursts (sections
+2.1.1 and 5.2.1). Lengths in metres, SI units throughout.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_positive
 
 Array = npt.NDArray[np.float64]
+
 Range = tuple[float, float]
 
 SLAB, SPHERE = 0, 2  # geometry exponent of one-dimensional heat conduction
@@ -90,7 +92,7 @@ class Particles:
 
     def __post_init__(self) -> None:
         """Refuse arrays of different lengths."""
-        lengths = {f.name: len(getattr(self, f.name)) for f in fields(self) if f.name != "fraction"}
+        lengths = {field.name: len(getattr(self, field.name)) for field in fields(self)[1:]}
         if len(set(lengths.values())) > 1:
             raise InputError(f"Particles: arrays differ in length: {lengths}.")
 
@@ -100,13 +102,10 @@ class Particles:
 
     def joined(self, others: Sequence[Particles]) -> Particles:
         """Return these particles followed by others of the same fraction."""
-        everyone = [self, *others]
-        arrays = {
-            f.name: np.concatenate([getattr(one, f.name) for one in everyone])
-            for f in fields(self)
-            if f.name != "fraction"
-        }
-        return Particles(self.fraction, **arrays)
+        parts = [self, *others]
+        names = (field.name for field in fields(self)[1:])
+        arrays = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        return Particles(self.fraction, *arrays)
 
     def table(self) -> pd.DataFrame:
         """Return fraction and size, one row per particle."""
@@ -198,15 +197,72 @@ PE_GRANULES = Fraction(
     launch_spread_deg=3.0,
 )
 FRACTIONS: dict[str, Fraction] = {
-    one.name: one for one in (WOOD_CHIPS, CONFETTI, PAPER_SHREDS, PE_GRANULES)
+    kind.name: kind for kind in (WOOD_CHIPS, CONFETTI, PAPER_SHREDS, PE_GRANULES)
 }
 
 
-def fraction(name: str) -> Fraction:
+def find_fraction(name: str) -> Fraction:
     """Return a fraction by its name in the thesis."""
     if name not in FRACTIONS:
         raise InputError(f"unknown fraction {name!r}; there are {', '.join(FRACTIONS)}.")
     return FRACTIONS[name]
 
 
-__all__ = ["FRACTIONS", "Fraction", "Particles", "fraction"]
+@dataclass(frozen=True)
+class Burst:
+    """A handful: particles of one fraction that leave the lance one after the other."""
+
+    fraction: str
+    count: int
+    start_s: float  # 0 at the first frame; what flies in it was fed before
+    duration_s: float = 0.4  # a handful takes 0.2 to 1 s; assumption
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown fraction, a negative count or no duration."""
+        find_fraction(self.fraction)
+        check_positive(self.duration_s, "Burst: duration_s")
+        if self.count < 0:
+            raise InputError(f"Burst: count {self.count} is below 0.")
+
+    def release(self, generator: np.random.Generator) -> tuple[Particles, Array]:
+        """Return the particles and when each leaves the lance, in s, ascending."""
+        particles = find_fraction(self.fraction).draw(self.count, generator)
+        times = self.start_s + self.duration_s * generator.beta(2.0, 2.0, self.count)
+        return particles, np.sort(times)
+
+
+def by_hand(
+    fraction: Fraction,
+    count: int,
+    duration_s: float,
+    generator: np.random.Generator,
+    handful: float = 6.0,
+    lead_s: float = 1.0,
+) -> tuple[Burst, ...]:
+    """Return bursts that feed ``count`` particles over a run.
+
+    Parameters
+    ----------
+    fraction
+        What is fed.
+    count
+        Particles in all; the last burst takes the rest.
+    duration_s
+        Length of the run.
+    generator
+        Draws sizes and times.
+    handful
+        Mean number of particles in a burst (geometric distribution); assumption. With 15,
+        tried first, a window of Table 5.15 could be empty, which the thesis's were not.
+    lead_s
+        How long before the first frame the feeding begins.
+    """
+    sizes: list[int] = []
+    while sum(sizes) < count:
+        sizes.append(int(min(generator.geometric(1 / handful), count - sum(sizes))))
+    starts = np.sort(generator.uniform(-lead_s, duration_s, len(sizes)))
+    lengths = generator.uniform(0.2, 1.0, len(sizes))
+    return tuple(
+        Burst(fraction.name, size, float(start), float(length))
+        for size, start, length in zip(sizes, starts, lengths, strict=True)
+    )

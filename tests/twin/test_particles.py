@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.twin.fractions import FRACTIONS, PE_GRANULES, fraction
+from kilnflight.twin.particles import FRACTIONS, PE_GRANULES, Burst, by_hand, find_fraction
 
 
 @pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
@@ -18,7 +18,7 @@ def test_particles_keep_the_limits_and_are_reproducible(kind):
 
 def test_areal_density_of_paper_is_paper():
     for name in ("confetti", "paper shred"):
-        particles = fraction(name).draw(500, np.random.default_rng(1))
+        particles = find_fraction(name).draw(500, np.random.default_rng(1))
         grams = 1000 * particles.dry_mass_kg / particles.broadside_m2
         assert 68 < grams.min() < grams.max() < 92
 
@@ -33,15 +33,31 @@ def test_granules_are_spheres():
 
 def test_unknown_fractions_and_negative_counts_are_told():
     with pytest.raises(InputError, match="unknown fraction 'coal'; there are wood chip"):
-        fraction("coal")
+        find_fraction("coal")
     with pytest.raises(InputError, match="-1 particles"):
-        fraction("confetti").draw(-1, np.random.default_rng(1))
+        find_fraction("confetti").draw(-1, np.random.default_rng(1))
 
 
 def test_joining_keeps_everyone():
-    kind = fraction("wood chip")
+    kind = find_fraction("wood chip")
     parts = [kind.draw(n, np.random.default_rng(n)) for n in (3, 0, 2)]
     whole = parts[0].joined(parts[1:])
     assert len(whole) == 5
     np.testing.assert_array_equal(whole.length_m[3:], parts[2].length_m)
     assert whole.table()["fraction"].tolist() == ["wood chip"] * 5
+
+
+def test_feeding_by_hand_comes_in_bursts_and_loses_nobody():
+    bursts = by_hand(FRACTIONS["confetti"], 300, 9.0, np.random.default_rng(1))
+    assert sum(burst.count for burst in bursts) == 300
+    assert 5 < len(bursts) < 100
+    times = np.concatenate([b.release(np.random.default_rng(2))[1] for b in bursts])
+    gaps = np.diff(np.sort(times))
+    assert gaps.std() > 1.3 * gaps.mean()  # more uneven than a steady random feed (1.0)
+    assert by_hand(FRACTIONS["confetti"], 0, 9.0, np.random.default_rng(1)) == ()
+
+
+def test_impossible_bursts_are_told():
+    for wrong in ({"fraction": "coal"}, {"count": -1}, {"duration_s": 0.0}):
+        with pytest.raises(InputError):
+            Burst(**{"fraction": "confetti", "count": 1, "start_s": 0.0, **wrong})

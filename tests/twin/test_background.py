@@ -1,0 +1,46 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.camera import Geometry, Optics
+
+SMALL = replace(
+    Geometry(), rows=192, columns=256, focal_length_px=85.0 / 0.088, lance_pixel=(60.5, 117.0)
+)
+AROUND = Surroundings(flame_roi=(70, 122, 22, 78), edge_px=11)
+BACK = Background(SMALL, Optics(), AROUND, seed=2)
+
+
+def test_the_plate_is_darker_than_the_wall():
+    point = SMALL.to_kiln(SMALL.unproject(*np.indices((192, 256)), BACK.depth_mm))
+    plate = np.isclose(point[..., 0], SMALL.inlet_m)
+    assert BACK.level[plate].mean() < 0.7 * BACK.level[~plate].mean()
+
+
+def test_a_picture_depends_on_time_alone():
+    one = BACK.at(0.37)
+    BACK.at(5.0)
+    np.testing.assert_array_equal(one, BACK.at(0.37))
+    np.testing.assert_array_equal(one, Background(SMALL, Optics(), AROUND, seed=2).at(0.37))
+    assert not np.array_equal(one, Background(SMALL, Optics(), AROUND, seed=3).at(0.37))
+
+
+def test_flicker_has_its_strength_and_its_pace():
+    times = np.arange(0.0, 12.0, 0.05)
+    spot = np.array([BACK.at(t)[150, 200] for t in times]) / BACK.level[150, 200]
+    expected = np.hypot(AROUND.flicker, AROUND.common_flicker)
+    assert spot.std() == pytest.approx(expected, rel=0.5)
+    assert spot.mean() == pytest.approx(1.0, abs=0.01)
+    near = [BACK.at(t)[150, 200] / BACK.at(t + 1 / 330)[150, 200] for t in times[:40]]
+    assert np.std(near) < 0.4 * expected
+
+
+def test_the_burner_saturates_inside_its_rectangle_only():
+    first, last, left, right = AROUND.flame_roi
+    added = BACK.at(1.0) - BACK.level
+    outside = added.copy()
+    outside[first:last, left:right] = 0
+    assert np.abs(outside).max() < 2000
+    assert (BACK.at(1.0)[first:last, left:right] > 65535).mean() > 0.01

@@ -1,0 +1,121 @@
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.twin import scenes, truth
+from kilnflight.twin.fitted import flight_inputs, light_inputs
+from kilnflight.twin.flight import Flight
+from kilnflight.twin.gas import Gas
+from kilnflight.twin.life import Life
+
+
+def test_scenes_have_the_published_lengths_and_rates():
+    assert len(scenes.names()) == 13
+    run = scenes.campaign("PE granule", 5.0)
+    assert (run.frames, run.frame_rate_hz, run.gas.pressure_bar) == (3113, 153.85, 5.0)
+    assert scenes.campaign("wood chip", 4.5).frames == 3102
+    assert len(scenes.open_scene("V3")) == 160
+    total = sum(sum(lengths) for lengths in scenes.LENGTHS.values())
+    assert total == 24_892
+
+
+def test_a_scenario_changes_one_thing():
+    base, double = scenes.open_scene("V1"), scenes.open_scene("V1@depth-error-double")
+    assert double.scene.depth.scale == 2.0
+    assert replace(double.scene, depth=base.scene.depth, name="V1") == base.scene
+    assert double.attributes.name == "V1@depth-error-double"
+
+
+@pytest.mark.parametrize("name", ["V9", "coal-4.5-bar", "V1@nonsense", ""])
+def test_unknown_scenes_are_told(name):
+    with pytest.raises(InputError, match="no scene"):
+        scenes.open_scene(name)
+
+
+def test_unknown_campaigns_are_told():
+    with pytest.raises(InputError, match="no subset 'V9'"):
+        scenes.ground_truth("V9")
+    for wrong in (("coal", 4.5), ("confetti", 4.0)):
+        with pytest.raises(InputError, match="no campaign"):
+            scenes.campaign(*wrong)
+
+
+@pytest.mark.parametrize("name", scenes.WINDOWS)
+def test_tracking_windows_hold_as_many_as_published(name):
+    twin = scenes.Twin(scenes.campaign(name, 4.5))
+    window = scenes.tracking_window(twin)
+    wanted, length = scenes.WINDOWS[name]
+    table, rate = twin.life.table, twin.scene.frame_rate_hz
+    flying = [
+        any(released * rate < t + 1 and (released + lasts) * rate > t for t in window)
+        for released, lasts in zip(table["release_s"], table["end_s"], strict=True)
+    ]
+    assert len(window) == length
+    assert sum(flying) == wanted
+
+
+def test_a_mixed_recording_has_no_tracking_window():
+    with pytest.raises(InputError, match=r"Table 5\.15 has no 'mixed'"):
+        scenes.tracking_window(scenes.open_scene("V1"))
+
+
+def test_a_handful_has_as_many_particles_as_asked_for():
+    for kind in scenes.HANDFULS:
+        bursts = scenes.handful(kind, 101)
+        assert sum(burst.count for burst in bursts) == 101
+        assert sum(scenes.HANDFULS[kind][0].values()) == pytest.approx(1.0)
+
+
+def test_scenes_take_the_frozen_inputs_and_inputs_only_takes_none():
+    scene = scenes.open_scene("confetti-4.5-bar").scene
+    assert (scene.flight, scene.gas) == flight_inputs().applied(Flight(), Gas())
+    untouched = scenes.open_scene("V2@inputs-only").scene
+    assert (untouched.flight, untouched.gas) == (Flight(), Gas())
+    assert scenes.open_scene("wood-chip-5.0-bar@inputs-only").scene.gas == Gas(pressure_bar=5.0)
+
+
+def test_scenes_have_the_fitted_light():
+    scene = scenes.ground_truth("V2")
+    assert light_inputs().applied(scene) == scene
+
+
+SCENE = "wood-chip-4.5-bar@small"
+
+
+def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
+    first = scenes.cached_scene(SCENE)
+    monkeypatch.setattr("kilnflight.twin.scene.live", lambda *_: pytest.fail("worked out again"))
+    kept = scenes.cached_scene(SCENE)
+    assert isinstance(kept.life, Life)
+    monkeypatch.undo()
+    afresh = scenes.open_scene(SCENE)
+    for t in (200, 205):
+        same_frame(kept.frame(t), afresh.frame(t))
+        same_frame(kept.frame(t), first.frame(t))
+    pd.testing.assert_frame_equal(truth.marked(kept, [201]), truth.marked(first, [201]))
+
+
+def test_another_scene_seed_or_code_is_another_file(monkeypatch):
+    places = {
+        scenes.cache_file(scenes.open_scene(name)) for name in (SCENE, "V4@small", "V3@axis-0")
+    }
+    places |= {scenes.cache_file(scenes.open_scene(SCENE, 1))}
+    monkeypatch.setattr(scenes, "code_hash", lambda *_: "changed")
+    places |= {scenes.cache_file(scenes.open_scene(SCENE))}
+    assert len(places) == 5
+
+
+def test_a_damaged_file_is_told():
+    scenes.cached_scene(SCENE)
+    for content in (b"", b"\x80\x05", bytes(24)):
+        scenes.cache_file(scenes.open_scene(SCENE)).write_bytes(content)
+        with pytest.raises(InputError, match=r"cannot be read .* Delete it"):
+            scenes.cached_scene(SCENE)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("V9", 0), ("V3@nothing", 0), ("V3", -1)])
+def test_a_scene_that_is_not_there_is_told_as_ever(name, seed):
+    with pytest.raises(InputError):
+        scenes.cached_scene(name, seed)
