@@ -12,11 +12,11 @@ from kilnflight.__main__ import main
 KILLED = """
 import os, sys
 from pathlib import Path
-from kilnflight import own
+from kilnflight import run
 from kilnflight.__main__ import main
 
 name, number, when = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-own.LONG_CHUNK = 8
+run.LONG_CHUNK = 8
 real, seen = Path.replace, []
 
 def replace(self, target):
@@ -45,7 +45,7 @@ KILLS = [
 
 @pytest.fixture(autouse=True)
 def _short_chunks(monkeypatch):
-    monkeypatch.setattr("kilnflight.own.LONG_CHUNK", 8)
+    monkeypatch.setattr("kilnflight.run.LONG_CHUNK", 8)
 
 
 @pytest.fixture(scope="module")

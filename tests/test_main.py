@@ -66,7 +66,7 @@ def test_a_full_disk_is_told(manifest, monkeypatch, capsys):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("kilnflight.__main__.import_recording", full)
+    monkeypatch.setattr("kilnflight.recording.importing.import_recording", full)
     assert main(["import", str(manifest)]) == 1
     assert "No space left on device" in capsys.readouterr().err
 

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import zarr
+from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
 from kilnflight import flight, regression
@@ -157,6 +158,7 @@ def detect(
     detector: Combination | None = None,
     background: BackgroundModel | None = None,
     differences: Path | None = None,
+    progress: bool = False,
 ) -> pd.DataFrame:
     """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`).
 
@@ -168,7 +170,8 @@ def detect(
     if differences is not None:
         image = (attributes.rows, attributes.columns)
         seen = _stored(seen, differences, (len(frames), *image))
-    parts = [detector(view, attributes.roi, frame=t) for t, view in seen]
+    bar = tqdm(seen, total=len(frames), unit="frame", disable=None if progress else True)
+    parts = [detector(view, attributes.roi, frame=t) for t, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 

@@ -1,4 +1,4 @@
-"""A recording of one's own on its whole way: what is told, what it says of itself."""
+"""`kilnflight run` on stored recordings: what is made, noted and refused."""
 
 import re
 from dataclasses import replace
@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import kiln, outcome_page, own
-from kilnflight.__main__ import main
+from kilnflight import kiln, run
+from kilnflight.__main__ import _point, main
 from kilnflight.flight import Rules
-from kilnflight.outcome import outcome, summary, used
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
+from kilnflight.run import doubts, results, settings, summary
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
 LEVEL = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))
@@ -74,16 +74,16 @@ def test_a_run_is_kept_beside_the_recording(stored, tmp_path, capsys, monkeypatc
     assert main(["run", str(folder), "--threshold", "200"]) == 0
     assert f"tables and report: {tmp_path / 'mine-run' / 'report.html'}" in capsys.readouterr().out
     monkeypatch.chdir(folder)
-    assert own.beside(own.Path(".")) == tmp_path / "mine-run"
+    assert run.beside(run.Path(".")) == tmp_path / "mine-run"
 
 
 def test_a_short_recording_is_work_for_several(stored, tmp_path):
     folder = tmp_path / "mine.zarr"
     write_recording(stored, folder, range(3))
-    assert [own.chunk(n) for n in (1, 200, 201, 4000, 4001)] == [25, 25, 26, 500, 500]
-    detection = own.prepare(folder, tmp_path, own.Wishes(200.0)).run.detection
+    assert [run.chunk(n) for n in (1, 200, 201, 4000, 4001)] == [25, 25, 26, 500, 500]
+    detection = run.prepare(folder, tmp_path, run.Options(200.0))[0].detection
     assert detection.chunks == [range(3)]
-    assert len(replace(detection, stop=300, chunk=own.chunk(300)).chunks) == 8
+    assert len(replace(detection, stop=300, chunk=run.chunk(300)).chunks) == 8
 
 
 @pytest.mark.parametrize("inside", [".", "out", "a/../b/c"])
@@ -116,9 +116,9 @@ def test_the_lance_is_to_be_known(stored, tmp_path, capsys):
     for bad in ("1,2", "a,b,c", "1,2,nan"):
         assert main([*command, "--exit-point", bad]) == 1
         assert f"--exit-point {bad}: write x,y,z" in capsys.readouterr().err
-    wishes = own.Wishes(200.0, own.point("-77,250.7,6828"))
-    run, _ = own.prepare(folder, tmp_path, wishes)
-    np.testing.assert_allclose(run.exit_point_mm, (-73.2, 238.2, 6486.7), atol=0.5)
+    options = run.Options(200.0, _point("-77,250.7,6828"))
+    prepared, _ = run.prepare(folder, tmp_path, options)
+    np.testing.assert_allclose(prepared.exit_point_mm, (-73.2, 238.2, 6486.7), atol=0.5)
 
 
 def test_an_exit_point_may_begin_with_a_minus(stored, tmp_path, capsys):
@@ -137,16 +137,16 @@ def test_numbers_that_make_no_sense(option, stored_flights, tmp_path, capsys):
 
 
 def test_a_threshold_from_the_noise(stored, tmp_path):
-    found = own.noise_threshold(stored)
-    assert 5 * own.LEAST_NOISE < found < 1000
+    found = run.noise_threshold(stored)
+    assert 5 * run.LEAST_NOISE < found < 1000
     rng = np.random.default_rng(0)
     noisy = np.abs(rng.normal(0, 100, (256, 256))).astype(np.float32)
-    noise = own.block_noise(noisy)
-    assert own.block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
+    noise = run.block_noise(noisy)
+    assert run.block_noise(3 * noisy) == pytest.approx(3 * noise, rel=1e-4)
     assert 2 < noise < 40  # of the difference of Gaussians, not of the pixels
     noisy[100:110, 100:110] += 20_000
-    assert own.block_noise(noisy) == pytest.approx(noise, rel=0.1)
-    assert own.block_noise(np.zeros((40, 50), np.float32)) == 0
+    assert run.block_noise(noisy) == pytest.approx(noise, rel=0.1)
+    assert run.block_noise(np.zeros((40, 50), np.float32)) == 0
 
 
 def test_no_wall_is_a_note_and_no_flights(stored, tmp_path):
@@ -155,10 +155,10 @@ def test_no_wall_is_a_note_and_no_flights(stored, tmp_path):
 
     folder = tmp_path / "sparse.zarr"
     write_recording(Changed(stored, sparse), folder, range(3))
-    run, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
+    prepared, notes = run.prepare(folder, tmp_path, run.Options(200.0))
     assert "The kiln's wall was not found" in notes[0]
-    assert run.table("flights")().empty
-    assert run.table("slices")().empty
+    assert prepared.table("flights")().empty
+    assert prepared.table("slices")().empty
 
 
 def test_uneven_frames_are_told(stored, tmp_path):
@@ -167,7 +167,7 @@ def test_uneven_frames_are_told(stored, tmp_path):
 
     folder = tmp_path / "uneven.zarr"
     write_recording(Changed(stored, late), folder, range(6))
-    _, notes = own.prepare(folder, tmp_path, own.Wishes(200.0))
+    _, notes = run.prepare(folder, tmp_path, run.Options(200.0))
     assert "Frames are not evenly spaced: after frame 2" in notes[-1]
 
 
@@ -182,27 +182,26 @@ def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored,
     assert ours != changed
 
 
-def test_the_summary_says_what_was_used(stored_flights, tmp_path):
-    wishes = own.Wishes(200.0)
-    run = own.prepare(stored_flights, tmp_path, wishes).run
-    said = dict(used(run, wishes.given, "2"))
+def test_the_summary_says_what_was_settings(stored_flights, tmp_path):
+    options = run.Options(200.0)
+    prepared = run.prepare(stored_flights, tmp_path, options)[0]
+    said = dict(settings(prepared, options, "2"))
     assert said["threshold of DoG"] == "200 grey values (given)"
     assert said["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
-    assert f"{run.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
+    assert f"{prepared.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
     assert said["kiln's axis"].startswith("through ")
-    assert said["kiln's radius"] == f"{run.wall.radius_mm:.0f} mm"
+    assert said["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
     assert said["taken for in the air"] == "up to 800 mm from the axis"
     assert said["taken for alight when first seen"] == "not asked"
     assert said["jobs"] == "2"
-    bare = dict(used(replace(run, exit_point_mm=None, wall=None), (), "1"))
+    bare = dict(settings(replace(prepared, exit_point_mm=None, wall=None), run.Options(), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
     assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"
-    assert own.Wishes(None, (1.0, 2.0, 3.0)).given == ("exit_point_mm",)
 
 
 def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
-    run = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).run
-    found = outcome(replace(run, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
+    prepared = run.prepare(stored_flights, tmp_path, run.Options(200.0))[0]
+    found = results(replace(prepared, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
     assert found.notes[0] == "first"
     assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
     assert re.search(r"lie \d{5} mm from it \(median\)\.", found.notes[1])
@@ -211,18 +210,20 @@ def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
 def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
     stored_flights, tmp_path
 ):
-    plain = own.prepare(stored_flights, tmp_path, own.Wishes(200.0)).run
-    asked = own.prepare(stored_flights, tmp_path, own.Wishes(200.0, bright=1.0)).run
+    plain = run.prepare(stored_flights, tmp_path, run.Options(200.0))[0]
+    asked = run.prepare(stored_flights, tmp_path, run.Options(200.0, bright=1.0))[0]
     assert plain.rules == Rules()  # nothing changes unless it is asked for
     assert asked.rules.ignition.bright == 1.0
-    assert dict(used(asked, (), "1"))["taken for alight when first seen"].startswith("from 1 ")
+    assert dict(settings(asked, run.Options(200.0), "1"))[
+        "taken for alight when first seen"
+    ].startswith("from 1 ")
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
     track["gray"] = 5000.0 + np.sin(7 * frame)
-    for run, told in ((plain, "none"), (asked, "before seen")):
-        assert kiln.flights_from(run, track, {0: fit})["ignition"].tolist() == [told]
+    for prepared, told in ((plain, "none"), (asked, "before seen")):
+        assert kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist() == [told]
 
 
 def test_alight_when_first_seen_has_a_line_of_its_own(flown):
@@ -236,8 +237,8 @@ def test_alight_when_first_seen_has_a_line_of_its_own(flown):
 @pytest.fixture
 def flown(stored, stored_flights, tmp_path):
     """An outcome with made-up flights."""
-    run, _ = own.prepare(stored_flights, tmp_path, own.Wishes(200.0))
-    found = outcome(run, ("a <note>",))
+    prepared, _ = run.prepare(stored_flights, tmp_path, run.Options(200.0))
+    found = results(prepared, ("a <note>",))
     rows = [
         (1, 0.5, "landed", True, "seen", 0.21),
         (2, 0.7, "burnt out", True, "none", np.nan),
@@ -263,10 +264,10 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert value["velocity in the metre up to 2 m"] == (
         "median 8.0 m/s, 50 [9, 91] % of the flights"
     )
-    page = outcome_page.page(flown, stored)
+    page = run.page(flown, stored)
     assert page.count("<figure>") == 4
     assert "a &lt;note&gt;" in page
-    assert page == outcome_page.page(flown, stored)
+    assert page == run.page(flown, stored)
 
 
 def test_the_summary_names_what_to_doubt(flown):
@@ -283,24 +284,23 @@ def test_the_summary_names_what_to_doubt(flown):
 
 
 def test_notes_say_what_is_missing_and_what_may_deceive(flown):
-    from kilnflight import outcome as module
-
-    assert module._behind_lance(flown) == module._none_from_lance(flown) == ""
-    assert "Ignition was seen in 1 of 2 flights" in module._as_it_is(flown)
+    (note,) = doubts(flown)
+    assert note.startswith("Ignition was seen in 1 of 2 flights")
+    assert not list(doubts(flown, above_background=True))
     dark = flown._replace(flights=flown.flights.assign(ignition="none"))
-    assert module._as_it_is(dark) == ""
-    behind = flown._replace(slices=flown.slices.assign(slice_m=[-1.0, -2.0, 1.0]))
-    assert module._behind_lance(behind).startswith("2 of 3 metres")
+    assert not list(doubts(dark))
+    behind = dark._replace(slices=flown.slices.assign(slice_m=[-1.0, -2.0, 1.0]))
+    assert next(doubts(behind)).startswith("2 of 3 metres")
     lost = flown._replace(tracks=flown.tracks.assign(particle=-1))
-    assert re.match(r"No tracks: of \d+ detections \d+ are in the air", module._no_tracks(lost))
+    assert re.match(r"No tracks: of \d+ detections \d+ are in the air", next(doubts(lost)))
     none = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))
-    assert module._no_tracks(none).startswith("Nothing was detected")
+    assert next(doubts(none)).startswith("Nothing was detected")
     elsewhere = flown._replace(flights=flown.flights.assign(from_lance=False, start_mm=9000.0))
-    told = module._none_from_lance(elsewhere)
-    assert "9000 mm from it (median). Is the lance's" in told  # nothing is said of 0 of them
+    # nothing is said of 0 of them
+    assert "9000 mm from it (median). Is the lance's" in next(doubts(elsewhere))
     early = flown.trajectories.head(2).assign(particle=[1, 2], t0_at_bound=-1)
-    told = module._none_from_lance(elsewhere._replace(trajectories=early))
-    assert "(median); of 2 no way back to it was found" in told
+    note = next(doubts(elsewhere._replace(trajectories=early)))
+    assert "(median); of 2 no way back to it was found" in note
 
 
 def test_a_picture_without_noise_is_told(stored, tmp_path):
@@ -309,7 +309,7 @@ def test_a_picture_without_noise_is_told(stored, tmp_path):
 
     folder = tmp_path / "still.zarr"
     write_recording(Changed(stored, still), folder, range(3))
-    _, notes = own.prepare(folder, tmp_path, own.Wishes())
+    _, notes = run.prepare(folder, tmp_path, run.Options())
     assert "the first frames have less (are they all of one grey value, saturated" in notes[0]
 
 
@@ -321,20 +321,20 @@ def test_a_file_is_no_folder_to_write_to(stored_flights, tmp_path, capsys):
 
 
 def test_ignition_may_be_read_above_the_background(stored_flights, tmp_path):
-    wishes = own.Wishes(200.0, above_background=True)
-    run, _ = own.prepare(stored_flights, tmp_path, wishes)
-    told = dict(used(run, (), "1"))
+    options = run.Options(200.0, above_background=True)
+    prepared, _ = run.prepare(stored_flights, tmp_path, options)
+    told = dict(settings(prepared, options, "1"))
     assert told["ignition"] == "a step of the grey values above the background"
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "radius_px": 3.0, **places})
     track["row"], track["col"] = 100.0, np.where(frame < 50, 60.0, 150.0)
-    recording = run.detection.source.recording()
+    recording = prepared.detection.source.recording()
     behind = kiln.background_gray(track, recording, range(len(recording)))
     assert len(np.unique(behind)) == 2  # of both places
     track["gray"] = behind + 500.0 + np.sin(7 * frame)
-    above = kiln.flights_from(run, track, {0: fit})["ignition"].tolist()
+    above = kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist()
     rising = track.assign(gray=track["gray"] + 4000.0 * (frame >= 50))
     assert above == ["none"]
-    assert kiln.flights_from(run, rising, {0: fit})["ignition"].tolist() == ["seen"]
+    assert kiln.flights_from(prepared, rising, {0: fit})["ignition"].tolist() == ["seen"]
