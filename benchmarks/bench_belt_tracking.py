@@ -26,11 +26,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from kilnflight.belt.appearance import Appearance
-from kilnflight.belt.area import TRACKED
-from kilnflight.belt.corners import FindCorners
-from kilnflight.belt.homography import calibrate
-from kilnflight.belt.pictures import SHAPES, Pictures
-from kilnflight.belt.spots import Spots, average, measure
+from kilnflight.belt.camera import TRACKED, FindCorners, calibrate
+from kilnflight.belt.pictures import SHAPES, Pictures, Spots, average, measure
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
 

@@ -1,7 +1,7 @@
 """The simulated sorter: what a simulated second costs, and what the time step changes.
 
 It needs MuJoCo (the extra ``sorter``); without it, or with an older one, `save` says so and saves
-nothing. What the contacts change is in notebook 43 (`kilnflight.belt.contact_study`).
+nothing. What the contacts change is in notebook 43 (`kilnflight.experiments.belt_contacts`).
 
 Beside it the usual way to a conveyor, a heavy body that moves: it costs less, because its
 particles hop and are in contact for a part of the time only.
@@ -17,11 +17,10 @@ import numpy as np
 import pandas as pd
 from measure import Row
 
-from kilnflight.belt.bulk import BULKS, Bulk
-from kilnflight.belt.conveyor import Conveyor
-from kilnflight.belt.friction_values import calibrated_sorter
-from kilnflight.belt.physics import compiled, engine, missing
-from kilnflight.belt.velocity import velocities, velocity_profile
+from kilnflight.belt.bodies import compiled, engine, missing
+from kilnflight.belt.evaluation import motion_profile, velocities
+from kilnflight.belt.machine import BULKS, Bulk, Conveyor
+from kilnflight.belt.sorter import calibrated_sorter
 from kilnflight.project import figures
 
 SIZES = (20, 60, 120)
@@ -101,7 +100,8 @@ def convergence(count: int = 150, seed: int = 1) -> pd.DataFrame:
             start = time.process_time()
             tracks = sorter(bulk, count, np.random.default_rng(seed))
             spent = (time.process_time() - start) / tracks["time_s"].max()
-            one = velocity_profile(velocities(tracks), np.array([450.0, 550.0, 650.0, 750.0]))
+            one = motion_profile(velocities(tracks), np.array([450.0, 550.0, 650.0, 750.0]))
+            one = one[["x_mm", "mean_m_s", "std_m_s", "particles"]]
             one.insert(0, "data_set", name)
             one.insert(1, "step_ms", 1000.0 * step)
             parts.append(one.assign(s_per_simulated_s=spent))

@@ -9,13 +9,13 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import belt
-from kilnflight.belt import answers, dem, deviation, velocity
-from kilnflight.experiments import sorter
+from kilnflight.belt import evaluation, recordings
+from kilnflight.experiments import belt_2020
 from kilnflight.project import claims, figures, style
 
-files = dem.find_dem()
-source = sorter.AUTHORS if files else sorter.OWN
-simulated = sorter.describe_own()
+files = recordings.find_dem()
+source = belt_2020.AUTHORS if files else belt_2020.OWN
+simulated = belt_2020.describe_own()
 own = f"**Own simulation**, {simulated}. The authors' tracks are not here; `make data` gets them."
 both = f"**Input:** the authors' DEM tracks at 100 Hz decide; beside them stands {simulated}."
 Markdown(both if files else own)
@@ -46,9 +46,9 @@ draws = draws or {"quick": 5, "standard": 200, "full": 1000}[scale]
 setting = {"scale": scale, "draws": draws}
 origin = figures.trace("40_belt_arrival", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-tracks = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
+tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {key: phase.observe(one) for key, one in tracks.items()}
-counts = sorter.count_particles(tracks, observed)
+counts = belt_2020.count_particles(tracks, observed)
 print(f"{draws} draws; predicting from {phase.start_mm:.0f} to {phase.target_mm:.0f} mm")
 caption = "Particles of each data set, how many are evaluated, and why the others are left out. "
 caption += f"The own simulation is {simulated}."
@@ -60,9 +60,10 @@ figures.save("belt-particles", counts, caption=caption, provenance=origin)
 # %%
 grid = np.arange(400.0, 751.0, 25.0)  # every particle is seen here
 parts = {
-    key: velocity.velocity_profile(velocity.velocities(one), grid) for key, one in tracks.items()
+    key: evaluation.motion_profile(evaluation.velocities(one), grid) for key, one in tracks.items()
 }
 profiles = pd.concat(parts, names=["source", "data_set"]).droplevel(-1)
+profiles = profiles[["x_mm", "mean_m_s", "std_m_s", "particles"]]
 
 # %% tags=["hide-input"]
 shown = list(dict.fromkeys(key[0] for key in tracks))
@@ -70,7 +71,9 @@ picture, (panels,) = style.canvas(1, len(shown), width_mm=88 * len(shown), share
 for axes, name in zip(panels, shown, strict=True):
     axes.axhline(1.5, color="0.6", lw=0.8, ls="-", label="belt")
     axes.set(title=name, xlabel="x along the belt (mm)", ylabel="velocity along the belt (m/s)")
-    for data_set, colour, mark in zip(sorter.DATA_SETS, style.COLOURS, style.MARKERS, strict=False):
+    for data_set, colour, mark in zip(
+        belt_2020.DATA_SETS, style.COLOURS, style.MARKERS, strict=False
+    ):
         one = profiles.loc[name, data_set].set_index("x_mm")
         axes.plot(one["mean_m_s"], color=colour, marker=mark, ls="-", label=data_set)
         spread = pd.concat([one["mean_m_s"] - one["std_m_s"], one["mean_m_s"] + one["std_m_s"]])
@@ -90,9 +93,9 @@ figures.save("fig-belt20-7-velocity", table, picture=picture, caption=caption, p
 # ## Deviation of the arrival time
 
 # %%
-evaluation = deviation.Evaluation(draws=draws)
-every = sorter.compare(observed, phase, evaluation, deviation.arrival_deviations, seed)
-arrival = deviation.over_draws(every).round(6)
+full = evaluation.Evaluation(draws=draws)
+every = belt_2020.compare(observed, phase, full, evaluation.arrival_deviations, seed)
+arrival = belt_2020.over_draws(every).round(6)
 names = {name: f"{name}_ms" for name in ("median", "q25", "q75", "mae")}
 columns = ["source", "data_set", "model", "n", *names.values()]
 caption = (
@@ -104,12 +107,12 @@ table = arrival.rename(columns=names)[columns]
 figures.save("belt-arrival", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
-plotted = answers.PLOTTED  # Fig. 9 leaves CV out for its bias
+plotted = belt_2020.PLOTTED  # Fig. 9 leaves CV out for its bias
 some = arrival[arrival["model"].isin(plotted)].set_index(["data_set", "source"])
 picture, grid = style.canvas(len(shown), 3, width_mm=style.PAGE_MM, height_mm=52 * len(shown))
 for panels, name in zip(grid, shown, strict=True):
     panels[0].set_ylabel(f"{name}\npredicted minus true arrival (ms)")
-    for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+    for axes, data_set in zip(panels, belt_2020.DATA_SETS, strict=True):
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
         style.boxes(axes, some.loc[data_set].loc[name])
         axes.set(title=data_set, xticks=range(5), xticklabels=plotted)
@@ -127,7 +130,7 @@ figures.save("fig-belt20-9-arrival", table, picture=picture, caption=caption, pr
 # ## What the calibration draw changes
 
 # %%
-intervals = deviation.intervals(every).round(6)
+intervals = belt_2020.intervals(every).round(6)
 caption = (
     "Interquartile range and mean absolute error of the arrival time in milliseconds: median over "
     "the calibration draws and the interval that holds 95 % of them."
@@ -143,9 +146,9 @@ figures.save("belt-arrival-calibration", intervals, caption=caption, provenance=
 # %%
 mine = {key: one for key, one in tracks.items() if key[0] == source}
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
-fewer = deviation.Evaluation(share, min(draws, 20))
+fewer = evaluation.Evaluation(share, min(draws, 20))
 targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if files else (788.0,))  # ours goes on
-varied = sorter.vary_target(mine, targets, fewer, deviation.arrival_deviations, seed).round(6)
+varied = belt_2020.vary_target(mine, targets, fewer, evaluation.arrival_deviations, seed).round(6)
 caption = (
     "Deviation of the arrival time in milliseconds for other targets, the phase always 150 mm "
     "long: interquartile range and mean absolute error."
@@ -162,12 +165,12 @@ figures.save("belt-arrival-target", table, caption=caption, provenance=origin)
 # over the last 150 mm to the edge (638 to 788 mm), the paper's own place.
 
 # %%
-ours = {key: one for key, one in tracks.items() if key[0] == sorter.OWN}
-every = (1, 2, 5, 10) if sorter.is_simulated() else (1,)
-rated = sorter.vary_rate(ours, every, fewer, deviation.arrival_deviations, seed).round(6)
+ours = {key: one for key, one in tracks.items() if key[0] == belt_2020.OWN}
+every = (1, 2, 5, 10) if belt_2020.is_simulated() else (1,)
+rated = belt_2020.vary_rate(ours, every, fewer, evaluation.arrival_deviations, seed).round(6)
 caption = (
     "Deviation of the arrival time in milliseconds by sampling rate, own simulation, over the "
-    f"last 150 mm to the edge ({sorter.AT_EDGE.target_mm:.0f} mm): interquartile range and mean "
+    f"last 150 mm to the edge ({belt_2020.AT_EDGE.target_mm:.0f} mm): interquartile range and mean "
     "absolute error of the particles that are observed at every rate."
 )
 table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
@@ -175,7 +178,7 @@ figures.save("belt-arrival-rate", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=55)
-for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+for axes, data_set in zip(panels, belt_2020.DATA_SETS, strict=True):
     wide = rated[rated["data_set"] == data_set].pivot(
         index="sampling_hz", columns="model", values="mae"
     )
@@ -194,8 +197,8 @@ figures.save("fig-belt-rate", table, picture=picture, caption=caption, provenanc
 rows = [
     {"id": id, "data_set": name, "at": rate, "verdict": claims.judge(id, part).verdict}
     for rate, one in rated.groupby("sampling_hz")
-    for id, answer in answers.arrival_answers(one).items()
-    for name, part in {"all": answer, **answers.by_data_set(answer)}.items()
+    for id, answer in belt_2020.arrival_answers(one).items()
+    for name, part in {"all": answer, **belt_2020.by_data_set(answer)}.items()
 ]
 by_rate = pd.DataFrame(rows).set_index(["id", "data_set", "at"])["verdict"].unstack()
 differs = by_rate.iloc[:, 0] != by_rate.iloc[:, -1]  # slowest and fastest
@@ -211,7 +214,7 @@ whole = [id for id, name in by_rate.index[differs] if name == "all"]
 alone = [f"{id} for {name}" for id, name in by_rate.index[differs] if name != "all"]
 slowest, fastest = rated["sampling_hz"].agg(["min", "max"])
 mae = rated.set_index(["sampling_hz", "data_set", "model"])["mae"].sort_index()
-lowest = [f"{name} {mae[fastest, name].idxmin()}" for name in sorter.DATA_SETS]
+lowest = [f"{name} {mae[fastest, name].idxmin()}" for name in belt_2020.DATA_SETS]
 changed = f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(whole) or 'no claim'} changes its "
 changed += f"verdict on the own simulation, and of single data sets {', '.join(alone) or 'none'}"
 best = f"at {fastest:.0f} Hz the lowest mean absolute error has: {', '.join(lowest)}"
@@ -225,12 +228,12 @@ Markdown(changed)
 # questions to every source, and to our simulation at every rate (predicted to the edge):
 
 # %%
-said = {(name, 0.0): one for name, one in arrival.groupby("source") if name != sorter.OWN}
-said |= {(sorter.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
+said = {(name, 0.0): one for name, one in arrival.groupby("source") if name != belt_2020.OWN}
+said |= {(belt_2020.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
 rows = [
     {"source": name, "sampling_hz": rate or 100.0, **asdict(claims.judge(claim, answer))}
     for (name, rate), one in said.items()
-    for claim, answer in answers.arrival_answers(one).items()
+    for claim, answer in belt_2020.arrival_answers(one).items()
 ]
 columns = ["source", "sampling_hz", "id", "verdict", "measured"]
 caption = "Verdicts on the claims about the arrival time by source and sampling rate; the own "
@@ -241,8 +244,8 @@ figures.save(
 
 # %%
 judged = arrival[arrival["source"] == source]
-answer = answers.arrival_answers(judged)
-answer |= answers.speed_answers(profiles.loc[source].reset_index())
+answer = belt_2020.arrival_answers(judged)
+answer |= belt_2020.speed_answers(profiles.loc[source].reset_index())
 note = f"decided by {source} at {100 if files else rated['sampling_hz'].max():.0f} Hz"
 first = varied.loc[varied.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
 everywhere = f"IA is first in {(first == 'IA').sum()} of {len(first)} data sets and targets"
@@ -255,7 +258,7 @@ notes["belt20-6"] = f"{note}; mean velocity"
 # %%
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
 verdicts = [claims.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
-if not (files or sorter.is_simulated()):
+if not (files or belt_2020.is_simulated()):
     verdicts[2] = claims.undecidable("belt20-3", shapes)
 mae = judged.pivot(index="data_set", columns="model", values="mae")
 reproduced = sum(one.verdict == claims.REPRODUCED for one in verdicts)

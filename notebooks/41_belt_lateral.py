@@ -9,13 +9,13 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import belt
-from kilnflight.belt import answers, dem, deviation, velocity
-from kilnflight.experiments import sorter
+from kilnflight.belt import evaluation, recordings
+from kilnflight.experiments import belt_2020
 from kilnflight.project import claims, figures, style
 
-files = dem.find_dem()
-source = sorter.AUTHORS if files else sorter.OWN
-simulated = sorter.describe_own()
+files = recordings.find_dem()
+source = belt_2020.AUTHORS if files else belt_2020.OWN
+simulated = belt_2020.describe_own()
 own = f"**Own simulation**, {simulated}. The authors' tracks are not here; `make data` gets them."
 both = f"**Input:** the authors' DEM tracks at 100 Hz decide; beside them stands {simulated}."
 Markdown(both if files else own)
@@ -43,7 +43,7 @@ draws = draws or {"quick": 5, "standard": 200, "full": 1000}[scale]
 setting = {"scale": scale, "draws": draws}
 origin = figures.trace("41_belt_lateral", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-tracks = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
+tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {key: phase.observe(one) for key, one in tracks.items()}
 print(f"{draws} draws; predicting from {phase.start_mm:.0f} to {phase.target_mm:.0f} mm")
 pd.DataFrame({key: len(one.last) for key, one in observed.items()}, ["particles"]).T
@@ -53,8 +53,8 @@ pd.DataFrame({key: len(one.last) for key, one in observed.items()}, ["particles"
 
 # %%
 few = []
-for data_set in sorter.DATA_SETS:
-    steps = velocity.velocities(tracks[source, data_set])
+for data_set in belt_2020.DATA_SETS:
+    steps = evaluation.velocities(tracks[source, data_set])
     chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
     few.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
 
@@ -79,9 +79,9 @@ figures.save(
 # ## Deviation of the lateral position
 
 # %%
-evaluation = deviation.Evaluation(draws=draws)
-every = sorter.compare(observed, phase, evaluation, deviation.lateral_deviations, seed)
-lateral = deviation.over_draws(every).round(6)
+full = evaluation.Evaluation(draws=draws)
+every = belt_2020.compare(observed, phase, full, evaluation.lateral_deviations, seed)
+lateral = belt_2020.over_draws(every).round(6)
 names = {name: f"{name}_mm" for name in ("median", "q25", "q75", "mae")}
 columns = ["source", "data_set", "model", "n", *names.values()]
 caption = (
@@ -100,7 +100,7 @@ size = {"width_mm": style.PAGE_MM, "height_mm": 58 * len(shown)}
 picture, grid = style.canvas(len(shown), 3, **size)
 for panels, name in zip(grid, shown, strict=True):
     panels[0].set_ylabel(f"{name}\npredicted minus true position (mm)")
-    for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+    for axes, data_set in zip(panels, belt_2020.DATA_SETS, strict=True):
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
         style.boxes(axes, some.loc[data_set].loc[name])
         axes.set_title(data_set)
@@ -119,7 +119,7 @@ figures.save("fig-belt20-10-lateral", table, picture=picture, caption=caption, p
 # ## What the calibration draw changes
 
 # %%
-intervals = deviation.intervals(every).round(6)
+intervals = belt_2020.intervals(every).round(6)
 caption = (
     "Interquartile range and mean absolute error of the lateral position in millimetres: median "
     "over the calibration draws and the interval that holds 95 % of them."
@@ -134,9 +134,9 @@ figures.save("belt-lateral-calibration", intervals, caption=caption, provenance=
 # %%
 mine = {key: one for key, one in tracks.items() if key[0] == source}
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
-fewer = deviation.Evaluation(share, min(draws, 20))
+fewer = evaluation.Evaluation(share, min(draws, 20))
 targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if files else (788.0,))  # ours goes on
-varied = sorter.vary_target(mine, targets, fewer, deviation.lateral_deviations, seed).round(6)
+varied = belt_2020.vary_target(mine, targets, fewer, evaluation.lateral_deviations, seed).round(6)
 caption = (
     "Deviation of the lateral position in millimetres for other targets, the phase always 150 mm "
     "long: interquartile range and mean absolute error."
@@ -151,12 +151,12 @@ figures.save("belt-lateral-target", table, caption=caption, provenance=origin)
 # 150 mm to the edge (638 to 788 mm), as in notebook 40.
 
 # %%
-ours = {key: one for key, one in tracks.items() if key[0] == sorter.OWN}
-every = (1, 2, 5, 10) if sorter.is_simulated() else (1,)
-rated = sorter.vary_rate(ours, every, fewer, deviation.lateral_deviations, seed).round(6)
+ours = {key: one for key, one in tracks.items() if key[0] == belt_2020.OWN}
+every = (1, 2, 5, 10) if belt_2020.is_simulated() else (1,)
+rated = belt_2020.vary_rate(ours, every, fewer, evaluation.lateral_deviations, seed).round(6)
 caption = (
     "Deviation of the lateral position in millimetres by sampling rate, own simulation, over the "
-    f"last 150 mm to the edge ({sorter.AT_EDGE.target_mm:.0f} mm): interquartile range and mean "
+    f"last 150 mm to the edge ({belt_2020.AT_EDGE.target_mm:.0f} mm): interquartile range and mean "
     "absolute error of the particles that are observed at every rate."
 )
 table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
@@ -166,8 +166,8 @@ figures.save("belt-lateral-rate", table, caption=caption, provenance=origin)
 rows = [
     {"id": id, "data_set": name, "at": rate, "verdict": claims.judge(id, part).verdict}
     for rate, one in rated.groupby("sampling_hz")
-    for id, answer in answers.lateral_answers(one).items()
-    for name, part in {"all": answer, **answers.by_data_set(answer)}.items()
+    for id, answer in belt_2020.lateral_answers(one).items()
+    for name, part in {"all": answer, **belt_2020.by_data_set(answer)}.items()
 ]
 by_rate = pd.DataFrame(rows).set_index(["id", "data_set", "at"])["verdict"].unstack()
 differs = by_rate.iloc[:, 0] != by_rate.iloc[:, -1]  # slowest and fastest
@@ -195,12 +195,12 @@ Markdown(changed)
 # questions to every source, and to our simulation at every rate (predicted to the edge):
 
 # %%
-said = {(name, 0.0): one for name, one in lateral.groupby("source") if name != sorter.OWN}
-said |= {(sorter.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
+said = {(name, 0.0): one for name, one in lateral.groupby("source") if name != belt_2020.OWN}
+said |= {(belt_2020.OWN, rate): one for rate, one in rated.groupby("sampling_hz")}
 rows = [
     {"source": name, "sampling_hz": rate or 100.0, **asdict(claims.judge(claim, answer))}
     for (name, rate), one in said.items()
-    for claim, answer in answers.lateral_answers(one).items()
+    for claim, answer in belt_2020.lateral_answers(one).items()
 ]
 columns = ["source", "sampling_hz", "id", "verdict", "measured"]
 caption = "Verdicts on the claims about the lateral position by source and sampling rate; the own "
@@ -218,11 +218,11 @@ ranks = wide["mae"].rank(axis=1)["IA-Ratio"].xs(773.0)
 at = f"at targets from {targets[0]:.0f} to {targets[-1]:.0f} mm"
 vary_7 = f"{at} the largest share CV / Straight is {shares.min():.2f} to {shares.max():.2f}"
 vary_9 = f"{at} the changes lie between {changes['min'].min():.2f} and {changes['max'].max():.2f}"
-by_mae = ", ".join(f"{n} {ranks[n]:.0f}" for n in sorter.DATA_SETS)
+by_mae = ", ".join(f"{n} {ranks[n]:.0f}" for n in belt_2020.DATA_SETS)
 
 # %%
 judged = lateral[lateral["source"] == source]
-answer = answers.lateral_answers(judged)
+answer = belt_2020.lateral_answers(judged)
 hertz = 100 if files else rated["sampling_hz"].max()
 note = f"decided by {source} at {hertz:.0f} Hz; interquartile range"
 notes = dict.fromkeys(answer, note)
@@ -233,7 +233,7 @@ notes["belt20-10"] = f"{note}; rank of IA-Ratio by mean absolute error: {by_mae}
 # %%
 shapes = "depends on how each shape moves, which our friction simulation only assumes"
 verdicts = [claims.judge(claim, one, note=notes[claim]) for claim, one in answer.items()]
-if not (files or sorter.is_simulated()):
+if not (files or belt_2020.is_simulated()):
     verdicts[1] = claims.undecidable("belt20-8", shapes)
     verdicts[3] = claims.undecidable("belt20-10", shapes)
 

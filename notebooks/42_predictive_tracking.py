@@ -6,12 +6,14 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import appearance, arrival, physics, pictures, predictive, tracker
+from kilnflight.belt import appearance, models, pictures, tracker
+from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.experiments import belt_2016
 from kilnflight.project import claims, figures, style
 
-engine = "the simulated sorter (MuJoCo)" if physics.is_installed() else "the friction model"
-Markdown(f"**Own simulation**: {engine}. {physics.missing()}".rstrip())
+engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction model"
+Markdown(f"**Own simulation**: {engine}. {missing()}".rstrip())
 
 # %% [markdown]
 # **Published** (2016 paper). A camera sees the whole belt, a tracker follows its particles up to
@@ -31,16 +33,16 @@ seed = 2020  # of the simulation and of the noise in the pictures
 jobs = 2  # processes of the simulation
 
 # %%
-from kilnflight.belt import answers, dem, sampling, touching
+from kilnflight.belt import evaluation, recordings
 
 style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material
-files = dem.find_dem()
+files = recordings.find_dem()
 setting, inputs = {"scale": scale, "count": count}, list(files.values())
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
-bodies = {name: predictive.bodies(name, count, seed, jobs) for name in MATERIALS}
+bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
 looked = {
-    name: predictive.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
+    name: belt_2016.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
     for name, one in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
@@ -64,7 +66,7 @@ for name, one in looked.items():
     row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
     row["corner_error_mm"] = one.calibration.error_mm
     row["hidden_corners"] = one.calibration.hidden
-    row |= touching.place_errors(one.spots, pictures.at_rate(bodies[name], 200.0))
+    row |= belt_2016.place_errors(one.spots, pictures.at_rate(bodies[name], 200.0))
     row |= {"spots": len(one.spots), "touching_percent": 100 * one.spots["touching"].mean()}
     ends = one.followed.ends.query("valid == 1")["reason"].value_counts()
     rows.append(row | {"never_valid": (one.followed.ends["valid"] == 0).sum()} | dict(ends))
@@ -176,10 +178,10 @@ figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, pro
 # %%
 parts = {}
 for name, one in bodies.items():
-    parts[name, "noise-free"] = predictive.noise_free(one)
-    parts[name, "images"] = predictive.from_images(looked[name], one)
+    parts[name, "noise-free"] = belt_2016.noise_free(one)
+    parts[name, "images"] = belt_2016.from_images(looked[name], one)
 every = pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
-boxes = predictive.summaries(every)
+boxes = belt_2016.summaries(every)
 boxes.round(4)
 
 # %% [markdown]
@@ -197,10 +199,10 @@ boxes.round(4)
 counts = []
 for name, one in bodies.items():
     truth = pictures.at_rate(one, 1 / tracker.BELT_FRAME_S)
-    together = touching.seen_together(looked[name].spots, truth)
+    together = belt_2016.particles_in_shared_spots(looked[name].spots, truth)
     for label, who in (("all", one["particle"].unique()), ("seen with another", together)):
         fed, told = (some[some["particle"].isin(who)] for some in (one, parts[name, "images"]))
-        counts.append({"material": name, "particles": label, **predictive.predicted(fed, told)})
+        counts.append({"material": name, "particles": label, **belt_2016.predicted(fed, told)})
 
 # %%
 caption = (
@@ -247,14 +249,14 @@ figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=
 rows = []
 for name, one in bodies.items():
     frames = 1 + int(looked[name].spots["frame"].max())
-    other = predictive.with_acceleration(looked[name], frames)
+    other = belt_2016.with_acceleration(looked[name], frames)
     for label, some, when in (
-        ("constant velocity", looked[name], arrival.CV()),
-        ("constant acceleration, velocity kept", other, arrival.CV()),
-        ("constant acceleration", other, arrival.CA()),
+        ("constant velocity", looked[name], models.CV()),
+        ("constant acceleration, velocity kept", other, models.CV()),
+        ("constant acceleration", other, models.CA()),
     ):
-        table = predictive.from_images(some, one, when).query("approach == 'Tracking'")
-        box = predictive.summaries(table.assign(filter=label)).set_index("quantity")
+        table = belt_2016.from_images(some, one, when).query("approach == 'Tracking'")
+        box = belt_2016.summaries(table.assign(filter=label)).set_index("quantity")
         row = {"material": name, "filter": label, "n": int(box["n"].iloc[0])}
         rows.append(row | {f"{q}_{v}": box[v][q] for q in box.index for v in ("median", "iqr")})
 
@@ -279,15 +281,17 @@ figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=o
 # fitted, has a part in belt16-1.
 
 # %%
-answered = {name: answers.tracking_answers(one) for name, one in every.groupby("material")}
+answered = {name: belt_2016.tracking_answers(one) for name, one in every.groupby("material")}
 sources = dict.fromkeys(answered["spheres"], "own simulation, 1000 Hz")
 sources |= dict.fromkeys(("belt16-3", "belt16-5"), "own pictures, 200 frames/s")
 asked = [(name, sources[id], id, one) for name in MATERIALS for id, one in answered[name].items()]
-slow = {("own simulation, 100 Hz", name): sampling.thinned(one, 10) for name, one in bodies.items()}
-slow |= {("authors' DEM, 100 Hz", name): dem.read_dem(path) for name, path in files.items()}
+slow = {
+    ("own simulation, 100 Hz", name): evaluation.thinned(one, 10) for name, one in bodies.items()
+}
+slow |= {("authors' DEM, 100 Hz", name): recordings.read_dem(path) for name, path in files.items()}
 for (source, name), one in slow.items():
-    off = predictive.sampled(one).assign(data="noise-free")
-    asked += [(name, source, id, answer) for id, answer in answers.tracking_answers(off).items()]
+    off = belt_2016.sampled(one).assign(data="noise-free")
+    asked += [(name, source, id, answer) for id, answer in belt_2016.tracking_answers(off).items()]
 
 # %%
 rows = []
@@ -303,7 +307,7 @@ caption = (
     "Claims of the 2016 paper by material and source: what was measured, and whether the claim's "
     "criterion holds. The paper looked at spheres."
 )
-if physics.is_installed():
+if is_installed():
     caption += " How fast our spheres move along and across the belt was fitted to the authors'; "
     caption += "their agreement with belt16-2 and belt16-4 is no result."
 figures.save("belt16-by-material", by_material, caption=caption, provenance=origin)
@@ -318,7 +322,7 @@ told = "; ".join(f"{name} {value:.2f} ms" for name, value in others.items())
 note = f"{count} spheres of {engine}"
 
 # %%
-rolls = "; their rolling friction was fitted" if physics.is_installed() else ""
+rolls = "; their rolling friction was fitted" if is_installed() else ""
 said = answered["spheres"]
 verdicts = [
     claims.judge("belt16-1", said["belt16-1"], note=note + rolls),
@@ -331,7 +335,7 @@ verdicts = [
 # %%
 # How far a straight prediction is off across the belt is how fast spheres move across it, which
 # was fitted, as was whether they still accelerate.
-if physics.is_installed():
+if is_installed():
     verdicts[1], verdicts[3] = (claims.fitted(verdicts[k], calibrated) for k in (1, 3))
 
 # %%

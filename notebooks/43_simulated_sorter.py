@@ -4,14 +4,14 @@
 # %% tags=["hide-input"]
 from IPython.display import Markdown
 
-from kilnflight.belt import answers, dem, friction_values, physics, velocity
-from kilnflight.belt.bulk import BULKS
-from kilnflight.experiments import sorter
+from kilnflight.belt import bodies, evaluation, recordings, sorter
+from kilnflight.belt.machine import BULKS
+from kilnflight.experiments import belt_2020, belt_calibration
 from kilnflight.project import claims, figures, style
 
-files = dem.find_dem()
-there = f"**Input:** {sorter.describe_own()}"
-missing = f" {physics.missing()}".rstrip()
+files = recordings.find_dem()
+there = f"**Input:** {belt_2020.describe_own()}"
+missing = f" {bodies.missing()}".rstrip()
 beside = (
     " The authors' DEM tracks stand beside it." if files else " The authors' tracks are not here."
 )
@@ -42,13 +42,13 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-from kilnflight.belt import contact_study
+from kilnflight.experiments import belt_contacts
 
 style.use_style()
 inputs = list(files.values())
 origin = figures.trace("43_simulated_sorter", {"scale": scale}, seed=seed, inputs=inputs)
-tracks = sorter.variants(sorter.PARTICLES[scale], seed, jobs)
-tracks |= {("authors-dem", name): dem.read_dem(path) for name, path in files.items()}
+tracks = belt_2020.variants(belt_2020.PARTICLES[scale], seed, jobs)
+tracks |= {("authors-dem", name): recordings.read_dem(path) for name, path in files.items()}
 pd.Series({key: one["particle"].nunique() for key, one in tracks.items()}, name="particles")
 
 # %% [markdown]
@@ -63,8 +63,8 @@ pd.Series({key: one["particle"].nunique() for key, one in tracks.items()}, name=
 # is that of the same particles.
 
 # %%
-found = friction_values.record()
-values = friction_values.all_values(friction_values.calibrated())
+found = sorter.fitted_record()
+values = belt_calibration.all_values(sorter.fitted_values())
 cost = ["cost", found["cost_inputs_only"], found["cost_calibrated"], "misfit to the spheres"]
 values.loc[len(values)] = cost
 values = values.round(4)
@@ -83,7 +83,7 @@ figures.save("sorter-friction-values", values, caption=caption, provenance=origi
 # %%
 profiles = pd.concat(
     {
-        key: velocity.motion_profile(velocity.velocities(one), friction_values.PLACES_MM)
+        key: evaluation.motion_profile(evaluation.velocities(one), sorter.PLACES_MM)
         for key, one in tracks.items()
     },
     names=["variant", "data_set"],
@@ -97,7 +97,7 @@ size = {"width_mm": style.PAGE_MM, "height_mm": 130}
 picture, grid = style.canvas(3, 3, **size, sharex=True)
 for panels, (name, label) in zip(grid, quantities.items(), strict=True):
     panels[0].set_ylabel(f"{label} (m/s)")
-    for axes, data_set in zip(panels, sorter.DATA_SETS, strict=True):
+    for axes, data_set in zip(panels, belt_2020.DATA_SETS, strict=True):
         axes.set_title(data_set)
         for variant, one in profiles[profiles["data_set"] == data_set].groupby("variant"):
             colour, line = styles[variant]
@@ -126,7 +126,7 @@ figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, 
 # feed has bursts, and their spread across the belt is larger than ours everywhere.
 
 # %%
-misfit = sorter.misfits(profiles, sorter.AUTHORS).round(5)
+misfit = belt_2020.misfits(profiles, belt_2020.AUTHORS).round(5)
 caption = "Root mean square over the belt of simulated minus the authors' velocities (m/s)."
 if len(misfit):  # without the authors' tracks there is nothing to be off from
     figures.save("sorter-misfit", misfit, caption=caption, provenance=origin)
@@ -151,11 +151,11 @@ misfit
 
 # %%
 fed = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
-some = sorter.DATA_SETS[:1] if scale == "quick" else sorter.DATA_SETS
+some = belt_2020.DATA_SETS[:1] if scale == "quick" else belt_2020.DATA_SETS
 studied = pd.DataFrame()
-if sorter.is_simulated():
-    studied = contact_study.study(friction_values.calibrated_sorter(), fed, seed, some)
-    changed = contact_study.changes(studied).round(2)
+if belt_2020.is_simulated():
+    studied = belt_contacts.study(sorter.calibrated_sorter(), fed, seed, some)
+    changed = belt_contacts.changes(studied).round(2)
 
 # %% tags=["hide-input"]
 looks = {"mean_mm_s": "mean along", "gain_mm_s": "gain along", "std_mm_s": "spread along"}
@@ -176,7 +176,7 @@ if len(studied):
 caption = (
     "Change of the velocity with one contact value changed: mean along the belt, its gain from 425 "
     "to 750 mm, its standard deviation, median size across. As used is "
-    f"{contact_study.described(friction_values.calibrated_sorter())}; {fed} particles of each."
+    f"{belt_contacts.described(sorter.calibrated_sorter())}; {fed} particles of each."
 )
 part = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-sorter-contacts", changed, **part) if len(studied) else None
@@ -196,8 +196,8 @@ figures.save("sorter-contacts", studied.round(4), **part) if len(studied) else N
 # machine does not count.
 
 # %%
-rows, used = [], friction_values.calibrated_sorter()
-for name, bulk in BULKS.items() if sorter.is_simulated() else ():
+rows, used = [], sorter.calibrated_sorter()
+for name, bulk in BULKS.items() if belt_2020.is_simulated() else ():
     start = time.process_time()
     one = used(bulk, 60, np.random.default_rng(seed))
     spent, simulated = time.process_time() - start, one["time_s"].max()
@@ -217,16 +217,16 @@ figures.save("sorter-cost", cost, caption=caption, provenance=origin) if rows el
 rows = [
     {"variant": variant, **asdict(claims.judge("belt20-6", answer["belt20-6"]))}
     for variant, one in profiles.groupby("variant", sort=False)
-    for answer in [answers.speed_answers(one)]
+    for answer in [belt_2020.speed_answers(one)]
 ]
 slower = pd.DataFrame(rows)[["variant", "verdict", "measured"]]
 caption = "Claim belt20-6, slower than the belt and still accelerating, by source."
 figures.save("sorter-belt20-6", slower, caption=caption, provenance=origin)
 
 # %%
-result = f"Our own simulation is {sorter.describe_own()}."
-if files and sorter.is_simulated():
+result = f"Our own simulation is {belt_2020.describe_own()}."
+if files and belt_2020.is_simulated():
     off = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
-    each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in sorter.DATA_SETS)
+    each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in belt_2020.DATA_SETS)
     result += f" Its mean velocities are off by (mm/s, root mean square): {each}."
 figures.conclude(result, [], origin)

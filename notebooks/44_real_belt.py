@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import crossing, deviation, recordings
+from kilnflight.belt import evaluation, recordings
 from kilnflight.belt.appearance import Appearance
-from kilnflight.belt.area import Area
+from kilnflight.belt.camera import Area
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import BeltTracker
+from kilnflight.experiments import belt_2020
 from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
@@ -96,17 +97,17 @@ figures.save("belt-real-links", links, caption=caption, provenance=origin) if fi
 # 1550 px: lost, over the side, or still under way when a recording ended.
 
 # %%
-evaluation, kinds = deviation.Evaluation(draws=draws), {}
-kinds["arrival_frames"] = deviation.arrival_deviations, 0.001  # from thousandths of a frame
-kinds["lateral_px"] = deviation.lateral_deviations, 1.0
+compare, kinds = evaluation.Evaluation(draws=draws), {}
+kinds["arrival_frames"] = evaluation.arrival_deviations, 0.001  # from thousandths of a frame
+kinds["lateral_px"] = evaluation.lateral_deviations, 1.0
 parts, omitted = [], []
 for (name, filtered), one in followed.items():
-    observed = crossing.observe(one, seen[name], phase, 1.0)
+    observed = evaluation.observe(one, seen[name], phase, 1.0)
     row = {"data_set": name, "filter": filtered, "predicted": len(observed.last)}
     omitted.append(row | {f"left out: {why}": count for why, count in observed.left_out.items()})
     for quantity, (measure, unit) in kinds.items():
-        table = deviation.over_draws(evaluation(observed, phase, measure, seed))
-        table[deviation.SUMMARY[1:8]] *= unit
+        table = belt_2020.over_draws(compare(observed, phase, measure, seed))
+        table[evaluation.SUMMARY[1:8]] *= unit
         keys = {"data_set": name, "filter": filtered, "quantity": quantity}
         parts.append(table.assign(**keys, left_out=sum(observed.left_out.values())))
 
@@ -118,7 +119,7 @@ figures.save("belt-real-left-out", reasons, caption=caption, provenance=origin) 
 
 # %%
 keys = ["data_set", "filter", "quantity", "model"]
-columns = [*keys, *deviation.SUMMARY, "left_out"]
+columns = [*keys, *evaluation.SUMMARY, "left_out"]
 models = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
 models = models.loc[~models["model"].isin(["CALV", "LV-DSC"]), columns].reset_index(drop=True)
 caption = (

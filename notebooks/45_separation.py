@@ -8,15 +8,14 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import belt
-from kilnflight.belt import dem
-from kilnflight.belt.separation import ValveBar
-from kilnflight.belt.sorting import MODELS, shares
-from kilnflight.experiments import sorter
+from kilnflight.belt import recordings
+from kilnflight.belt.valves import MODELS, ValveBar, shares
+from kilnflight.experiments import belt_2020
 from kilnflight.project import figures, style
 
-files = dem.find_dem()
-source = sorter.AUTHORS if files else sorter.OWN
-own = f"**Own simulation**, {sorter.describe_own()}; no tracks of the authors (`make data`)."
+files = recordings.find_dem()
+source = belt_2020.AUTHORS if files else belt_2020.OWN
+own = f"**Own simulation**, {belt_2020.describe_own()}; no tracks of the authors (`make data`)."
 Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 
 # %% [markdown]
@@ -46,7 +45,7 @@ draws = {"quick": 1, "standard": 5, "full": 20}[scale]
 setting = {"scale": scale, "draws": draws, "wanted": wanted}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-loaded = sorter.load_tracks(files, seed, sorter.PARTICLES[scale], jobs)
+loaded = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {name: phase.observe(one) for (given, name), one in loaded.items() if given == source}
 times_ms = (0.5, 1, 2, 3, 5, 7, 10, 15, 20)
 widths_mm = (1, 2, 3, 4, 7.5, 10, 15, 20)

@@ -14,7 +14,7 @@ import jupytext
 import pandas as pd
 import pytest
 
-from kilnflight.belt import physics
+from kilnflight.belt.bodies import is_installed
 from kilnflight.experiments import errata
 from kilnflight.project import claims, figures, notebooks
 
@@ -135,7 +135,7 @@ def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
     assert table.index.tolist() == claims.load().index.tolist()
     assert set(table["verdict"]) <= set(claims.VERDICTS)
     assert (table.loc[table["verdict"] == claims.NOT_DECIDABLE, "reason"] != "").all()
-    shapes_move = physics.is_installed()
+    shapes_move = is_installed()
     assert (table.loc["belt20-3", "verdict"] == claims.NOT_DECIDABLE) != shapes_move
     assert "own-simulation" in table.loc["belt20-5", "reason"]
     assert table.loc["cluster-10", "verdict"] == claims.NOT_REPRODUCED

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
+from kilnflight.belt.friction import MATERIALS, FrictionBelt
+from kilnflight.belt.machine import GRAVITY_MM_S2
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_TRACKS
 

@@ -126,7 +126,7 @@ def test_a_phase_leads_downstream():
 
 def test_the_target_has_an_observation_after_it(authors_data):
     """The public tracks end between 773 and 788 mm, which is why the target is 773 mm."""
-    from kilnflight.belt.dem import find_dem, read_dem
+    from kilnflight.belt.recordings import find_dem, read_dem
 
     for name, path in find_dem().items():
         tracks = read_dem(path)

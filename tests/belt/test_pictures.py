@@ -1,16 +1,19 @@
+"""Pictures of particles, and the spots that are measured in them."""
+
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
-from kilnflight.belt.area import BELT, Area
-from kilnflight.belt.pictures import SHAPES, Pictures, Shape, _exposed, at_rate
-from kilnflight.belt.view import View
+from kilnflight.belt.camera import BELT, Area, Calibration, View
+from kilnflight.belt.pictures import SHAPES, Pictures, Shape, Spots, at_rate, average, measure
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_TRACKS
+from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
 LEVEL = View(turned_deg=0.0, tilted_deg=0.0)
 
@@ -107,11 +110,113 @@ def test_what_cannot_be_drawn_is_told():
         replace(Pictures(one_track(), SHAPES["spheres"], 0), soft_px=0.0)
 
 
-def test_gray_values_are_rounded_and_cut_off_at_eight_bits():
-    rng = np.random.default_rng(5)
-    picture = rng.uniform(-20, 280, (40, 50)).astype(np.float32)
-    picture[0, :4] = [0.5, 1.5, 254.5, 255.5]
-    noise = rng.standard_normal(picture.shape, dtype=np.float32)
-    for spread in (0.0, 3.0, 400.0):
-        plain = np.clip(np.rint(picture + spread * noise), 0, 255).astype(np.uint8)
-        np.testing.assert_array_equal(_exposed(picture, np.float32(spread), noise), plain)
+EMPTY = np.full((120, 160), 60, dtype=np.uint8)
+# Two pixels per mm; the belt's first corner is pixel (0, 0).
+HALF = Calibration(np.array([[0.5, 0, 388.0], [0, 0.5, 0], [0, 0, 1]]), 0.0, 0.5, 0)
+
+
+def with_discs(*places, radius=5):
+    picture = EMPTY.copy()
+    for row, col in places:
+        cv2.circle(picture, (col, row), radius, 200, -1)
+    return picture
+
+
+def test_the_background_is_the_mean():
+    pictures = [EMPTY, EMPTY + 10, EMPTY + 20]
+    assert (average(pictures) == 70).all()
+    with pytest.raises(InputError, match="at least one"):
+        average([])
+    with pytest.raises(InputError, match="picture 1"):
+        average([EMPTY, EMPTY[1:]])
+
+
+def test_centroids_of_discs_are_their_centres():
+    found = Spots()(with_discs((30, 40), (80, 100)), EMPTY)
+    np.testing.assert_allclose(found[:, :2], [[30, 40], [80, 100]])
+    assert (found[:, 2] == found[0, 2]).all()
+
+
+def test_particles_that_touch_are_one_spot_and_marked():
+    apart, touching = with_discs((30, 40), (80, 100)), with_discs((30, 40), (38, 46), (80, 100))
+    spots = Spots().calibrated([apart], EMPTY)
+    assert spots(apart, EMPTY)[:, 3].tolist() == [0, 0]
+    found = spots(touching, EMPTY)
+    assert found[:, 3].tolist() == [1, 0]
+    np.testing.assert_allclose(found[0, :2], [34, 43], atol=0.1)  # their common centroid
+    assert Spots()(touching, EMPTY)[:, 3].tolist() == [0, 0]  # not calibrated: marks none
+
+
+def test_an_empty_belt_has_no_spots():
+    assert Spots()(EMPTY, EMPTY).shape == (0, 4)
+    table = measure([EMPTY, EMPTY], EMPTY, Spots(), HALF)
+    assert table.columns.tolist() == BELT_SPOTS.names
+    assert len(BELT_SPOTS.check(table)) == 0
+    assert len(measure([], EMPTY, Spots(), HALF)) == 0
+    with pytest.raises(InputError, match="no particle in the pictures"):
+        Spots().calibrated([EMPTY], EMPTY)
+
+
+def test_a_particle_that_rests_in_all_pictures_is_background():
+    still = [with_discs((30, 40), (80, 20 + 30 * k)) for k in range(4)]
+    found = measure(still, average(still), Spots(), HALF)
+    assert not ((found["row"] - 30).abs() < 3).any()
+
+
+@pytest.mark.parametrize(
+    ("share", "lying", "ghost"), [(0.2, True, False), (0.5, True, True), (0.9, False, True)]
+)
+def test_a_particle_that_rests_for_a_while_is_found_or_leaves_a_ghost(share, lying, ghost):
+    """The contrast is 140, the threshold 40 grey values."""
+    rests = round(20 * share)
+    pictures = [with_discs((30, 40))] * rests + [EMPTY] * (20 - rests)
+    found = measure(pictures, average(pictures), Spots(), HALF)
+    before = list(range(rests)) if lying else []
+    after = list(range(rests, 20)) if ghost else []
+    assert found["frame"].tolist() == before + after
+    np.testing.assert_allclose(found[["row", "col"]], [[30, 40]] * len(found), atol=0.1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_spots_are_those_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    places = rng.integers(0, [120, 160], (rng.integers(0, 12), 2))
+    picture = with_discs(*places.tolist(), radius=int(rng.integers(1, 8)))
+    labels, count = ndimage.label(picture != EMPTY, np.ones((3, 3)))
+    index = np.arange(1, count + 1)
+    area = ndimage.sum_labels(labels > 0, labels, index)
+    centres = np.array(ndimage.center_of_mass(labels > 0, labels, index)).reshape(-1, 2)
+    expected = np.column_stack([centres, area])[area >= 12]
+    found = Spots()(picture, EMPTY)[:, :3]
+    order, other = np.lexsort(found.T), np.lexsort(expected.T)
+    np.testing.assert_allclose(found[order], expected[other])
+
+
+def test_places_are_millimetres_and_outside_is_left_out():
+    pictures = [with_discs((30, 40)), EMPTY, with_discs((30, 40), (90, 140))]
+    table = BELT_SPOTS.check(measure(pictures, EMPTY, Spots(), HALF, BELT))
+    assert table["frame"].tolist() == [0, 2, 2]
+    np.testing.assert_allclose(table[["x", "y"]].iloc[2], [388 + 70, 45])
+    narrow = replace(BELT, end_mm=428.0)
+    assert measure(pictures, EMPTY, Spots(), HALF, narrow)["frame"].tolist() == [0, 2]
+
+
+def test_cutting_the_picture_changes_nothing():
+    rng = np.random.default_rng(0)
+    pictures = [with_discs(*rng.integers(0, [120, 160], (6, 2)).tolist()) for _ in range(5)]
+    area = replace(BELT, end_mm=430.0, width_mm=40.0)
+    cut = measure(pictures, EMPTY, Spots(), HALF, area)
+    whole = measure(pictures, EMPTY, Spots(), HALF, BELT)
+    inside = whole[area.holds(whole[["x", "y"]].to_numpy())].reset_index(drop=True)
+    np.testing.assert_allclose(cut.sort_values(["frame", "x"]), inside.sort_values(["frame", "x"]))
+
+
+def test_pictures_that_do_not_fit_are_told():
+    with pytest.raises(InputError, match="do not fit"):
+        Spots()(EMPTY[1:], EMPTY)
+    with pytest.raises(InputError, match="frame 1"):
+        measure([EMPTY, EMPTY[1:]], EMPTY, Spots(), HALF)
+    for wrong in ({"threshold": 0}, {"least_px": 0}, {"touching_from": 0.5}, {"single_px": -1}):
+        with pytest.raises(InputError, match=f"Spots: {next(iter(wrong))}"):
+            Spots(**wrong)

@@ -11,8 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import multivariate_normal, norm
 
 from kilnflight.belt.appearance import Appearance
-from kilnflight.belt.area import TRACKED
-from kilnflight.belt.crossing import last_states
+from kilnflight.belt.camera import TRACKED
+from kilnflight.belt.evaluation import last_states
 from kilnflight.belt.tracker import (
     BACK,
     LEFT,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from kilnflight.belt.area import TRACKED, Area
+from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.checks import check_between, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]

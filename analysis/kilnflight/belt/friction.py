@@ -19,13 +19,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.arrival import BELT_VELOCITY_MM_S
+from kilnflight.belt.machine import GRAVITY_MM_S2
+from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.checks import InputError, check_positive
 from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
-
-GRAVITY_MM_S2 = 9810.0
 
 
 @dataclass(frozen=True)
@@ -75,60 +74,42 @@ class FrictionBelt:
         """
         state = self._feed(generator)
         entry = np.sort(generator.uniform(0.0, self.feed_s, self.particles))
-        frame = np.ceil(entry * self.sampling_hz).astype(np.int64)
-        samples, rows = [], 0
-        while state.position[:, 0].min() < self.end_mm and rows < 20 * self.sampling_hz:
+        first = np.ceil(entry * self.sampling_hz).astype(np.int64)
+        samples: list[Array] = []
+        while state.position[:, 0].min() < self.end_mm and len(samples) < 20 * self.sampling_hz:
             samples.append(state.position.copy())
             for _ in range(self.steps_per_sample):
                 self._step(state, generator)
-            rows += 1
         x, y = np.moveaxis(np.stack(samples), -1, 0)
-        on_belt = x < self.end_mm
-        particle, row = np.nonzero(on_belt.T)
-        frames = frame[particle] + row
-        return pd.DataFrame(
-            {
-                "frame": frames,
-                "particle": particle,
-                "time_s": frames / self.sampling_hz,
-                "x": x[row, particle],
-                "y": y[row, particle],
-            }
-        )[BELT_TRACKS.names]
+        particle, row = np.nonzero((x < self.end_mm).T)
+        frame = first[particle] + row
+        columns = (frame, particle, frame / self.sampling_hz, x[row, particle], y[row, particle])
+        return pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
 
     def _feed(self, generator: np.random.Generator) -> _State:
         n = self.particles
         first = self.velocity_mm_s / self.sampling_hz  # first seen within one frame's way
-        position = np.column_stack(
-            [
-                self.start_mm + generator.uniform(0.0, first, n),
-                generator.uniform(0.05, 0.95, n) * self.width_mm,
-            ]
-        )
-        velocity = np.column_stack(
-            [
-                generator.normal(self.velocity_mm_s, self.velocity_spread_mm_s, n),
-                generator.normal(0.0, self.lateral_spread_mm_s, n),
-            ]
-        )
+        x = self.start_mm + generator.uniform(0.0, first, n)
+        y = generator.uniform(0.05, 0.95, n) * self.width_mm
+        along = generator.normal(self.velocity_mm_s, self.velocity_spread_mm_s, n)
+        velocity = np.column_stack([along, generator.normal(0.0, self.lateral_spread_mm_s, n)])
         angle = generator.uniform(0.0, np.pi, n)
         across_axis = np.column_stack([np.cos(angle), np.sin(angle)])
         rolling = -velocity if self.rolling_start else np.zeros_like(velocity)
         if self.rolls_across_axis_only:
             rolling = across_axis * (rolling * across_axis).sum(axis=1, keepdims=True)
-        return _State(position, velocity, rolling, across_axis)
+        return _State(np.column_stack([x, y]), velocity, rolling, across_axis)
 
     def _step(self, state: _State, generator: np.random.Generator) -> None:
         """Advance by one integration step, in place."""
         step = 1.0 / (self.sampling_hz * self.steps_per_sample)
-        belt = np.array([self.belt_mm_s, 0.0])
-        slip = state.velocity + state.rolling - belt
+        slip = state.velocity + state.rolling - np.array([self.belt_mm_s, 0.0])
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
         # The force that would end the slip in this step, if it is below the Coulomb limit;
         # along a cylinder's axis, where nothing rolls, it takes a few steps instead.
-        gain = 1.0 + (0.0 if np.isinf(self.inertia) else 1.0 / self.inertia)
-        wanted = speed / (gain * step)
-        push = np.minimum(self.friction * GRAVITY_MM_S2, wanted)
+        push = np.minimum(
+            self.friction * GRAVITY_MM_S2, speed / ((1.0 + 1.0 / self.inertia) * step)
+        )
         direction = np.divide(slip, speed, out=np.zeros_like(slip), where=speed > 0)
         change = -push * step * direction
         state.velocity += change
@@ -138,17 +119,14 @@ class FrictionBelt:
                 along = (turn * state.across_axis).sum(axis=1, keepdims=True)
                 turn = state.across_axis * along
             state.rolling += turn
-            self._rolling_resistance(state, step, belt)
+            # Rolling resistance; friction at the contact then takes the particle along.
+            speed = np.linalg.norm(state.rolling, axis=1, keepdims=True)
+            loss = self.rolling_friction * GRAVITY_MM_S2 * step * (1.0 + 1.0 / self.inertia)
+            rest = np.divide(speed - loss, speed, out=np.zeros_like(speed), where=speed > loss)
+            state.rolling *= rest
         kicked = generator.random(self.particles) < self.kicks_per_s * step
         state.velocity[kicked] += generator.normal(0.0, self.kick_mm_s, (int(kicked.sum()), 2))
         state.position += state.velocity * step
-
-    def _rolling_resistance(self, state: _State, step: float, belt: Array) -> None:
-        """Slow the rolling down; friction at the contact then takes the particle along."""
-        speed = np.linalg.norm(state.rolling, axis=1, keepdims=True)
-        loss = self.rolling_friction * GRAVITY_MM_S2 * step * (1.0 + 1.0 / self.inertia)
-        keep = np.divide(speed - loss, speed, out=np.zeros_like(speed), where=speed > loss)
-        state.rolling *= keep
 
 
 @dataclass

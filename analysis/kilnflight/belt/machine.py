@@ -1,46 +1,263 @@
-"""The simulated sorter: a slide, a belt, and how bodies touch (2016 and 2020 papers).
+"""What the simulated sorter is made of: particles, slide, belt and contacts (2016, 2020 papers).
 
-slide -> bodies on the belt, 0.2 ms at a time -> positions 1000 times a second
+The vibrating feeder lets particles fall on a slide, and the slide hands them to the belt.
+Its shape is not published, so it is kept to an energy balance over its drop ``h``::
+
+    rolling        v^2 = 2 g h / (1 + kappa)            kappa = 2/5, moment of inertia / (m r^2)
+    sliding        v^2 = 2 g h (1 - mu / tan(angle))    Coulomb friction
+
+A sphere rolls unless friction is too weak for that; then it slides and turns slower. A
+cylinder or a cuboid slides: long particles align with neither the slope nor across it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
+import numpy.typing as npt
 
-from kilnflight.belt.batch import Batch
-from kilnflight.belt.bulk import Bulk
-from kilnflight.belt.conveyor import Conveyor
-from kilnflight.belt.physics import Contacts, check_step
-from kilnflight.belt.slide import Slide
-from kilnflight.checks import check_count
-from kilnflight.tables import BELT_BODIES
+from kilnflight.belt.models import BELT_VELOCITY_MM_S
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_between,
+    check_count,
+    check_limit,
+    check_positive,
+)
+
+Array = npt.NDArray[np.float64]
+
+GRAVITY_MM_S2 = 9810.0
+KAPPA = 0.4  # solid sphere
+TOTAL_G = 200.0  # "approximately 0.2 kg of each bulk material was applied", 2020, section 4
 
 
 @dataclass(frozen=True)
-class Sorter:
-    """A slide, a belt, and how bodies touch each other and the belt."""
+class Bulk:
+    """One bulk material: the shape of its particles and how many there are.
 
-    contacts: Contacts = field(default_factory=Contacts)
-    slide: Slide = field(default_factory=Slide)
-    conveyor: Conveyor = field(default_factory=Conveyor)
+    Parameters
+    ----------
+    shape
+        ``sphere``, ``cylinder`` or ``box``, in MuJoCo's words.
+    half_mm
+        What MuJoCo calls its size: radius; radius and half of the height; half edges, the
+        shortest last, so that a box lies on its largest face.
+    count
+        Particles in 0.2 kg, as published; with the volume it gives the density.
+    """
+
+    shape: str
+    half_mm: tuple[float, ...]
+    count: int
 
     def __post_init__(self) -> None:
-        """Refuse a time step that is too long for the contacts."""
-        check_step(self.contacts, self.conveyor.step_s)
+        """Refuse what is no body."""
+        if {"sphere": 1, "cylinder": 2, "box": 3}.get(self.shape) != len(self.half_mm):
+            raise InputError(
+                f"Bulk: shape {self.shape!r} with {len(self.half_mm)} lengths; a sphere has one "
+                "(radius), a cylinder two (radius, half height), a box three (half edges)."
+            )
+        for length in self.half_mm:
+            check_positive(length, "Bulk: half_mm")
+        check_count(self.count, "Bulk: count")
 
-    def __call__(self, bulk: Bulk, count: int, generator: np.random.Generator) -> pd.DataFrame:
-        """Simulate ``count`` particles; `kilnflight.tables.BELT_BODIES` from frame 0.
+    @property
+    def density_g_mm3(self) -> float:
+        """The density that makes ``count`` particles 0.2 kg: 711 to 823 kg/m^3, as beech has."""
+        if self.shape == "sphere":
+            volume = 4.0 / 3.0 * np.pi * self.half_mm[0] ** 3
+        elif self.shape == "cylinder":
+            volume = 2.0 * np.pi * self.half_mm[0] ** 2 * self.half_mm[1]
+        else:
+            volume = float(8.0 * np.prod(self.half_mm))
+        return TOTAL_G / self.count / volume
 
-        Raises
-        ------
-        InputError
-            If a particle does not reach the edge, or the simulation becomes unstable.
+    @property
+    def reach_mm(self) -> float:
+        """The radius of the smallest sphere around a particle."""
+        return float(np.linalg.norm(self.half_mm))
+
+    @property
+    def rest_mm(self) -> float:
+        """The height of the centre of a particle that lies on the belt."""
+        return self.half_mm[0] if self.shape == "cylinder" else self.half_mm[-1]
+
+    @property
+    def rolls(self) -> bool:
+        """Whether a particle rolls in any direction."""
+        return self.shape == "sphere"
+
+
+BULKS: dict[str, Bulk] = {
+    "spheres": Bulk("sphere", (2.5,), 3713),
+    "cuboids": Bulk("box", (3.0, 2.5, 1.0), 4357),
+    "cylinders": Bulk("cylinder", (1.5, 4.5), 4427),
+}
+
+
+def check_material(material: str) -> None:
+    """Raise an `InputError` unless there is such a bulk material."""
+    if material not in BULKS:
+        raise InputError(f"no material {material!r}; there are {', '.join(BULKS)}.")
+
+
+@dataclass(frozen=True)
+class Conveyor:
+    """A belt between two walls.
+
+    Coordinates are those of the authors' files: the belt runs from 388 to 788 mm. Beyond the
+    edge a particle flies on with the velocity it left with; nothing touches it there.
+    """
+
+    speed_mm_s: float = BELT_VELOCITY_MM_S  # sec. IV (2016), sec. 4 (2020)
+    width_mm: float = 180.0  # sec. 3 (2020)
+    start_mm: float = 388.0  # the authors' files
+    edge_mm: float = 788.0  # 40 cm further (sec. IV, 2016)
+    end_mm: float = 800.0  # of the tracks, so that observations follow the edge
+    sampling_hz: float = 1000.0  # both papers
+    step_s: float = 0.0002  # the 2020 paper's DEM has 0.0001; see benchmarks/bench_sorter.py
+    patience_s: float = 3.0  # a particle that takes longer to the edge is an error
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated."""
+        for name in ("speed_mm_s", "width_mm", "sampling_hz", "step_s", "patience_s"):
+            check_positive(getattr(self, name), f"Conveyor: {name}")
+        if not self.start_mm < self.edge_mm <= self.end_mm:
+            raise InputError(
+                f"Conveyor: the belt runs from {self.start_mm} to {self.edge_mm} mm and tracks "
+                f"end at {self.end_mm} mm; these must ascend."
+            )
+        steps = 1.0 / (self.sampling_hz * self.step_s)
+        if abs(steps - round(steps)) > 1e-6 or steps < 0.5:
+            raise InputError(
+                f"Conveyor: one sample at {self.sampling_hz} Hz is no whole number of steps of "
+                f"{self.step_s} s."
+            )
+
+    @property
+    def steps(self) -> int:
+        """Time steps from one sample to the next."""
+        return round(1.0 / (self.sampling_hz * self.step_s))
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """How bodies touch. The papers say "determined experimentally" and print no value."""
+
+    belt_friction: float = 0.3  # wood on a plastic belt; handbooks give 0.2 to 0.4
+    rolling_friction: float = 0.01  # arm over radius; assumption for wood on a belt
+    particle_friction: float = 0.4  # wood on wood; handbooks give 0.25 to 0.5
+    wall_friction: float = 0.4  # wood on metal; handbooks give 0.2 to 0.6
+    spinning_mm: float = 0.01  # arm of the friction against turning on the spot; assumption
+    belt_time_s: float = 0.0006  # of the normal contact with the belt, critically damped
+    slip_time_s: float = 0.008  # of friction; see `kilnflight.belt.bodies`
+    body_time_s: float = 0.0012  # of contacts between bodies and with walls
+    # Share of critical damping. Spheres part with 0.22 to 0.34 of their closing speed at steps
+    # of 0.2 ms, by where within a step they meet; with 0.28 to 0.31 of it at 0.05 ms.
+    body_damping: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse what is no contact."""
+        for name in ("belt_friction", "belt_time_s", "slip_time_s", "body_time_s", "body_damping"):
+            check_positive(getattr(self, name), f"Contacts: {name}")
+        for name in ("rolling_friction", "particle_friction", "wall_friction", "spinning_mm"):
+            check_at_least(getattr(self, name), 0.0, f"Contacts: {name}")
+
+    def check_step(self, step_s: float) -> None:
+        """Raise an `InputError` if contacts are too stiff for a time step."""
+        shortest = min(self.belt_time_s, self.body_time_s * self.body_damping)
+        if not step_s <= shortest / 2.0:
+            raise InputError(
+                f"Sorter: step_s {step_s!r} is too long for contacts of {shortest} s; take at most "
+                f"half of that, or softer contacts."
+            )
+
+
+class Fed(NamedTuple):
+    """Particles at the beginning of the belt, in the order in which they come; (n,) each."""
+
+    time_s: Array  # ascending, from 0
+    y: Array  # across the belt, mm
+    velocity_mm_s: Array  # (n, 3): along the belt, across it, upwards
+    spin_1_s: Array  # about the axis across the belt, forwards positive
+    yaw_rad: Array  # orientation of the first half edge, or of the cylinder's axis
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A slide at the end of a vibrating feeder.
+
+    No number of it is published. Drop and spreads are found with the spheres of the
+    authors' tracks (`kilnflight.belt.sorter.FittedValues`), the others are assumptions.
+    """
+
+    drop_mm: float = 100.0  # height over which particles gain speed; assumption
+    angle_deg: float = 45.0  # of the slope; assumption
+    friction: float = 0.4  # wood on steel: handbooks give 0.2 to 0.6, the middle of it
+    rolling_share: float = 1.0  # of the slide's spin that a sphere brings to the belt; assumption
+    exit_deg: float = 8.0  # downwards, of the motion where the belt begins; assumption
+    speed_spread: float = 0.05  # standard deviation over mean; assumption
+    lateral_spread_mm_s: float = 20.0  # standard deviation across the belt; assumption
+    yaw_spread_deg: float = np.inf  # about the belt's direction; inf: any; not published
+    width_mm: float = 140.0  # of the feeder: the tracks begin between 20 and 160 mm of 180
+    rate_1_s: float = 270.0  # particles per second: about 4000 in 15 s, as in the files
+
+    def __post_init__(self) -> None:
+        """Refuse what is no slide."""
+        for name in ("drop_mm", "width_mm", "rate_1_s"):
+            check_positive(getattr(self, name), f"Slide: {name}")
+        for name in ("friction", "speed_spread", "lateral_spread_mm_s"):
+            check_at_least(getattr(self, name), 0.0, f"Slide: {name}")
+        check_between(self.rolling_share, 0.0, 1.0, "Slide: rolling_share")
+        check_limit(self.yaw_spread_deg, "Slide: yaw_spread_deg")
+        check_between(self.exit_deg, 0.0, 60.0, "Slide: exit_deg")
+        check_between(self.angle_deg, 1.0, 89.0, "Slide: angle_deg")
+
+    def speed(self, bulk: Bulk) -> tuple[float, float]:
+        """Return speed (mm/s) and velocity of the surface due to spin (mm/s) at the end."""
+        steepness = np.tan(np.radians(self.angle_deg))
+        sliding = 1.0 - self.friction / steepness  # share of the energy that is left
+        share = max(sliding, 1.0 / (1.0 + KAPPA) if bulk.rolls else 0.0)
+        if share <= 0:
+            raise InputError(
+                f"Slide: with friction {self.friction} nothing slides down {self.angle_deg} "
+                "degrees; make it steeper or smoother."
+            )
+        speed = np.sqrt(2.0 * GRAVITY_MM_S2 * self.drop_mm * share)
+        if not bulk.rolls:
+            return float(speed), 0.0
+        # Torque of kinetic friction over the time that the slide takes, at most rolling.
+        turned = self.friction / (KAPPA * max(steepness - self.friction, 1e-12))
+        return float(speed), float(self.rolling_share * speed * min(turned, 1.0))
+
+    def __call__(
+        self, bulk: Bulk, count: int, belt_mm: float, generator: np.random.Generator
+    ) -> Fed:
+        """Return ``count`` particles as they reach a belt of a width.
+
+        The feeder covers the middle of the belt. The same state of the generator gives the
+        same particles.
         """
-        check_count(count, "Sorter: count", least=0)
-        if not count:
-            return BELT_BODIES.empty()
-        fed = self.slide(bulk, count, self.conveyor.width_mm, generator)
-        return Batch(self.conveyor, self.contacts, bulk, fed, generator.random(count)).table()
+        free = self.width_mm - 2.0 * bulk.reach_mm
+        if free <= 0 or self.width_mm > belt_mm:
+            raise InputError(
+                f"Slide: width_mm {self.width_mm} holds no particle, or is wider than the belt "
+                f"({belt_mm} mm)."
+            )
+        speed, surface = self.speed(bulk)
+        factor = np.maximum(1.0 + self.speed_spread * generator.standard_normal(count), 0.1)
+        down = np.radians(self.exit_deg)
+        across = self.lateral_spread_mm_s * generator.standard_normal(count)
+        time_s = np.sort(generator.uniform(0.0, count / self.rate_1_s, count))
+        y = belt_mm / 2.0 + free * (generator.random(count) - 0.5)
+        if np.isinf(self.yaw_spread_deg):
+            yaw = generator.uniform(-np.pi, np.pi, count)
+        else:
+            yaw = np.radians(self.yaw_spread_deg) * generator.standard_normal(count)
+        along, upwards = speed * factor * np.cos(down), -speed * factor * np.sin(down)
+        spin = surface * factor / bulk.half_mm[0] if bulk.rolls else np.zeros(count)
+        return Fed(time_s, y, np.column_stack([along, across, upwards]), spin, yaw)

@@ -1,16 +1,21 @@
-"""The authors' recordings of their real sorter: measured positions and their own tracks.
+"""The authors' data: DEM tracks (2020 paper), and recordings of their real sorter.
 
-``NNN.csv`` (or ``.csv.gz``) holds, for each frame, its number, how many midpoints were
-measured, and x, y of each in pixels (NaN where there are no more);
+A DEM file is a zip with one CSV without header: rows are time steps of 10 ms, columns
+alternate x and y of one particle in metres, ``nan`` while it is not on the belt.
+
+Of a recording, ``NNN.csv`` (or ``.csv.gz``) holds for each frame its number, how many midpoints
+were measured, and x, y of each in pixels (NaN where there are no more);
 ``NNN_trackHistory_NothingDeleted.csv`` one pair of columns for each track that the authors
-found. The belt runs along y. Neither the frame rate nor the size of a pixel is told.
+found. The belt runs along y. Neither the frame rate nor the size of a pixel is given.
 """
 
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +23,71 @@ import pandas as pd
 
 from kilnflight.checks import InputError
 from kilnflight.project import data, paths
+from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
-Pairs = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array, Array]
-
+TIME_STEP_S = 0.01  # of the public DEM files; the paper itself evaluated at 0.001 s
 MATERIALS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
 TRACKED = "_trackHistory_NothingDeleted"
 ENDINGS = (".csv", ".csv.gz")
+
+
+def find_dem() -> dict[str, Path]:
+    """Return the DEM files of all three bulk materials, or nothing if none was fetched.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged, or some but not all are there.
+    """
+    files = {name: data.find(file) for name, file in data.BELT_DEM.items()}
+    there = {name: path for name, path in files.items() if path is not None}
+    if there and len(there) < len(files):
+        missing = ", ".join(sorted(set(files) - set(there)))
+        raise InputError(f"the authors' DEM tracks of {missing} are missing; run make data.")
+    return there
+
+
+def read_dem(path: Path | str) -> pd.DataFrame:
+    """Return the tracks of one of the authors' zip files, or of its CSV.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_TRACKS`, x and y in mm; particles without a single
+        position have no row. ``attrs["particles"]`` is how many the file has columns for.
+
+    Raises
+    ------
+    InputError
+        If the file is no zip with one CSV, a cell is no number or infinite, the number of
+        columns is odd, or only one of x and y is given.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; make data fetches the authors' files.")
+    cells = _cells(path, header=None)
+    if np.isinf(cells).any():
+        row, column = np.argwhere(np.isinf(cells))[0]
+        raise InputError(
+            f"{path.name}: row {row + 1}, column {column + 1} is infinite. A particle that is not "
+            "on the belt is nan."
+        )
+    frame, particle, x, y = _pairs(cells, path)
+    half = np.argwhere(np.isnan(cells[:, 0::2]) != np.isnan(cells[:, 1::2]))
+    if len(half):
+        row, pair = half[0]
+        raise InputError(
+            f"{path.name}: row {row + 1}, columns {2 * pair + 1} and {2 * pair + 2}: "
+            "only one of x and y is given. Complete the pair or leave both empty."
+        )
+    columns = (frame, particle, frame * TIME_STEP_S, 1000.0 * x, 1000.0 * y)
+    table = pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
+    tracks = table.sort_values(["particle", "frame"], ignore_index=True)
+    tracks.attrs["particles"] = cells.shape[1] // 2
+    return tracks
 
 
 def find_recordings() -> dict[str, list[Path]]:
@@ -43,15 +105,15 @@ def find_recordings() -> dict[str, list[Path]]:
     """
     named = os.environ.get("KILNFLIGHT_RECORDINGS")
     folder = Path(named) if named else paths.external() / data.RECORDINGS_FOLDER
-    found = {name: _measured(folder / part) for name, part in MATERIALS.items()}
+    files = {name: _measured(folder / part) for name, part in MATERIALS.items()}
     if not named:
         _check_published(folder)
-    if named and not any(found.values()):
+    elif not any(files.values()):
         raise InputError(
             f"KILNFLIGHT_RECORDINGS is {named}, which has no recording in "
             f"{', '.join(MATERIALS.values())}. Put them there or unset the variable."
         )
-    return {name: files for name, files in found.items() if files}
+    return {name: found for name, found in files.items() if found}
 
 
 def read_recording(path: Path) -> pd.DataFrame:
@@ -72,7 +134,7 @@ def read_recording(path: Path) -> pd.DataFrame:
     row, _, across, along = _pairs(cells[:, 2:], path)
     table = pd.DataFrame({"frame": _frames(cells, path)[row], "x": along, "y": across})
     beside = [path.with_name(_stem(path) + TRACKED + ending) for ending in ENDINGS]
-    history = next((one for one in beside if one.is_file()), None)
+    history = next((file for file in beside if file.is_file()), None)
     if history is None:
         return table.assign(theirs=-1)
     _, particle, across, along = _pairs(_cells(history), history)
@@ -92,11 +154,11 @@ def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame
         If there is no recording.
     """
     parts, frame, particle = [], 0, 0
-    for one in recordings:
-        theirs = one["theirs"].where(one["theirs"] < 0, one["theirs"] + particle)
-        parts.append(one.assign(frame=one["frame"] + frame, theirs=theirs))
-        frame += pause + (int(one["frame"].max()) if len(one) else 0)
-        particle += 1 + (int(one["theirs"].max()) if len(one) else -1)
+    for table in recordings:
+        theirs = table["theirs"].where(table["theirs"] < 0, table["theirs"] + particle)
+        parts.append(table.assign(frame=table["frame"] + frame, theirs=theirs))
+        frame += pause + (int(table["frame"].max()) if len(table) else 0)
+        particle += 1 + (int(table["theirs"].max()) if len(table) else -1)
     if not parts:
         raise InputError("no recording to join; give at least one.")
     return pd.concat(parts, ignore_index=True)
@@ -107,9 +169,9 @@ def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
 
     Rows whose track is -1 are in none.
     """
-    name, frame = table[column].to_numpy(), table["frame"].to_numpy()
-    order = np.lexsort((frame, name))
-    same = (np.diff(name[order]) == 0) & (name[order][:-1] >= 0)
+    track, frame = table[column].to_numpy(), table["frame"].to_numpy()
+    order = np.lexsort((frame, track))
+    same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
     return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
 
 
@@ -133,15 +195,16 @@ def _check_published(folder: Path) -> None:
                 data.check(path, name)
 
 
-def _cells(path: Path) -> Array:
-    """Return the numbers of a file."""
+def _cells(path: Path, header: int | None = 0) -> Array:
+    """Return the numbers of a CSV file, packed or not."""
     try:
-        return pd.read_csv(path).to_numpy(dtype=np.float64)
-    except (OSError, ValueError, EOFError) as error:
+        table = pd.read_csv(path, header=header)
+        return table.to_numpy(dtype=np.float64)
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error, RuntimeError) as error:
         raise InputError(f"{path.name}: no table of numbers ({error}); fetch it again.") from error
 
 
-def _frames(cells: Array, path: Path) -> npt.NDArray[np.int64]:
+def _frames(cells: Array, path: Path) -> Integers:
     """Return FrameNr of each row; frames may be missing, but never come twice or go back."""
     numbers = cells[:, 0]
     whole = np.isfinite(numbers) & (numbers == np.round(numbers)) & (numbers >= 0)
@@ -155,11 +218,12 @@ def _frames(cells: Array, path: Path) -> npt.NDArray[np.int64]:
     return numbers.astype(np.int64)
 
 
-def _pairs(cells: Array, path: Path) -> Pairs:
-    """Return row, column of pairs, and both numbers of every pair that is there."""
+def _pairs(cells: Array, path: Path) -> tuple[Integers, Integers, Array, Array]:
+    """Return row and column of pairs, and both numbers of every pair that is there."""
     if cells.shape[1] % 2:
-        raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
+        raise InputError(
+            f"{path.name}: {cells.shape[1]} columns of x and y; one is missing. Fetch it again."
+        )
     pairs = cells.reshape(len(cells), cells.shape[1] // 2, 2)
     row, column = np.nonzero(np.isfinite(pairs).all(axis=2))
-    first, second = pairs[row, column].T
-    return row.astype(np.int64), column.astype(np.int64), first, second
+    return row, column, *pairs[row, column].T

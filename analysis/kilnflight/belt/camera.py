@@ -1,0 +1,325 @@
+"""The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
+
+`View` is the camera that makes pictures. Whoever measures in them does not know it: the belt's
+four corners are found in a picture (`FindCorners`) and give the mapping (`calibrate`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+from scipy.stats import linregress, theilslopes
+
+from kilnflight.checks import (
+    InputError,
+    check_between,
+    check_count,
+    check_finite,
+    check_positive,
+    check_shape,
+)
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Picture = npt.NDArray[np.uint8]
+
+SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k + 1
+
+
+@dataclass(frozen=True)
+class Area:
+    """A rectangle of the belt in the coordinates of the tracks; y runs from 0."""
+
+    start_mm: float = 388.0  # the authors' files of 2020
+    end_mm: float = 788.0  # "a total length of 40 cm", 2016, section IV
+    width_mm: float = 180.0  # 2020, section 3
+
+    def __post_init__(self) -> None:
+        """Refuse what has no area."""
+        check_finite([self.start_mm, self.end_mm], "Area: start_mm and end_mm")
+        if not self.start_mm < self.end_mm:
+            raise InputError(f"Area: end_mm {self.end_mm} is not beyond start_mm {self.start_mm}.")
+        check_positive(self.width_mm, "Area: width_mm")
+
+    @property
+    def corners(self) -> Array:
+        """Its corners (4, 2), x and y in mm: start, end, end, start; y = 0 first."""
+        start, end, width = self.start_mm, self.end_mm, self.width_mm
+        return np.array([[start, 0.0], [end, 0.0], [end, width], [start, width]])
+
+    @property
+    def square_mm(self) -> float:
+        """Its size in mm^2."""
+        return (self.end_mm - self.start_mm) * self.width_mm
+
+    def holds(self, places: Array) -> Flags:
+        """Return which places (n, 2), x and y, lie in it."""
+        x, y = places.T
+        return (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
+
+
+BELT = Area()
+TRACKED = Area(end_mm=688.0)  # the last 10 cm are the prediction phase, 2016, section IV
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera above the middle of the belt, without distortion of the lens.
+
+    Notes
+    -----
+    The paper gives the picture's size, its scale and its rate. Height and the small errors
+    of mounting are assumptions; they are what makes "an imperfect calibration" matter, since
+    a particle's centre lies above the plane that the belt's corners calibrate.
+    """
+
+    rows: int = 708  # px, section IV.B
+    cols: int = 1064  # px, section IV.B
+    mm_per_px: float = 0.44  # at the belt, section IV.B
+    frames_per_s: float = 200.0  # section IV.B
+    height_mm: float = 1000.0  # above the belt; assumption
+    turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
+    tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
+    belt: Area = BELT
+
+    def __post_init__(self) -> None:
+        """Refuse a camera that sees nothing."""
+        check_count(self.rows, "View: rows")
+        check_count(self.cols, "View: cols")
+        for name in ("mm_per_px", "frames_per_s", "height_mm"):
+            check_positive(getattr(self, name), f"View: {name}")
+        for name in ("turned_deg", "tilted_deg"):
+            check_between(getattr(self, name), -20, 20, f"View: {name}")
+
+    def pixels(self, places: Array) -> Array:
+        """Return row and col (n, 2) of places (n, 3): x, y and height above the belt in mm."""
+        angles = [self.turned_deg, self.tilted_deg]
+        turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
+        middle = self.belt.corners.mean(axis=0)
+        # From above: x to the right, y down, depth away from the camera.
+        away = np.column_stack([places[:, :2] - middle, self.height_mm - places[:, 2]]) @ turn.T
+        # The camera is moved sideways so that the tilted axis still meets the belt's middle.
+        away[:, :2] -= turn[:2, 2] * self.height_mm
+        scale = self.height_mm / self.mm_per_px / away[:, 2:]
+        return (away[:, :2] * scale)[:, ::-1] + np.array([self.rows - 1, self.cols - 1]) / 2
+
+
+class Corners(NamedTuple):
+    """Corners in the order of `Area.corners`, each from two edges."""
+
+    places: Array  # (4, 2), row and col in px
+    spread_px: Array  # (4,), standard error from the scatter of the edges' points
+    hidden: Flags  # (4,), not seen itself: where its two edges would meet
+
+
+class _Line(NamedTuple):
+    point: Array  # (2,), row and col, in the middle of the points
+    along: Array  # (2,), unit vector
+    variance: Array  # (2,), of the offset in px^2 and of the slope
+    on: Flags  # (profiles,), which points lie on it
+
+
+@dataclass(frozen=True)
+class FindCorners:
+    """Lines through the belt's four edges; where two meet is a corner.
+
+    The edge is where the grey value crosses the middle between belt and surroundings, to a
+    fraction of a pixel, on profiles across each side.
+
+    Notes
+    -----
+    The paper detects "the corners of the belt" and does not say how. Lines are taken since
+    they use the whole edge and say themselves how well they are known, and since a corner that
+    something hides is still where its two edges meet.
+    """
+
+    profiles: int = 200  # across each side
+    reach_px: float = 12.0  # a profile's length to each side of the edge
+    tolerance_px: float = 1.0  # farther from the line is no point of it
+    least_seen: float = 0.5  # share of an edge that must be seen
+
+    def __post_init__(self) -> None:
+        """Refuse what finds no line."""
+        check_count(self.profiles, "FindCorners: profiles", least=20)
+        check_positive(self.reach_px, "FindCorners: reach_px")
+        check_positive(self.tolerance_px, "FindCorners: tolerance_px")
+        check_between(self.least_seen, 0.1, 1, "FindCorners: least_seen")
+
+    def __call__(self, picture: Picture) -> Corners:
+        """Return the corners of the belt that fills the middle of ``picture`` (rows, cols).
+
+        The belt is taken to run to the right, with y growing downwards.
+
+        Raises
+        ------
+        InputError
+            If nothing in the middle stands out, the belt reaches the picture's border, or
+            too little is seen of an edge; the message names the edge.
+        """
+        rough, level = _outline(picture)
+        lines = [
+            self._line(picture, rough[k], rough[(k + 1) % 4], level, SIDES[k]) for k in range(4)
+        ]
+        places, spreads, hidden = np.empty((4, 2)), np.empty(4), np.zeros(4, dtype=bool)
+        last = self.profiles // 10  # an edge's end: its last tenth
+        for k in range(4):
+            before, after = lines[k - 1], lines[k]
+            places[k], spreads[k] = _meet(before, after)
+            hidden[k] = min(before.on[-last:].mean(), after.on[:last].mean()) < 0.5
+        return Corners(places, spreads, hidden)
+
+    def _line(self, picture: Picture, start: Array, stop: Array, level: float, side: str) -> _Line:
+        """Return the line through the edge's points between two rough corners."""
+        share = (np.arange(self.profiles) + 0.5) / self.profiles
+        middle = start + share[:, None] * (stop - start)
+        along = (stop - start) / np.linalg.norm(stop - start)
+        inwards = np.array([along[1], -along[0]])
+        steps = np.arange(-self.reach_px, self.reach_px + 0.25, 0.5)
+        grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
+        profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(float)
+        depth = _crossing(profile - level, steps)
+        seen = np.isfinite(depth)
+        self._check_seen(seen, side)
+        # A line through the points that agree on one, from the median of slopes on.
+        u, v = middle @ along, middle @ inwards + depth
+        slope, offset = theilslopes(v[seen], u[seen])[:2]
+        for _ in range(5):
+            on = seen & (np.abs(v - offset - slope * u) < self.tolerance_px)
+            self._check_seen(on, side)
+            fit = linregress(u[on] - u[on].mean(), v[on])  # errors of both are independent then
+            slope, offset = fit.slope, fit.intercept - fit.slope * u[on].mean()
+        point = u[on].mean() * along + fit.intercept * inwards
+        turned = along + slope * inwards
+        variance = np.array([fit.intercept_stderr, fit.stderr]) ** 2
+        return _Line(point, turned / np.linalg.norm(turned), variance, on)
+
+    def _check_seen(self, seen: Flags, side: str) -> None:
+        if seen.mean() < self.least_seen:
+            raise InputError(
+                f"the belt's edge ({side}) is seen over {seen.mean():.0%} of its length only, at "
+                f"least {self.least_seen:.0%} are needed. Clear the view, or light the belt so "
+                "that its edges stand out."
+            )
+
+
+def _outline(picture: Picture) -> tuple[Array, float]:
+    """Return rough corners (4, 2) of the area in the middle, and the grey value of its edge."""
+    if picture.ndim != 2 or picture.dtype != np.uint8:
+        raise InputError(f"a picture must be (rows, cols) uint8, got {picture.dtype}.")
+    rows, cols = picture.shape
+    smooth = cv2.medianBlur(picture, 5)
+    level, _ = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    alike = (smooth > level) == (smooth[rows // 2, cols // 2] > level)
+    labels = cv2.connectedComponents(alike.astype(np.uint8))[1]
+    area = labels == labels[rows // 2, cols // 2]
+    border = area[0].any() or area[-1].any() or area[:, 0].any() or area[:, -1].any()
+    if border or area.mean() < 0.01:
+        raise InputError(
+            "no belt with its whole outline in view: the area in the middle of the picture "
+            + ("reaches its border." if border else "is next to nothing.")
+            + " Show all four edges, belt and surroundings of different grey."
+        )
+    inside, outside = np.median(picture[area]), np.median(picture[~area])
+    points = np.argwhere(area)[:, ::-1].astype(np.float32)
+    box = cv2.boxPoints(cv2.minAreaRect(points)).astype(float)[:, ::-1]  # row, col
+    by_angle = np.argsort(np.arctan2(*(box - box.mean(axis=0)).T))  # upper left first
+    return box[by_angle], float(inside + outside) / 2
+
+
+def _crossing(height: Array, steps: Array) -> Array:
+    """Return where each profile (n, s) changes its sign; NaN unless it does so once."""
+    sign = height > 0
+    changes = sign[:, 1:] != sign[:, :-1]
+    first = changes.argmax(axis=1)
+    # A noisy edge may cross to and fro within two pixels; farther apart, something is there.
+    last = changes.shape[1] - 1 - changes[:, ::-1].argmax(axis=1)
+    once = changes.any(axis=1) & (last - first <= 4) & (sign[:, 0] != sign[:, -1])
+    rows = np.arange(len(height))
+    before, after = height[rows, first], height[rows, first + 1]
+    share = np.divide(before, before - after, out=np.full_like(before, np.nan), where=once)
+    return steps[first] + share * (steps[1] - steps[0])
+
+
+def _meet(one: _Line, other: _Line) -> tuple[Array, float]:
+    """Return where two lines cross and the standard error of that place in px."""
+    far = np.linalg.solve(np.column_stack([one.along, -other.along]), other.point - one.point)
+    variances = [
+        line.variance[0] + distance**2 * line.variance[1]
+        for line, distance in zip((one, other), far, strict=True)
+    ]
+    return one.point + far[0] * one.along, float(np.sqrt(sum(variances)))
+
+
+class Calibration(NamedTuple):
+    """A plane-to-plane mapping (homography) and how well it is known."""
+
+    matrix: Array  # (3, 3), (col, row, 1) to (x, y, 1) up to a factor
+    error_mm: float  # largest standard error of a corner, on the belt
+    mm_per_px: float  # mean over the belt's edges
+    hidden: int  # corners that were not seen themselves
+
+    def millimetres(self, places: Array) -> Array:
+        """Return x and y (n, 2) of row and col (n, 2)."""
+        check_shape(places, (None, 2), "places (row, col)")
+        return _mapped(self.matrix, places[:, ::-1])
+
+    def pixels(self, places: Array) -> Array:
+        """Return row and col (n, 2) of x and y (n, 2) on the belt."""
+        check_shape(places, (None, 2), "places (x, y)")
+        return _mapped(np.asarray(np.linalg.inv(self.matrix), np.float64), places)[:, ::-1]
+
+    def window(self, area: Area, margin_px: float, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Return the rows and columns of a picture that show an area and a margin."""
+        corners = self.pixels(area.corners)
+        low = np.floor(corners.min(axis=0) - margin_px).clip(0).astype(int)
+        high = np.ceil(corners.max(axis=0) + margin_px).astype(int) + 1
+        return slice(low[0], min(shape[0], high[0])), slice(low[1], min(shape[1], high[1]))
+
+
+def _mapped(matrix: Array, places: Array) -> Array:
+    mapped = np.column_stack([places, np.ones(len(places))]) @ matrix.T
+    return mapped[:, :2] / mapped[:, 2:]
+
+
+def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
+    """Return the mapping of the corners found onto the belt's known corners.
+
+    Parameters
+    ----------
+    corners
+        From `FindCorners`.
+    belt
+        Where these corners are known to lie, in mm.
+
+    Raises
+    ------
+    InputError
+        If three corners lie on one line, or numbers are not finite.
+
+    Notes
+    -----
+    Four corners fix the eight numbers of a homography, so that nothing is left over to judge
+    it by; the error reported is that of the corners, from the scatter of the edges' points.
+    It knows nothing of what is no error of the corners: a particle's centre lies above the
+    belt, and a camera at the height h shows what is z higher z / h farther from the middle.
+    """
+    found = check_finite(corners.places, "corners")
+    check_shape(found, (4, 2), "corners")
+    for a, b, c in (np.roll(found, k, axis=0)[:3] for k in range(4)):
+        if abs(np.linalg.det([b - a, c - a])) < 1.0:
+            raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
+    matrix = cv2.getPerspectiveTransform(
+        found[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
+    )
+    lengths = [
+        np.linalg.norm(np.roll(places, -1, axis=0) - places, axis=1).sum()
+        for places in (belt.corners, found)
+    ]
+    scale = float(lengths[0] / lengths[1])
+    error = scale * float(corners.spread_px.max())
+    return Calibration(np.asarray(matrix, np.float64), error, scale, int(corners.hidden.sum()))

@@ -1,0 +1,307 @@
+"""How far predictions are from what happened (2016 paper, section IV; 2020 paper, section 5).
+
+A deviation is prediction minus reference: positive means that the particle arrived
+earlier than predicted (caption of Fig. 9; section 5.1 words it the other way round).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
+from kilnflight.belt.models import (
+    IV,
+    Arrival,
+    ArrivalModel,
+    Last,
+    LateralModel,
+    checked,
+    only,
+)
+from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.belt.tracker import LEFT, Followed
+from kilnflight.checks import InputError, check_count, check_positive
+from kilnflight.tables import BELT_LAST, BELT_STATES, BELT_TRACKS
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Deviations = Callable[[Observed, PredictionPhase, Flags], Iterator[tuple[str, Array]]]
+Both = tuple[Last, Arrival]
+Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
+
+SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
+
+
+def thinned(tracks: pd.DataFrame, every: int) -> pd.DataFrame:
+    """Return every n-th frame, renumbered, as a slower camera has it; times are kept.
+
+    Parameters
+    ----------
+    tracks
+        With a column ``frame``, as `kilnflight.tables.BELT_TRACKS`.
+    every
+        1 keeps all; 10 makes 100 Hz of 1000 Hz.
+    """
+    check_count(every, "thinned: every")
+    kept = tracks[tracks["frame"] % every == 0]
+    return kept.assign(frame=kept["frame"] // every).reset_index(drop=True)
+
+
+def velocities(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the velocity between consecutive observations, at their midpoint.
+
+    Parameters
+    ----------
+    tracks
+        `kilnflight.tables.BELT_TRACKS`.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``particle``, ``x`` (mm), ``velocity_x_mm_s``, ``velocity_y_mm_s``; steps
+        across a gap are left out.
+    """
+    table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
+    step = table.diff()
+    columns = {
+        "particle": table["particle"],
+        "x": table["x"] - step["x"] / 2,
+        "velocity_x_mm_s": step["x"] / step["time_s"],
+        "velocity_y_mm_s": step["y"] / step["time_s"],
+    }
+    consecutive = (step["particle"] == 0) & (step["frame"] == 1)
+    return pd.DataFrame(columns)[consecutive].reset_index(drop=True)
+
+
+def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
+    """Return how fast particles move at places along the belt (2020 paper, Figs 7 and 8).
+
+    Each particle's velocity is interpolated linearly along x (section 4.1); a particle
+    counts only where it was seen.
+
+    Parameters
+    ----------
+    steps
+        From `velocities`.
+    x_mm
+        Places, (n,), ascending.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``x_mm``, ``mean_m_s``, ``std_m_s``, ``particles``; across the belt
+        ``lateral_m_s``, the median over particles of the absolute velocity (a few collisions
+        would rule a standard deviation), and ``lateral_std_m_s``. NaN where no particle was seen.
+    """
+    along, across = (
+        pd.DataFrame(
+            [
+                np.interp(x_mm, one["x"], one[name], left=np.nan, right=np.nan) / 1000.0
+                for _, one in steps.groupby("particle", sort=False)
+            ],
+            columns=range(len(x_mm)),
+            dtype=np.float64,
+        )
+        for name in ("velocity_x_mm_s", "velocity_y_mm_s")
+    )
+    return pd.DataFrame(
+        {
+            "x_mm": x_mm,
+            "mean_m_s": along.mean(),
+            "std_m_s": along.std(),
+            "particles": along.count(),
+            "lateral_m_s": across.abs().median(),
+            "lateral_std_m_s": across.std(),
+        }
+    )
+
+
+def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
+    """Return what is known of each track when it enters the prediction phase.
+
+    Parameters
+    ----------
+    followed
+        From `kilnflight.belt.tracker.BeltTracker`, whose area ends where the phase begins.
+    frame_s
+        Time between two frames.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last measurement,
+        and ``row`` of that measurement. Only tracks that were valid and left at the end of the
+        area: "only tracks that are deemed valid while entering the prediction phase trigger a
+        separation event".
+    """
+    check_positive(frame_s, "last_states: frame_s")
+    states, ends = BELT_STATES.check(followed.states), followed.ends
+    entering = ends.loc[(ends["valid"] == 1) & (ends["reason"] == LEFT), "particle"]
+    measured = states[(states["row"] >= 0) & states["particle"].isin(entering)]
+    last = measured.sort_values(["particle", "frame"]).groupby("particle").tail(1)
+    table = last.assign(time_s=last["frame"] * frame_s)
+    return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
+
+
+def observe(
+    followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
+) -> Observed:
+    """Return what a filter knew before the prediction phase, and what was measured after it.
+
+    Parameters
+    ----------
+    followed, measured
+        From `kilnflight.belt.tracker.BeltTracker` and what it was given; its area covers the
+        target, so that what happens there is observed, too.
+    phase
+        Where observation ends and what is predicted to; `PredictionPhase.observe` says which
+        tracks are left out.
+    frame_s
+        Time between two frames.
+    """
+    states = BELT_STATES.check(followed.states)
+    states = states[states["row"] >= 0].assign(time_s=lambda table: table["frame"] * frame_s)
+    places = measured[["x", "y"]].to_numpy()[states["row"].to_numpy()]
+    tracks = states[["frame", "particle", "time_s"]].assign(x=places[:, 0], y=places[:, 1])
+    observed = phase.observe(tracks)
+    filtered = states.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
+    keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
+    return observed._replace(last=filtered.loc[keys].reset_index()[BELT_LAST.names])
+
+
+def summarise(deviation: Array) -> dict[str, float]:
+    """Return count, quartiles, whiskers and mean absolute value of deviations, (n,).
+
+    Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The
+    whiskers reach to the last value within 1.5 box lengths of the box, which is 2.7
+    standard deviations from the median of a normal distribution (section 5.1).
+    """
+    known = deviation[np.isfinite(deviation)]
+    if not len(known):
+        raise InputError("no particle has a prediction; nothing can be summarised.")
+    q25, median, q75 = np.quantile(known, [0.25, 0.5, 0.75])
+    reach = 1.5 * (q75 - q25)
+    inside = known[(known >= q25 - reach) & (known <= q75 + reach)]
+    whiskers, mae = (inside.min(), inside.max()), np.abs(known).mean()
+    values = (len(known), median, q25, q75, *whiskers, q75 - q25, mae, len(deviation) - len(known))
+    return dict(zip(SUMMARY, values, strict=True))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Compare all models on one bulk material, calibrated with a few of its particles.
+
+    The paper uses "at most 1 % of all particles available (37 to 44)" once; here the draw
+    is repeated, so that its effect can be told from the models'. Each draw is evaluated on
+    the particles that it did not use.
+    """
+
+    share: float = 0.01  # of the particles, for calibration (sec. 5)
+    draws: int = 200
+
+    def __post_init__(self) -> None:
+        """Refuse a share that leaves nothing to evaluate, or no draw."""
+        if not 0 < self.share < 1 or self.draws < 1:
+            raise InputError(
+                f"Evaluation: share {self.share} must lie between 0 and 1, draws {self.draws} "
+                "must be at least 1."
+            )
+
+    def __call__(
+        self, observed: Observed, phase: PredictionPhase, deviations: Deviations, seed: int
+    ) -> pd.DataFrame:
+        """Return how far each model is off, one row per draw and model.
+
+        Draw k depends on the seed and k alone, so that more draws keep the first ones.
+
+        Parameters
+        ----------
+        observed, phase
+            From `PredictionPhase.observe`, and the phase itself.
+        deviations
+            `arrival_deviations` (ms) or `lateral_deviations` (mm).
+        seed
+            Of the draws.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``draw``, ``model`` and those of `SUMMARY`.
+
+        Raises
+        ------
+        InputError
+            If the share amounts to less than one particle.
+        """
+        particles = len(observed.last)
+        size = int(self.share * particles)
+        if size < 1:
+            raise InputError(
+                f"{self.share:.2%} of {particles} particles is less than one; use more particles "
+                "or a larger share."
+            )
+        rows = []
+        for draw, child in enumerate(np.random.SeedSequence(seed).spawn(self.draws)):
+            calibration = np.zeros(particles, dtype=bool)
+            calibration[np.random.default_rng(child).choice(particles, size, replace=False)] = True
+            for name, deviation in deviations(observed, phase, calibration):
+                rows.append({"draw": draw, "model": name, **summarise(deviation)})
+        return pd.DataFrame(rows)
+
+
+def arrival_deviations(
+    observed: Observed, phase: PredictionPhase, calibration: Flags
+) -> Iterator[tuple[str, Array]]:
+    """Yield each arrival model's name and its deviations in ms on the other particles.
+
+    ``calibration`` (n,) marks the particles that calibrate (IV takes all).
+    """
+    every, calibrating, (last, arrival) = _split(observed, calibration)
+    for model in ARRIVAL_MODELS:
+        fitted = _calibrated(model, every, calibrating, phase.target_mm)
+        yield model.name, 1000.0 * (fitted(last, phase.target_mm) - arrival.time_s)
+
+
+def lateral_deviations(
+    observed: Observed, phase: PredictionPhase, calibration: Flags
+) -> Iterator[tuple[str, Array]]:
+    """Yield the name and the deviations in mm of each combination of Fig. 10."""
+    reference = observed.arrival["y"].to_numpy()[~calibration]
+    for name, _, y in predictions(observed, phase, calibration):
+        yield name, y - reference
+
+
+def predictions(
+    observed: Observed,
+    phase: PredictionPhase,
+    calibration: Flags,
+    combinations: Combinations = COMBINATIONS,
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield the name of each combination and when (s) and where (y, mm) the others arrive."""
+    every, calibrating, (last, _) = _split(observed, calibration)
+    times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
+    for name, arrival, lateral in combinations:
+        if arrival not in times:
+            fitted = _calibrated(arrival, every, calibrating, phase.target_mm)
+            times[arrival] = fitted(last, phase.target_mm)
+        place = lateral.calibrated(*calibrating)
+        yield name, times[arrival], place(last, times[arrival] - last.time_s)
+
+
+def _split(observed: Observed, calibration: Flags) -> tuple[Both, Both, Both]:
+    """Return all particles, those that calibrate and the others, checked once for all models."""
+    last, arrival = checked(observed.last, Last), checked(observed.arrival, Arrival)
+    calibrating = only(last, calibration), only(arrival, calibration)
+    return (last, arrival), calibrating, (only(last, ~calibration), only(arrival, ~calibration))
+
+
+def _calibrated(
+    model: ArrivalModel, every: Both, calibrating: Both, target_mm: float
+) -> ArrivalModel:
+    # The paper gives IV the median of all particles, "the most favorable conditions".
+    return model.calibrated(*(every if isinstance(model, IV) else calibrating), target_mm)

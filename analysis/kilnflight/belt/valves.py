@@ -1,0 +1,199 @@
+"""Which particles a bar of valves hits, given when and where they are predicted to arrive.
+
+The purpose of every prediction in both papers (Fig. 1 of each): an array of nozzles across the
+belt blows particles out. None of them evaluates it; numbers of a real bar are the user's to set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.belt import COMBINATIONS
+from kilnflight.belt.evaluation import predictions
+from kilnflight.belt.models import CVBC, IV, LateralCV, Straight
+from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.checks import (
+    InputError,
+    check_between,
+    check_count,
+    check_finite,
+    check_limit,
+    check_positive,
+    check_shape,
+)
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+# Beside those of Fig. 10: the old, implicit model of a line-scan camera, the same velocity for
+# all and straight; and constant velocity without its bias, which Fig. 10 needs not, but a valve.
+MODELS = (
+    ("IV-Straight", IV(), Straight()),
+    *COMBINATIONS,
+    ("CVBC-CV", CVBC(), LateralCV()),
+)
+
+
+class Blown(NamedTuple):
+    """What became of n particles."""
+
+    hit: Flags  # (n,), was at a valve while it was open
+    chosen: Flags  # (n,), was to be blown out
+
+    @property
+    def hit_share(self) -> float:
+        """Share of the particles to be blown out that are; NaN if there is none."""
+        return float(self.hit[self.chosen].mean()) if self.chosen.any() else np.nan
+
+    @property
+    def inadvertent_share(self) -> float:
+        """Share of the others that are blown out with them; NaN if there is none."""
+        return float(self.hit[~self.chosen].mean()) if not self.chosen.all() else np.nan
+
+
+@dataclass(frozen=True)
+class ValveBar:
+    """Evenly spaced valves across the belt, each open for the same time.
+
+    For each particle to be blown out, the valve nearest to its predicted place opens for
+    ``open_s`` around its predicted time. A particle is hit if its centre passes an open valve,
+    whoever that was opened for; its size and the air's way are neglected.
+    """
+
+    valves: int = 32  # a pitch of 5.6 mm, about one particle; not printed
+    belt_mm: float = 180.0  # 2020 paper, section 3
+    valve_mm: float | None = None  # width of a jet; None: the pitch, no gap and no overlap
+    open_s: float = 0.005  # not printed
+
+    def __post_init__(self) -> None:
+        """Refuse what is no bar of valves."""
+        check_count(self.valves, "ValveBar: valves")
+        check_positive(self.belt_mm, "ValveBar: belt_mm")
+        if self.valve_mm is not None:
+            check_positive(self.valve_mm, "ValveBar: valve_mm")
+        check_limit(self.open_s, "ValveBar: open_s")
+
+    @property
+    def pitch_mm(self) -> float:
+        """The way from one valve to the next."""
+        return self.belt_mm / self.valves
+
+    @property
+    def width_mm(self) -> float:
+        """The width of a jet: as set, else the pitch."""
+        return self.pitch_mm if self.valve_mm is None else self.valve_mm
+
+    def __call__(
+        self, chosen: Flags, predicted: tuple[Array, Array], true: tuple[Array, Array]
+    ) -> Blown:
+        """Return who is hit.
+
+        Parameters
+        ----------
+        chosen
+            (n,), which particles are to be blown out.
+        predicted
+            Times in s and places y in mm, (n,) each. Where either is NaN, no arrival was
+            predicted and no valve opens.
+        true
+            The same as it happened; finite.
+
+        Raises
+        ------
+        InputError
+            If lengths differ, or what happened is not finite.
+        """
+        if chosen.dtype != np.bool_:
+            raise InputError(f"ValveBar: chosen holds {chosen.dtype}, pass True and False.")
+        names = ("predicted times", "predicted places", "true times", "true places")
+        for name, values in zip(names, (*predicted, *true), strict=True):
+            check_shape(values, chosen.shape, f"ValveBar: {name}")
+        check_finite(np.stack(true), "ValveBar: true times and places")
+        opens = chosen & np.isfinite(predicted[0]) & np.isfinite(predicted[1])
+        time, place = predicted[0][opens], predicted[1][opens]
+        nearest = np.floor(place / self.pitch_mm).clip(0, self.valves - 1)
+        hit = np.zeros(len(chosen), dtype=bool)
+        for valve in range(self.valves):
+            away = np.abs(true[1] - (valve + 0.5) * self.pitch_mm)
+            there = np.flatnonzero(away <= self.width_mm / 2)
+            hit[there] |= self._open(np.sort(time[nearest == valve]), true[0][there])
+        return Blown(hit, chosen)
+
+    def _open(self, opened: Array, time: Array) -> Flags:
+        """Return whether one valve, opened around ascending times, is open at others."""
+        padded = np.concatenate([[-np.inf], opened, [np.inf]])
+        after = np.searchsorted(padded, time)
+        apart = np.minimum(padded[after] - time, time - padded[after - 1])
+        return apart <= self.open_s / 2
+
+
+def shares(
+    observed: Observed,
+    phase: PredictionPhase,
+    bars: Iterable[ValveBar],
+    seed: int,
+    blown: float = 0.1,
+    calibrating: float = 0.01,
+) -> pd.DataFrame:
+    """Return the share of hit particles and of inadvertent hits for each model and bar.
+
+    Parameters
+    ----------
+    observed, phase
+        From `PredictionPhase.observe`, and the phase itself; valves are at its target.
+    bars
+        Bars of valves to compare.
+    seed
+        Of the draw of who calibrates and who is to be blown out.
+    blown
+        Share of the particles to be blown out; an assumption, since no paper sorts.
+    calibrating
+        Share that calibrates the models and is left out, 1 % as in the 2020 paper.
+
+    Returns
+    -------
+    DataFrame
+        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``wanted`` (to be
+        blown out) and ``others`` (particles), ``hit_percent``, ``inadvertent_percent``.
+
+    Raises
+    ------
+    InputError
+        If there are too few particles for either share.
+    """
+    check_between(blown, 0, 1, "shares: blown")
+    check_between(calibrating, 0, 1, "shares: calibrating")
+    count, rng = len(observed.last), np.random.default_rng(seed)
+    calibration = np.isin(np.arange(count), rng.permutation(count)[: int(calibrating * count)])
+    others = int((~calibration).sum())
+    chosen = np.isin(np.arange(others), rng.permutation(others)[: int(blown * others)])
+    if not (calibration.any() and chosen.any()):
+        raise InputError(
+            f"shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
+            "rest are blown out; that is less than one. Give more particles or larger shares."
+        )
+    arrival = observed.arrival[~calibration]
+    true = arrival["time_s"].to_numpy(), arrival["y"].to_numpy()
+    rows, bars = [], list(bars)
+    for model, time, y in predictions(observed, phase, calibration, MODELS):
+        for bar in bars:
+            result = bar(chosen, (time, y), true)
+            rows.append(
+                {
+                    "model": model,
+                    "valves": bar.valves,
+                    "valve_mm": bar.width_mm,
+                    "open_ms": 1000 * bar.open_s,
+                    "wanted": int(chosen.sum()),
+                    "others": int((~chosen).sum()),
+                    "hit_percent": 100 * result.hit_share,
+                    "inadvertent_percent": 100 * result.inadvertent_share,
+                }
+            )
+    return pd.DataFrame(rows)

@@ -1,0 +1,166 @@
+"""How the free values of the sorter were found: least squares on the authors' spheres.
+
+Run as ``python -m kilnflight.experiments.belt_calibration`` (some minutes, needs the authors' DEM
+tracks and MuJoCo); it writes belt/friction_values.json. Only the spheres' velocities are read:
+mean and standard deviation along the belt, and the median of the absolute velocity across it. No
+deviation of any motion model takes part.
+
+The search ends after `ROUNDS` (57 evaluations), converged or not. So these values are the best that
+were met, no proven optimum, and nothing is said of whether others would do as well. Their cost is
+that of the same 300 particles that they were found with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import partial
+
+import joblib
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.optimize import least_squares
+
+from kilnflight import __version__
+from kilnflight.belt.evaluation import motion_profile, thinned, velocities
+from kilnflight.belt.machine import BULKS, Contacts, Slide
+from kilnflight.belt.recordings import find_dem, read_dem
+from kilnflight.belt.sorter import FILE, PLACES_MM, SCALES, FittedValues, Sorter, targets
+from kilnflight.checks import InputError
+from kilnflight.project import cache
+
+Array = npt.NDArray[np.float64]
+
+PARTICLES, GROUPS, SEED = 150, 2, 16  # the same particles for all evaluations
+ROUNDS = 8  # of the search, each one evaluation and one more per free value
+EVERY = 10  # 1000 Hz to 100 Hz, the rate of the authors' files
+INPUTS_ONLY = FittedValues()
+# What is conceivable, fixed before the search.
+LIMITS = {
+    "belt_friction": (0.05, 0.8),
+    "rolling_friction": (0.001, 0.1),
+    "drop_mm": (20.0, 300.0),
+    "rolling_share": (0.0, 1.0),
+    "exit_deg": (0.0, 30.0),
+    "speed_spread": (0.0, 0.2),
+    "lateral_spread_mm_s": (0.0, 100.0),
+}
+# All that is not fitted, and where it comes from; names of the slide begin with ``slide_``.
+_SOFT = "numerical: of a contact, see notebook 43"
+ASSUMED = {
+    "particle_friction": "assumed: wood on wood, handbooks give 0.25 to 0.5",
+    "wall_friction": "assumed: wood on metal, handbooks give 0.2 to 0.6",
+    "spinning_mm": "assumed",
+    "belt_time_s": _SOFT,
+    "slip_time_s": _SOFT,
+    "body_time_s": _SOFT,
+    "body_damping": _SOFT,
+    "slide_angle_deg": "assumed",
+    "slide_friction": "assumed: wood on steel, handbooks give 0.2 to 0.6",
+    "slide_width_mm": "read off the authors' tracks",
+    "slide_rate_1_s": "read off the authors' tracks",
+}
+
+
+def all_values(found: FittedValues) -> pd.DataFrame:
+    """Return every value of contacts and slide: ``value``, before and after the fit, ``source``.
+
+    The direction of what lies on the slide is left out: it is any.
+    """
+    rows = [
+        (name, value, getattr(found, name), "fitted to the authors' spheres")
+        for name, value in asdict(INPUTS_ONLY).items()
+    ]
+    contacts, slide = Contacts(), Slide()
+    for name, source in ASSUMED.items():
+        part = slide if name.startswith("slide_") else contacts
+        value = getattr(part, name.removeprefix("slide_"))
+        rows.append((name, value, value, source))
+    return pd.DataFrame(rows, columns=["value", "inputs_only", "found_with_spheres", "source"])
+
+
+def profile(values: FittedValues, material: str = "spheres") -> pd.DataFrame:
+    """Return how a material moves in the simulation, at the rate of the authors' files."""
+    sorter = values.applied(Sorter())
+    simulate = joblib.delayed(partial(sorter, BULKS[material], PARTICLES))
+    seeds = (np.random.default_rng([SEED, group]) for group in range(GROUPS))
+    parts = joblib.Parallel(n_jobs=GROUPS)(simulate(seed) for seed in seeds)
+    tracks = pd.concat(
+        [part.assign(particle=part["particle"] + PARTICLES * k) for k, part in enumerate(parts)]
+    )
+    return motion_profile(velocities(thinned(tracks, EVERY)), PLACES_MM)
+
+
+def misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
+    """Return simulated minus published in units of `SCALES`, place by place for each quantity."""
+    names = list(SCALES)
+    misfit = (simulated[names] - published[names]) / pd.Series(SCALES)
+    if not np.isfinite(misfit.to_numpy()).all():
+        raise InputError("too few particles pass each place to compare; simulate more.")
+    return misfit.to_numpy().ravel(order="F")
+
+
+def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, int]:
+    """Return the values of least squares within `LIMITS`, and how many profiles it took.
+
+    The search runs between 1 and 2 of each value's limits: a relative step of 3 % is then 3
+    to 6 % of them, wide enough to look past single collisions. Values are rounded as they will
+    be written.
+    """
+    low, high = (np.array(corner) for corner in zip(*LIMITS.values(), strict=True))
+
+    def values(point: Array) -> FittedValues:
+        numbers = low + (point - 1.0) * (high - low)
+        return FittedValues(
+            **{name: float(f"{number:.4g}") for name, number in zip(LIMITS, numbers, strict=True)}
+        )
+
+    def evaluate(point: Array) -> Array:
+        return misfits(profile(values(point)), published)
+
+    start = 1.0 + (np.array(list(asdict(INPUTS_ONLY).values())) - low) / (high - low)
+    start = np.clip(start, 1.02, 1.98)  # off the limits, where a search would stick
+    steps = np.full(len(start), 0.03)
+    found = least_squares(evaluate, start, bounds=(1.0, 2.0), diff_step=steps, max_nfev=rounds)
+    return values(found.x), int(found.nfev + len(start) * (found.njev or 0))
+
+
+def cost(values: FittedValues, published: pd.DataFrame) -> float:
+    """Return the mean squared misfit."""
+    return float(np.mean(misfits(profile(values), published) ** 2))
+
+
+def published_spheres() -> pd.DataFrame:
+    """Return how spheres move in the authors' tracks."""
+    files = find_dem()
+    if "spheres" not in files:
+        raise InputError("the authors' DEM tracks are not here; run make data.")
+    return motion_profile(velocities(read_dem(files["spheres"])), PLACES_MM)
+
+
+def calibrate() -> dict[str, object]:
+    """Return the content of friction_values.json: values and where they come from."""
+    published = published_spheres()
+    best, evaluations = fit(published)
+    return {
+        "inputs": asdict(best),
+        "cost_inputs_only": cost(INPUTS_ONLY, published),
+        "cost_calibrated": cost(best, published),
+        "targets_sha256": cache.content_hash(targets()),
+        "limits": LIMITS,
+        "particles": PARTICLES * GROUPS,
+        "seed": SEED,
+        "evaluations": evaluations,
+        "search": "scipy.optimize.least_squares",
+        "version": __version__,
+    }
+
+
+def main() -> int:
+    """Fit, write the file, and print what came out."""
+    print(cache.write_calibration(FILE, calibrate()))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,165 @@
+"""What the contact parameters of the simulated sorter change, one at a time.
+
+MuJoCo's contacts are soft: time constants, damping and impedance are numerical settings, of
+which no paper prints any. The same particles are simulated with each of them halved and doubled
+(the impedance moved towards both of its ends), and with the friction values that were not
+fitted at both ends of what handbooks give. The step is 0.1 ms, half of the usual one, so that
+contacts half as soft can be simulated at all. Nothing is chosen by the outcome.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.belt.bodies import Batch, compiled, engine
+from kilnflight.belt.evaluation import motion_profile, thinned, velocities
+from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
+from kilnflight.belt.sorter import PLACES_MM, Sorter
+from kilnflight.checks import check_between, check_count
+from kilnflight.tables import BELT_BODIES
+
+IMPEDANCE = 0.99  # MuJoCo's solimp in `kilnflight.belt.bodies`
+FINE_S = 0.0001  # the 2020 paper's step
+CLOSING_MM_S = 100.0  # of two spheres that meet; contacts are linear, so any will do
+REFERENCE, USUAL, OTHERS = "as used", "as used, steps of 0.2 ms", "as used, other particles"
+QUANTITIES = ("mean_m_s", "gain_m_s", "std_m_s", "lateral_m_s", "lateral_std_m_s")
+# Ends of what handbooks give for what is not fitted; see `kilnflight.belt.machine.Contacts`.
+ASSUMED = {"particle_friction": (0.25, 0.5), "wall_friction": (0.2, 0.6)}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A sorter whose contacts have an impedance of their own."""
+
+    sorter: Sorter
+    impedance: float = IMPEDANCE
+    others: bool = False  # whether other particles are fed
+
+    def __post_init__(self) -> None:
+        """Refuse an impedance that MuJoCo would cut off."""
+        check_between(self.impedance, 0.0001, 0.9999, "Setting: impedance")
+        self.sorter.contacts.check_step(self.sorter.conveyor.step_s)
+
+
+def settings(sorter: Sorter) -> dict[str, Setting]:
+    """Return what is compared: a sorter at steps of 0.1 ms, and with one value changed each."""
+    fine = replace(sorter, conveyor=replace(sorter.conveyor, step_s=FINE_S))
+    known = {REFERENCE: Setting(fine), USUAL: Setting(sorter), OTHERS: Setting(fine, others=True)}
+    for name in ("belt_time_s", "slip_time_s", "body_time_s", "body_damping"):
+        value = getattr(sorter.contacts, name)
+        known |= {f"{name} {one:g}": _with(fine, name, one) for one in (value / 2, value * 2)}
+    for impedance in (0.95, 0.998):
+        known[f"impedance {impedance:g}"] = Setting(fine, impedance)
+    for name, ends in ASSUMED.items():
+        known |= {f"{name} {one:g}": _with(fine, name, one) for one in ends}
+    return known
+
+
+def study(
+    sorter: Sorter, count: int, seed: int, materials: Iterable[str] = tuple(BULKS)
+) -> pd.DataFrame:
+    """Return how particles move with each of the `settings`.
+
+    Parameters
+    ----------
+    sorter
+        What is varied.
+    count
+        Particles of each material, the same for all settings but `OTHERS`.
+    seed
+        Of the particles.
+    materials
+        Which.
+
+    Returns
+    -------
+    DataFrame
+        ``setting``, ``data_set``; at 100 Hz and as means over the belt the mean and standard
+        deviation of the velocity along it (``mean_m_s``, ``std_m_s``) and of the velocity across
+        it (median of its size ``lateral_m_s``, standard deviation ``lateral_std_m_s``), with
+        ``gain_m_s``, what the mean gains from 425 to 750 mm, beside them;
+        ``restitution_least`` and ``restitution_most`` from `restitution`.
+
+    Raises
+    ------
+    InputError
+        If there are too few particles, or no such material.
+    """
+    check_count(count, "study: count", least=2)
+    rows = []
+    for name, setting in settings(sorter).items():
+        least, most = restitution(setting)
+        for material in materials:
+            row = {"setting": name, "data_set": material, **_moved(setting, material, count, seed)}
+            rows.append(row | {"restitution_least": least, "restitution_most": most})
+    return pd.DataFrame(rows)
+
+
+def described(sorter: Sorter) -> str:
+    """Return the values that the settings start from, for a caption."""
+    known = sorter.contacts
+    names = ("belt_time_s", "slip_time_s", "body_time_s", "body_damping", *ASSUMED)
+    values = [f"{name} {getattr(known, name):g}" for name in names]
+    return ", ".join([*values, f"impedance {IMPEDANCE:g}"])
+
+
+def changes(table: pd.DataFrame) -> pd.DataFrame:
+    """Return, in mm/s, how far each setting is from the reference, columns ``mean_mm_s`` ..."""
+    known = table[table["setting"] == REFERENCE].set_index("data_set")
+    result = table[["setting", "data_set"]].copy()
+    for name in QUANTITIES:
+        wanted = table["data_set"].map(known[name])
+        result[name.replace("_m_s", "_mm_s")] = 1000.0 * (table[name] - wanted)
+    return result[result["setting"] != REFERENCE].reset_index(drop=True)
+
+
+def restitution(setting: Setting, moments: int = 5) -> tuple[float, float]:
+    """Return the least and the largest speed at which two spheres part, over that of closing.
+
+    They meet head-on in the air without friction, at ``moments`` parts of a time step.
+    """
+    mujoco, step = engine(), setting.sorter.conveyor.step_s
+    contacts = replace(setting.sorter.contacts, particle_friction=0.0)
+    bulk = BULKS["spheres"]
+    model = compiled(bulk, contacts, 2, Conveyor(step_s=step))
+    model.pair_solimp[:, :2] = setting.impedance
+    model.opt.gravity[:] = 0.0
+    shares = []
+    for part in np.linspace(0.0, 1.0, moments):
+        data = mujoco.MjData(model)
+        apart = 2.0 * bulk.half_mm[0] + (5.0 + part) * CLOSING_MM_S * step
+        data.qpos.reshape(2, 7)[:, :3] = [[0.0, 90.0, 500.0], [apart, 90.0, 500.0]]
+        data.qvel[0] = CLOSING_MM_S
+        mujoco.mj_step(model, data, round(0.02 / step))
+        shares.append(float(data.qvel[6] - data.qvel[0]) / CLOSING_MM_S)
+    return min(shares), max(shares)
+
+
+def _with(sorter: Sorter, name: str, value: float) -> Setting:
+    contacts: Contacts = replace(sorter.contacts, **{name: value})
+    return Setting(replace(sorter, contacts=contacts))
+
+
+def _moved(setting: Setting, material: str, count: int, seed: int) -> dict[str, float]:
+    """Return the means over the belt of the profile of one simulation."""
+    bodies = simulated(setting, material, count, seed)
+    profile = motion_profile(velocities(thinned(bodies, 10)), PLACES_MM)
+    along = profile["mean_m_s"]
+    means = {"mean_m_s": along.mean(), "gain_m_s": along.iloc[-1] - along.iloc[0]}
+    means |= {name: profile[name].mean() for name in QUANTITIES[2:]}
+    return {name: float(value) for name, value in means.items()}
+
+
+def simulated(setting: Setting, material: str, count: int, seed: int) -> pd.DataFrame:
+    """Return the bodies of one setting, `kilnflight.tables.BELT_BODIES`."""
+    check_material(material)
+    sorter, bulk = setting.sorter, BULKS[material]
+    generator = np.random.default_rng([seed, int(setting.others)])
+    fed = sorter.slide(bulk, count, sorter.conveyor.width_mm, generator)
+    batch = Batch(sorter.conveyor, sorter.contacts, bulk, fed, generator.random(count))
+    batch.model.pair_solimp[:, :2] = setting.impedance
+    return BELT_BODIES.check(batch.table())

@@ -1,0 +1,176 @@
+"""Deviations of predictions, velocities along the belt, and what a tracker knew last."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.cbook import boxplot_stats
+
+from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase, friction
+from kilnflight.belt.evaluation import (
+    SUMMARY,
+    Evaluation,
+    arrival_deviations,
+    last_states,
+    lateral_deviations,
+    motion_profile,
+    summarise,
+    thinned,
+    velocities,
+)
+from kilnflight.belt.tracker import Followed
+from kilnflight.checks import InputError
+from kilnflight.tables import BELT_STATES, BELT_TRACKS
+
+PHASE = PredictionPhase()
+
+
+@pytest.fixture(scope="module")
+def observed():
+    small = friction.FrictionBelt(particles=300, feed_s=2.0)
+    return PHASE.observe(small(np.random.default_rng(1)))
+
+
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=40))
+def test_a_summary_is_the_box_plot_of_matplotlib(values):
+    found, expected = summarise(np.array(values)), boxplot_stats(values)[0]
+    for name, theirs in {"median": "med", "q25": "q1", "q75": "q3"}.items():
+        assert found[name] == pytest.approx(expected[theirs])
+    assert found["mae"] == pytest.approx(np.mean(np.abs(values)))
+
+
+def test_whiskers_end_at_the_last_value_within_reach():
+    found = summarise(np.array([-9.0, -1.0, 0.0, 0.0, 1.0, 1.5, 50.0]))
+    assert (found["whisker_low"], found["whisker_high"]) == (-1.0, 1.5)
+
+
+def test_what_has_no_prediction_is_counted_and_left_out():
+    found = summarise(np.array([1.0, np.nan, 3.0]))
+    assert (found["n"], found["unpredicted"], found["median"]) == (2, 1, 2.0)
+    with pytest.raises(InputError, match="no particle has a prediction"):
+        summarise(np.array([np.nan]))
+
+
+def test_positive_means_earlier_than_predicted(observed):
+    """A particle that accelerates arrives earlier than constant velocity predicts."""
+    none = np.zeros(len(observed.last), dtype=bool)
+    none[0] = True
+    by_model = dict(arrival_deviations(observed, PHASE, none))
+    assert np.median(by_model["CV"]) > 0
+
+
+def test_calibration_particles_are_not_evaluated(observed):
+    calibration = np.zeros(len(observed.last), dtype=bool)
+    calibration[[3, 4, 9]] = True
+    for deviations in (arrival_deviations, lateral_deviations):
+        for _, one in deviations(observed, PHASE, calibration):
+            assert len(one) == len(observed.last) - 3
+
+
+def test_every_model_and_combination_is_there(observed):
+    evaluation = Evaluation(draws=2, share=0.05)
+    arrival = evaluation(observed, PHASE, arrival_deviations, 1)
+    assert arrival["model"].unique().tolist() == [model.name for model in ARRIVAL_MODELS]
+    lateral = evaluation(observed, PHASE, lateral_deviations, 1)
+    assert lateral["model"].unique().tolist() == [name for name, _, _ in COMBINATIONS]
+    assert list(lateral.columns) == ["draw", "model", *SUMMARY]
+
+
+def test_the_same_seed_gives_the_same_and_more_draws_keep_the_first(observed):
+    few = Evaluation(draws=2, share=0.05)(observed, PHASE, arrival_deviations, 1)
+    more = Evaluation(draws=4, share=0.05)(observed, PHASE, arrival_deviations, 1)
+    pd.testing.assert_frame_equal(few, more[more["draw"] < 2])
+    other = Evaluation(draws=2, share=0.05)(observed, PHASE, arrival_deviations, 2)
+    assert not few["mae"].equals(other["mae"])
+
+
+def test_the_calibration_takes_at_most_its_share(observed):
+    seen = []
+
+    def deviations(_observed, _phase, calibration):
+        seen.append(calibration.sum())
+        yield "x", np.array([1.0])
+
+    Evaluation(draws=3, share=0.01)(observed, PHASE, deviations, 1)
+    assert seen == [int(0.01 * len(observed.last))] * 3
+
+
+def test_too_few_particles_and_wrong_settings_are_told(observed):
+    with pytest.raises(InputError, match="less than one"):
+        Evaluation(share=0.001)(observed, PHASE, arrival_deviations, 1)
+    for wrong in ({"share": 0.0}, {"share": 1.0}, {"draws": 0}):
+        with pytest.raises(InputError, match="Evaluation"):
+            Evaluation(**wrong)
+
+
+def test_velocity_between_two_observations_stands_at_their_midpoint(constant_acceleration):
+    steps = velocities(constant_acceleration)
+    first = steps.iloc[0]
+    assert first["velocity_x_mm_s"] == pytest.approx(1000.0 + 1500.0 * 0.005)
+    x = constant_acceleration["x"]
+    assert first["x"] == pytest.approx((x[0] + x[1]) / 2)
+
+
+def test_no_velocity_across_a_gap_or_between_particles(constant_acceleration):
+    whole = velocities(constant_acceleration)
+    assert len(whole) == len(constant_acceleration) - 3
+    assert (whole["velocity_x_mm_s"] > 0).all()
+    assert len(velocities(constant_acceleration.drop(index=[5]))) == len(whole) - 2
+
+
+def test_the_profile_is_mean_and_spread_of_those_seen_there(constant_acceleration):
+    steps = velocities(constant_acceleration)
+    grid = np.array([350.0, 500.0, 700.0])
+    profile = motion_profile(steps, grid)
+    expected = [
+        np.interp(500.0, one["x"], one["velocity_x_mm_s"]) / 1000
+        for _, one in steps.groupby("particle")
+    ]
+    assert profile["particles"].tolist() == [0, 3, 3]
+    assert profile["mean_m_s"][1] == pytest.approx(np.mean(expected))
+    assert profile["std_m_s"][1] == pytest.approx(np.std(expected, ddof=1))
+    assert np.isnan(profile["mean_m_s"][0])
+
+
+def test_no_tracks_give_an_empty_profile():
+    steps = velocities(BELT_TRACKS.empty())
+    profile = motion_profile(steps, np.array([500.0]))
+    assert isinstance(profile, pd.DataFrame)
+    assert profile["particles"].tolist() == [0]
+
+
+def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constant_acceleration):
+    steps = velocities(constant_acceleration)
+    profile = motion_profile(steps, np.array([350.0, 500.0]))
+    across = [
+        np.interp(500.0, one["x"], one["velocity_y_mm_s"]) / 1000
+        for _, one in steps.groupby("particle")
+    ]
+    assert profile["lateral_m_s"][1] == pytest.approx(np.median(np.abs(across)))
+    assert profile["lateral_std_m_s"][1] == pytest.approx(np.std(across, ddof=1))
+    assert profile.loc[0, ["lateral_m_s", "lateral_std_m_s"]].isna().all()
+    assert motion_profile(velocities(BELT_TRACKS.empty()), np.array([500.0]))["particles"][0] == 0
+
+
+def test_every_tenth_frame_stays_with_its_time():
+    tracks = pd.DataFrame({"frame": range(7, 35), "time_s": [k / 1000 for k in range(7, 35)]})
+    less = thinned(tracks, 10)
+    assert less["frame"].tolist() == [1, 2, 3]
+    assert less["time_s"].tolist() == [0.01, 0.02, 0.03]
+    pd.testing.assert_frame_equal(thinned(tracks, 1), tracks)
+
+
+def test_no_rate_is_told():
+    with pytest.raises(InputError, match="every"):
+        thinned(pd.DataFrame({"frame": [1]}), 0)
+
+
+def test_only_valid_tracks_that_entered_the_phase_are_predicted():
+    states = pd.DataFrame([[0] * 11] * 3, columns=BELT_STATES.names)
+    states["particle"] = [0, 1, 2]
+    ends = pd.DataFrame({"particle": [0, 1, 2], "frame": 0, "valid": [1, 0, 1]})
+    ends["reason"] = ["left at the end", "left at the end", "lost"]
+    assert last_states(Followed(states, ends), 0.005)["particle"].tolist() == [0]
+    with pytest.raises(InputError, match="frame_s"):
+        last_states(Followed(states, ends), 0.0)

@@ -1,0 +1,307 @@
+"""The evaluation of the 2016 paper on small worlds, and its claims."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.belt.camera import Area
+from kilnflight.belt.evaluation import last_states, observe, thinned
+from kilnflight.belt.friction import FrictionBelt
+from kilnflight.belt.phase import PredictionPhase
+from kilnflight.belt.pictures import SHAPES, Pictures
+from kilnflight.belt.tracker import BeltTracker
+from kilnflight.checks import InputError
+from kilnflight.experiments import belt_2016
+from kilnflight.experiments.belt_2016 import (
+    particles_in_shared_spots as shared,
+)
+from kilnflight.experiments.belt_2016 import (
+    place_errors,
+    tracking_answers,
+)
+from kilnflight.project import claims
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_SPOTS, BELT_TRACKS
+
+# Three lanes of particles at constant velocity, so that every prediction is exact.
+SMOOTH = FrictionBelt(
+    particles=12,
+    friction=0.0,
+    rolling_friction=0.0,
+    kicks_per_s=0.0,
+    velocity_mm_s=1200.0,
+    velocity_spread_mm_s=20.0,
+    lateral_spread_mm_s=15.0,
+    feed_s=0.4,
+    sampling_hz=1000.0,
+    steps_per_sample=1,
+)
+
+
+def path(particle, x, y, frames=range(5)):
+    frame = np.array(frames)
+    return pd.DataFrame({"frame": frame, "particle": particle, "x": x + 6.0 * frame, "y": y})
+
+
+def last_of(velocity=1000.0, across=20.0, particle=0):
+    row = [(particle, 0.5, 688.0, 90.0, velocity, across, 0.0, 0.0)]
+    return pd.DataFrame(row, columns=BELT_LAST.names)
+
+
+def arrived(time=0.6, y=92.0, particle=0):
+    return pd.DataFrame([(particle, time, y, 0.0)], columns=BELT_ARRIVAL.names)
+
+
+def test_deviations_by_hand():
+    table = belt_2016.deviations("Tracking", last_of(), arrived())
+    np.testing.assert_allclose(table.drop(columns="approach").iloc[0], [0, 0.0, 0.0], atol=1e-9)
+    late = belt_2016.deviations("Tracking", last_of(), arrived(time=0.58))
+    assert late["temporal_ms"].iloc[0] == pytest.approx(20.0)  # it came earlier than predicted
+    straight = belt_2016.deviations("Straight", last_of(), arrived())
+    assert straight["lateral_mm"].iloc[0] == -2.0
+    assert np.isnan(straight["temporal_ms"].iloc[0])
+
+
+def test_a_particle_at_rest_is_not_predicted_and_no_error():
+    for velocity in (0.0, -3.0):
+        table = belt_2016.deviations("Tracking", last_of(velocity), arrived())
+        assert table[["lateral_mm", "temporal_ms"]].isna().all(axis=None)
+    nothing = belt_2016.deviations("Tracking", BELT_LAST.empty(), BELT_ARRIVAL.empty())
+    assert len(nothing) == 0
+
+
+def test_a_particle_that_did_not_arrive_is_left_out():
+    assert len(belt_2016.deviations("Tracking", last_of(), arrived(particle=1))) == 0
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    return SMOOTH(np.random.default_rng(5))
+
+
+def test_without_noise_constant_velocity_is_exact(bodies):
+    table = belt_2016.noise_free(bodies)
+    assert table.groupby("approach")["particle"].nunique().to_dict() == {
+        "Sim": 12, "Tracking": 12, "Straight": 12
+    }  # fmt: skip
+    moving = table[table["approach"] != "Straight"]
+    assert (moving["lateral_mm"].abs() < 1e-2).all()
+    assert (moving["temporal_ms"].abs() < 1e-2).all()
+    straight = table[table["approach"] == "Straight"]
+    assert straight["temporal_ms"].isna().all()
+    assert straight["lateral_mm"].abs().max() > 0.3
+
+
+def test_the_simulation_velocity_is_taken_where_there_is_one(bodies):
+    wrong = bodies.assign(velocity_x_mm_s=600.0, velocity_y_mm_s=0.0)
+    table = belt_2016.noise_free(wrong).set_index("approach")
+    assert (table.loc["Sim", "temporal_ms"] > 50).all()
+    assert (table.loc["Tracking", "temporal_ms"].abs() < 1e-2).all()
+
+
+def test_other_rates_and_gaps_are_told(bodies):
+    with pytest.raises(InputError, match="frame k must be at k ms"):
+        belt_2016.noise_free(thinned(bodies, 10))  # 100 Hz, as the authors' public tracks
+    with pytest.raises(InputError, match="frame k must be at k ms"):
+        belt_2016.noise_free(bodies.assign(time_s=bodies["time_s"] + 1.0))
+    with pytest.raises(InputError, match="particle 0 skips or repeats a frame"):
+        belt_2016.noise_free(bodies[bodies["frame"] % 10 == 0])
+    with pytest.raises(InputError, match="skips or repeats a frame"):
+        belt_2016.noise_free(pd.concat([bodies, bodies.tail(1)], ignore_index=True))
+
+
+def test_the_authors_rate_gives_the_same_without_a_tracker(bodies):
+    slow = thinned(bodies[bodies["x"] < 788.0], 10)
+    table = belt_2016.sampled(slow)
+    assert table["approach"].unique().tolist() == ["Sim", "Straight"]
+    moving = table[table["approach"] == "Sim"]
+    assert moving["particle"].nunique() == 12
+    assert (moving[["lateral_mm", "temporal_ms"]].abs() < 1e-2).all(axis=None)
+    assert len(belt_2016.sampled(slow[:0])) == 0
+
+
+def test_the_order_of_rows_does_not_matter(bodies):
+    mixed = bodies.sample(frac=1.0, random_state=2)
+    one, other = belt_2016.noise_free(bodies), belt_2016.noise_free(mixed)
+    keys = ["approach", "particle"]
+    pd.testing.assert_frame_equal(
+        one.sort_values(keys, ignore_index=True), other.sort_values(keys, ignore_index=True)
+    )
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_an_unknown_material_is_told_with_and_without_mujoco(monkeypatch, installed):
+    monkeypatch.setattr(belt_2016, "is_installed", lambda: installed)
+    with pytest.raises(InputError, match="no material 'peas'; there are spheres"):
+        belt_2016.bodies("peas", 10, 0)
+    with pytest.raises(InputError, match="count"):
+        belt_2016.bodies("spheres", -1, 0)
+
+
+def test_who_was_predicted_is_counted():
+    bodies = pd.concat([path(k, 400, 90) for k in range(4)])
+    table = pd.DataFrame({"approach": "Tracking", "particle": [0, 2, 2]})
+    table = pd.concat([table, table.assign(approach="Straight", particle=3)])
+    counts = {"fed": 4, "predicted": 2, "predicted_twice": 1, "not_predicted": 2}
+    assert belt_2016.predicted(bodies, table) == counts
+    assert set(belt_2016.predicted(bodies[:0], table[:0]).values()) == {0}
+
+
+def test_images_give_the_same_to_a_millimetre(bodies):
+    looked = belt_2016.look(Pictures(bodies, SHAPES["spheres"], 0), 40)
+    table = belt_2016.from_images(looked, bodies)
+    tracked = table[table["approach"] == "Tracking"]
+    assert tracked["particle"].nunique() >= 10
+    assert tracked["lateral_mm"].abs().median() < 0.5
+    assert tracked["temporal_ms"].abs().median() < 1.0
+    assert set(table["approach"]) == {"Tracking", "Straight"}
+
+
+def test_observing_with_a_filter_keeps_what_was_measured(bodies):
+    phase = PredictionPhase(688.0, 760.0)
+    tracker = replace(
+        belt_2016.rate_1000(),
+        appearance=replace(belt_2016.rate_1000().appearance, area=Area()),
+    )
+    seen = observe(tracker(bodies), bodies, phase, 0.001)
+    plain = phase.observe(bodies[BELT_TRACKS.names])
+    np.testing.assert_allclose(
+        np.sort(seen.arrival["time_s"]), np.sort(plain.arrival["time_s"]), atol=1e-6
+    )
+    assert seen.last["velocity_x_mm_s"].between(1100, 1300).all()
+
+
+def test_an_empty_belt_gives_empty_tables():
+    nothing = BELT_TRACKS.empty()
+    assert len(belt_2016.noise_free(nothing)) == 0
+    followed = BeltTracker()(nothing)
+    assert len(last_states(followed, 0.005)) == 0
+    assert len(observe(followed, nothing, belt_2016.PHASE, 0.005).last) == 0
+
+
+def rolling(y, first=0):
+    """Return one particle at 1000 Hz and 1200 mm/s, from a frame on."""
+    frame = first + np.arange(360)
+    columns = {"frame": frame, "particle": 0, "time_s": 0.001 * frame}
+    return pd.DataFrame(columns | {"x": 370.0 + 1.2 * np.arange(360), "y": y})
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_pictures_of_an_empty_belt_give_empty_tables(beside):
+    """Nothing was ever fed, or what there is lies beyond the picture."""
+    nothing = rolling(400.0) if beside else BELT_TRACKS.empty()
+    looked = belt_2016.look(Pictures(nothing, SHAPES["spheres"], 0), 5)
+    assert looked.calibration.error_mm < 0.1
+    assert looked.spots.columns.tolist() == BELT_SPOTS.names
+    assert len(looked.spots) == len(looked.followed.states) == len(looked.followed.ends) == 0
+    table = belt_2016.from_images(looked, nothing)
+    assert table.columns.tolist() == ["approach", "particle", "lateral_mm", "temporal_ms"]
+    assert len(table) == 0
+    assert len(belt_2016.with_acceleration(looked, 5).followed.states) == 0
+
+
+def test_one_particle_in_many_pictures_is_enough_to_size_it():
+    """None of the pictures that are looked at first shows it."""
+    looked = belt_2016.look(Pictures(rolling(90.0, first=40), SHAPES["spheres"], 0), 2)
+    assert len(looked.spots) > 20
+    assert (looked.spots["touching"] == 0).all()
+
+
+SPOTS = pd.DataFrame(
+    {
+        "frame": [0, 0, 1, 1, 2],
+        "x": [400.0, 450.0, 405.0, 455.0, 410.0],
+        "y": [90.0, 50.0, 90.0, 50.0, 90.0],
+        "touching": [0, 0, 1, 0, 0],
+    }
+)
+
+
+def true_places(*rows):
+    return pd.DataFrame(rows, columns=["frame", "particle", "x", "y"])
+
+
+def test_who_shares_a_spot_in_any_frame_is_told():
+    apart = [(0, 3, 400.0, 90.0), (2, 3, 410.0, 90.0), (0, 8, 450.0, 50.0)]
+    together = [(1, 3, 405.0, 92.5), (1, 5, 405.0, 87.5), (1, 8, 455.0, 50.0)]
+    table = true_places(*apart, *together)
+    np.testing.assert_array_equal(shared(SPOTS, table), [3, 5])
+    mixed = table.sample(frac=1.0, random_state=1)
+    np.testing.assert_array_equal(shared(SPOTS, mixed), [3, 5])
+    assert len(shared(SPOTS, true_places(*apart))) == 0
+
+
+def test_other_frames_and_places_do_not_count():
+    assert len(shared(SPOTS, true_places((7, 1, 405.0, 90.0)))) == 0  # no spot in that frame
+    assert len(shared(SPOTS, true_places((1, 1, 405.0, 300.0)))) == 0  # beside the belt
+
+
+def test_nothing_gives_nobody_and_a_missing_column_is_told():
+    assert len(shared(SPOTS[:0], true_places((1, 1, 405.0, 90.0)))) == 0
+    assert len(shared(SPOTS, true_places())) == 0
+    with pytest.raises(InputError, match="touching"):
+        shared(SPOTS.drop(columns="touching"), true_places())
+
+
+def test_errors_of_places_are_those_of_single_spots():
+    """Spots 0.3 mm too far along and 0.1 mm across, give or take 0.4 mm; the marked one is off."""
+    off = np.array([0.4, -0.4, 50.0, 0.4, -0.4])
+    known = SPOTS.assign(x=SPOTS["x"] - 0.3 - off, y=SPOTS["y"] - 0.1).drop(columns="touching")
+    found = place_errors(SPOTS, known.sample(frac=1.0, random_state=1))
+    assert found["bias_along_mm"] == pytest.approx(0.3)
+    assert found["rms_along_mm"] == pytest.approx(0.5)  # root of 0.3^2 + 0.4^2
+    assert found["bias_across_mm"] == pytest.approx(0.1)
+    assert found["rms_across_mm"] == pytest.approx(0.1)
+    less = place_errors(SPOTS, known[known["frame"] < 2])  # frame 2 has no truth
+    assert less["bias_along_mm"] == pytest.approx(0.3 + 0.4 / 3)
+
+
+def test_without_spots_there_is_no_error_to_tell():
+    for spots in (SPOTS[:0], SPOTS.assign(touching=1), SPOTS.assign(frame=9)):
+        assert np.isnan(list(place_errors(spots, SPOTS).values())).all()
+    with pytest.raises(InputError, match="touching"):
+        place_errors(SPOTS.drop(columns="touching"), SPOTS)
+
+
+def verdicts(answers):
+    return {claim: claims.judge(claim, one).verdict for claim, one in answers.items()}
+
+
+def tracked(spreads, late=1.0):
+    """Return deviations of one material, evenly spread; by data and approach."""
+    parts = [
+        pd.DataFrame(
+            {
+                "data": data,
+                "approach": approach,
+                "lateral_mm": spread * np.linspace(-1, 1, 41),
+                "temporal_ms": late * spread * np.linspace(0, 2, 41),
+            }
+        )
+        for (data, approach), spread in spreads.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+AS_IN_2016 = {
+    ("noise-free", "Sim"): 0.1,
+    ("noise-free", "Tracking"): 0.11,
+    ("noise-free", "Straight"): 1.0,
+    ("images", "Tracking"): 1.0,
+    ("images", "Straight"): 2.0,
+}
+
+
+def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_none():
+    said = tracking_answers(tracked(AS_IN_2016))
+    assert list(said) == [f"belt16-{k}" for k in range(1, 6)]
+    assert set(verdicts(said).values()) == {claims.REPRODUCED}
+    opposite = {key: 2.1 / value for key, value in AS_IN_2016.items()}
+    said = verdicts(tracking_answers(tracked(opposite, late=-1.0)))
+    assert set(said.values()) == {claims.NOT_REPRODUCED}
+
+
+def test_what_a_source_has_no_data_for_is_not_answered():
+    some = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
+    assert list(tracking_answers(tracked(some))) == ["belt16-1", "belt16-4"]

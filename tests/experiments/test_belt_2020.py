@@ -1,0 +1,211 @@
+"""The 2020 paper from tracks to answers, on small worlds."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.belt import PredictionPhase
+from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations, thinned
+from kilnflight.experiments import belt_2020
+from kilnflight.experiments.belt_2020 import (
+    arrival_answers,
+    by_data_set,
+    intervals,
+    lateral_answers,
+    over_draws,
+    speed_answers,
+)
+from kilnflight.project import claims
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """The friction model, as without MuJoCo."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    few = {name: replace(one, particles=200) for name, one in belt_2020.MATERIALS.items()}
+    monkeypatch.setattr(belt_2020, "MATERIALS", few)
+    return belt_2020.load_tracks({}, seed=1)
+
+
+def test_without_files_there_is_our_simulation_only(small):
+    assert list(small) == [(belt_2020.OWN, name) for name in belt_2020.DATA_SETS]
+    again = belt_2020.load_tracks({}, seed=1)
+    for key, tracks in small.items():
+        pd.testing.assert_frame_equal(tracks, again[key])
+
+
+def test_every_particle_is_evaluated_or_has_a_reason(small):
+    observed = {key: PredictionPhase().observe(one) for key, one in small.items()}
+    counts = belt_2020.count_particles(small, observed)
+    assert (counts["particles"] == counts.iloc[:, 3:].sum(axis=1)).all()
+
+
+def test_comparison_has_a_row_per_data_set_draw_and_model(small):
+    phase = PredictionPhase()
+    observed = {key: phase.observe(one) for key, one in small.items()}
+    evaluation = Evaluation(draws=2, share=0.05)
+    table = belt_2020.compare(observed, phase, evaluation, arrival_deviations, 1)
+    assert len(table) == 3 * 2 * 6
+    assert table.columns[:4].tolist() == ["source", "data_set", "draw", "model"]
+
+
+def test_other_targets_keep_the_length_of_the_phase(small):
+    evaluation = Evaluation(draws=1, share=0.05)
+    table = belt_2020.vary_target(small, [763.0, 773.0], evaluation, arrival_deviations, 1)
+    assert table["target_mm"].unique().tolist() == [763.0, 773.0]
+    assert len(table) == 2 * 3 * 6
+    phase = PredictionPhase()
+    observed = {key: phase.observe(one) for key, one in small.items()}
+    same = belt_2020.compare(observed, phase, evaluation, arrival_deviations, 1)
+    at_773 = table.loc[table["target_mm"] == 773.0, "mae"].to_numpy()
+    assert at_773 == pytest.approx(same["mae"].to_numpy())
+
+
+def test_published_particles_are_left_out_with_the_known_reasons(authors_data, monkeypatch):
+    from kilnflight.belt.recordings import find_dem
+
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    tracks = belt_2020.load_tracks(find_dem(), seed=1)
+    observed = {key: PredictionPhase().observe(one) for key, one in tracks.items()}
+    counts = belt_2020.count_particles(tracks, observed).set_index(["source", "data_set"])
+    never = counts.loc[belt_2020.AUTHORS, "never on the belt"]
+    missed = counts.loc[belt_2020.AUTHORS, "target never reached"]
+    assert never.to_dict() == {"spheres": 0, "cuboids": 150, "cylinders": 15}
+    assert missed.to_dict() == {"spheres": 0, "cuboids": 2, "cylinders": 1}
+
+
+def test_with_mujoco_our_simulation_has_contacts_and_1000_hz():
+    pytest.importorskip("mujoco")
+    tracks = belt_2020.load_tracks({}, seed=1, count=4)
+    assert [one["particle"].nunique() for one in tracks.values()] == [4, 4, 4]
+    step = tracks[belt_2020.OWN, "spheres"].groupby("particle")["time_s"].diff().dropna()
+    assert step.to_numpy() == pytest.approx(0.001)
+    assert "MuJoCo" in belt_2020.describe_own()
+
+
+def test_without_mujoco_it_says_so_and_has_one_variant(small):
+    assert not belt_2020.is_simulated()
+    assert "friction model" in belt_2020.describe_own()
+    assert {key[0] for key in belt_2020.variants(5, 1)} == {"friction model"}
+
+
+def test_variants_are_at_100_hz_and_before_the_fit_there_are_spheres_only():
+    pytest.importorskip("mujoco")
+    tracks = belt_2020.variants(2, 1)
+    assert ("inputs only", "spheres") in tracks
+    assert ("inputs only", "cuboids") not in tracks
+    for one in tracks.values():
+        assert one.groupby("particle")["time_s"].diff().dropna().to_numpy() == pytest.approx(0.01)
+
+
+def test_thinning_changes_the_rate_and_nothing_else(small):
+    evaluation = Evaluation(draws=1, share=0.05)
+    table = belt_2020.vary_rate(small, (1, 2), evaluation, arrival_deviations, 1)
+    assert table["sampling_hz"].unique().tolist() == [100.0, 50.0]
+    observed = {key: belt_2020.AT_EDGE.observe(one) for key, one in small.items()}
+    same = belt_2020.compare(observed, belt_2020.AT_EDGE, evaluation, arrival_deviations, 1)
+    assert table.loc[table["sampling_hz"] == 100.0, "mae"].to_numpy() == pytest.approx(
+        same["mae"].to_numpy()
+    )
+
+
+def test_the_same_particles_count_at_every_rate():
+    """1 mm per frame to 799 mm: of every 20th frame the last one may lie before the edge."""
+    frame = np.arange(409)
+    parts = [
+        pd.DataFrame({"frame": frame + k, "particle": k, "x": 391.0 + frame, "y": 90.0})
+        for k in range(120)
+    ]
+    table = pd.concat(parts, ignore_index=True).assign(time_s=lambda one: one["frame"] / 1000)
+    tracks = {(belt_2020.OWN, "spheres"): table}
+    evaluation = Evaluation(draws=1, share=0.05)
+    rated = belt_2020.vary_rate(tracks, (1, 20), evaluation, arrival_deviations, 1)
+    slow = belt_2020.AT_EDGE.observe(thinned(table, 20)).last["particle"]
+    assert len(belt_2020.AT_EDGE.observe(table).last) == 120
+    assert len(slow) == 120 * 12 / 20
+    assert set(rated["n"] + rated["unpredicted"]) == {len(slow) - int(0.05 * len(slow))}
+
+
+def test_misfits_are_root_mean_squares_over_the_belt():
+    rows = [("a", 0.0, 1.0), ("a", 1.0, 2.0), ("b", 0.0, 4.0), ("b", 1.0, 6.0)]
+    table = pd.DataFrame(rows, columns=["variant", "x_mm", "mean_m_s"]).assign(data_set="spheres")
+    off = belt_2020.misfits(table, "a")
+    assert off[["variant", "data_set"]].to_numpy().tolist() == [["b", "spheres"]]
+    assert off["mean_m_s"][0] == pytest.approx(12.5**0.5)
+    assert belt_2020.misfits(table, "c").empty
+
+
+def test_draws_are_summed_up_per_model_and_data_set():
+    draws = pd.DataFrame(
+        [
+            {"data_set": name, "draw": draw, "model": "A", **dict.fromkeys(SUMMARY, value)}
+            for name, values in (("s", [1.0, 2.0, 9.0]), ("c", [5.0, 5.0, 5.0]))
+            for draw, value in enumerate(values)
+        ]
+    )
+    table = over_draws(draws)
+    assert table[["data_set", "mae"]].to_numpy().tolist() == [["s", 2.0], ["c", 5.0]]
+    between = intervals(draws)
+    assert between["mae"].tolist() == [2.0, 5.0]
+    assert between["iqr_low"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.025), 5.0])
+    assert between["mae_high"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.975), 5.0])
+
+
+SETS = ("spheres", "cuboids", "cylinders")
+
+
+def table(values, columns=("iqr", "mae")):
+    rows = [
+        {"data_set": name, "model": model} | dict.fromkeys(columns, value)
+        for name in SETS
+        for model, value in values.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def verdicts(answers):
+    return {claim: claims.judge(claim, one).verdict for claim, one in answers.items()}
+
+
+def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
+    said = table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5})
+    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CA"), ["iqr", "mae"]] = 0.9
+    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CALV"), ["iqr", "mae"]] = 0.8
+    assert set(verdicts(arrival_answers(said)).values()) == {claims.REPRODUCED}
+
+
+def test_the_opposite_reproduces_none():
+    said = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
+    assert set(verdicts(arrival_answers(said)).values()) == {claims.NOT_REPRODUCED}
+
+
+def test_an_answer_has_a_part_for_each_data_set_or_stays_whole():
+    said = arrival_answers(
+        table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 2})
+    )
+    assert all(list(by_data_set(one)) == list(SETS) for one in said.values())
+    assert list(by_data_set(said["belt20-3"])["cuboids"].values()) == [False]
+    assert by_data_set(said["belt20-4"])["spheres"].to_dict() == said["belt20-4"][:1].to_dict()
+    counted = {"CA-CA below CV-CV for none": False}
+    assert by_data_set(counted) == {"all": counted}
+
+
+@pytest.mark.parametrize(("last", "holds"), [(1.4, True), (1.05, False), (1.51, False)])
+def test_speed_must_rise_and_stay_below_the_belt(last, holds):
+    means = [1.0, 1.1, last]
+    said = pd.DataFrame({"data_set": "spheres", "x_mm": [1.0, 2.0, 3.0], "mean_m_s": means})
+    answer = speed_answers(said)["belt20-6"]
+    assert list(answer.values()) == [holds]
+
+
+def test_a_world_as_published_reproduces_every_claim_about_the_position():
+    models = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 0.9, "LV-DSC": 0.92, "IA-CV": 1.0}
+    said = table(models | {"IA-CA": 0.95, "IA-Ratio": 0.5})
+    said.loc[(said["data_set"] == "cylinders") & (said["model"] == "IA-Ratio"), "iqr"] = 2.0
+    assert set(verdicts(lateral_answers(said)).values()) == {claims.REPRODUCED}
+    said["iqr"] = 6.0 - said["iqr"]
+    opposite = verdicts(lateral_answers(said))
+    assert opposite["belt20-7"] == opposite["belt20-8"] == claims.NOT_REPRODUCED
