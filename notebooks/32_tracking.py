@@ -31,7 +31,7 @@ from kilnflight.experiments import campaigns, grid_search, tracking
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
-others = tracking.windows(scale, learned, seed, others=True, jobs=jobs)
+others = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
 fractions = [one.fraction for one in windows]
 
 # %%

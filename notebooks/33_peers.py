@@ -33,7 +33,7 @@ print(f"peers that are not installed and left out: {', '.join(missing) or 'none'
 # %%
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
-others = tracking.windows(scale, learned, seed, others=True, jobs=jobs)
+others = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
 number = ", ".join(f"{one.fraction} {len(one.frames)}" for one in windows)
 print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 

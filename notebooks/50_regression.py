@@ -61,7 +61,7 @@ figures.save("regression-outcomes", table, caption=caption, provenance=origin)
 
 # %%
 generator = np.random.default_rng(seed)
-ours = results.regression_table(measured, generator)
+ours = confidence.regression_table(measured, generator)
 caption = (
     "Medians of the measures of the regression over all trajectories from the lance, both "
     "pressures, after Table 5.18, with 95 % intervals (bootstrap over trajectories). The scatter "
@@ -105,7 +105,9 @@ for one in wanted:
         parts.append(regression.order_measures(*made_of).assign(fraction=one.fraction))
 empty = regression.order_measures(tracks.head(0), wanted[0].run.exit_point_mm, 330.0)
 orders = pd.concat(parts, ignore_index=True) if parts else empty
-by_order = orders.groupby(["order", "axis"])[list(results.FITTED.values())].median().reset_index()
+by_order = (
+    orders.groupby(["order", "axis"])[list(confidence.FIT_MEASURES.values())].median().reset_index()
+)
 
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)

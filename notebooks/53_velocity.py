@@ -261,7 +261,7 @@ for name in names:
     pair = [found[name, bar].velocity_m_s[:, 0] for bar in (bars[-1], bars[0])]
     pair = [values[np.isfinite(values)] for values in pair]
     one = intervals.Bootstrap()(intervals.ratio_of_medians, pair, generator)
-    rows.append({"fraction": name, **results.interval_columns(one)})
+    rows.append({"fraction": name, **confidence.interval_columns(one)})
 caption = "Median velocity in the first metre at 5 bar over that at 4.5 bar, 95 % interval."
 table = pd.DataFrame(rows)
 figures.save("velocity-ratio", table, caption=caption, provenance=origin)

@@ -120,7 +120,7 @@ for source, cells in kinds.items():
         row = {"source": source, "fraction": name, "pressure_bar": bar}
         for within in (0.1, 0.2, np.inf):
             lit = int((one.ignition_s <= within).sum())
-            found = results.interval_columns(intervals.share(lit, len(one.ignition_s)))
+            found = confidence.interval_columns(intervals.share(lit, len(one.ignition_s)))
             limit = "" if np.isinf(within) else within
             rows.append({**row, "within_s": limit, **found})
 shares = pd.DataFrame(rows)

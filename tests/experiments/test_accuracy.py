@@ -6,8 +6,8 @@ import pytest
 
 from kilnflight.experiments import accuracy, error_budget
 from kilnflight.experiments.accuracy import compare, errors
-from kilnflight.experiments.confidence import median_differences, share_differences
 from kilnflight.experiments.error_budget import FlightTables
+from kilnflight.experiments.tracking import true_particles
 
 TRUE = pd.DataFrame(
     {
@@ -35,7 +35,7 @@ SLICES = pd.DataFrame({"particle": [1, 3], "slice_m": [1.0, 1.0], "velocity_m_s"
 OWNERS = pd.Series({1: 10, 2: 10, 3: -1, 4: 11})
 
 
-def test_the_longest_track_of_a_particle_counts_and_nobodys_come_last():
+def test_the_longest_track_of_a_particle_counts_and_false_flights_come_last():
     both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
     assert both["particle"].tolist() == [10, 11, 12, -1]
     assert both["track"].tolist() == [1, -1, -1, 3]
@@ -53,7 +53,7 @@ def test_endings_stand_by_the_true_ones_and_every_particle_once():
         "not measured": 0,
     }
     assert found.loc["landed unlit", "not measured"] == 2
-    assert found.to_numpy().sum() == 3  # nobody's flight has no true ending
+    assert found.to_numpy().sum() == 3  # a false flight has no true ending
 
 
 def test_errors_are_those_of_measurable_particles():
@@ -68,9 +68,9 @@ def test_errors_are_those_of_measurable_particles():
 
 
 def test_shorter_tracks_of_a_particle_do_not_count_twice():
-    lengths = FLIGHTS.assign(last_s=[0.1, 0.3, 0.5, 0.1])
-    assert accuracy._shorter(lengths, OWNERS).tolist() == [1]
-    assert accuracy._shorter(FLIGHTS, OWNERS).tolist() == [2]
+    for last, longest in (([0.1, 0.3, 0.5, 0.1], 2), ([0.3, 0.2, 0.5, 0.1], 1)):
+        tables = FlightTables(FLIGHTS.assign(last_s=last), SLICES, OWNERS)
+        assert compare(tables, TRUE)["track"].tolist() == [longest, -1, -1, 3]
 
 
 def test_without_any_flight_nothing_is_found_and_nothing_is_known():
@@ -79,24 +79,12 @@ def test_without_any_flight_nothing_is_found_and_nothing_is_known():
     assert np.isnan(found["dwell_s_bias"])
 
 
-def test_a_large_difference_is_told_and_a_small_sample_tells_none():
-    generator = np.random.default_rng(1)
-    groups = {
-        ("a", 4.5): generator.normal(0.3, 0.05, 80),
-        ("b", 4.5): generator.normal(0.5, 0.05, 80),
-    }
-    pairs = [(("a", 4.5), ("b", 4.5))]
-    assert median_differences(groups, pairs, generator)["resolved"].tolist() == [True]
-    few = median_differences(groups, pairs, generator, {("a", 4.5): 3, ("b", 4.5): 3})
-    assert few["resolved"].tolist() == [False]
-
-
 def test_detections_belong_to_the_nearest_true_position_within_the_gate():
     true = pd.DataFrame(
         {"frame": [0, 0, 1], "particle": [7, 8, 7], "row": [10.0, 50, 12], "col": 5.0}
     )
     seen = pd.DataFrame({"frame": [0, 0, 1, 2], "row": [11.0, 90, 13, 12], "col": 5.0})
-    assert error_budget.true_particles(seen, true).tolist() == [7, -1, 7, -1]
+    assert true_particles(seen, true).tolist() == [7, -1, 7, -1]
 
 
 def test_a_track_belongs_to_whom_at_least_half_of_it_belongs():
@@ -121,22 +109,3 @@ def test_every_flight_from_the_lance_is_accounted_for_once():
     assert found == {"flights": 3, "found": 1, "duplicates": 1, "cut": 0, "spurious": 1}
     parts = [found[name] for name in ("found", "duplicates", "cut", "spurious")]
     assert sum(parts) == found["flights"]
-
-
-def test_shares_are_told_apart_with_many_particles_and_not_with_few():
-    counts = {("a", 4.5): (40, 100), ("b", 4.5): (10, 100)}
-    pairs = [(("a", 4.5), ("b", 4.5))]
-    many = share_differences(counts, pairs, true=counts)
-    assert many["resolved"].tolist() == [True]
-    assert many["true"].tolist() == [pytest.approx(0.3)]
-    few = share_differences(counts, pairs, {("a", 4.5): 7, ("b", 4.5): 7})
-    assert few["resolved"].tolist() == [False]
-
-
-def test_sizes_count_particles_with_and_without_a_value():
-    values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
-    groups = {("a", 4.5): values, ("b", 4.5): values}
-    found = median_differences(
-        groups, [tuple(groups)], np.random.default_rng(0), dict.fromkeys(groups, 40)
-    )
-    assert found["number"].tolist() == [20]  # a quarter of 40, twice

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.experiments import confidence
+from kilnflight.experiments.campaigns import Measurement
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import Findings, outcomes
 
@@ -135,3 +136,59 @@ def test_metres_that_nobody_saw_are_counted_and_left_out_beside():
     assert table.loc[0, ["median_m_s", "seen_m_s", "true_m_s"]].tolist() == [10.0, 9.5, 10.5]
     assert table["number"].iloc[1:].sum() == 0
     assert table["median_m_s"].iloc[1:].isna().all()
+
+
+def test_as_large_a_part_of_table_5_15_has_a_value():
+    values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
+    groups = {("confetti", 4.5): values, ("PE granule", 4.5): values + 5}
+    table = confidence.resolved_differences(groups, [tuple(groups)], np.random.default_rng(0))
+    assert table["number"].tolist() == [40]  # a quarter of 80, twice
+    # a quarter of 37 and of 25 trajectories are 9 and 6: just enough for an interval
+    assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, True]]
+    few = {key: one[:20] for key, one in groups.items()}
+    few[("wood chip", 4.5)] = few.pop(("PE granule", 4.5))  # a quarter of 7 are 2: too few
+    table = confidence.resolved_differences(few, [tuple(few)], np.random.default_rng(0))
+    assert table["resolved_with_table_5_15"].tolist() == [False]
+
+
+def test_true_differences_stand_beside():
+    groups = {("confetti", 4.5): np.linspace(0, 1, 9), ("confetti", 5.0): np.linspace(1, 2, 9)}
+    table = confidence.resolved_differences(
+        groups, [tuple(groups)], np.random.default_rng(0), groups
+    )
+    assert table["true"].tolist() == table["estimate"].tolist() == [-1.0]
+    counts = {("confetti", 4.5): (40, 100), ("confetti", 5.0): (10, 100)}
+    table = confidence.resolved_share_differences(counts, [tuple(counts)], counts)
+    assert table["true"].tolist() == [pytest.approx(0.3)]
+
+
+def test_an_interval_covers_the_true_median_or_not():
+    few, many = flights(3), flights(60)
+    keys = CELL, ("confetti", 5.0)
+    table = confidence.coverage(
+        dict(zip(keys, (few, many), strict=True)),
+        dict.fromkeys(keys, many),
+        np.random.default_rng(0),
+    )
+    assert len(table) == 2 * 5
+    dwell = table[table["quantity"] == "dwell_s"]
+    assert dwell["low"].isna().tolist() == [True, False]
+    assert dwell["covers"].tolist() == [False, True]
+
+
+def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them():
+    keys = {"fraction": "confetti", "pressure_bar": 4.5}
+    columns = [name.format(axis) for name in confidence.FIT_MEASURES for axis in "xyz"]
+    single = pd.DataFrame({**keys, **dict.fromkeys(columns, 1.0)}, index=[0])
+    many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
+    flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
+    table = confidence.regression_table(
+        Measurement(None, many, flown, None), np.random.default_rng(0)
+    ).set_index("axis")
+    deep = table.loc["z"]
+    assert (deep["tracks"], deep["rmse_mm"]) == (20, 95.0)
+    assert 0.0 < deep["rmse_mm_low"] < 95.0 < deep["rmse_mm_high"] < 190.0
+    few = confidence.regression_table(
+        Measurement(None, many, flown.head(3), None), np.random.default_rng(0)
+    )
+    assert few["rmse_mm_low"].isna().all()

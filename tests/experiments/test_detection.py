@@ -5,7 +5,7 @@ import pytest
 from kilnflight import background, kiln
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
-from kilnflight.detection.combination import View
+from kilnflight.detection.combination import Combination, View
 from kilnflight.experiments import detection, detection_methods
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
@@ -15,14 +15,14 @@ MEDIAN = background.Median(window=20)
 
 @pytest.fixture(scope="module")
 def subset():
-    twin, wanted = open_scene("V3@small"), (75, 76)
-    instances = {t: truth.instances(twin, t) for t in wanted}
-    return detection.Subset("V3", twin, wanted, truth.marked(twin, wanted), instances.get)
+    twin, frames = open_scene("V3@small"), (75, 76)
+    instances = {t: truth.instances(twin, t) for t in frames}
+    return detection.Subset("V3", twin, frames, truth.marked(twin, frames), instances.get)
 
 
 def perfect(subset):
     """Finds what is there: by the frame, which it knows by its grey values."""
-    known = {subset.recording.gray(t).tobytes(): t for t in subset.wanted}
+    known = {subset.recording.gray(t).tobytes(): t for t in subset.frames}
 
     def method(view):
         here = subset.particles["frame"] == known[view.gray.tobytes()]
@@ -55,8 +55,8 @@ def test_the_first_call_which_may_compile_is_not_timed(subset):
 
     table = detection.run([subset], {"one": method}, MEDIAN)
     assert calls[0] <= detection.WARM_UP_POINTS
-    assert len(calls) == 1 + len(subset.wanted)
-    assert len(table) == len(subset.wanted)
+    assert len(calls) == 1 + len(subset.frames)
+    assert len(table) == len(subset.frames)
 
 
 def test_detectors_of_each_kind_are_methods(subset):
@@ -65,7 +65,7 @@ def test_detectors_of_each_kind_are_methods(subset):
         "cloud": detection_methods.from_cloud(DBSCAN(60.0, 4)),
         **detection_methods.table_5_11_methods(1500.0, subset.recording.attributes.roi),
     }
-    table = detection.run([subset._replace(wanted=(75,))], methods, MEDIAN)
+    table = detection.run([subset._replace(frames=(75,))], methods, MEDIAN)
     assert list(table["method"]) == list(methods)
     assert (table[["tp", "fp", "fn"]] >= 0).all(axis=None)
     assert len(set(table["tp"] + table["fn"])) == 1
@@ -74,12 +74,12 @@ def test_detectors_of_each_kind_are_methods(subset):
 
 
 def test_views_that_are_held_are_those_of_a_first_look(subset):
-    holding = subset._replace(wanted=(75, 77), background=MEDIAN, held={})
+    holding = subset._replace(frames=(75, 77), background=MEDIAN, cache={})
     first = list(detection.subset_views(holding))
-    again = list(detection.subset_views(holding._replace(wanted=(77,))))
+    again = list(detection.subset_views(holding._replace(frames=(77,))))
     assert [t for t, _ in first] == [75, 77]
     assert again[0][1] is first[1][1]
-    anew = list(detection.subset_views(holding._replace(held=None, wanted=(77,))))
+    anew = list(detection.subset_views(holding._replace(cache=None, frames=(77,))))
     for one, other in zip(anew[0][1], again[0][1], strict=True):
         np.testing.assert_array_equal(one, other)
     other = list(detection.subset_views(holding, background=background.Median(window=6)))
@@ -88,18 +88,20 @@ def test_views_that_are_held_are_those_of_a_first_look(subset):
     assert next(view for _, view in detection.subset_views(holding)) is first[0][1]
 
 
-def test_measured_places_are_means_of_the_points_in_the_pixels(subset):
+def test_positions_are_means_of_the_points_in_the_pixels(subset):
+    subset = subset._replace(frames=(75,))
     ((t, view),) = kiln.views(subset.recording, [75], MEDIAN)
     image = subset.instances(t)
     ids = subset.particles.loc[subset.particles["frame"] == t, "particle"].to_numpy()
-    place = detection.measured_positions(view, image, ids)
-    for one, found in zip(ids, place, strict=True):
-        own = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == one]
-        if len(own):
-            np.testing.assert_allclose(found, own.mean(axis=0))
+    marked, detected = detection.positions(subset, Combination(DoG(1500.0)), MEDIAN)
+    for particle, place in zip(ids, marked[["x", "y", "z"]].to_numpy(), strict=True):
+        points = view.xyz[image[view.pixels[:, 0], view.pixels[:, 1]] == particle]
+        if len(points):
+            np.testing.assert_allclose(place, points.mean(axis=0))
         else:
-            assert np.isnan(found).all()
-    assert np.isfinite(place).any()
+            assert np.isnan(place).all()
+    assert marked["z"].notna().any()
+    assert set(detected["subset"]) <= {"V3"}
 
 
 def attempts(**f1):
@@ -138,7 +140,7 @@ def test_thresholds_ascend():
 
 
 def test_unsigned_differences_keep_what_is_brighter(subset):
-    stack = kiln.Pictures(subset.recording)
+    stack = kiln.GrayFrames(subset.recording)
     for model in (background.TwoFrame(), background.Median(window=20)):
         absolute = next(iter(model(stack, [76])))
         cut = next(iter(detection_methods.Unsigned(model)(stack, [76])))

@@ -1,3 +1,5 @@
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -38,7 +40,7 @@ def refuses(table):
     raise InputError("too dense.")
 
 
-def hill(*top, ladder=LONG, first=(0.0,)):
+def hill(*top, values=LONG, first=(0.0,)):
     """A tracker that cuts tracks the more, the farther its parameters are from the top."""
 
     def build(*setting):
@@ -48,11 +50,11 @@ def hill(*top, ladder=LONG, first=(0.0,)):
         )
 
     names = [f"p{k}" for k in range(len(top))]
-    return Grid(build, dict.fromkeys(names, ladder), dict.fromkeys(names, first))
+    return Grid(build, dict.fromkeys(names, values), dict.fromkeys(names, first))
 
 
-def chosen_one(window, ladders):
-    tried = grid_search.grid_search([window], {"one": ladders})
+def chosen_one(window, grid):
+    tried = grid_search.grid_search([window], {"one": grid})
     best = tried[tried["chosen"]]
     assert len(best) == 1
     return best.iloc[0], tried
@@ -75,17 +77,17 @@ def test_the_best_setting_of_each_tracker_is_chosen(window):
 @settings(deadline=None, max_examples=10)  # each climbs a dozen settings
 @given(top=st.tuples(st.integers(1, 8), st.integers(1, 8)), first=st.sampled_from(LONG))
 def test_the_climb_ends_inside_of_what_was_tried(top, first):
-    ladders = hill(*top, first=(first,))
-    best, tried = chosen_one(a_window(20), ladders)
+    grid = hill(*top, first=(first,))
+    best, tried = chosen_one(a_window(20), grid)
     assert best["setting"] == f"p0 {top[0]}, p1 {top[1]}"
     assert best["at_end"] == ""
-    around = {ladders.text(one) for one in ladders.neighbors(tuple(map(float, top)))}
+    around = {grid.text(one) for one in grid.neighbors(tuple(map(float, top)))}
     assert len(around) == 4
     assert around < set(tried["setting"])
     assert not tried["setting"].duplicated().any()
 
 
-def test_an_end_of_a_ladder_is_told(window):
+def test_an_end_of_the_grid_is_named(window):
     best, tried = chosen_one(window, hill(9.0, 4.0, first=(3.0, 4.0)))
     assert best["at_end"] == "p0"
     assert (tried.loc[~tried["chosen"], "at_end"] == "").all()
@@ -101,20 +103,21 @@ def test_who_refuses_a_neighbor_stays_where_it_is(window):
 
 
 @pytest.mark.parametrize(
-    ("ladder", "first"),
+    ("values", "first"),
     [((2.0, 1.0), (1.0,)), ((1.0, 1.0), (1.0,)), ((1.0, 2.0), (3.0,)), ((1.0,), ())],
 )
-def test_ladders_that_cannot_be_climbed_are_refused(ladder, first):
-    with pytest.raises(InputError, match="Grid: step has the ladder"):
-        Grid(lambda step: right, {"step": ladder}, {"step": first})
+def test_a_grid_without_neighbours_is_refused(values, first):
+    with pytest.raises(InputError, match="Grid: step has the values"):
+        Grid(lambda step: right, {"step": values}, {"step": first})
 
 
-def test_every_setting_on_the_ladders_has_its_own_name_and_a_tracker():
-    for ladders in [*kilnflight_grids().values(), *peer_grids().values()]:
-        some = ladders.first() + ladders.neighbors(ladders.first()[0])
-        assert len({ladders.text(one) for one in some}) == len(set(some))
+def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
+    for grid in [*kilnflight_grids().values(), *peer_grids().values()]:
+        first = list(product(*(grid.start[name] for name in grid.parameters)))
+        some = first + grid.neighbors(first[0])
+        assert len({grid.text(one) for one in some}) == len(set(some))
         for one in some:
-            assert callable(ladders.build(*one))
+            assert callable(grid.build(*one))
     assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.other_trackers import table as shared
 
 PACKAGE = {
     peers.Trackpy: "trackpy",
@@ -119,7 +118,7 @@ def test_settings_that_are_none_are_refused():
 
 
 def test_a_peer_that_is_missing_says_how_to_get_it(monkeypatch):
-    monkeypatch.setattr(shared, "find_spec", lambda name: None)
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
     assert peers.available() == ()
     for one in peers.PEERS:
         with pytest.raises(InputError, match=r"pip install kilnflight\[peer\]"):

@@ -93,31 +93,6 @@ def test_pairs_differ_in_fraction_or_pressure_but_not_in_both():
     assert (("a", 4.5), ("b", 5.0)) not in pairs
 
 
-def test_medians_have_intervals_and_few_particles_have_none():
-    few = Findings(np.array([0.3, 0.4]), np.full((2, 5), np.nan), np.empty(0), np.empty(0))
-    many = few._replace(dwell_s=np.linspace(0.2, 0.6, 41))
-    rows = results.medians({("a", 4.5): few, ("b", 4.5): many}, "dwell_s", np.random.default_rng(0))
-    assert rows["low"].isna().tolist() == [True, False]
-    assert rows.loc[1, "low"] < 0.4 < rows.loc[1, "high"]
-
-
-def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them():
-    keys = {"fraction": "confetti", "pressure_bar": 4.5}
-    single = with_cell(TRAJECTORIES[TRAJECTORIES["particle"] == 1])
-    many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
-    flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
-    table = results.regression_table(
-        Measurement(None, many, flown, None), np.random.default_rng(0)
-    ).set_index("axis")
-    deep = table.loc["z"]
-    assert (deep["tracks"], deep["rmse_mm"]) == (20, 95.0)
-    assert 0.0 < deep["rmse_mm_low"] < 95.0 < deep["rmse_mm_high"] < 190.0
-    few = results.regression_table(
-        Measurement(None, many, flown.head(3), None), np.random.default_rng(0)
-    )
-    assert few["rmse_mm_low"].isna().all()
-
-
 def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict():
     every = measured([(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR])
     flights = pd.concat([every.flights.assign(particle=k) for k in range(results.LEAST_FLIGHTS)])

@@ -1,8 +1,8 @@
-"""Errors of measured flights."""
+"""Errors of measured flights: bias, spread, which particles were measured at all."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import joblib
 import numpy as np
@@ -14,10 +14,10 @@ from kilnflight.experiments.error_budget import (
     particle_of_track,
     replace_steps,
     true_flights,
-    true_particles,
     true_positions,
 )
 from kilnflight.experiments.results import KEYS, of_campaign
+from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import fits
 from kilnflight.scores import intervals
@@ -27,15 +27,15 @@ CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 
 
-def compare(way: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
+def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true, one row per true particle whose whole flight is recorded.
 
-    Of several tracks of a particle the one that was followed for longest counts; what starts
-    at the lance and belongs to nobody comes last, without truth.
+    Of several tracks of a particle the longest in time counts. False flights, which start at
+    the lance and belong to no particle, come last, without truth.
 
     Parameters
     ----------
-    way
+    measured
         Flights that were worked out in one way.
     true
         `kilnflight.experiments.error_budget.true_flights`.
@@ -43,50 +43,64 @@ def compare(way: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``particle`` (-1: nobody's), ``measurable`` (whether a person could have followed
+        ``particle`` (-1: a false flight), ``measurable`` (whether a person could have followed
         it), ``track`` (-1: none), ``ending`` and ``true_ending``, and ``measured_`` and ``true_``
         of `QUANTITIES`.
     """
-    counted = way.flights[way.flights["from_lance"]]
-    first = way.slices[way.slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
-    table = pd.DataFrame(
-        {
-            "track": counted["particle"],
-            "particle": counted["particle"].map(way.owners).fillna(-1).astype(np.int64),
-            "ending": counted["ending"],
-            "measured_dwell_s": counted["dwell_s"],
-            "measured_velocity_m_s": counted["particle"].map(first).astype(np.float64),
-            "measured_ignition_s": counted["ignition_s"],
-            "seen_s": counted["last_s"] - counted["first_s"],
-        }
+    counted = _from_lance(measured.flights, measured.particles)
+    slices = measured.slices
+    first = slices[slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
+    velocity = counted["track"].map(first).astype(np.float64)
+    table = counted[["track", "particle", "ending"]].assign(
+        measured_dwell_s=counted["dwell_s"],
+        measured_velocity_m_s=velocity,
+        measured_ignition_s=counted["ignition_s"],
     )
-    mine = table[table["particle"] >= 0].sort_values("seen_s", kind="stable")
-    mine = mine.drop_duplicates("particle", keep="last").drop(columns="seen_s")
     known = {name: f"true_{name}" for name in ("ending", *QUANTITIES)}
     there = true.loc[true["whole"], ["particle", "measurable", *known]].rename(columns=known)
-    spurious = table[table["particle"] < 0].drop(columns="seen_s").assign(measurable=False)
-    both = pd.concat([there.merge(mine, how="left", on="particle"), spurious], ignore_index=True)
-    return both.assign(
-        track=both["track"].fillna(-1).astype(np.int64),
-        ending=both["ending"].fillna(""),
-        true_ending=both["true_ending"].fillna(""),
-    )
+    both = there.merge(table[counted["longest"]], how="left", on="particle")
+    false = table[table["particle"] < 0].assign(measurable=False)
+    both = pd.concat([both, false], ignore_index=True)
+    both[["ending", "true_ending"]] = both[["ending", "true_ending"]].fillna("")
+    return both.assign(track=both["track"].fillna(-1).astype(np.int64))
 
 
-def compare_campaigns(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+def _from_lance(flights: pd.DataFrame, particles: pd.Series) -> pd.DataFrame:
+    """Return the flights from the lance by length, with ``track`` and true ``particle``.
+
+    ``longest``: the longest track of a particle; -1 is no particle.
+    """
+    counted = flights[flights["from_lance"]].rename(columns={"particle": "track"})
+    particle = counted["track"].map(particles).fillna(-1).astype(np.int64)
+    counted = counted.assign(particle=particle)
+    length = (counted["last_s"] - counted["first_s"]).sort_values(kind="stable")
+    last = ~particle.loc[length.index].duplicated(keep="last")
+    return counted.assign(longest=last & (particle >= 0))
+
+
+def compare_campaigns(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
     """Return `compare` of the measurement as it is, with fraction and pressure in front."""
-    parts = []
-    for one in wanted:
-        cell = (one.fraction, one.pressure_bar)
-        tracks, _, flights, slices = (of_campaign(table, cell) for table in measured)
-        belongs = particle_of_track(
-            tracks, true_particles(tracks.reset_index(drop=True), true_positions(one))
-        )
-        both = compare(FlightTables(flights, slices, belongs), true_flights(one))
-        both.insert(0, "fraction", cell[0])
-        both.insert(1, "pressure_bar", cell[1])
-        parts.append(both)
+    parts = [
+        _with_key(compare(tables, true_flights(campaign)), campaign)
+        for campaign, tables in _with_particles(campaigns, measured)
+    ]
     return pd.concat(parts, ignore_index=True)
+
+
+def _with_particles(
+    campaigns: Sequence[Campaign], measured: Measurement
+) -> Iterator[tuple[Campaign, FlightTables]]:
+    """Yield each campaign with its flights, its slices and the true particles of its tracks."""
+    for campaign in campaigns:
+        tracks, _, flights, slices = (of_campaign(table, campaign.key) for table in measured)
+        owner = true_particles(tracks.reset_index(drop=True), true_positions(campaign))
+        yield campaign, FlightTables(flights, slices, particle_of_track(tracks, owner))
+
+
+def _with_key(table: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
+    table.insert(0, "fraction", campaign.fraction)
+    table.insert(1, "pressure_bar", campaign.pressure_bar)
+    return table
 
 
 def ending_table(both: pd.DataFrame) -> pd.DataFrame:
@@ -105,11 +119,11 @@ def ending_table(both: pd.DataFrame) -> pd.DataFrame:
     """
     real = both[both["particle"] >= 0]
     true = ending_cases(real["true_ending"], real["true_ignition_s"].notna()).rename("true")
-    told = ending_cases(real["ending"], real["measured_ignition_s"].notna())
-    told = told.where(real["track"] >= 0, "not measured")
-    table = pd.crosstab([real["fraction"], real["pressure_bar"], true], told)
-    every = [*CASES, LOST, "not measured"]
-    return table.reindex(columns=every, fill_value=0).rename_axis(columns=None).reset_index()
+    measured = ending_cases(real["ending"], real["measured_ignition_s"].notna())
+    measured = measured.where(real["track"] >= 0, "not measured")
+    table = pd.crosstab([real["fraction"], real["pressure_bar"], true], measured)
+    columns = [*CASES, LOST, "not measured"]
+    return table.reindex(columns=columns, fill_value=0).rename_axis(columns=None).reset_index()
 
 
 def ending_cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
@@ -118,49 +132,36 @@ def ending_cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
     return ending.where(ending != LANDED, landed)
 
 
-def compare_velocities(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+def compare_velocities(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
     """Return the velocity in each metre, measured and true, one row per particle and metre.
 
-    Of several tracks of a particle the one that was followed for longest counts.
+    Of several tracks of a particle the longest in time counts.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``particle`` (-1: nobody's), ``slice_m``,
+        ``fraction``, ``pressure_bar``, ``particle`` (-1: a false flight), ``slice_m``,
         ``measured_m_s``, ``true_m_s`` (NaN where there is none).
     """
     parts = []
-    for one in wanted:
-        cell = (one.fraction, one.pressure_bar)
-        tracks, _, flights, slices = (of_campaign(table, cell) for table in measured)
-        belongs = particle_of_track(
-            tracks, true_particles(tracks.reset_index(drop=True), true_positions(one))
-        )
-        seen = slices[["particle", "slice_m", "velocity_m_s"]].copy()
-        seen = seen[~seen["particle"].isin(_shorter(flights, belongs))]
-        seen["particle"] = seen["particle"].map(belongs).fillna(-1).astype(np.int64)
-        seen = seen.rename(columns={"velocity_m_s": "measured_m_s"})
-        true = true_flights(one)
+    for campaign, (flights, slices, particles) in _with_particles(campaigns, measured):
+        counted = _from_lance(flights, particles)
+        shorter = counted.loc[(counted["particle"] >= 0) & ~counted["longest"], "track"]
+        table = slices.loc[~slices["particle"].isin(shorter), ["particle", "slice_m"]]
+        table["particle"] = table["particle"].map(particles).fillna(-1).astype(np.int64)
+        table["measured_m_s"] = slices["velocity_m_s"]
+        true = true_flights(campaign)
         columns = {f"velocity_{metre}_m_s": float(metre) for metre in METRES}
         wide = true[true["whole"]].rename(columns=columns)
         tall = wide.melt("particle", list(columns.values()), "slice_m", "true_m_s").dropna()
         tall = tall.astype({"slice_m": np.float64})
-        both = seen.merge(tall, how="outer", on=["particle", "slice_m"])
-        parts.append(both.assign(fraction=cell[0], pressure_bar=cell[1]))
+        both = table.merge(tall, how="outer", on=["particle", "slice_m"])
+        parts.append(both.assign(fraction=campaign.fraction, pressure_bar=campaign.pressure_bar))
     return pd.concat(parts, ignore_index=True)
 
 
-def _shorter(flights: pd.DataFrame, belongs: pd.Series) -> pd.Series:
-    """Return the tracks from the lance that are not the longest one of their particle."""
-    counted = flights[flights["from_lance"]]
-    owner = counted["particle"].map(belongs).fillna(-1)
-    length = (counted["last_s"] - counted["first_s"]).sort_values(kind="stable")
-    mine = owner[owner >= 0].reindex(length.index).dropna()
-    return counted.loc[mine.index[mine.duplicated(keep="last")], "particle"]
-
-
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
-    """Return number, bias and spread of each quantity, and how ignition was told.
+    """Return number, bias and spread of each quantity, and where ignition was detected.
 
     Bias is the median of measured minus true, spread half the range that holds 68 % of it,
     over particles of which both are known; ``low`` and ``high`` are the 95 % interval of the
@@ -177,29 +178,31 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     generator = np.random.default_rng(seed)
     real = both[(both["particle"] >= 0) & both["measurable"]]
     found = real["track"] >= 0
+    share = intervals.share(int(found.sum()), len(real))
     row = {
         "true": float(len(real)),
         "found": float(found.sum()),
         "spurious": float((both["particle"] < 0).sum()),
+        "found_low": share.low,
+        "found_high": share.high,
     }
-    share = intervals.share(int(found.sum()), len(real))
-    row |= {"found_low": share.low, "found_high": share.high}
     for name in QUANTITIES:
         off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
         low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
         row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
-        row |= {f"{name}_spread": (high - low) / 2}
-        sure = intervals.Bootstrap()(intervals.median, [off], generator)
-        sides = [side if np.isfinite(side) else np.nan for side in (sure.low, sure.high)]
-        row |= {f"{name}_low": sides[0], f"{name}_high": sides[1]}
+        row[f"{name}_spread"] = (high - low) / 2
+        interval = intervals.Bootstrap()(intervals.median, [off], generator)
+        for side in ("low", "high"):
+            bound = getattr(interval, side)
+            row[f"{name}_{side}"] = bound if np.isfinite(bound) else np.nan
     lit = real["true_ignition_s"].notna()
-    told = real["measured_ignition_s"].notna()
-    row |= {"lit": float((found & lit).sum()), "lit_told": float((found & lit & told).sum())}
-    row |= {"unlit": float((found & ~lit).sum()), "unlit_told": float((found & ~lit & told).sum())}
+    detected = real["measured_ignition_s"].notna()
+    for name, kind in (("lit", found & lit), ("unlit", found & ~lit)):
+        row |= {name: float(kind.sum()), f"{name}_told": float((kind & detected).sum())}
     return row
 
 
-def account_flights(way: FlightTables, true: pd.DataFrame) -> dict[str, int]:
+def account_flights(measured: FlightTables, true: pd.DataFrame) -> dict[str, int]:
     """Return what became of every flight that starts at the lance; the parts add up.
 
     Returns
@@ -207,45 +210,48 @@ def account_flights(way: FlightTables, true: pd.DataFrame) -> dict[str, int]:
     dict
         ``flights``; of these ``found`` (the longest of a measurable particle whose whole
         flight is recorded), ``duplicates`` (further ones of any particle), ``cut`` (of a
-        particle that flies on before or after the recording, or that nobody could follow)
-        and ``spurious`` (nobody's).
+        particle that flies on before or after the recording, or that no person could follow)
+        and ``spurious`` (false flights).
     """
-    counted = way.flights[way.flights["from_lance"]]
-    owner = counted["particle"].map(way.owners).fillna(-1).astype(np.int64)
+    particle = _from_lance(measured.flights, measured.particles)["particle"]
     good = true.loc[true["whole"] & true["measurable"], "particle"]
-    known = owner[owner >= 0]
+    known = particle[particle >= 0]
     first = known.drop_duplicates()
     found = int(first.isin(good).sum())
     return {
-        "flights": len(counted),
+        "flights": len(particle),
         "found": found,
         "duplicates": len(known) - len(first),
         "cut": len(first) - found,
-        "spurious": int((owner < 0).sum()),
+        "spurious": int((particle < 0).sum()),
     }
 
 
-def error_budget(wanted: Sequence[Campaign], measured: Measurement, jobs: int = 1) -> pd.DataFrame:
-    """Return `errors` of every cell and way of `trust.ways`, in so many processes."""
+def error_budget(
+    campaigns: Sequence[Campaign], measured: Measurement, jobs: int = 1
+) -> pd.DataFrame:
+    """Return `errors` of every campaign and way of `replace_steps`, in so many processes."""
     rows = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(_budget)(
-            one, *(of_campaign(part, (one.fraction, one.pressure_bar)) for part in measured[:2])
+        joblib.delayed(_campaign_budget)(
+            campaign, *(of_campaign(table, campaign.key) for table in measured[:2])
         )
-        for one in wanted
+        for campaign in campaigns
     )
     return pd.DataFrame([row for part in rows for row in part])
 
 
-def _budget(
-    campaign: Campaign, tracked: pd.DataFrame, trajectories: pd.DataFrame
+def _campaign_budget(
+    campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame
 ) -> list[dict[str, object]]:
     """Return the rows of one campaign, given its tracks and their trajectories."""
-    cell = {"fraction": campaign.fraction, "pressure_bar": campaign.pressure_bar}
-    tracks = tracked.drop(columns=KEYS).reset_index(drop=True)
-    own = fits(trajectories.drop(columns=KEYS))
-    true, rows = true_flights(campaign), []
-    for name, way in replace_steps(campaign, tracks, own):
-        rows.append(
-            {**cell, "way": name, **errors(compare(way, true)), **account_flights(way, true)}
-        )
-    return rows
+    tracks = tracks.drop(columns=KEYS).reset_index(drop=True)
+    true = true_flights(campaign)
+    return [
+        {
+            **dict(zip(KEYS, campaign.key, strict=True)),
+            "way": name,
+            **errors(compare(flights, true)),
+            **account_flights(flights, true),
+        }
+        for name, flights in replace_steps(campaign, tracks, fits(trajectories.drop(columns=KEYS)))
+    ]

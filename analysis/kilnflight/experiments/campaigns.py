@@ -1,4 +1,10 @@
-"""The eight campaigns of the thesis on the twin."""
+"""The thesis's eight campaigns on the twin: four fractions at 4.5 and 5 bar, whole or in part.
+
+Threshold, wall and the limit of what is in the air come from the labelled frames; the outlet of
+the lance is known of every recording. No table of a campaign is made with its truth. No
+particle counts as burning when first detected: the thesis prints no grey value from which on a
+particle burns (`kilnflight.ignition.Ignition.bright`).
+"""
 
 from __future__ import annotations
 
@@ -16,9 +22,8 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
-from kilnflight.experiments import detection
+from kilnflight.experiments import detection, detection_methods
 from kilnflight.experiments.detection import BACKGROUNDS
-from kilnflight.experiments.detection_methods import PASSES
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vector
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
@@ -29,7 +34,7 @@ from kilnflight.twin.scenes import PRESSURES_BAR
 
 @dataclass(frozen=True)
 class Settings:
-    """What the labelled frames say about detection in a campaign, which shares none of them.
+    """Settings of the detection in campaigns, found on labelled frames that none of them shares.
 
     Parameters
     ----------
@@ -53,41 +58,37 @@ class Settings:
 
 
 def settings_from_labels(scale: str, seed: int = 0, frames: int = 0) -> Settings:
-    """Return threshold, wall and limit from the five subsets; see `trial`."""
+    """Return threshold, wall and limit from the labelled frames of the five subsets."""
     depends_on = {"scale": scale, "seed": seed, "frames": frames}
-    one = CachedTable("learned", partial(_learn, scale, seed, frames), depends_on)().iloc[0]
-    centre, direction = (
-        (float(one[f"{name}_x"]), float(one[f"{name}_y"]), float(one[f"{name}_z"]))
-        for name in ("centre", "direction")
-    )
-    wall = Cylinder(centre, direction, float(one["radius_mm"]))
-    return Settings(float(one["threshold"]), wall, float(one["in_air_mm"]))
+    make = partial(_settings, scale, seed, frames)
+    values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
+    threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
+    return Settings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
-def _learn(scale: str, seed: int, frames: int) -> pd.DataFrame:
+def _settings(scale: str, seed: int, frames: int) -> pd.DataFrame:
+    """Return the settings as a table of one row: threshold, radius, limit, centre, direction."""
     subsets = detection.labelled_subsets(scale, seed, frames)
-    tried = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
-    threshold = float(tried["threshold"].to_numpy()[int(np.argmax(tried["f1"]))])
-    first = subsets[0].recording.frame(subsets[0].wanted[0])
-    points = calibrate_points(first.xyz)
-    labels = PASSES["DBSCAN"][0](points)
-    on_wall = labels == np.bincount(labels[labels >= 0]).argmax()
-    wall = CylinderFit()(points[on_wall], seed)
-    marked = [detection.positions(one, Combination(DoG(threshold)))[0] for one in subsets]
-    known = pd.concat(marked).dropna(subset="z")
-    far = distance_to_axis(known[["x", "y", "z"]], wall)
+    counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
+    threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
+    first = subsets[0].recording.frame(subsets[0].frames[0])
+    wall = CylinderFit()(detection_methods.wall_points(first.xyz), seed)
+    detector = Combination(DoG(threshold))
+    labelled = [detection.positions(subset, detector)[0] for subset in subsets]
+    known = pd.concat(labelled).dropna(subset="z")
+    distance = distance_to_axis(known[["x", "y", "z"]], wall)
     flying = (known["label"] != 4).to_numpy()
-    place = {f"centre_{axis}": value for axis, value in zip("xyz", wall.centre_mm, strict=True)}
-    place |= {f"direction_{axis}": v for axis, v in zip("xyz", wall.direction, strict=True)}
-    limit = crossing(far[flying], far[~flying]) + 40.0
-    row = {"threshold": threshold, **place, "radius_mm": wall.radius_mm, "in_air_mm": limit}
+    limit = crossing(distance[flying], distance[~flying]) + 40.0
+    row = {"threshold": threshold, "radius_mm": wall.radius_mm, "in_air_mm": limit}
+    row |= {f"centre_{axis}": v for axis, v in zip("xyz", wall.centre_mm, strict=True)}
+    row |= {f"direction_{axis}": v for axis, v in zip("xyz", wall.direction, strict=True)}
     return pd.DataFrame([row])
 
 
 # First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
 # lasts 100 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
-FEWER = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
+SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 
 class Campaign(NamedTuple):
@@ -98,13 +99,18 @@ class Campaign(NamedTuple):
     run: KilnRun
 
     @property
+    def key(self) -> tuple[str, float]:
+        """Fraction and pressure."""
+        return self.fraction, self.pressure_bar
+
+    @property
     def frames(self) -> range:
-        """The frames that are looked at."""
+        """The frames in which particles are detected."""
         return self.run.frames
 
 
 def campaigns(
-    scale: str, learned: Settings, seed: int = 0, scenario: str = "base"
+    scale: str, settings: Settings, seed: int = 0, scenario: str = "base"
 ) -> list[Campaign]:
     """Return the campaigns of a scale; nothing is made yet.
 
@@ -112,7 +118,7 @@ def campaigns(
     ----------
     scale
         "quick" (two campaigns, 24 frames each), "standard" (250 frames of each) or "full".
-    learned
+    settings
         Threshold, wall and limit.
     seed
         Of the scenes.
@@ -121,29 +127,29 @@ def campaigns(
     """
     if scale not in FRAMES:
         raise InputError(f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}.")
-    cells = [(fraction, bar) for fraction in FRACTIONS for bar in PRESSURES_BAR]
+    keys = [(fraction, bar) for fraction in FRACTIONS for bar in PRESSURES_BAR]
     return [
-        _campaign(fraction, bar, scale, learned, seed, scenario)
-        for fraction, bar in (FEWER if scale == "quick" else cells)
+        _campaign(fraction, bar, scale, settings, seed, scenario)
+        for fraction, bar in (SMOKE_CAMPAIGNS if scale == "quick" else keys)
     ]
 
 
 def _campaign(
-    fraction: str, bar: float, scale: str, learned: Settings, seed: int, scenario: str
+    fraction: str, bar: float, scale: str, settings: Settings, seed: int, scenario: str
 ) -> Campaign:
     name = f"{fraction.replace(' ', '-').lower()}-{bar:.1f}-bar"
     source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
     twin = source.recording()
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
-    detector = Combination(DoG(learned.threshold))
+    detector = Combination(DoG(settings.threshold))
     subtracted = BACKGROUNDS[scale]
     detection = DetectionRun(
         source, first, stop, detector, subtracted, LONG_CHUNK, differences=False
     )
     lance = exit_point(twin.attributes)
     return Campaign(
-        fraction, bar, KilnRun(detection, lance, learned.wall, InAir(learned.in_air_mm))
+        fraction, bar, KilnRun(detection, lance, settings.wall, InAir(settings.in_air_mm))
     )
 
 
@@ -164,20 +170,20 @@ class Measurement(NamedTuple):
     slices: pd.DataFrame
 
 
-def measure(wanted: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
-    """Return what the measurement finds in the campaigns, made where it is not there.
+def measure(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
+    """Return the tables of the campaigns, made where they are not there.
 
     ``particle`` tells particles of one campaign apart, not of all.
     """
-    kiln.make_tables([one.run for one in wanted], workers)
-    return Measurement(*(_together(step, wanted) for step in Measurement._fields))
+    kiln.make_tables([campaign.run for campaign in campaigns], workers)
+    return Measurement(*(_concatenate(step, campaigns) for step in Measurement._fields))
 
 
-def _together(step: str, wanted: Sequence[Campaign]) -> pd.DataFrame:
+def _concatenate(step: str, campaigns: Sequence[Campaign]) -> pd.DataFrame:
     parts = []
-    for one in wanted:
-        table = one.run.table(step)()
-        table.insert(0, "fraction", one.fraction)
-        table.insert(1, "pressure_bar", one.pressure_bar)
+    for campaign in campaigns:
+        table = campaign.run.table(step)()
+        table.insert(0, "fraction", campaign.fraction)
+        table.insert(1, "pressure_bar", campaign.pressure_bar)
         parts.append(table)
     return pd.concat(parts, ignore_index=True)

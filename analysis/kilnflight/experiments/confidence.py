@@ -1,32 +1,64 @@
-"""Confidence intervals of what campaigns come to, and which differences are beyond chance."""
+"""Confidence intervals of what campaigns come to, and which differences are beyond chance.
+
+95 % intervals: medians and quartiles by bootstrap over particles, shares by Wilson
+(`kilnflight.scores.intervals` says what they leave out). A velocity is that of the particles that
+passed the metre, and the interval is of those; "velocity last" is of the metre that is the last
+one in the sample. The longest dwell time has none: no bootstrap gives one for a maximum.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.experiments import results
-from kilnflight.experiments.results import KEYS, CampaignKey, interval_columns, median_of
+from kilnflight.experiments.campaigns import Measurement
+from kilnflight.experiments.results import (
+    KEYS,
+    CampaignKey,
+    in_metre,
+    of_campaign,
+    trajectories_from_lance,
+)
 from kilnflight.project import claims
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import LAST_SHARE, METRES, Findings, outcomes, quartiles, remaining
 from kilnflight.scores.intervals import Bootstrap, Interval, Quantile
 
-Key = TypeVar("Key", bound=tuple[str, object])  # a cell, or a fraction and an axis
+Key = TypeVar("Key", bound=tuple[str, object])  # a campaign, or a fraction and an axis
 Array = npt.NDArray[np.float64]
+Pairs = Sequence[tuple[Key, Key]]
 QUARTILE = Bootstrap(least=11)  # `Quantile` says why
 NOTHING = Interval(np.nan, -np.inf, np.inf, (0,))
+# Measures of a fit by axis, and their columns in Table 5.18.
+FIT_MEASURES = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
+FIT_MEASURES |= {"r2_{}": "r2", "r2_adjusted_{}": "r2_adjusted"}
+PLURALS = {"wood chip": "Wood chips", "confetti": "Confetti"}
+PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
+
+
+def interval_columns(interval: Interval) -> dict[str, float]:
+    """Return an interval as columns; infinite bounds become empty."""
+    low, high = (np.nan if np.isinf(edge) else edge for edge in (interval.low, interval.high))
+    number = sum(interval.numbers)
+    return {"number": number, "estimate": interval.estimate, "low": low, "high": high}
+
+
+def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+    """Return the median of the finite values with its 95 % interval (bootstrap)."""
+    known = np.asarray(values, dtype=np.float64)
+    return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
 
 
 def outcome_intervals(findings: Findings, generator: np.random.Generator) -> dict[str, Interval]:
     """Return the interval of each of `flights.outcomes`, by name and in its unit."""
     lit = findings.ignition_s[np.isfinite(findings.ignition_s)]
     every = len(findings.ignition_s)
-    found = _along(findings.velocity_m_s, generator) | _dwell(findings.dwell_s, generator)
+    found = _velocity_intervals(findings.velocity_m_s, generator)
+    found |= _dwell_intervals(findings.dwell_s, generator)
     found |= {
         "penetration (m)": median_of(findings.reached_m, generator),
         "ignited (%)": _percent(len(lit), every),
@@ -36,27 +68,24 @@ def outcome_intervals(findings: Findings, generator: np.random.Generator) -> dic
     for name, low, high in (("< 0.2", 0.0, 0.2), ("< 0.4", 0.0, 0.4), ("0.2-0.3", 0.2, 0.3)):
         number = int(((lit > low) & (lit <= high)).sum())
         found[f"ignited {name} s (% of ignited)"] = _percent(number, len(lit))
-    found["dwell spread (s)"] = _spread(findings.dwell_s, generator)
-    for k, m in enumerate(METRES):
-        found[f"spread {m - 1}-{m} m (m/s)"] = _spread(findings.velocity_m_s[:, k], generator)
     return {name: found[name] for name in outcomes(findings).index}
 
 
-def _along(velocity_m_s: Array, generator: np.random.Generator) -> dict[str, Interval]:
-    """Return velocities and remaining shares by metre; velocities (n, 5)."""
+def _velocity_intervals(velocity_m_s: Array, generator: np.random.Generator) -> dict[str, Interval]:
+    """Return medians, spreads and remaining shares by metre; velocities (n, 5)."""
     count = len(velocity_m_s)
     passed = np.isfinite(velocity_m_s).sum(axis=0).tolist()
-    each = [median_of(velocity_m_s[:, k], generator) for k in range(len(METRES))]
+    each = [median_of(column, generator) for column in velocity_m_s.T]
     far = np.flatnonzero(remaining(velocity_m_s) >= 100.0 * LAST_SHARE)
-    last = each[far[-1]] if len(far) else NOTHING
-    found = {f"velocity {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, each, strict=True)}
-    share = {f"remaining {m} m (%)": _percent(passed[m - 1], count) for m in METRES}
-    found |= {"velocity last (m/s)": last} | share
+    found = {"velocity last (m/s)": each[far[-1]] if len(far) else NOTHING}
+    for k, metre in enumerate(METRES):
+        found[f"velocity {metre - 1}-{metre} m (m/s)"] = each[k]
+        found[f"remaining {metre} m (%)"] = _percent(passed[k], count)
+        found[f"spread {metre - 1}-{metre} m (m/s)"] = _spread(velocity_m_s[:, k], generator)
     return found | {"landed 1 m (%)": _percent(count - passed[0], count)}
 
 
-def _dwell(times: Array, generator: np.random.Generator) -> dict[str, Interval]:
-    """Return what is said of dwell times (n,)."""
+def _dwell_intervals(times: Array, generator: np.random.Generator) -> dict[str, Interval]:
     within = int(((times >= 0.3) & (times <= 0.4)).sum())
     longest = times.max() if len(times) else np.nan
     return {
@@ -66,11 +95,12 @@ def _dwell(times: Array, generator: np.random.Generator) -> dict[str, Interval]:
         "dwell longest (s)": Interval(longest, -np.inf, np.inf, (len(times),)),
         "dwell 0.3-0.4 s (%)": _percent(within, len(times)),
         "dwell > 0.4 s (%)": _percent(int((times >= 0.4).sum()), len(times)),
+        "dwell spread (s)": _spread(times, generator),
     }
 
 
 def _spread(values: Array, generator: np.random.Generator) -> Interval:
-    """Return the range between the quartiles of what is known."""
+    """Return the range between the quartiles of the finite values."""
     return QUARTILE(intervals.between_quartiles, [values[np.isfinite(values)]], generator)
 
 
@@ -88,7 +118,7 @@ def interval_table(
     quantities: Sequence[str],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
-    """Return every number that begins with one of these words, by cell.
+    """Return every number that begins with one of these words, by campaign.
 
     Returns
     -------
@@ -97,33 +127,33 @@ def interval_table(
         ``low``, ``high`` (empty where the sample is too small) and ``true``.
     """
     rows = []
-    for cell, one in found.items():
-        truth = outcomes(true[cell])
+    for key, one in found.items():
+        truth = outcomes(true[key])
         for name, interval in outcome_intervals(one, generator).items():
             if name.split(" ")[0] in quantities:
-                row = {**dict(zip(KEYS, cell, strict=True)), "outcome": name}
-                rows.append(row | results.interval_columns(interval) | {"true": truth[name]})
+                row = {**dict(zip(KEYS, key, strict=True)), "outcome": name}
+                rows.append(row | interval_columns(interval) | {"true": truth[name]})
     columns = [*KEYS, "outcome", "number", "estimate", "low", "high", "true"]
     return pd.DataFrame(rows, columns=columns)
 
 
 def with_intervals(
-    said: pd.DataFrame, certain: pd.DataFrame, name: str = "measured"
+    published: pd.DataFrame, table: pd.DataFrame, name: str = "measured"
 ) -> pd.DataFrame:
     """Return a table of `results.beside_published` with intervals behind a column.
 
     Parameters
     ----------
-    said
+    published
         With ``fraction``, ``pressure_bar``, ``outcome`` and the column ``name``.
-    certain
+    table
         Of `interval_table`, of the findings that the column was worked out from.
     name
         Of the column; ``_low`` and ``_high`` are put behind it.
     """
     keys = [*KEYS, "outcome"]
-    known = certain.set_index(keys).reindex(pd.MultiIndex.from_frame(said[keys]))
-    wide, place = said.copy(), list(said.columns).index(name)
+    known = table.set_index(keys).reindex(pd.MultiIndex.from_frame(published[keys]))
+    wide, place = published.copy(), list(published.columns).index(name)
     for k, side in enumerate(("low", "high")):
         wide.insert(place + 1 + k, f"{name}_{side}", known[side].to_numpy())
     return wide
@@ -132,14 +162,14 @@ def with_intervals(
 def unseen_metres(
     slices: pd.DataFrame, true: Mapping[CampaignKey, Findings], generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Return what the velocities come to without the metres that were passed before being seen.
+    """Return what the velocities come to without metres passed before the first detection.
 
     Parameters
     ----------
     slices
         `kilnflight.tables.SLICES` of flights from the lance, with fraction and pressure.
     true
-        What is true of each cell.
+        The truth of each campaign.
     generator
         Of the bootstrap.
 
@@ -148,19 +178,19 @@ def unseen_metres(
     DataFrame
         ``fraction``, ``pressure_bar``, ``metre``; ``number`` of flights that passed it and how
         many of them ``unseen``; how many were ``too_fast``, faster than any true particle of the
-        cell in that metre, and how many of these unseen; ``median_m_s``; ``seen_m_s`` with
+        campaign in that metre, and how many of these unseen; ``median_m_s``; ``seen_m_s`` with
         ``low`` and ``high``: the median of the seen ones; ``true_m_s``.
     """
     rows: list[dict[str, object]] = []
-    for cell, one in true.items():
-        part = results.of_campaign(slices, cell)
+    for key, one in true.items():
+        part = of_campaign(slices, key)
         for k, metre in enumerate(METRES):
             here = part[part["slice_m"] == metre]
             speed, seen = here["velocity_m_s"].to_numpy(np.float64), here["observed"].to_numpy(bool)
             real = one.velocity_m_s[np.isfinite(one.velocity_m_s[:, k]), k]
             fast = speed > real.max(initial=0.0)
-            found = results.interval_columns(median_of(speed[seen], generator))
-            row = {**dict(zip(KEYS, cell, strict=True)), "metre": metre, "number": len(speed)}
+            found = interval_columns(median_of(speed[seen], generator))
+            row = {**dict(zip(KEYS, key, strict=True)), "metre": metre, "number": len(speed)}
             row |= {"unseen": int((~seen).sum()), "too_fast": int(fast.sum())}
             row |= {"too_fast_unseen": int((fast & ~seen).sum()), "median_m_s": quartiles(speed)[1]}
             row |= {"seen_m_s": found["estimate"], "low": found["low"], "high": found["high"]}
@@ -168,18 +198,48 @@ def unseen_metres(
     return pd.DataFrame(rows)
 
 
+def coverage(
+    found: Mapping[CampaignKey, Findings],
+    true: Mapping[CampaignKey, Findings],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Return the medians of each campaign, and whether their intervals cover the true ones.
+
+    Returns
+    -------
+    DataFrame
+        ``quantity`` (dwell time, ignition time, velocity in the first three metres),
+        ``fraction``, ``pressure_bar``, ``number``, ``estimate``, ``low``, ``high``, ``true``
+        (median of all flights in the same frames) and ``covers``.
+    """
+    quantities = {"dwell_s": (found, true, "dwell_s"), "ignition_s": (found, true, "ignition_s")}
+    for metre in (1, 2, 3):
+        both = in_metre(found, metre), in_metre(true, metre)
+        quantities[f"velocity {metre - 1}-{metre} m"] = (*both, "velocity_m_s")
+    rows = []
+    for quantity, (measured, real, field) in quantities.items():
+        for key in measured:
+            row = {"quantity": quantity, **dict(zip(KEYS, key, strict=True))}
+            row |= interval_columns(median_of(getattr(measured[key], field), generator))
+            values = getattr(real[key], field)
+            rows.append(row | {"true": quartiles(values[np.isfinite(values)])[1]})
+    table = pd.DataFrame(rows)
+    inside = (table["low"] <= table["true"]) & (table["true"] <= table["high"])
+    return table.assign(covers=inside)
+
+
 def resolved_differences(
     groups: Mapping[Key, Array],
-    pairs: Sequence[tuple[Key, Key]],
+    pairs: Pairs[Key],
     generator: np.random.Generator,
     true: Mapping[Key, Array] | None = None,
 ) -> pd.DataFrame:
-    """Return `deviations.told_apart`, also with the thesis's numbers of particles.
+    """Return differences of medians, and whether they are beyond chance.
 
     Parameters
     ----------
     groups
-        Values by cell, or by fraction and axis.
+        Values by campaign, or by fraction and axis; NaN are left out.
     pairs
         First and second; those that are not in ``groups`` are left out.
     generator
@@ -190,43 +250,76 @@ def resolved_differences(
     Returns
     -------
     DataFrame
-        With a column ``resolved_with_table_5_15``: whether the same medians and scatter, but as
-        many particles as Table 5.15 has, would be told apart.
+        ``first``, ``second``, ``number``, ``estimate``, ``low``, ``high``; ``true`` if given;
+        ``resolved``; and ``resolved_with_table_5_15``: the same medians and scatter with as many
+        particles as Table 5.15 has, of which as large a part has a value.
 
     Notes
     -----
     Different axes of one track are taken as if they were of different tracks: what they share
     would only narrow the interval of their difference.
     """
-    there = [one for one in pairs if one[0] in groups and one[1] in groups]
-    ours = median_differences(groups, there, generator, true=true)
-    theirs = median_differences(groups, there, generator, trajectory_counts(groups))
-    return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
+    known = {key: values[np.isfinite(values)] for key, values in groups.items()}
+    counts = {key: (len(known[key]), len(groups[key])) for key in groups}
+
+    def interval(first: Key, second: Key, sizes: Sequence[int] | None) -> Interval:
+        both = [known[first], known[second]]
+        return Bootstrap()(intervals.difference_of_medians, both, generator, sizes)
+
+    medians = {
+        key: quartiles(values[np.isfinite(values)])[1] for key, values in (true or {}).items()
+    }
+    return _resolved(pairs, counts, interval, medians)
 
 
 def resolved_share_differences(
     counts: Mapping[Key, tuple[int, int]],
-    pairs: Sequence[tuple[Key, Key]],
+    pairs: Pairs[Key],
     true: Mapping[Key, tuple[int, int]] | None = None,
 ) -> pd.DataFrame:
     """Return `resolved_differences` of shares; ``counts``: how many, of how many."""
-    there = [one for one in pairs if one[0] in counts and one[1] in counts]
-    ours = share_differences(counts, there, true=true)
-    theirs = share_differences(counts, there, trajectory_counts(counts))
-    return ours.assign(resolved_with_table_5_15=theirs.get("resolved"))
+    published = trajectory_counts(counts)
+
+    def interval(first: Key, second: Key, sizes: Sequence[int] | None) -> Interval:
+        if sizes is None:
+            return intervals.difference_of_shares(counts[first], counts[second])
+        one, two = ((n, published[key]) for n, key in zip(sizes, (first, second), strict=True))
+        return intervals.difference_of_shares(one, two)
+
+    shares = {key: number / max(of, 1) for key, (number, of) in (true or {}).items()}
+    return _resolved(pairs, counts, interval, shares)
+
+
+def _resolved(
+    pairs: Pairs[Key],
+    counts: Mapping[Key, tuple[int, int]],
+    interval: Callable[[Key, Key, Sequence[int] | None], Interval],
+    true: Mapping[Key, float],
+) -> pd.DataFrame:
+    """Return a row per pair: with our numbers of particles and with those of Table 5.15."""
+    published = trajectory_counts(counts)
+    sizes = {k: round(published[k] * n / of) if of else 0 for k, (n, of) in counts.items()}
+    rows = []
+    for first, second in pairs:
+        if first in counts and second in counts:
+            ours = interval(first, second, None)
+            row = {"first": first, "second": second, **interval_columns(ours)}
+            row |= {"true": true[first] - true[second]} if true else {}
+            theirs = interval(first, second, [sizes[first], sizes[second]])
+            resolved = {"resolved": ours.resolves(), "resolved_with_table_5_15": theirs.resolves()}
+            rows.append(row | resolved)
+    return pd.DataFrame(rows)
 
 
 def trajectory_counts(keys: Iterable[Key]) -> dict[Key, int]:
     """Return how many trajectories of each fraction the thesis has (Table 5.15)."""
     printed = claims.published("table_5.15")
-    amount = dict(
-        zip(printed["fraction"].str.lower(), printed["amount_of_trajectories"], strict=True)
-    )
+    amount = printed["amount_of_trajectories"].set_axis(printed["fraction"].str.lower())
     return {key: int(amount[key[0].lower()]) for key in keys}
 
 
 def in_words(table: pd.DataFrame, what: str) -> str:
-    """Return which differences of a `resolved_differences` are beyond chance, as part of a reason.
+    """Return which differences are beyond chance, as part of a reason.
 
     Examples
     --------
@@ -238,81 +331,45 @@ def in_words(table: pd.DataFrame, what: str) -> str:
     if table.empty:
         return ""
     apart, close = [], []
-    for one in table.to_dict("records"):
-        first, second = (" ".join(map(str, one[side])) for side in ("first", "second"))
-        if one["resolved"]:
-            apart.append(f"{first} {'>' if one['estimate'] > 0 else '<'} {second}")
+    for row in table.to_dict("records"):
+        first, second = (" ".join(map(str, row[side])) for side in ("first", "second"))
+        if row["resolved"]:
+            apart.append(f"{first} {'>' if row['estimate'] > 0 else '<'} {second}")
         else:
             close.append(f"{first}, {second}")
-    said = [f"{what} told apart: {' / '.join(apart) or 'none'}"]
-    said += [f"not: {' / '.join(close)}"] if close else []
+    parts = [f"{what} told apart: {' / '.join(apart) or 'none'}"]
+    parts += [f"not: {' / '.join(close)}"] if close else []
     few = int(table["resolved_with_table_5_15"].sum())
-    return "; ".join([*said, f"with the numbers of Table 5.15: {few} of {len(table)}"])
+    return "; ".join([*parts, f"with the numbers of Table 5.15: {few} of {len(table)}"])
 
 
-def share_differences(
-    counts: Mapping[Key, tuple[int, int]],
-    pairs: Sequence[tuple[Key, Key]],
-    sizes: Mapping[Key, int] | None = None,
-    true: Mapping[Key, tuple[int, int]] | None = None,
-) -> pd.DataFrame:
-    """Return differences of shares like `median_differences`; ``counts``: how many, of how many."""
-    rows = []
-    for first, second in pairs:
-        one, two = counts[first], counts[second]
-        if sizes is not None:
-            one, two = _resized(one, sizes[first]), _resized(two, sizes[second])
-        found = intervals.difference_of_shares(one, two)
-        row = {"first": first, "second": second, **interval_columns(found)}
-        if true is not None:
-            shares = [true[cell][0] / max(true[cell][1], 1) for cell in (first, second)]
-            row |= {"true": shares[0] - shares[1]}
-        rows.append(row | {"resolved": found.resolves()})
-    return pd.DataFrame(rows)
+def regression_table(measured: Measurement, generator: np.random.Generator) -> pd.DataFrame:
+    """Return medians over the trajectories from the lance beside Table 5.18.
 
-
-def _resized(count: tuple[int, int], size: int) -> tuple[int, int]:
-    """Return how many of ``size`` the same share is."""
-    number, of = count
-    return (round(size * number / of) if of else 0), size
-
-
-def median_differences(
-    groups: Mapping[Key, npt.NDArray[np.float64]],
-    pairs: Sequence[tuple[Key, Key]],
-    generator: np.random.Generator,
-    sizes: Mapping[Key, int] | None = None,
-    true: Mapping[Key, npt.NDArray[np.float64]] | None = None,
-) -> pd.DataFrame:
-    """Return differences of medians with their interval, and whether they are resolved.
-
-    Parameters
-    ----------
-    groups
-        Values by cell; NaN are left out.
-    pairs
-        First and second.
-    generator
-        Of the bootstrap.
-    sizes
-        How many particles to reckon with, if not with all, with and without a value: as many
-        of them as of ours have one.
-    true
-        True values by cell: their difference of medians stands beside.
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``axis``, ``rmse_mm``, ``mape_percent``, ``r2``, ``r2_adjusted``,
+        ``tracks``, the four published ones, and of each of ours ``_low`` and ``_high``: its
+        95 % interval (bootstrap over trajectories).
     """
-    known = {name: values[np.isfinite(values)] for name, values in groups.items()}
+    table = trajectories_from_lance(measured)
+    wide = claims.published("table_5.18").pivot(
+        index=["fraction", "axis"], columns="measure", values="value"
+    )
+    printed = wide.rename(columns=str.lower).to_dict("index")
     rows = []
-    for first, second in pairs:
-        both = known[first], known[second]
-        wanted = None
-        if sizes is not None:
-            counts = ((len(known[name]), len(groups[name])) for name in (first, second))
-            ends = zip(counts, (sizes[first], sizes[second]), strict=True)
-            wanted = [_resized(count, size)[0] for count, size in ends]
-        found = intervals.Bootstrap()(intervals.difference_of_medians, both, generator, wanted)
-        row = {"first": first, "second": second, **interval_columns(found)}
-        if true is not None:
-            one, two = (quartiles(true[c][np.isfinite(true[c])])[1] for c in (first, second))
-            row |= {"true": float(one - two)}
-        rows.append(row | {"resolved": found.resolves()})
+    for fraction in measured.trajectories["fraction"].unique():
+        one = table[table["fraction"] == fraction]
+        for axis in "xyz":
+            fits = {name: one[column.format(axis)] for column, name in FIT_MEASURES.items()}
+            row = {"fraction": fraction, "axis": axis}
+            row |= {name: values.median() for name, values in fits.items()}
+            row["tracks"] = len(one)
+            theirs = printed[PLURALS[fraction], axis]
+            row |= {f"{name}_published": theirs[name] for name in fits}
+            for name, values in fits.items():
+                bounds = interval_columns(median_of(values, generator))
+                row |= {f"{name}_{side}": bounds[side] for side in ("low", "high")}
+            rows.append(row)
     return pd.DataFrame(rows)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from kilnflight.background import Median, TwoFrame
 from kilnflight.background.difference import Frames, partner
+from kilnflight.camera import calibrate_points
 from kilnflight.detection import (
     DBSCAN,
     Clusterer,
@@ -48,20 +49,26 @@ def from_foreground(detector: Detector2D) -> Method:
 
 
 def from_thresholds(
-    thresholds: Iterable[float], look: Callable[[Foreground], Foreground] = lambda image: image
+    thresholds: Iterable[float], change: Callable[[Foreground], Foreground] = lambda image: image
 ) -> dict[float, Method]:
-    """Return DoG with each threshold as a method, from one look at each view.
+    """Return DoG with each threshold as a method, from one call for each view.
 
     Parameters
     ----------
     thresholds
         In grey values.
-    look
+    change
         What is done to a foreground before.
     """
-    some = sorted(thresholds)
-    share = _Graded(DoG(float(min(some, default=0.0))), look)
-    return {threshold: partial(_above, share, float(threshold)) for threshold in some}
+    ascending = sorted(thresholds)
+    lowest = DoG(float(min(ascending, default=0.0)))
+    graded = _Remembered(lambda view: lowest.graded(change(view.foreground)))
+
+    def above(threshold: float, view: View) -> npt.NDArray[np.float64]:
+        particles = graded(view)
+        return particles[particles[:, 3] >= threshold, :3]
+
+    return {threshold: partial(above, float(threshold)) for threshold in ascending}
 
 
 def from_cloud(clusterer: Clusterer) -> Method:
@@ -82,66 +89,59 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
     threshold
         Of DoG, in grey values.
     roi
-        Polygon (row, col) that the combined detector looks at.
+        Polygon (row, col) in which the combined detector detects.
 
     Notes
     -----
     The two combinations with one clusterer share its passes over a frame; their time is not
     that of either alone.
     """
-    pictures: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": DoG(threshold)}
-    methods = {f"2D-{name}": from_foreground(one) for name, one in pictures.items()}
+    detectors: dict[str, Detector2D] = {"OTSU": Otsu(), "SIFT": DoG(threshold)}
+    methods = {f"2D-{name}": from_foreground(detector) for name, detector in detectors.items()}
     methods["3D-DBSCAN Clustering"] = from_cloud(DBSCAN(eps=50.0, min_points=10))
     methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
     for cloud, passes in PASSES.items():
-        share = _Shared(*passes)
-        for name, detector in pictures.items():
-            methods[f"Combi {name}+{cloud}"] = partial(_combined, detector, share, roi)
+        labels = _Remembered(partial(_labels, *passes))
+        for name, detector in detectors.items():
+            methods[f"Combi {name}+{cloud}"] = partial(_combined, detector, labels, roi)
     return methods
 
 
-class _Graded:
-    """Particles of the last view that was asked for, with their highest thresholds."""
-
-    def __init__(self, lowest: DoG, look: Callable[[Foreground], Foreground]) -> None:
-        self.lowest, self.look = lowest, look
-        self.last: tuple[View, npt.NDArray[np.float64]] | None = None
-
-    def __call__(self, view: View) -> npt.NDArray[np.float64]:
-        if self.last is None or self.last[0] is not view:
-            self.last = (view, self.lowest.graded(self.look(view.foreground)))
-        return self.last[1]
-
-
-def _above(share: _Graded, threshold: float, view: View) -> npt.NDArray[np.float64]:
-    every = share(view)
-    return every[every[:, 3] >= threshold, :3]
-
-
-class _Shared:
-    """Labels of the last view that was asked for."""
-
-    def __init__(self, wall: Clusterer, clusterer: Clusterer) -> None:
-        self.passes = (wall, clusterer)
-        self.last: tuple[View, npt.NDArray[np.intp]] | None = None
-
-    def __call__(self, view: View) -> npt.NDArray[np.intp]:
-        if self.last is None or self.last[0] is not view:
-            self.last = (view, second_pass(view.xyz, *self.passes))
-        return self.last[1]
+def _labels(wall: Clusterer, clusterer: Clusterer, view: View) -> npt.NDArray[np.intp]:
+    return second_pass(view.xyz, wall, clusterer)
 
 
 def _combined(
-    detector: Detector2D, share: _Shared, roi: Polygon | None, view: View
+    detector: Detector2D, labels: Callable[[View], Any], roi: Polygon | None, view: View
 ) -> npt.NDArray[np.float64]:
-    found = Combination(detector).decide(view, detector(view.foreground), share(view), roi)
-    return found[["row", "col"]].to_numpy()
+    table = Combination(detector).decide(view, detector(view.foreground), labels(view), roi)
+    return table[["row", "col"]].to_numpy()
+
+
+class _Remembered:
+    """A function of a view that remembers its value for the last view, for several methods."""
+
+    def __init__(self, function: Callable[[View], Any]) -> None:
+        self.function = function
+        self.last: tuple[View, Any] | None = None
+
+    def __call__(self, view: View) -> Any:
+        if self.last is None or self.last[0] is not view:
+            self.last = (view, self.function(view))
+        return self.last[1]
+
+
+def wall_points(xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return the calibrated points of a cloud on the wall: DBSCAN's largest cluster, first pass."""
+    points = calibrate_points(xyz)
+    labels = PASSES["DBSCAN"][0](points)
+    return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 
 
 @dataclass(frozen=True)
 class Unsigned:
-    """A background subtracted as unsigned integers are: what is darker than it becomes 0.
+    """Subtract a background as unsigned integers: pixels darker than it become 0.
 
     Not in the thesis, which prints absolute differences (Eqs 2.5 and 2.10). Subtraction of
     16-bit images in MATLAB, which it used, stops at 0, and an absolute value taken afterwards
@@ -151,14 +151,14 @@ class Unsigned:
     model: TwoFrame | Median
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
-        """Yield the foreground (rows, cols) of each wanted frame."""
-        wanted = list(indices)
+        """Yield the foreground (rows, cols) of each frame asked for."""
+        indices = list(indices)
         behind: Iterable[npt.NDArray[Any]]
         if isinstance(self.model, TwoFrame):
             step = self.model.interval
-            behind = (frames[partner(t, -step, len(frames))] for t in wanted)
+            behind = (frames[partner(t, -step, len(frames))] for t in indices)
         else:
-            behind = self.model.backgrounds(frames, wanted)
-        for t, background in zip(wanted, behind, strict=True):
+            behind = self.model.backgrounds(frames, indices)
+        for t, background in zip(indices, behind, strict=True):
             difference = np.asarray(frames[t], dtype=np.float32) - background
             yield np.maximum(difference, 0.0).astype(np.float32, copy=False)

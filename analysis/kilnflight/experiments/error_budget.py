@@ -14,12 +14,11 @@ from kilnflight import kiln, regression
 from kilnflight.checks import InputError
 from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.results import KEYS, of_campaign, twin_of
-from kilnflight.experiments.tracking import GATE_PX
+from kilnflight.experiments.tracking import true_particles
 from kilnflight.kiln import KilnRun
 from kilnflight.project.parallel import Workers
 from kilnflight.regression import Loss, Regression
 from kilnflight.scores.flights import METRES
-from kilnflight.scores.matching import pair
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
@@ -46,7 +45,7 @@ class FlightTables(NamedTuple):
 
     flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
     slices: pd.DataFrame  # `kilnflight.tables.SLICES`
-    owners: pd.Series  # true particle by track; -1: none
+    particles: pd.Series  # true particle by track; -1: none
 
 
 def true_flights(campaign: Campaign) -> pd.DataFrame:
@@ -65,17 +64,16 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     release = twin.life.release_s * rate
     over = release + flights.end_s * rate
     each = velocities(flights)
-    table = pd.DataFrame({"particle": twin.life.table["particle"]})
-    table["ending"] = twin.life.table["end"].to_numpy()
-    ended = table["ending"].isin(["landed", "burnt out"]).to_numpy()
-    table["dwell_s"] = np.where(ended, flights.end_s, np.nan)
-    table["velocity_m_s"] = each[:, 0]
-    for k, metre in enumerate(METRES):
-        table[f"velocity_{metre}_m_s"] = each[:, k]
-    table["ignition_s"] = flights.ignition_s
-    table["whole"] = (release >= frames.start) & (over < frames.stop)
-    seen = true_positions(campaign)["particle"].unique()
-    table["measurable"] = table["particle"].isin(seen)
+    table = twin.life.table[["particle"]].assign(ending=twin.life.table["end"])
+    ended = table["ending"].isin(["landed", "burnt out"])
+    table = table.assign(
+        dwell_s=np.where(ended, flights.end_s, np.nan),
+        velocity_m_s=each[:, 0],
+        **{f"velocity_{metre}_m_s": each[:, k] for k, metre in enumerate(METRES)},
+        ignition_s=flights.ignition_s,
+        whole=(release >= frames.start) & (over < frames.stop),
+        measurable=table["particle"].isin(true_positions(campaign)["particle"]),
+    )
     return table[(release < frames.stop) & (over > frames.start)].reset_index(drop=True)
 
 
@@ -84,30 +82,9 @@ def true_positions(campaign: Campaign) -> pd.DataFrame:
     return true_trajectories(twin_of(campaign), campaign.frames)
 
 
-def prepare_truth(wanted: Sequence[Campaign], workers: Workers) -> None:
+def prepare_truth(campaigns: Sequence[Campaign], workers: Workers) -> None:
     """Make the `true_positions` of all campaigns, several at a time."""
-    lengths = [len(one.frames) for one in wanted]
-    workers(_sightings, list(wanted), lengths, "truth")
-
-
-def _sightings(campaign: Campaign) -> None:
-    true_positions(campaign)
-
-
-def true_particles(table: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
-    """Return the true particle that each detection belongs to, (n,); -1: none.
-
-    In each frame detections and true positions are paired within `GATE_PX`.
-    """
-    owner = np.full(len(table), -1, dtype=np.int64)
-    rows, known = (one.groupby("frame").indices for one in (table, true))
-    places, spots = (one[["row", "col"]].to_numpy(np.float64) for one in (table, true))
-    particle = true["particle"].to_numpy()
-    for frame, there in known.items():
-        here = rows.get(frame, np.empty(0, np.intp))
-        found = pair(spots[there], places[here], GATE_PX)
-        owner[here[found[:, 1]]] = particle[there[found[:, 0]]]
-    return owner
+    workers(true_positions, list(campaigns), [len(one.frames) for one in campaigns], "truth")
 
 
 def particle_of_track(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.Series:
@@ -122,7 +99,7 @@ def particle_of_track(tracks: pd.DataFrame, owner: npt.NDArray[np.int64]) -> pd.
 
 
 def replace_steps(
-    campaign: Campaign, tracks: pd.DataFrame, own: Mapping[int, regression.Fit] | None = None
+    campaign: Campaign, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit] | None = None
 ) -> Iterator[tuple[str, FlightTables]]:
     """Yield the flights with one step after the other replaced by the truth; `STEPS`.
 
@@ -132,7 +109,7 @@ def replace_steps(
         Of the twin.
     tracks
         Its detections in the air with ``particle``, as measured.
-    own
+    fits
         Their trajectories; worked out if None.
     """
     true, run = true_positions(campaign), campaign.run
@@ -143,25 +120,28 @@ def replace_steps(
     known = link_by_truth(tracks, owner, true)
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
     deep = with_true_depth(tracks, owner, true)
-    own = fit_tracks(run, tracks) if own is None else own
-    replaced = {name: exact[belongs[name]] for name in own if belongs[name] in exact}
-    each = (
-        (positions, exact, particle_of_track(positions, true_particles(positions, true))),
-        (known, fit_tracks(run, known), particle_of_track(known, owner)),
-        (
-            followed,
-            fit_tracks(run, followed),
-            particle_of_track(followed, true_particles(followed, true)),
-        ),
-        (deep, fit_tracks(run, deep), belongs),
-        (tracks, {**own, **replaced}, belongs),
-        (tracks, fit_tracks(replace(run, regression=WEIGHTED), tracks), belongs),
-        (tracks, fit_tracks(replace(run, regression=ROBUST), tracks), belongs),
-        (tracks, own, belongs),
+    measured = fit_tracks(run, tracks) if fits is None else fits
+    replaced = {name: exact[belongs[name]] for name in measured if belongs[name] in exact}
+    weighted, robust = (
+        fit_tracks(replace(run, regression=one), tracks) for one in (WEIGHTED, ROBUST)
     )
-    for name, (table, fits, whose) in zip(STEPS, each, strict=True):
-        flights = kiln.flights_from(run, table, fits)
-        yield name, FlightTables(flights, kiln.slices_from(flights, fits), whose)
+    each = (
+        (positions, exact, _particles(positions, true)),
+        (known, fit_tracks(run, known), particle_of_track(known, owner)),
+        (followed, fit_tracks(run, followed), _particles(followed, true)),
+        (deep, fit_tracks(run, deep), belongs),
+        (tracks, {**measured, **replaced}, belongs),
+        (tracks, weighted, belongs),
+        (tracks, robust, belongs),
+        (tracks, measured, belongs),
+    )
+    for name, (table, trajectories, particles) in zip(STEPS, each, strict=True):
+        flights = kiln.flights_from(run, table, trajectories)
+        yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), particles)
+
+
+def _particles(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
+    return particle_of_track(tracks, true_particles(tracks, true))
 
 
 def link_by_truth(
@@ -200,19 +180,19 @@ def fit_tracks(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
     return regression.fits(regression.regress_all(tracked(table), run.exit_point_mm, rate, method))
 
 
-def flights_above_background(wanted: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+def flights_above_background(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
     """Return the flights with ignition read from grey values above the background.
 
-    `kilnflight.kiln.background_gray` says what that is; only pictures are asked, no truth.
+    `kilnflight.kiln.background_gray` says what that is; it uses only pictures, no truth.
     """
     parts = []
-    for one in wanted:
-        cell = (one.fraction, one.pressure_bar)
-        tracks, fitted = (of_campaign(table, cell).drop(columns=KEYS) for table in measured[:2])
-        rules = replace(one.run.rules, above_background=True)
-        run = replace(one.run, rules=rules)
-        found = kiln.flights_from(run, tracks, regression.fits(fitted))
-        found.insert(0, "fraction", cell[0])
-        found.insert(1, "pressure_bar", cell[1])
-        parts.append(found)
+    for campaign in campaigns:
+        key = campaign.key
+        tracks, fits = (of_campaign(table, key).drop(columns=KEYS) for table in measured[:2])
+        rules = replace(campaign.run.rules, above_background=True)
+        run = replace(campaign.run, rules=rules)
+        flights = kiln.flights_from(run, tracks, regression.fits(fits))
+        flights.insert(0, "fraction", campaign.fraction)
+        flights.insert(1, "pressure_bar", campaign.pressure_bar)
+        parts.append(flights)
     return pd.concat(parts, ignore_index=True)

@@ -1,4 +1,11 @@
-"""Grid search for the settings of trackers."""
+"""Grid search for the settings of trackers: the same objective and the same rule for all.
+
+A setting is scored by its mean beta over the fractions, without post-processing: beta charges
+false tracks, and other people's trackers have no post-processing. Every parameter has a grid of
+values, in steps of about the same ratio. A small part of the grid is tried in full; then the
+neighbours of the best setting, until none is better. So the best lies inside of what was tried,
+or at an end of the grid, and the table says which.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +27,11 @@ from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
 
-# The ladders, for ours and for peers alike. Ends that are not nought are far from any use.
+# The values, the same for all trackers. Ends that are not zero are far from any use.
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
 STEPS = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)  # px
-PATIENCE = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # frames; the stretches have 100
+PATIENCE = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # frames; the windows have 100
 
 Setting = tuple[float, ...]
 
@@ -36,64 +43,63 @@ class Grid:
     Raises
     ------
     InputError
-        If a ladder is not ascending, or a value of the grid is not on it.
+        If the values of a parameter do not ascend, or do not include those of the start.
     """
 
     build: Callable[..., Tracker]  # of one value per parameter, in this order
-    rungs: Mapping[str, Setting]  # parameter -> the values of its ladder, ascending
-    grid: Mapping[str, Setting]  # parameter -> values that are tried in every combination
+    parameters: Mapping[str, Setting]  # parameter -> its values, ascending
+    start: Mapping[str, Setting]  # parameter -> values that are tried in every combination
 
     def __post_init__(self) -> None:
-        """Refuse ladders that cannot be climbed."""
-        for name, ladder in self.rungs.items():
-            first = self.grid.get(name, ())
-            if sorted(set(ladder)) != list(ladder) or not first or not set(first) <= set(ladder):
+        """Refuse a grid without neighbours."""
+        for name, values in self.parameters.items():
+            first = self.start.get(name, ())
+            if sorted(set(values)) != list(values) or not first or not set(first) <= set(values):
                 raise InputError(
-                    f"Grid: {name} has the ladder {ladder} and the grid {first}. Give the "
-                    "ladder in ascending order and take the grid from it."
+                    f"Grid: {name} has the values {values} and the start {first}. Give the "
+                    "values in ascending order and take the start from them."
                 )
 
-    def first(self) -> list[Setting]:
-        """Return the settings of the grid."""
-        return list(product(*(self.grid[name] for name in self.rungs)))
-
     def neighbors(self, setting: Setting) -> list[Setting]:
-        """Return the settings one step up or down on one ladder."""
+        """Return the settings one step up or down in one parameter."""
         found = []
-        for k, ladder in enumerate(self.rungs.values()):
-            at = ladder.index(setting[k])
-            for value in (*ladder[max(at - 1, 0) : at], *ladder[at + 1 : at + 2]):
+        for k, values in enumerate(self.parameters.values()):
+            at = values.index(setting[k])
+            for value in (*values[max(at - 1, 0) : at], *values[at + 1 : at + 2]):
                 found.append((*setting[:k], value, *setting[k + 1 :]))
         return found
 
-    def ends(self, setting: Setting) -> str:
-        """Return the parameters that are at an end of their ladders, "" for none.
+    def at_end(self, setting: Setting) -> str:
+        """Return the parameters that are at an end of their values, "" for none.
 
-        A ladder that the grid holds in full, yes or no, say, has nothing beyond its ends.
+        If the start has all values, yes or no, say, there is nothing beyond their ends.
         """
-        pairs = zip(self.rungs.items(), setting, strict=True)
-        at_end = [name for (name, some), value in pairs if value in (some[0], some[-1])]
-        return ", ".join(one for one in at_end if set(self.grid[one]) != set(self.rungs[one]))
+        names = [
+            name
+            for (name, values), value in zip(self.parameters.items(), setting, strict=True)
+            if value in (values[0], values[-1]) and set(self.start[name]) != set(values)
+        ]
+        return ", ".join(names)
 
     def text(self, setting: Setting) -> str:
         """Return the setting in words."""
-        pairs = zip(self.rungs, setting, strict=True)
+        pairs = zip(self.parameters, setting, strict=True)
         return ", ".join(f"{name} {value:g}" for name, value in pairs)
 
 
 def kilnflight_grids() -> dict[str, Grid]:
-    """Return the ladders of GNN and JPDA."""
-    rungs = {"gate": GATES, "noise": NOISES, "lost": PATIENCE}
-    grid = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "lost": (3, 5, 8, 12)}
+    """Return the grids of GNN and JPDA."""
+    values = {"gate": GATES, "noise": NOISES, "lost": PATIENCE}
+    start = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "lost": (3, 5, 8, 12)}
     return {
-        "GNN": Grid(_Ours(GNN()), rungs, grid),
-        "JPDA": Grid(_Ours(JPDA()), rungs, grid),
+        "GNN": Grid(_TrackWith(GNN()), values, start),
+        "JPDA": Grid(_TrackWith(JPDA()), values, start),
     }
 
 
 @dataclass(frozen=True)
-class _Ours:
-    """Our tracker with an associator, of gate, noise and patience."""
+class _TrackWith:
+    """Our tracker with an associator, of gate, noise and the frames a track may be lost."""
 
     associator: Associator
 
@@ -108,7 +114,7 @@ class _Ours:
 
 
 def peer_grids() -> dict[str, Grid]:
-    """Return the ladders of trackpy, laptrack and Stone Soup; all are installed or not."""
+    """Return the grids of trackpy, laptrack and Stone Soup; all are installed or not."""
     filtered = {"gate": GATES, "noise": NOISES, "unseen": PATIENCE}
     return {
         "trackpy": Grid(
@@ -134,22 +140,22 @@ def peer_grids() -> dict[str, Grid]:
     }
 
 
-def grid_search(windows: Iterable[Window], trackers: Mapping[str, Grid]) -> pd.DataFrame:
+def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.DataFrame:
     """Return what each setting of each tracker gives; the best of each tracker is chosen.
 
     Parameters
     ----------
     windows
-        Stretches that no result is taken from (`pursuit.windows`, ``others``).
-    trackers
-        Name of the tracker -> its ladders.
+        Frames that no result is taken from (`tracking.windows`, ``for_settings``).
+    grids
+        By tracker.
 
     Returns
     -------
     DataFrame
         ``tracker``, ``setting``, the four measures without post-processing, averaged over the
         windows, ``seconds`` in all, ``chosen``, ``at_end`` (of the chosen: its parameters at an
-        end of their ladders, "" if it lies inside) and ``note``. A tracker that refuses a
+        end of their values, "" if it lies inside) and ``note``. A tracker that refuses a
         window (an `InputError`) has no measures for that setting, and the note says why.
 
     Raises
@@ -161,81 +167,79 @@ def grid_search(windows: Iterable[Window], trackers: Mapping[str, Grid]) -> pd.D
     -----
     Of settings of equal worth the first is chosen.
     """
-    looked_at = list(windows)
-    if not looked_at:
-        raise InputError("best_setting: no windows to try settings on.")
-    parts = [_climbed(looked_at, name, ladders) for name, ladders in trackers.items()]
+    windows = list(windows)
+    if not windows:
+        raise InputError("grid_search: no windows to try settings on.")
+    parts = [_search(windows, name, grid) for name, grid in grids.items()]
     names = ["tracker", "setting", *MEASURES, "seconds", "chosen", "at_end", "note"]
     return pd.concat(parts, ignore_index=True)[names] if parts else pd.DataFrame(columns=names)
 
 
-def first_frames(window: Window, frames: int) -> Window:
-    """Return the first frames of a stretch, for trackers that are too slow for all of it."""
-    part = window.frames[:frames]
-    seen, true = (
-        table[table["frame"].isin(part)].reset_index(drop=True)
-        for table in (window.detections, window.truth)
-    )
-    return window._replace(frames=part, detections=seen, truth=true)
-
-
-def _climbed(windows: list[Window], name: str, ladders: Grid) -> pd.DataFrame:
-    """Try the grid, then the neighbours of the best until none is better."""
-    tried: dict[Setting, dict[str, object]] = {}
-    ahead = ladders.first()
+def _search(windows: list[Window], name: str, grid: Grid) -> pd.DataFrame:
+    """Try the start, then the neighbours of the best until none is better."""
+    rows: dict[Setting, dict[str, object]] = {}
+    ahead = list(product(*(grid.start[parameter] for parameter in grid.parameters)))
     with tqdm(desc=name, unit="setting", disable=None) as bar:
         while ahead:
             for setting in ahead:
-                row = {"tracker": name, "setting": ladders.text(setting)}
-                tried[setting] = row | _tried(windows, ladders.build(*setting))
+                row = {"tracker": name, "setting": grid.text(setting)}
+                rows[setting] = row | _mean_measures(windows, grid.build(*setting))
                 bar.update()
-            table = pd.DataFrame(tried.values())
+            table = pd.DataFrame(rows.values())
             if table["beta"].isna().all():
                 raise InputError(
-                    f"best_setting: {name} refuses every setting: {table['note'].iloc[0]}"
+                    f"grid_search: {name} refuses every setting: {table['note'].iloc[0]}"
                 )
             best = int(table["beta"].argmax())
-            setting = list(tried)[best]
-            ahead = [one for one in ladders.neighbors(setting) if one not in tried]
+            setting = list(rows)[best]
+            ahead = [neighbor for neighbor in grid.neighbors(setting) if neighbor not in rows]
     here = np.arange(len(table)) == best
-    return table.assign(chosen=here, at_end=np.where(here, ladders.ends(setting), ""))
+    return table.assign(chosen=here, at_end=np.where(here, grid.at_end(setting), ""))
 
 
-def chosen_trackers(tried: pd.DataFrame, trackers: Mapping[str, Grid]) -> dict[str, Tracker]:
-    """Return each tracker in the setting that `grid_search` chose."""
-    best = tried[tried["chosen"]]
-    found = {}
-    for name, text in zip(best["tracker"], best["setting"], strict=True):
-        ladders = trackers[name]
-        named = {ladders.text(one): one for one in product(*ladders.rungs.values())}
-        found[name] = ladders.build(*named[text])
-    return found
-
-
-def score(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
-    """Return `pursuit.run`, with a row without measures where a tracker refuses."""
-    parts = []
-    for window in windows:
-        for name, tracker in trackers.items():
-            try:
-                parts.append(run([window], {name: tracker}).assign(note=""))
-            except InputError as error:
-                row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
-                stages = pd.DataFrame([row, row]).assign(postprocessing=["without", "with"])
-                parts.append(stages)
-    return pd.concat(parts, ignore_index=True)
-
-
-def _tried(windows: list[Window], tracker: Tracker) -> dict[str, object]:
+def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]:
     """Return the means over the windows, the seconds of tracking, and why there are none."""
-    found, begin = [], perf_counter()
+    begin = perf_counter()
     try:
         tracks = [tracker(window.detections) for window in windows]
     except InputError as error:
         nothing = dict.fromkeys(MEASURES, np.nan)
         return {**nothing, "seconds": perf_counter() - begin, "note": f"not run: {error}"}
     seconds = perf_counter() - begin
-    for window, table in zip(windows, tracks, strict=True):
-        found.append(measures(window.truth, table))
-    means = pd.DataFrame(found)[list(MEASURES)].mean()
-    return {**{str(k): float(v) for k, v in means.items()}, "seconds": seconds, "note": ""}
+    rows = [measures(window.truth, one) for window, one in zip(windows, tracks, strict=True)]
+    table = pd.DataFrame(rows)
+    means = {name: float(table[name].mean()) for name in MEASURES}
+    return {**means, "seconds": seconds, "note": ""}
+
+
+def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str, Tracker]:
+    """Return each tracker in the setting that `grid_search` chose."""
+    best = table[table["chosen"]]
+    found = {}
+    for name, text in zip(best["tracker"], best["setting"], strict=True):
+        grid = grids[name]
+        settings = {grid.text(one): one for one in product(*grid.parameters.values())}
+        found[name] = grid.build(*settings[text])
+    return found
+
+
+def first_frames(window: Window, frames: int) -> Window:
+    """Return the first frames of a window, for trackers that are too slow for all of it."""
+    part = window.frames[:frames]
+    detections, truth = (
+        table[table["frame"].isin(part)].reset_index(drop=True)
+        for table in (window.detections, window.truth)
+    )
+    return window._replace(frames=part, detections=detections, truth=truth)
+
+
+def score(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
+    """Return `tracking.run`, with a row without measures where a tracker refuses."""
+    parts = []
+    for window, (name, tracker) in product(windows, trackers.items()):
+        try:
+            parts.append(run([window], {name: tracker}).assign(note=""))
+        except InputError as error:
+            row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
+            parts.append(pd.DataFrame([row, row]).assign(postprocessing=["without", "with"]))
+    return pd.concat(parts, ignore_index=True)

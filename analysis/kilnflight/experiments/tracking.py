@@ -1,4 +1,10 @@
-"""Tracking experiment: trackers on windows of the campaigns, scored as in section 5.2.2."""
+"""Tracking experiment: trackers on windows of the campaigns, scored as in section 5.2.2.
+
+window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
+
+The trackers run on the windows of Table 5.15. Settings that the thesis does not print are found
+on other frames of the same campaigns (`settings_frames`), which share no frame with those.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +13,7 @@ import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,10 +38,10 @@ from kilnflight.twin.truth import true_trajectories
 
 # The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
 GATE_PX = 10.0
-MARGIN = 150  # frames between a window and the stretch for settings: no shared background
-# Frames of a window and of the stretch for settings, by scale; 0: as long as Table 5.15's.
+MARGIN = 150  # frames between a window and those for settings: no shared background
+# Frames of a window and of those for settings, by scale; 0: as long as Table 5.15's.
 LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
-SMOKE_FRACTIONS = ("wood chip", "paper shred")  # fractions of a smoke run
+SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
 SPAN = 11  # frames that such a window sums
@@ -43,7 +50,7 @@ Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with 
 
 
 class Window(NamedTuple):
-    """A stretch of a campaign: what was found in it, and what is true."""
+    """Consecutive frames of a campaign: the detections in them, and the truth."""
 
     fraction: str
     scene: str
@@ -54,17 +61,16 @@ class Window(NamedTuple):
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
-    """Return how many particles fly in the stretches of some length at these first frames."""
-    first = np.asarray(list(starts), dtype=np.intp)
+    """Return how many particles fly in so many frames from each of these first frames."""
+    first = np.asarray(list(starts), dtype=np.intp)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
     ended = released + table["end_s"].to_numpy() * rate
-    number = (released < first[:, None] + length) & (ended > first[:, None])
-    return np.asarray(number.sum(axis=1), dtype=np.intp)
+    return np.asarray(((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp)
 
 
 def busiest_frames(twin: Twin, within: range, length: int) -> range:
-    """Return the part of a stretch, of some length, in which most particles fly."""
+    """Return the part of some frames, of some length, in which most particles fly."""
     starts = range(within.start, within.stop - length + 1)
     start = starts[int(flying_particles(twin, starts, length).argmax())]
     return range(start, start + length)
@@ -77,34 +83,33 @@ def scored_frames(twin: Twin, scale: str) -> range:
 
 
 def settings_frames(twin: Twin, scale: str) -> range:
-    """Return the busiest part of another stretch like the window, for the choice of settings.
+    """Return the busiest part of another window like that of Table 5.15, to find settings in.
 
     Like: as long, with as near to as many particles as Table 5.15 counts, and far away.
     """
     window = tracking_window(twin)
     before = range(0, window.start - MARGIN - len(window) + 1, 10)
     after = range(window.stop + MARGIN, len(twin) - len(window) + 1, 10)
-    starts = [*before, *after]
-    off = np.abs(flying_particles(twin, starts, len(window)) - WINDOWS[str(twin.scene.fraction)][0])
-    start = starts[int(off.argmin())]
+    starts, count = [*before, *after], WINDOWS[str(twin.scene.fraction)][0]
+    start = starts[int(np.abs(flying_particles(twin, starts, len(window)) - count).argmin())]
     return busiest_frames(twin, range(start, start + len(window)), LENGTHS[scale][1])
 
 
 def windows(
-    scale: str, learned: Settings, seed: int = 0, *, others: bool = False, jobs: int = 1
+    scale: str, settings: Settings, seed: int = 0, *, for_settings: bool = False, jobs: int = 1
 ) -> list[Window]:
-    """Return the windows of all fractions at 4.5 bar, detected (kept on disk).
+    """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
     ----------
     scale
         "quick" (two fractions, few frames), "standard" or "full".
-    learned
+    settings
         Threshold and wall, from the labelled frames.
     seed
         Of the scenes.
-    others
-        The stretches for settings in place of the windows.
+    for_settings
+        Return the frames in which settings are found in place of those that are scored.
     jobs
         Processes.
     """
@@ -113,12 +118,12 @@ def windows(
         name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
-        frames = (settings_frames if others else scored_frames)(twin, scale)
-        detector, background = Combination(DoG(learned.threshold)), BACKGROUNDS[scale]
+        frames = (settings_frames if for_settings else scored_frames)(twin, scale)
+        detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
-        seen = learned.in_air(kiln.detections(run, Workers(jobs)))
-        true = true_trajectories(twin, frames)
-        found.append(Window(fraction, name, frames, seen, true, Differences(run)))
+        in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
+        truth = true_trajectories(twin, frames)
+        found.append(Window(fraction, name, frames, in_air, truth, Differences(run)))
     return found
 
 
@@ -178,21 +183,26 @@ def track_and_postprocess(
     yield "with", done, time.perf_counter() - begin
 
 
-def linked_by_truth(window: Window) -> pd.DataFrame:
-    """Return the detections with the true particle they belong to: links without a mistake.
+def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
+    """Return the true particle that each detection belongs to, (n,); -1: none.
 
-    In each frame true positions and detections are paired within `GATE_PX` at the least
-    distance; what is in no pair is in no track (-1).
+    In each frame detections and true positions are paired within `GATE_PX`.
     """
-    seen = window.detections
-    particle = np.full(len(seen), -1, dtype=np.int64)
-    rows = seen.groupby("frame").indices
-    for frame, true in window.truth.groupby("frame"):
+    owner = np.full(len(detections), -1, dtype=np.int64)
+    rows, known = (table.groupby("frame").indices for table in (detections, true))
+    spots, places = (table[["row", "col"]].to_numpy(np.float64) for table in (detections, true))
+    particle = true["particle"].to_numpy()
+    for frame, there in known.items():
         here = rows.get(frame, np.empty(0, np.intp))
-        places = seen[["row", "col"]].to_numpy()[here]
-        found = pair(true[["row", "col"]].to_numpy(), places, GATE_PX)
-        particle[here[found[:, 1]]] = true["particle"].to_numpy()[found[:, 0]]
-    return seen.assign(particle=particle)
+        pairs = pair(places[there], spots[here], GATE_PX)
+        owner[here[pairs[:, 1]]] = particle[there[pairs[:, 0]]]
+    return owner
+
+
+def linked_by_truth(window: Window) -> pd.DataFrame:
+    """Return the detections with the true particle they belong to: links without a mistake."""
+    owner = true_particles(window.detections, window.truth)
+    return window.detections.assign(particle=owner)
 
 
 def without_false_detections(window: Window) -> Window:
@@ -215,7 +225,7 @@ def texture_windows(
     Parameters
     ----------
     window
-        Its true trajectories are looked at.
+        With true trajectories.
     count
         How many of each.
     generator
@@ -227,17 +237,16 @@ def texture_windows(
         `BOX` pixels, over `SPAN` frames: around a true position, and in the same frames where
         no true position is within three boxes.
     """
-    streaks: list[Array] = []
-    empty: list[Array] = []
+    streaks, empty = [], []
     for _ in range(count):
-        one = window.truth.iloc[int(generator.integers(len(window.truth)))]
-        frames = (int(one["frame"]) - SPAN // 2, int(one["frame"]) + SPAN // 2)
-        streaks.append(_summed(window, frames, (one["row"], one["col"])))
-        empty.append(_summed(window, frames, _bare(window, frames, generator)))
+        position = window.truth.iloc[int(generator.integers(len(window.truth)))]
+        frames = (int(position["frame"]) - SPAN // 2, int(position["frame"]) + SPAN // 2)
+        streaks.append(_summed(window, frames, (position["row"], position["col"])))
+        empty.append(_summed(window, frames, _empty_place(window, frames, generator)))
     return streaks, empty
 
 
-def _bare(
+def _empty_place(
     window: Window, frames: tuple[int, int], generator: np.random.Generator
 ) -> tuple[float, float]:
     """Return a place that no true trajectory is near to in these frames."""
@@ -252,11 +261,10 @@ def _bare(
 
 def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float]) -> Array:
     """Return the sum of differences in the box around a place, moved into the image."""
-    corner = [
+    top, left = (
         min(max(round(at) - size // 2, 0), edge - size)
         for at, size, edge in zip(place, BOX, window.differences.shape, strict=True)
-    ]
-    top, left = corner
+    )
     return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
 
 
@@ -281,32 +289,33 @@ class Differences:
     ) -> npt.NDArray[np.float64]:
         """Return the sum over the frames first to last, both counted, in a box."""
         total = np.zeros((bottom - top, right - left))
-        for frames in self.run.chunks:
-            some = range(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
-            if some:
-                folder = self.run.differences_of(frames)
-                cut = slice(some.start - frames.start, some.stop - frames.start)
-                for place, inside, within in _parts(top, left, bottom, right):
-                    roots = _tile(folder, *place)[(cut, *within)].astype(np.uint16)
-                    total[inside] += np.sum(roots * roots, axis=0, dtype=np.uint32)
+        height, width = TILE
+        tiles = product(
+            range(top // height, (bottom - 1) // height + 1),
+            range(left // width, (right - 1) // width + 1),
+        )
+        for (tile_row, tile_col), frames in product(tiles, self.run.chunks):
+            span = _overlap(frames, first_frame, last_frame + 1)
+            if span:
+                rows = _overlap(range(tile_row * height, (tile_row + 1) * height), top, bottom)
+                cols = _overlap(range(tile_col * width, (tile_col + 1) * width), left, right)
+                tile = _tile(self.run.differences_of(frames), tile_row, tile_col)
+                roots = tile[
+                    _shifted(span, frames.start),
+                    _shifted(rows, tile_row * height),
+                    _shifted(cols, tile_col * width),
+                ].astype(np.uint16)
+                squares = np.sum(roots * roots, axis=0, dtype=np.uint32)
+                total[_shifted(rows, top), _shifted(cols, left)] += squares
         return total
 
 
-def _parts(
-    top: int, left: int, bottom: int, right: int
-) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
-    """Yield the tiles that a box touches: which, where in the box, and where in the tile."""
-    height, width = TILE
-    for row in range(top // height, (bottom - 1) // height + 1):
-        for col in range(left // width, (right - 1) // width + 1):
-            rows = max(top, row * height), min(bottom, (row + 1) * height)
-            cols = max(left, col * width), min(right, (col + 1) * width)
-            inside = slice(rows[0] - top, rows[1] - top), slice(cols[0] - left, cols[1] - left)
-            within = tuple(
-                slice(ends[0] - at * size, ends[1] - at * size)
-                for ends, at, size in ((rows, row, height), (cols, col, width))
-            )
-            yield (row, col), inside, (within[0], within[1])
+def _overlap(part: range, start: int, stop: int) -> range:
+    return range(max(part.start, start), min(part.stop, stop))
+
+
+def _shifted(part: range, origin: int) -> slice:
+    return slice(part.start - origin, part.stop - origin)
 
 
 @lru_cache(maxsize=32)  # 20 MB each: what pairs in 300 frames look at, again and again
