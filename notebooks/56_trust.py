@@ -146,29 +146,14 @@ figures.save("fig-trust-steps", data, picture=picture, caption=caption, provenan
 # ## Do the intervals cover the truth?
 
 # %%
-rows = []
-for quantity in ("dwell_s", "ignition_s"):
-    one = results.medians(found, quantity, generator).assign(quantity=quantity)
-    one["true"] = results.medians(true, quantity, generator)["estimate"]
-    rows.append(one)
-for metre in (1, 2, 3):
-    one = results.medians(results.in_metre(found, metre), "velocity_m_s", generator)
-    one = one.assign(quantity=f"velocity {metre - 1}-{metre} m")
-    one["true"] = results.medians(results.in_metre(true, metre), "velocity_m_s", generator)[
-        "estimate"
-    ]
-    rows.append(one)
-cover = pd.concat(rows, ignore_index=True)
-
-# %%
-cover["covers"] = (cover["low"] <= cover["true"]) & (cover["true"] <= cover["high"])
+cover = confidence.coverage(found, true, generator)
 known = cover.dropna(subset=["low", "true"])
 caption = (
     "Medians of each cell with their 95 % intervals (bootstrap over particles) and the true median "
     "of all flights in the same frames: an interval knows of chance, not of bias."
 )
-order = ["quantity", *keys, "number", "estimate", "low", "high", "true", "covers"]
-figures.save("trust-coverage", cover[order], caption=caption, provenance=origin)
+
+figures.save("trust-coverage", cover, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Which differences can be told
