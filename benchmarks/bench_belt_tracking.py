@@ -25,10 +25,9 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.camera import TRACKED, FindCorners, calibrate
 from kilnflight.belt.pictures import SHAPES, Pictures, Spots, average, measure
-from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity
+from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
 
 IN_VIEW = 100

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import appearance, models, pictures, tracker
+from kilnflight.belt import models, pictures, tracker
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.experiments import belt_2016
@@ -113,7 +113,7 @@ figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, pr
 # ## Where tracks begin and end
 
 # %%
-usual = appearance.Appearance()
+usual = tracker.Appearance()
 x = np.arange(380.0, 711.0, 0.5)
 along = np.column_stack([x, np.full(len(x), 90.0)])
 new = usual.new(along) * usual.area.square_mm

@@ -7,10 +7,9 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import evaluation, recordings
-from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.camera import Area
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.tracker import BeltTracker
+from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.experiments import belt_2020
 from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity

@@ -255,9 +255,8 @@ REAL = real()
 
 @pytest.mark.parametrize("material", ["Kugeln", "Weizen", "Zylinder"])
 def test_the_belt_tracker_finds_the_links_of_the_authors(material):
-    from kilnflight.belt.appearance import Appearance
     from kilnflight.belt.camera import Area
-    from kilnflight.belt.tracker import BeltTracker
+    from kilnflight.belt.tracker import Appearance, BeltTracker
     from kilnflight.tracking.motion import ConstantVelocity
 
     if not (REAL / material).is_dir():

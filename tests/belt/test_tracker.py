@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import multivariate_normal, norm
 
-from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.camera import TRACKED
 from kilnflight.belt.evaluation import last_states
 from kilnflight.belt.tracker import (
@@ -19,6 +18,7 @@ from kilnflight.belt.tracker import (
     LOST,
     RUNNING,
     SIDEWAYS,
+    Appearance,
     BeltTracker,
     Likelihoods,
     constant_acceleration,

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from kilnflight.belt.camera import Area
 from kilnflight.belt.evaluation import last_states, observe, thinned
@@ -14,16 +16,11 @@ from kilnflight.belt.pictures import SHAPES, Pictures
 from kilnflight.belt.tracker import BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_2016
-from kilnflight.experiments.belt_2016 import (
-    particles_in_shared_spots as shared,
-)
-from kilnflight.experiments.belt_2016 import (
-    place_errors,
-    tracking_answers,
-)
+from kilnflight.experiments.belt_2016 import place_errors, tracking_answers
 from kilnflight.project import claims
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_SPOTS, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_SPOTS, BELT_STATES, BELT_TRACKS
 
+shared_spots = belt_2016.particles_in_shared_spots
 # Three lanes of particles at constant velocity, so that every prediction is exact.
 SMOOTH = FrictionBelt(
     particles=12,
@@ -51,6 +48,37 @@ def last_of(velocity=1000.0, across=20.0, particle=0):
 
 def arrived(time=0.6, y=92.0, particle=0):
     return pd.DataFrame([(particle, time, y, 0.0)], columns=BELT_ARRIVAL.names)
+
+
+def test_a_track_is_matched_with_the_particle_beside_it():
+    truth = pd.concat([path(7, 400, 90), path(8, 400, 95), path(9, 400, 91, range(3))])
+    tracks = pd.concat([path(0, 400.5, 94), path(1, 400, 90.4), path(2, 400, 90, range(9))])
+    found = belt_2016.match(tracks, truth)
+    assert found[["particle", "truth"]].to_numpy().tolist() == [[0, 8], [1, 7]]
+    np.testing.assert_allclose(found["rms_mm"], [np.hypot(0.5, 1.0), 0.4])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_matching_is_the_least_norm(seed):
+    rng = np.random.default_rng(seed)
+    truth = pd.concat([path(k, *rng.uniform(0, 30, 2)) for k in range(5)])
+    tracks = pd.concat([path(k, *rng.uniform(0, 30, 2)) for k in range(3)])
+    tracks["x"] += rng.normal(0, 2, len(tracks))
+    for row in belt_2016.match(tracks, truth).itertuples():
+        places = tracks.loc[tracks["particle"] == row.particle, ["x", "y"]].to_numpy()
+        norms = [
+            np.linalg.norm(np.linalg.norm(one[["x", "y"]].to_numpy() - places, axis=1))
+            for _, one in truth.groupby("particle")
+        ]
+        assert row.truth == int(np.argmin(norms))
+        assert row.rms_mm == pytest.approx(min(norms) / np.sqrt(5))
+
+
+def test_nothing_to_match():
+    empty = BELT_STATES.empty()
+    assert len(belt_2016.match(empty, path(0, 0, 0))) == 0
+    assert len(belt_2016.match(path(0, 0, 0), empty)) == 0
 
 
 def test_deviations_by_hand():
@@ -226,22 +254,22 @@ def test_who_shares_a_spot_in_any_frame_is_told():
     apart = [(0, 3, 400.0, 90.0), (2, 3, 410.0, 90.0), (0, 8, 450.0, 50.0)]
     together = [(1, 3, 405.0, 92.5), (1, 5, 405.0, 87.5), (1, 8, 455.0, 50.0)]
     table = true_places(*apart, *together)
-    np.testing.assert_array_equal(shared(SPOTS, table), [3, 5])
+    np.testing.assert_array_equal(shared_spots(SPOTS, table), [3, 5])
     mixed = table.sample(frac=1.0, random_state=1)
-    np.testing.assert_array_equal(shared(SPOTS, mixed), [3, 5])
-    assert len(shared(SPOTS, true_places(*apart))) == 0
+    np.testing.assert_array_equal(shared_spots(SPOTS, mixed), [3, 5])
+    assert len(shared_spots(SPOTS, true_places(*apart))) == 0
 
 
 def test_other_frames_and_places_do_not_count():
-    assert len(shared(SPOTS, true_places((7, 1, 405.0, 90.0)))) == 0  # no spot in that frame
-    assert len(shared(SPOTS, true_places((1, 1, 405.0, 300.0)))) == 0  # beside the belt
+    assert len(shared_spots(SPOTS, true_places((7, 1, 405.0, 90.0)))) == 0  # no spot in that frame
+    assert len(shared_spots(SPOTS, true_places((1, 1, 405.0, 300.0)))) == 0  # beside the belt
 
 
 def test_nothing_gives_nobody_and_a_missing_column_is_told():
-    assert len(shared(SPOTS[:0], true_places((1, 1, 405.0, 90.0)))) == 0
-    assert len(shared(SPOTS, true_places())) == 0
+    assert len(shared_spots(SPOTS[:0], true_places((1, 1, 405.0, 90.0)))) == 0
+    assert len(shared_spots(SPOTS, true_places())) == 0
     with pytest.raises(InputError, match="touching"):
-        shared(SPOTS.drop(columns="touching"), true_places())
+        shared_spots(SPOTS.drop(columns="touching"), true_places())
 
 
 def test_errors_of_places_are_those_of_single_spots():

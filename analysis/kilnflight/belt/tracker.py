@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.special import ndtr
 
 from kilnflight.association import Pairs, assign, one_hot
-from kilnflight.belt.appearance import Appearance
+from kilnflight.belt.camera import TRACKED, Area
 from kilnflight.checks import (
     InputError,
     check_between,
@@ -26,6 +27,7 @@ from kilnflight.checks import (
     check_count,
     check_offers,
     check_positive,
+    check_shape,
 )
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 from kilnflight.tracking.gate import Detected, Gate, Predicted
@@ -36,6 +38,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
 
 BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
+LEAST = 1e-12  # a probability whose logarithm is taken
 MEASURED = Table(
     "measurements on the belt",
     (
@@ -102,6 +105,65 @@ def constant_acceleration(
     """
     noise = 2000.0 / np.sqrt(0.2)
     return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), spread_mm)
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Likelihoods by place on the belt that a track begins or is not observed any more.
+
+    Notes
+    -----
+    Fig. 2 shows both curves without a scale; their text says that particles appear mostly at
+    the beginning of the observed region, and have likely disappeared where their prediction
+    lies behind its end. Here both follow from counting: what is new in a frame lies within
+    the way that the belt makes in it, and a track whose prediction lies outside by a certain
+    probability is missed by that probability. Beyond the sides is outside, too.
+    """
+
+    area: Area = TRACKED
+    arrivals: float = 1.0  # per frame; the order of 4000 particles in 15 s at 200 frames/s
+    entry_mm: float = 7.5  # in which they are first seen: 1500 mm/s for 5 ms
+    entry_blur_mm: float = 2.5  # softness of its end: radius of a sphere
+    clutter: float = 0.1  # per frame, anywhere: dirt, or particles found again; assumption
+    missed: float = 0.1  # share of particles in view without a spot of their own; assumption
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number of particles."""
+        for name in ("arrivals", "entry_mm", "entry_blur_mm", "clutter"):
+            check_positive(getattr(self, name), f"Appearance: {name}")
+        check_between(self.missed, LEAST, 1 - LEAST, "Appearance: missed")
+
+    @property
+    def clutter_density(self) -> float:
+        """Expected number of measurements per frame and mm^2 that are of no new particle."""
+        return self.clutter / self.area.square_mm
+
+    def new(self, places: Array) -> Array:
+        """Return the expected number of new tracks per mm^2 at places (m, 2) in mm."""
+        check_shape(places, (None, 2), "places")
+        density = self.arrivals / (self.entry_mm * self.area.width_mm)
+        end = self.area.start_mm + self.entry_mm
+        near: Array = ndtr((end - places[:, 0]) / self.entry_blur_mm)
+        return self.clutter_density + density * near
+
+    def gone(self, places: Array, residual: Array) -> tuple[Array, Array]:
+        """Return the probability that tracks are not observed, and that they are outside.
+
+        Parameters
+        ----------
+        places
+            Predicted, (n, 2) in mm.
+        residual
+            S (n, 2, 2) in mm^2, the covariance of what would be measured; the ellipse is taken
+            along the axes.
+        """
+        check_shape(places, (None, 2), "places")
+        check_shape(residual, (len(places), 2, 2), "residual")
+        spread = np.sqrt(np.diagonal(residual, axis1=1, axis2=2))
+        corners = self.area.corners[[0, 2]]
+        below, above = (ndtr((corner - places) / spread) for corner in corners)
+        inside: Array = (above - below).prod(axis=1)
+        return np.maximum(LEAST, 1.0 - (1.0 - self.missed) * inside), 1.0 - inside
 
 
 _MOTION, _APPEARANCE, _GATE = constant_velocity(), Appearance(), Gate()

@@ -15,18 +15,17 @@ import pandas as pd
 from scipy.spatial import KDTree
 
 from kilnflight.belt import sorter
-from kilnflight.belt.appearance import Appearance
 from kilnflight.belt.bodies import is_installed
 from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, FindCorners, calibrate
 from kilnflight.belt.evaluation import last_states, summarise
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import check_material
-from kilnflight.belt.matching import match
 from kilnflight.belt.models import CV, ArrivalModel, LateralCV
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
 from kilnflight.belt.tracker import (
     BELT_FRAME_S,
+    Appearance,
     BeltTracker,
     Followed,
     constant_acceleration,
@@ -41,6 +40,7 @@ UPSTREAM = PredictionPhase(PHASE.start_mm - 15.0, PHASE.target_mm - 15.0)
 TRUTH_S = 0.001  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # names of Fig. 6
+PLACED = ["frame", "particle", "x", "y"]
 APART_MM = 1e6  # what one frame is worth beside a distance: more than any belt is long
 _CV = CV()
 
@@ -180,6 +180,45 @@ def from_images(looked: Looked, bodies: pd.DataFrame, when: ArrivalModel = _CV) 
         deviations(STRAIGHT, raw, arrival),
     ]
     return pd.concat(tables, ignore_index=True)
+
+
+def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
+    """Return the true particle of each track: the one with the least distance function.
+
+    Parameters
+    ----------
+    states
+        Tracks: ``frame``, ``particle``, ``x``, ``y``, as `kilnflight.tables.BELT_STATES`.
+    truth
+        The same columns of the particles, in the same frames.
+
+    Returns
+    -------
+    DataFrame
+        ``particle`` (the track), ``truth``, ``rms_mm`` (root of the mean squared distance). A
+        track that no particle accompanies in all of its frames has no row.
+
+    Notes
+    -----
+    The function is "the euclidean norm of the euclidean distances between all estimated
+    positions and all corresponding ground truth positions". The paper does not say what counts
+    for a particle that is not there in some of the frames; here it is no candidate. Two tracks
+    may match the same particle.
+    """
+    check_columns(states, PLACED, "states")
+    check_columns(truth, PLACED, "truth")
+    known = truth[PLACED].sort_values("frame", kind="stable")
+    frames, rows = known["frame"].to_numpy(), []
+    for track, table in states[PLACED].groupby("particle"):
+        span = np.searchsorted(frames, [table["frame"].min(), table["frame"].max() + 1])
+        both = table.merge(known.iloc[slice(*span)], on="frame", suffixes=("", "_true"))
+        squares = (both["x"] - both["x_true"]) ** 2 + (both["y"] - both["y_true"]) ** 2
+        sums = squares.groupby(both["particle_true"]).agg(["sum", "count"])
+        whole = sums.loc[sums["count"] == len(table), "sum"]
+        if len(whole):
+            rows.append((track, whole.idxmin(), np.sqrt(whole.min() / len(table))))
+    pairs = pd.DataFrame(rows, columns=["particle", "truth", "rms_mm"])
+    return pairs.astype({"particle": np.int64, "truth": np.int64, "rms_mm": np.float64})
 
 
 def deviations(
