@@ -191,6 +191,8 @@ def _execute(notebook: nbformat.NotebookNode, target: Path, given: Mapping[str, 
                     cwd=str(Path.cwd()),
                     progress_bar=bar,
                     config=config,
+                    # of an interruption the kernel would log a traceback
+                    extra_arguments=["--IPKernelApp.log_level=CRITICAL"],
                 )
             return
         except DeadKernelError:  # it died at work: an interruption
