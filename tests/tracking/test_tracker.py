@@ -226,3 +226,10 @@ def test_a_detection_that_several_tracks_share_is_recorded_for_the_likeliest():
     assert tracking.record(doubtful).tolist() == [-1]
     taken = np.array([[0.1, 0.5, 0.4], [0.9, 0.0, 0.1]])  # its track has a likelier one
     assert tracking.record(taken).tolist() == [0, -1]
+
+
+def test_a_step_holds_the_depth_known_before_its_frame():
+    table = pd.DataFrame({"frame": range(4), "row": 50.0, "col": 10.0 * np.arange(4)})
+    table["z"] = [5000.0, 5100.0, 5300.0, 5600.0]
+    known = [step.predicted.depth_mm.tolist() for step in steps(table)]
+    assert known == [[], [5000.0], [5100.0], [5300.0]]

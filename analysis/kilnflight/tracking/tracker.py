@@ -254,7 +254,8 @@ def follow(
         state, covariance = kalman.predict(tracks["state"], tracks["covariance"], *moves)
         residual = kalman.residual_covariance(covariance, measurement, noise)
         expected = state @ measurement.T
-        predicted = Predicted(expected, residual, tracks["depth_mm"], tracks["points"])
+        last_known = tracks["depth_mm"].copy(), tracks["points"].copy()  # recorded anew below
+        predicted = Predicted(expected, residual, *last_known)
         pairs = gate(predicted, detected)
         weights, noted, first_noted = rules.associate(tracks, predicted, detected, pairs)
         tracks["state"], tracks["covariance"] = kalman.update(
