@@ -11,8 +11,7 @@ import plain_regression
 from measure import Row, compare
 
 from kilnflight.project import figures
-from kilnflight.regression import regress_all
-from kilnflight.regression.search import Combinations, range_of_start
+from kilnflight.regression import least_squares_solver, range_of_start, regress_all
 
 EXIT, RATE = np.array([120.0, 60.0, 6500.0]), 330.0
 SCATTER = np.array([7.0, 7.0, 150.0])
@@ -51,20 +50,19 @@ def prepared(track: pd.DataFrame) -> tuple:
 def check(data: list[tuple]) -> None:
     """Raise unless both find the same minimum."""
     for unit, moved, limits, first in data:
-        costs = Combinations(unit, moved, 2, np.full(3, 6), 0, limits, first)
+        solve = least_squares_solver(unit, moved, 6, limits, first)
         for orders in TRIED:
-            found = plain_regression.solve(unit, moved.T, np.zeros(3), orders, first, limits)
-            place = tuple(k - 2 for k in orders)
-            np.testing.assert_allclose(costs[place].sum(), 2 * found.cost, rtol=1e-6)
-            np.testing.assert_allclose(costs.start(place), found.x[-1], atol=1e-4)
+            peer = plain_regression.solve(unit, moved.T, np.zeros(3), orders, first, limits)
+            np.testing.assert_allclose(solve(orders).costs.sum(), 2 * peer.cost, rtol=1e-6)
+            np.testing.assert_allclose(solve(orders).start, peer.x[-1], atol=1e-4)
 
 
 def every(data: list[tuple]) -> None:
     """Solve all combinations of orders; a track that is regressed asks for some of them only."""
     for unit, moved, limits, first in data:
-        costs = Combinations(unit, moved, 2, np.full(3, 6), 0, limits, first)
-        for place in product(range(5), repeat=3):
-            costs[place]
+        solve = least_squares_solver(unit, moved, 6, limits, first)
+        for orders in product(range(2, 7), repeat=3):
+            solve(orders)
 
 
 def plainly(data: list[tuple], combinations_tried: list[tuple[int, int, int]]) -> None:

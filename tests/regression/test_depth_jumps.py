@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from kilnflight.flight import slices
-from kilnflight.regression import Loss, Regression, fits, regress_all
+from kilnflight.regression import Regression, fits, regress_all
 
 EXIT, RATE, T0 = (120.0, 60.0, 6500.0), 330.0, 0.1
 PLAIN, SCATTER = Regression(), (5.0, 5.0, 150.0)  # mm
-ROBUST = Regression(loss=Loss.SOFT_L1, scale_mm=SCATTER)
+ROBUST = Regression(robust=True, scale_mm=SCATTER)
 
 
 def jumping(track, share, seed):

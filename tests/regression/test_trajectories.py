@@ -12,11 +12,11 @@ from kilnflight.regression import (
     Fit,
     Regression,
     fits,
+    measures,
     order_measures,
     regress,
     regress_all,
 )
-from kilnflight.regression.fit import measures
 from kilnflight.tables import TRAJECTORIES
 
 EXIT, RATE = (120.0, 60.0, 6500.0), 330.0
@@ -173,7 +173,7 @@ def test_what_else_cannot_be_is_told(flight):
         {"scale_mm": (1.0, 1.0)},
         {"scale_mm": (1.0, 0.0, 1.0)},
         {"scale_mm": "wide"},
-        {"loss": 1},
+        {"robust": 1},
         {"draws": 0},
         {"longest_s": 0.0},
         {"seed": -1},

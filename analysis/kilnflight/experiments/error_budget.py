@@ -17,7 +17,7 @@ from kilnflight.experiments.results import KEYS, of_campaign, twin_of
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.kiln import KilnRun
 from kilnflight.project.parallel import Workers
-from kilnflight.regression import Loss, Regression
+from kilnflight.regression import Regression
 from kilnflight.scores.flights import METRES
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.tracker import track
@@ -37,7 +37,7 @@ STEPS = (
 )
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
 WEIGHTED = Regression(scale_mm=SCATTER_MM)
-ROBUST = Regression(scale_mm=SCATTER_MM, loss=Loss.SOFT_L1)
+ROBUST = Regression(scale_mm=SCATTER_MM, robust=True)
 
 
 class FlightTables(NamedTuple):

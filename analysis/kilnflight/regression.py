@@ -1,0 +1,621 @@
+"""Trajectories in space: three polynomials through the lance's exit at one t0 (section 4.3).
+
+    tracks -> `regress_all` -> `kilnflight.tables.TRAJECTORIES` -> `fits`
+
+================  =============  ===============================================================
+call              source         gives
+================  =============  ===============================================================
+`regress`         Eqs 4.26-4.33  the `Fit` of one track
+`regress_all`     Table 5.18     a table, one row per track; `fits` takes the fits out of it
+`order_measures`  Fig. 4.23      the measures under orders that are the same for all axes
+`Regression`      section 4.3    the method, its parameters and how it was read
+================  =============  ===============================================================
+
+A robust loss with the scatter of each axis bears depth jumps, for example
+``Regression(robust=True, scale_mm=(10.0, 10.0, 150.0))``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from numpy.polynomial import legendre
+from scipy.linalg import block_diag
+from scipy.optimize import least_squares, minimize_scalar
+
+from kilnflight.checks import (
+    InputError,
+    check_between,
+    check_columns,
+    check_count,
+    check_finite,
+    check_kind,
+    check_positive,
+    check_shape,
+    check_whole,
+    known_numbers,
+)
+from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES
+
+Array = npt.NDArray[np.float64]
+Three = tuple[float, float, float]
+Orders = tuple[int, int, int]
+
+FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
+MEASURES = ("rmse_{}_mm", "mape_{}_percent", "r2_{}", "r2_adjusted_{}")
+EXACT = 1e-6  # of the scale; a scatter below it is rounding, and no order can better it
+FARTHEST = 1e100  # mm; squares stay finite
+HIGHEST = 9  # order that the fit still tells apart from rounding
+GRID = 65  # values of t0 on the grid that finds the valley
+ZOOMS = 10  # times that the grid of the random points is refined, each time by 8
+DENSE = 0.1  # of the track's duration; the grid's steps grow with the distance from here
+SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
+SETTLED = 1e-8  # of the range of t0; where the search for t0 ends
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A regressed trajectory: called with times (n,) in s, it returns places (n, 3) in mm.
+
+    What holds one value per axis is in the order x, y, z. Along each axis the place is
+    ``exit + c_1 (t - t0) + c_2 (t - t0)^2 + ...``, Eq. 4.29 written with the time since t0.
+    R2 and its adjusted form are NaN along an axis along which the detections do not move,
+    MAPE is NaN along one where all coordinates are 0: there they are not defined.
+
+    >>> fit = Fit((0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
+    ...           ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60)
+    >>> fit(0.2).round(3).tolist()
+    [[0.1, -0.049, 5600.0]]
+    """
+
+    exit_point_mm: Three  # the lance's exit
+    t0_s: float  # time at the exit
+    t0_at_bound: int  # -1: t0 is the earliest of its range, 1: the latest, 0: between
+    t0_range_s: tuple[float, float]  # from the earliest to the latest
+    orders: Orders
+    coefficients: tuple[tuple[float, ...], ...]  # mm/s, mm/s^2, ... per axis
+    first_s: float  # first detection
+    last_s: float  # last detection
+    points: int  # number of detections
+    rmse_mm: Three = (np.nan,) * 3  # Eq. 4.30
+    mape_percent: Three = (np.nan,) * 3  # Eq. 4.31
+    r2: Three = (np.nan,) * 3  # Eq. 4.32
+    r2_adjusted: Three = (np.nan,) * 3  # Eq. 4.33
+
+    @property
+    def t0(self) -> float:
+        """The time at the exit in s, by its symbol."""
+        return self.t0_s
+
+    def __call__(self, time_s: npt.ArrayLike) -> Array:
+        """Return the places (n, 3) in mm at times (n,) in s, or at one time."""
+        since = self._since(time_s)
+        curves = [np.polyval([*reversed(axis), 0.0], since) for axis in self.coefficients]
+        places: Array = np.stack(curves, axis=-1) + np.array(self.exit_point_mm)
+        return places
+
+    def velocity(self, time_s: npt.ArrayLike) -> Array:
+        """Return the velocities (n, 3) in mm/s at times (n,) in s, or at one time."""
+        since = self._since(time_s)
+        rates = [[c * (k + 1) for k, c in enumerate(axis)] for axis in self.coefficients]
+        return np.stack([np.polyval(axis[::-1], since) for axis in rates], axis=-1)
+
+    def _since(self, time_s: npt.ArrayLike) -> Array:
+        """Return the times since t0."""
+        time = np.atleast_1d(check_finite(time_s, "Fit: time"))
+        check_shape(time, (None,), "Fit: time")
+        return time - self.t0_s
+
+
+class Solution(NamedTuple):
+    """The best trajectory of one combination of orders, in units of the duration and scale."""
+
+    start: float  # t0
+    costs: Array  # (3,) per axis
+    target: Array  # (3, n) what the polynomials are fitted to by least squares
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Nonlinear least squares over t0 and the coefficients, with an order for each axis.
+
+    Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it
+    returns a `Fit`. Without scatter and robust loss the cost is the sum of the squared
+    residuals of all three axes, as printed.
+
+    Notes
+    -----
+    Readings. (1) For a given t0 the best coefficients are linear and solved for, so one
+    unknown is left, t0: a grid and `scipy.optimize.minimize_scalar`. The ranges that the thesis
+    sets for the coefficients keep its solver in bounds; here they are not needed. A robust
+    loss goes to `scipy.optimize.least_squares` with all unknowns. (2) The range of t0 and its
+    first guess come from `draws` times three random points (`range_of_start`); where depth
+    scatters the range is all that `longest_s` allows. The minimum found is the one downhill
+    of the first guess; it need not be the least of all. `Fit.t0_at_bound` tells a t0 at an
+    end of its range: at the latest end the first detection is as near the exit as its scatter
+    can tell, which is common for particles detected from the exit on; at the earliest end
+    the track does not lead back to the exit.
+    (3) "Stopped if the optimization of the measures is less than 1% for each order of
+    enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
+    counts the coefficients) falls most by one order more gets it, until none falls by 1 %.
+    Combinations that this never looks at are not solved.
+    (4) An order leaves at least one degree of freedom, n - (k + 1) > 0, by the number n of
+    detections. (5) The thesis prints no weights between the axes; `scale_mm` states them.
+    With a robust loss the residual over the scale goes into it, and RMSE in (3) is that of
+    the loss; the measures in the result are always those printed, over all detections.
+    """
+
+    lowest: int = 2  # order, section 4.3
+    highest: int = 6  # order, section 4.3
+    gain: float = 0.01  # relative, section 4.3
+    # Scatter in mm by which each axis is divided; equal: not weighted, as printed.
+    scale_mm: Three = (1.0, 1.0, 1.0)
+    robust: bool = False  # squares, as printed; True: scipy's "soft_l1", which is ours
+    draws: int = 20  # "a few randomly selected points", section 4.3; the number is ours
+    # From the exit to the first detection; ours: as long as the longest flights (Fig. 5.19).
+    longest_s: float = 1.0
+    seed: int = 0  # of the random points; the same for every track
+
+    def __post_init__(self) -> None:
+        """Refuse parameters that no regression has."""
+        check_count(self.lowest, "Regression: lowest")
+        check_count(self.highest, "Regression: highest", int(self.lowest))
+        check_between(self.highest, 1, HIGHEST, "Regression: highest")
+        check_between(self.gain, 0.0, 1.0, "Regression: gain")
+        check_shape(np.array(self.scale_mm), (3,), "Regression: scale_mm")
+        for scale in self.scale_mm:
+            check_positive(scale, "Regression: scale_mm")
+        check_kind(self.robust, bool, "Regression: robust")
+        check_count(self.draws, "Regression: draws")
+        check_positive(self.longest_s, "Regression: longest_s")
+        check_count(self.seed, "Regression: seed", 0)
+
+    @property
+    def fewest(self) -> int:
+        """The fewest points that leave RMSE a degree of freedom (Eq. 4.30)."""
+        return max(self.lowest, 2) + 2
+
+    def __call__(
+        self, time_s: npt.ArrayLike, places_mm: npt.ArrayLike, exit_point_mm: npt.ArrayLike
+    ) -> Fit:
+        """Return the regressed trajectory, whatever the order of the points.
+
+        Raises
+        ------
+        InputError
+            If there are too few points, two at one time, or what is no finite number.
+        """
+        time, places = check_finite(time_s, "time"), check_finite(places_mm, "places")
+        exit_point = check_finite(exit_point_mm, "exit_point")
+        check_shape(exit_point, (3,), "exit_point")
+        check_shape(time, (None,), "time")
+        check_shape(places, (len(time), 3), "places")
+        if len(time) < self.fewest:
+            raise InputError(
+                f"track: {len(time)} points, but order {self.lowest} needs {self.fewest}. "
+                "Leave short tracks out or lower the order."
+            )
+        if np.abs(places).max() > FARTHEST:
+            raise InputError(f"places: farther than {FARTHEST:g} mm. Convert them to millimetres.")
+        rank = np.argsort(time, kind="stable")
+        time, places = time[rank], places[rank]
+        twice = np.flatnonzero(np.diff(time) <= 0)
+        if len(twice):
+            raise InputError(
+                f"track: two points at {time[twice[0]]} s. A particle is at one place at a "
+                "time; keep one of them."
+            )
+        return self._fit(time, places, exit_point)
+
+    def _fit(self, time: Array, places: Array, exit_point: Array) -> Fit:
+        """Return the fit of sorted points."""
+        duration = time[-1] - time[0]
+        unit = (time - time[0]) / duration
+        scaled = ((places - exit_point) / self.scale_mm).T
+        generator = np.random.default_rng(self.seed)
+        limits, first = range_of_start(
+            unit, scaled, self.draws, self.longest_s / duration, generator
+        )
+        highest = min(self.highest, len(time) - 2)
+        solver = robust_solver if self.robust else least_squares_solver
+        solve = cache(solver(unit, scaled, highest, limits, first))
+        orders = self.choose(lambda orders: solve(orders).costs, highest, len(time))
+        start, _, target = solve(orders)
+        near = 1e-9 * (limits[1] - limits[0])
+        at_bound = int(start >= limits[1] - near) - int(start <= limits[0] + near)
+        since = (unit - start) / (1.0 - start)  # so that the powers stay within 0 and 1
+        factors, quality = [], []
+        for axis, order in enumerate(orders):
+            powers = np.arange(1, order + 1)
+            basis = since[:, None] ** powers
+            solved = np.linalg.lstsq(basis, target[axis] * self.scale_mm[axis])[0]
+            factors.append(tuple((solved / ((1.0 - start) * duration) ** powers).tolist()))
+            quality.append(measures(places[:, axis], exit_point[axis] + basis @ solved, order))
+        t0, earliest, latest = (float(time[0] + s * duration) for s in (start, *limits))
+        x, y, z = exit_point.tolist()
+        return Fit(
+            (x, y, z), t0, at_bound, (earliest, latest), orders, tuple(factors),
+            float(time[0]), float(time[-1]), len(time), *zip(*quality, strict=True),
+        )  # fmt: skip
+
+    def choose(self, costs: Callable[[Orders], Array], highest: int, points: int) -> Orders:
+        """Return the orders by reading (3), from the cost (3,) per axis of any orders."""
+
+        def rmse(orders: Orders, axis: int) -> float:
+            return float(np.sqrt(costs(orders)[axis] / (points - (orders[axis] + 1))))  # Eq. 4.30
+
+        orders = (self.lowest,) * 3
+        while True:
+            best, best_gain = orders, self.gain
+            for axis in range(3):
+                if orders[axis] == highest or rmse(orders, axis) < EXACT:
+                    continue
+                x, y, z = (order + (axis == a) for a, order in enumerate(orders))
+                gain = 1 - rmse((x, y, z), axis) / rmse(orders, axis)
+                if gain >= self.gain and (best == orders or gain > best_gain):
+                    best, best_gain = (x, y, z), gain
+            if best == orders:
+                return orders
+            orders = best
+
+
+def range_of_start(
+    time: Array, places: Array, draws: int, longest: float, generator: np.random.Generator
+) -> tuple[Array, float]:
+    """Return the earliest and latest t0 and the first guess, from random points.
+
+    ``time`` (n,) runs from 0 to 1, the first and the last detection; so do the results.
+    ``places`` (3, n) are from the exit on.
+
+    Each draw solves Eq. 4.29 for three points, the fewest that tell seven unknowns. The
+    median of the solutions is the first guess. Their range, widened by itself on both sides,
+    as a few draws do not reach its ends, and by at least a step between detections, is
+    that of t0; it ends before the first detection.
+    """
+    widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
+    drawn = np.sort(np.argsort(generator.random((draws, len(time))), axis=1)[:, :3], axis=1)
+    at = time[drawn]
+    # Second divided differences are blind to the quadratics through the exit at t0, if each
+    # place is divided by its time since t0: what is left of the places is the residual.
+    others = [[1, 2], [0, 2], [0, 1]]
+    differences = 1.0 / np.prod(at[:, :, None] - at[:, others], axis=2)
+
+    def cost(start: Array) -> Array:
+        factors = differences[:, None] / (at[:, None] - start[..., None])
+        left = np.einsum("dgk,adk->adg", factors, places[:, drawn]) ** 2
+        return left.sum(axis=0) / (factors**2).sum(axis=2)
+
+    low, high = (np.full(draws, limit) for limit in widest)
+    for count in [GRID] + [17] * ZOOMS:
+        grid = np.linspace(low, high, count, axis=1)
+        best = np.argmin(cost(grid), axis=1)
+        every = np.arange(draws)
+        low, high = (
+            grid[every, np.maximum(best - 1, 0)],
+            grid[every, np.minimum(best + 1, count - 1)],
+        )
+    solved = grid[every, best]
+    margin = max(float(np.ptp(solved)), float(np.diff(time).min()))
+    limits = np.clip([solved.min() - margin, solved.max() + margin], *widest)
+    return limits, float(np.median(solved))
+
+
+def least_squares_solver(
+    time: Array, places: Array, highest: int, limits: Array, first: float
+) -> Callable[[Orders], Solution]:
+    """Return what solves a combination of orders by least squares.
+
+    A polynomial through the exit at t0 is the time u since t0 times a polynomial of one order
+    less. Its orthogonal basis serves all orders at once, and t0 is the only unknown left.
+    """
+    powers = legendre.legvander(2 * time - 1, highest - 1)
+
+    def costs(start: Array) -> Array:
+        """Return the squares (t0, axis, order - 1) that the best polynomials leave."""
+        basis = np.linalg.qr((time - start[:, None])[:, :, None] * powers)[0]
+        along = places @ basis
+        left = places - along @ basis.swapaxes(1, 2)
+        squares = np.concatenate([along[..., 1:] ** 2, (left**2).sum(axis=2)[..., None]], axis=2)
+        # From the highest order down: the reverse would cancel.
+        return np.cumsum(squares[..., ::-1], axis=2)[..., ::-1]
+
+    # Denser towards the first detection, where the cost changes faster with t0.
+    grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
+    on_grid = costs(grid)
+
+    def solve(orders: Orders) -> Solution:
+        def per_axis(every: Array) -> Array:
+            return every[..., range(3), np.array(orders) - 1]
+
+        total = per_axis(on_grid).sum(axis=1)
+        at = int(np.argmin(np.abs(grid - first)))
+        before, after = max(at - 1, 0), min(at + 1, GRID - 1)
+        while total[at] > min(total[before], total[after]):  # downhill
+            at = before if total[before] < total[after] else after
+            before, after = max(at - 1, 0), min(at + 1, GRID - 1)
+        low, middle, high = grid[[before, at, after]]
+
+        def total_at(start: float) -> float:
+            return float(per_axis(costs(np.array([start]))).sum())
+
+        settled = minimize_scalar(
+            lambda shift: total_at(middle + shift),
+            bounds=(low - middle, high - middle),
+            method="bounded",
+            options={"xatol": SETTLED * (limits[1] - limits[0])},
+        )
+        start = min((middle + float(settled.x), low, high), key=total_at)
+        return Solution(start, per_axis(costs(np.array([start])))[0], places)
+
+    return solve
+
+
+def robust_solver(
+    time: Array, places: Array, highest: int, limits: Array, first: float
+) -> Callable[[Orders], Solution]:
+    """Return what solves a combination of orders under the loss 2 (sqrt(1 + r^2) - 1)."""
+    powers = legendre.legvander(2 * time - 1, highest - 1)
+    basis_first = (time - first)[:, None] * powers
+
+    def solve(orders: Orders) -> Solution:
+        def curves(unknown: Array) -> Array:
+            factors = np.split(unknown[1:], np.cumsum(orders)[:-1])
+            return np.stack([powers[:, :k] @ f for k, f in zip(orders, factors, strict=True)])
+
+        def residuals(unknown: Array) -> Array:
+            return np.asarray(((time - unknown[0]) * curves(unknown) - places).ravel())
+
+        def jacobian(unknown: Array) -> Array:
+            basis = (time - unknown[0])[:, None] * powers
+            linear = block_diag(*(basis[:, :k] for k in orders))
+            return np.column_stack([-curves(unknown).ravel(), linear])
+
+        factors = [
+            np.linalg.lstsq(basis_first[:, :k], p)[0] for k, p in zip(orders, places, strict=True)
+        ]
+        bounds = np.full((2, 1 + sum(orders)), [[-np.inf], [np.inf]])
+        bounds[:, 0] = limits
+        settled = least_squares(
+            residuals,
+            np.concatenate([[first], *factors]),
+            jacobian,
+            (bounds[0], bounds[1]),
+            method="dogbox",
+            loss="soft_l1",
+            x_scale="jac",
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+        left = settled.fun.reshape(3, -1)
+        costs = (2 * (np.sqrt(1 + left**2) - 1)).sum(axis=1)
+        return Solution(float(settled.x[0]), costs, places + left)
+
+    return solve
+
+
+def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, float, float]:
+    """Return RMSE, MAPE in %, R2 and adjusted R2 of one axis (Eqs 4.30 to 4.33, thesis).
+
+    Parameters
+    ----------
+    places, fitted
+        (n,) coordinates in mm, measured and regressed; n - (order + 1) is above 0.
+
+    Notes
+    -----
+    Points whose coordinate is exactly 0 have no relative error (Eq. 4.31 divides by it);
+    they are left out of its sum and of its n. Points near 0 stay, as printed: one of
+    them can make MAPE large, which is why Table 5.18 gives medians over trajectories.
+    """
+    n, k = len(places), order
+    squares = float(np.sum((places - fitted) ** 2))
+    rmse = float(np.sqrt(squares / (n - (k + 1))))
+    there = places != 0
+    relative = np.abs((places[there] - fitted[there]) / places[there])
+    mape = float(100 * relative.mean()) if there.any() else np.nan
+    about_mean = float(np.sum((places - places.mean()) ** 2))
+    if places.min() == places.max() or about_mean == 0:  # Eq. 4.32 divides by it
+        return rmse, mape, np.nan, np.nan
+    r2 = 1 - squares / about_mean
+    return rmse, mape, r2, r2 - (1 - r2) * k / (n - (k + 1))
+
+
+class Path(NamedTuple):
+    """The points of one track that have a place in space, by ascending time."""
+
+    particle: int
+    time_s: Array  # (n,)
+    places_mm: Array  # (n, 3)
+
+
+def regress(
+    track: pd.DataFrame,
+    exit_point: npt.ArrayLike,
+    frame_rate_hz: float | None = None,
+    parameters: Regression | None = None,
+) -> Fit:
+    """Return the regressed trajectory of one track.
+
+    Parameters
+    ----------
+    track
+        One row per detection in any order: ``x``, ``y``, ``z`` in mm, NaN where there is no
+        depth (such rows are left out), and ``frame``, or ``time_s`` if no frame rate is
+        given.
+    exit_point
+        (3,) the lance's exit in mm.
+    parameters
+        What regresses; None: `Regression` as published.
+
+    Raises
+    ------
+    InputError
+        If the track cannot be regressed: no depth, too few points, two at one time, more
+        than one particle, or values that are no numbers.
+    """
+    check_columns(track, AXES, "track")
+    if "particle" in track.columns and len(track["particle"].unique()) > 1:
+        raise InputError("track: more than one particle; call regress_all.")
+    for path in _paths(track.assign(particle=0), frame_rate_hz, "track"):
+        if len(path.time_s) == 0:
+            raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
+        return (parameters or Regression())(path.time_s, path.places_mm, exit_point)
+    raise InputError("track: no points. Leave empty tracks out.")
+
+
+def regress_all(
+    tracks: pd.DataFrame,
+    exit_point: npt.ArrayLike,
+    frame_rate_hz: float | None = None,
+    parameters: Regression | None = None,
+) -> pd.DataFrame:
+    """Return `kilnflight.tables.TRAJECTORIES`, one row per particle by ascending number.
+
+    The arguments are those of `regress`, with whole numbers in the column ``particle``;
+    rows of particle -1 belong to no track. What cannot be regressed keeps its row: the
+    column ``outcome`` says why, and what is not known is NaN, orders 0.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or no numbers, or a particle is in two places at one time.
+    """
+    parameters = parameters or Regression()
+    if parameters.highest > HIGHEST_ORDER:
+        raise InputError(f"regress_all: the table ends at order {HIGHEST_ORDER}; use regress.")
+    exit_mm = check_finite(exit_point, "exit_point")
+    check_shape(exit_mm, (3,), "exit_point")
+    rows = [_row(path, exit_mm, parameters) for path in _paths(tracks, frame_rate_hz, "tracks")]
+    if not rows:
+        return TRAJECTORIES.empty()
+    kinds: dict[str, Any] = {column.name: column.kind for column in TRAJECTORIES.columns}
+    table = pd.DataFrame(rows, columns=TRAJECTORIES.names).astype(kinds)
+    return TRAJECTORIES.check(table)
+
+
+def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
+    """Return the `Fit` of every fitted particle of a table of `regress_all`."""
+    table = TRAJECTORIES.check(trajectories)
+    fitted = table[table["outcome"] == FITTED]
+    return {row["particle"]: _fit(row) for row in fitted.to_dict("records")}
+
+
+def order_measures(
+    tracks: pd.DataFrame,
+    exit_point: npt.ArrayLike,
+    frame_rate_hz: float | None = None,
+    orders: Iterable[int] = range(2, 8),
+) -> pd.DataFrame:
+    """Return the measures of each track under fixed orders, the same for all axes (Fig. 4.23).
+
+    Tracks with too few points for the highest of the orders are left out under all, so
+    that every order is measured on the same tracks.
+
+    Returns
+    -------
+    Columns particle, order, axis, rmse_mm, mape_percent, r2, r2_adjusted.
+    """
+    methods = [Regression(lowest=k, highest=k) for k in orders]
+    fewest = max((method.fewest for method in methods), default=0)
+    kinds = {"particle": int, "order": int, "axis": str}
+    kinds |= dict.fromkeys(["rmse_mm", "mape_percent", "r2", "r2_adjusted"], float)
+    rows = [
+        (path.particle, method.lowest, *values)
+        for path in _paths(tracks, frame_rate_hz, "tracks")
+        if len(path.time_s) >= fewest
+        for method in methods
+        for values in _measured(method(path.time_s, path.places_mm, exit_point))
+    ]
+    return pd.DataFrame(rows, columns=list(kinds)).astype(kinds)
+
+
+def _measured(fit: Fit) -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield the axis and its four measures."""
+    yield from zip(AXES, fit.rmse_mm, fit.mape_percent, fit.r2, fit.r2_adjusted, strict=True)
+
+
+def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Iterator[Path]:
+    """Yield the tracks of a table by ascending number, whatever the order of its rows."""
+    clock = "time_s" if frame_rate_hz is None else "frame"
+    check_columns(tracks, ("particle", clock, *AXES), where)
+    particle = check_whole(tracks["particle"], f"{where}: column particle")
+    if frame_rate_hz is None:
+        time = check_finite(tracks[clock].to_numpy(), f"{where}: column time_s")
+    else:
+        check_positive(frame_rate_hz, "frame_rate_hz")
+        time = check_whole(tracks[clock], f"{where}: column frame") / frame_rate_hz
+    places = np.stack([known_numbers(tracks[a], f"{where}: column {a}") for a in AXES], axis=1)
+    if np.isinf(places).any():
+        row = tracks.index[int(np.argwhere(np.isinf(places))[0, 0])]
+        raise InputError(f"{where}: a place is infinite in row {row}. Use NaN where it is unknown.")
+    rank = np.lexsort((time, particle))
+    rank = rank[particle[rank] >= 0]
+    particle, time, places = particle[rank], time[rank], places[rank]
+    twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
+    if len(twice):
+        raise InputError(
+            f"{where}: two rows of particle {particle[twice[0]]} at {time[twice[0]]:.9g} s. A "
+            "particle is at one place at a time; keep one, or give it another number or -1."
+        )
+    names, starts = np.unique(particle, return_index=True)
+    for name, rows in zip(names, np.split(np.arange(len(rank)), starts[1:]), strict=False):
+        known = rows[np.isfinite(places[rows]).all(axis=1)]
+        yield Path(int(name), time[known], places[known])
+
+
+def _row(path: Path, exit_mm: Array, parameters: Regression) -> dict[str, object]:
+    """Return the row of one track in the table."""
+    points = len(path.time_s)
+    row: dict[str, object] = {
+        column.name: np.nan if column.kind is float else 0 for column in TRAJECTORIES.columns
+    }
+    row |= {"particle": path.particle, "points": points}
+    row |= {f"exit_{a}": value for a, value in zip(AXES, exit_mm.tolist(), strict=True)}
+    if not points:
+        return row | {"outcome": NO_DEPTH}
+    row |= {"first_s": path.time_s[0], "last_s": path.time_s[-1]}
+    if points < parameters.fewest:
+        return row | {"outcome": TOO_FEW}
+    fit = parameters(path.time_s, path.places_mm, exit_mm)
+    earliest, latest = fit.t0_range_s
+    row |= {"outcome": FITTED, "t0_s": fit.t0_s, "t0_at_bound": fit.t0_at_bound}
+    row |= {"t0_earliest_s": earliest, "t0_latest_s": latest}
+    for axis, order, factors in zip(AXES, fit.orders, fit.coefficients, strict=True):
+        padded = [*factors, *[0.0] * (HIGHEST_ORDER - order)]
+        row[f"order_{axis}"] = order
+        row |= {f"coefficient_{axis}_{k + 1}": factor for k, factor in enumerate(padded)}
+    for axis, *values in _measured(fit):
+        row |= {name.format(axis): v for name, v in zip(MEASURES, values, strict=True)}
+    return row
+
+
+def _fit(row: dict[Any, Any]) -> Fit:
+    """Return the fit that a row of the table stands for."""
+
+    def three(name: str) -> Any:
+        return tuple(row[name.format(axis)] for axis in AXES)
+
+    orders = three("order_{}")
+    factors = tuple(
+        tuple(row[f"coefficient_{axis}_{k}"] for k in range(1, order + 1))
+        for axis, order in zip(AXES, orders, strict=True)
+    )
+    return Fit(
+        three("exit_{}"),
+        row["t0_s"],
+        row["t0_at_bound"],
+        (row["t0_earliest_s"], row["t0_latest_s"]),
+        orders,
+        factors,
+        row["first_s"],
+        row["last_s"],
+        row["points"],
+        *(three(name) for name in MEASURES),
+    )

@@ -1,0 +1,61 @@
+"""The search over t0 against scipy over all unknowns, and the choice of orders."""
+
+import numpy as np
+import pytest
+
+from kilnflight.regression import Regression, least_squares_solver, range_of_start, robust_solver
+
+EXIT, SCATTER = np.array([120.0, 60.0, 6500.0]), np.array([2.0, 2.0, 30.0])
+
+
+@pytest.mark.parametrize("orders", [(2, 2, 2), (2, 2, 4), (3, 2, 3)])
+@pytest.mark.parametrize("loss", ["linear", "soft_l1"])
+def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
+    track = flight(scatter=SCATTER, seed=3)
+    track.loc[20, "z"] += 700.0
+    time = np.linspace(0, 1, 60)
+    moved = ((track[list("xyz")].to_numpy() - EXIT) / SCATTER).T
+    limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
+    solver = robust_solver if loss == "soft_l1" else least_squares_solver
+    solution = solver(time, moved, 6, limits, first)(orders)
+    peer = plain.solve(time, moved.T, np.zeros(3), orders, first, limits, loss=loss)
+    assert solution.costs.sum() == pytest.approx(2 * peer.cost, rel=1e-9)
+    assert solution.start == pytest.approx(peer.x[-1], abs=1e-4)
+
+
+def test_the_cost_of_every_order_is_that_of_its_own_fit(flight):
+    track = flight(scatter=SCATTER, seed=4)
+    time, moved = np.linspace(0, 1, 60), (track[list("xyz")].to_numpy() - EXIT).T
+    solve = least_squares_solver(time, moved, 6, np.array([-1.0, -0.1]), -0.2)
+    for order in range(1, 7):
+        solution = solve((order,) * 3)
+        powers = (time - solution.start)[:, None] ** np.arange(1, order + 1)
+        squares = [np.linalg.lstsq(powers, axis)[1][0] for axis in moved]
+        np.testing.assert_allclose(solution.costs, squares, rtol=1e-8)
+
+
+def test_three_random_points_give_the_range_of_a_flight_without_scatter(flight):
+    track = flight(t0=0.1)
+    time, moved = np.linspace(0, 1, 60), (track[list("xyz")].to_numpy() - EXIT).T
+    frame = track["frame"].to_numpy()
+    true = (0.1 * 330 - frame[0]) / (frame[-1] - frame[0])
+    limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
+    assert first == pytest.approx(true, abs=1e-6)
+    assert limits == pytest.approx([true - 1 / 59, true + 1 / 59], abs=1e-5)
+
+
+def test_orders_go_up_while_the_gain_is_one_per_cent():
+    free = 60 - np.arange(7) - 1.0  # cost of RMSE 1 by order
+    shares = np.ones((3, 7))
+    choose = Regression(highest=4).choose
+
+    def costs(orders):
+        return np.array([shares[axis, k] * free[k] for axis, k in enumerate(orders)])
+
+    assert choose(costs, 4, 60) == (2, 2, 2)
+    shares[2, 3:] *= 0.98**2
+    shares[2, 4:] *= 0.992**2  # the second step gains too little
+    shares[0, 3:] *= 0.985**2
+    assert choose(costs, 4, 60) == (3, 2, 3)
+    assert choose(costs, 2, 60) == (2, 2, 2)
+    assert choose(lambda _: np.zeros(3), 4, 60) == (2, 2, 2)
