@@ -4,9 +4,9 @@ import shutil
 from functools import partial
 
 import pytest
+from kilnflight.belt.friction_values import FreeValues
 
 from kilnflight import kiln
-from kilnflight.belt.friction_values import FreeValues
 from kilnflight.project import closure
 from kilnflight.project.cache import CachedTable
 from kilnflight.twin.scene import Twin
