@@ -36,7 +36,6 @@ from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths
 from kilnflight.project.cache import CachedTable, clear_parts, make_whole
 from kilnflight.project.parallel import Workers
-from kilnflight.recording import storage
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.regression import Regression
@@ -86,7 +85,7 @@ class StoredSource:
     """A recording on disk; its tables are known wherever it lies."""
 
     name: str
-    content: str  # of `storage.content`
+    content: str  # of `StoredRecording.content`
     folder: Path = field(repr=False)
 
     @lru_cache(maxsize=2)  # noqa: B019  of equal sources
@@ -98,8 +97,8 @@ class StoredSource:
 def stored_source(folder: Path | str) -> StoredSource:
     """Return the source of a recording on disk; errors as for `open_recording`."""
     recording = open_recording(folder)
-    content = storage.content(recording.path, len(recording))
-    return StoredSource(recording.attributes.name, content, recording.path.resolve())
+    name, folder = recording.attributes.name, recording.path.resolve()
+    return StoredSource(name, recording.content(), folder)
 
 
 @dataclass(frozen=True)

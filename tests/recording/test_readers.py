@@ -8,7 +8,7 @@ import tifffile
 from PIL import Image
 
 from kilnflight.checks import InputError
-from kilnflight.recording.readers import read_array, read_points
+from kilnflight.recording.importing import read_array, read_points
 
 GRAY = np.random.default_rng(1).integers(0, 4096, (24, 32), dtype=np.uint16)
 NAMES = ("row", "col", "x", "y", "z")

@@ -1,14 +1,27 @@
 """Recordings on disk: opened frame by frame, whole or not there at all.
 
-What lies on disk is told in `kilnflight.recording.storage`. A recording grows under
-``<name>.part`` with a journal of its finished frames, and gets its name when the last
-one is in: a kill costs one frame, never a wrong result.
+A recording is a Zarr 3 group::
+
+    gray       (frame, row, col)   uint16    one frame, one chunk
+    pixels     (frame, point, 2)   int32     row, col of the points
+    xyz        (frame, point, 3)   float32   mm, camera coordinates as captured
+    labels     (frame, row, col)   uint8     Table 5.1, only of the frames that have any
+    index, time_s, points, labelled (frame)  number, time, number of points, labels known
+    truth/     <name>.parquet                tables of the truth, where there is one
+
+The second axis of ``pixels`` and ``xyz`` is as long as an image has pixels; only the first
+``points[t]`` entries of frame t exist, in chunks of `POINTS_PER_CHUNK`. All is zstd with a
+checksum. A recording grows under ``<name>.part`` and gets its name when the last frame is in.
+Until then ``journal.txt`` holds how it was begun and one line per finished frame: a kill costs
+one frame, never a wrong result.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,20 +31,18 @@ import numpy.typing as npt
 import pandas as pd
 import zarr
 from tqdm import tqdm
+from zarr.codecs import ZstdCodec
 
 from kilnflight.checks import InputError
-from kilnflight.recording import storage
 from kilnflight.recording.frames import Attributes, Frame, Recording, check_frame, check_position
 
-__all__ = [
-    "Attributes",
-    "Frame",
-    "Recording",
-    "StoredRecording",
-    "check_frame",
-    "open_recording",
-    "write_recording",
-]
+FORMAT = "kilnflight recording 1"
+JOURNAL = "journal.txt"
+POINTS_PER_CHUNK = 65_536
+ARRAYS = ("gray", "pixels", "xyz", "labels")
+PER_FRAME = {"index": "int64", "time_s": "float64", "points": "int64", "labelled": "bool"}
+
+Line = list[Any]  # of the journal: the values of PER_FRAME for one frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +52,7 @@ class StoredRecording:
     path: Path
     attributes: Attributes
     arrays: Mapping[str, zarr.Array[Any]]
-    per_frame: Mapping[str, npt.NDArray[Any]]  # index, time_s, points, labelled
+    per_frame: Mapping[str, npt.NDArray[Any]]  # of the names in PER_FRAME
 
     def __len__(self) -> int:
         return len(self.per_frame["index"])
@@ -54,31 +65,59 @@ class StoredRecording:
         InputError
             If there is no such frame, or it is damaged on disk.
         """
-        check_position(t, len(self), self.attributes.name)
-        index, time_s, n, labelled = (self.per_frame[name][t] for name in storage.PER_FRAME)
-
-        def read(name: str, points: int | None = None) -> Any:
-            return storage.read_array(self.arrays[name], self.path, t, points)
-
-        return Frame(
-            index=int(index),
-            time_s=float(time_s),
-            gray=read("gray"),
-            pixels=read("pixels", int(n)),
-            xyz=read("xyz", int(n)),
-            labels=read("labels") if labelled else None,
-        )
+        gray = self.gray(t)
+        index, time_s, n, labelled = (self.per_frame[name][t] for name in PER_FRAME)
+        pixels, xyz = (self._read(name, t, int(n)) for name in ("pixels", "xyz"))
+        labels = self._read("labels", t) if labelled else None
+        return Frame(int(index), float(time_s), gray, pixels, xyz, labels)
 
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
         """Return the grey values (rows, cols) of frame ``t`` alone; errors as for `frame`."""
         check_position(t, len(self), self.attributes.name)
-        found: npt.NDArray[np.uint16] = storage.read_array(self.arrays["gray"], self.path, t, None)
-        return found
+        return self._read("gray", t)
+
+    def _read(self, name: str, t: int, n: int | None = None) -> npt.NDArray[Any]:
+        """Return frame ``t`` of an array, of a point array its first ``n`` points."""
+        array = self.arrays[name]
+        if n == 0:
+            return np.empty((0, array.shape[2]), array.dtype)
+        chunks = 1 if n is None else -(-n // array.chunks[1])
+        folder = self.path / name / "c" / str(t)
+        fault = "missing"  # zarr itself would give zeros
+        if all((folder / str(k) / "0").is_file() for k in range(chunks)):
+            try:
+                return np.asarray(array[t, :n])
+            except (RuntimeError, ValueError, OSError):  # what codecs raise on broken bytes
+                fault = "damaged"
+        raise InputError(
+            f"{self.path}, frame {t}: its {name} is {fault}. The recording was changed after it "
+            "was written; import or export it again."
+        )
 
     def truth(self) -> dict[str, pd.DataFrame]:
         """Return the tables of the truth by name; none for a recording of a real kiln."""
         files = sorted((self.path / "truth").glob("*.parquet"))
         return {file.stem: pd.read_parquet(file) for file in files}
+
+    def content(self) -> str:
+        """Return twelve digits that stand for what the recording holds, wherever it lies.
+
+        Every chunk ends in the checksum of its values (zstd), so four bytes of each are read.
+        """
+        digest = hashlib.sha256((self.path / "zarr.json").read_bytes())
+        for name in PER_FRAME:
+            for file in sorted((self.path / name).rglob("*")):
+                digest.update(file.read_bytes() if file.is_file() else b"")
+        for name in ("gray", "pixels", "xyz"):
+            for t in range(len(self)):
+                here = self.path / name / "c" / str(t)  # a missing one is told when it is read
+                for path in sorted(file for file in here.rglob("*") if file.is_file()):
+                    with path.open("rb") as opened:
+                        end = opened.seek(0, os.SEEK_END)
+                        opened.seek(max(end - 4, 0))
+                        label = f"{path.relative_to(self.path).as_posix()} {end} "
+                        digest.update(label.encode() + opened.read())
+        return digest.hexdigest()[:12]
 
 
 def open_recording(path: Path | str) -> StoredRecording:
@@ -90,10 +129,9 @@ def open_recording(path: Path | str) -> StoredRecording:
         If there is none, its writing was cut off, or it is damaged.
     """
     path = Path(path)
-    candidates = [path] if path.exists() else [path, storage.part_of(path)]
-    for folder in candidates:
-        if (folder / storage.JOURNAL).is_file():
-            begun, done = storage.read_journal(folder)
+    for folder in [path] if path.exists() else [path, part_of(path)]:
+        if (folder / JOURNAL).is_file():
+            begun, done = _read_journal(folder)
             total = len(range(*begun["frames"])) if begun else "some"
             raise InputError(
                 f"{folder}: the recording was cut off after {len(done)} of {total} frames. Run "
@@ -103,13 +141,13 @@ def open_recording(path: Path | str) -> StoredRecording:
         raise InputError(f"{path}: there is no recording (no folder with a zarr.json).")
     try:
         group = zarr.open_group(path, mode="r")
-        stored = dict(group.attrs)
-        if stored.pop("format", None) != storage.FORMAT:
-            raise InputError(f"{path}: a Zarr group, but not a {storage.FORMAT}. Import it first.")
-        columns: dict[str, Any] = {name: group[name] for name in storage.PER_FRAME}
-        arrays: dict[str, Any] = {name: group[name] for name in storage.ARRAYS}
+        attributes = dict(group.attrs)
+        if attributes.pop("format", None) != FORMAT:
+            raise InputError(f"{path}: a Zarr group, but not a {FORMAT}. Import it first.")
+        columns: dict[str, Any] = {name: group[name] for name in PER_FRAME}
+        arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
         per_frame = {name: np.asarray(array[:]) for name, array in columns.items()}
-        return StoredRecording(path, Attributes.from_json(stored), arrays, per_frame)
+        return StoredRecording(path, Attributes.from_json(attributes), arrays, per_frame)
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, RuntimeError, OSError) as error:
@@ -156,32 +194,54 @@ def write_recording(
         raise InputError(f"recording {name}: no frames to write.")
     for t in (frames[0], frames[-1]):
         check_position(t, len(recording), name)
-    part = storage.part_of(path)
+    part = part_of(path)
     group, done = _begin(recording, part, frames)
-    with (part / storage.JOURNAL).open("a") as journal:
-        todo = list(frames)[len(done) :]
-        # disable=None: a bar where somebody watches, nothing in logs and notebooks
-        for t in tqdm(todo, desc=name, unit="frame", disable=None):
+    with (part / JOURNAL).open("a") as journal:
+        # disable=None: a bar in a terminal, nothing in logs and notebooks
+        for t in tqdm(frames[len(done) :], desc=name, unit="frame", disable=None):
             frame = check_frame(recording.frame(t), recording.attributes)
-            if done:
-                _check_order(done[-1], frame, name)
-            done.append(storage.write_frame(group, len(done), frame))
+            if done and (frame.index <= done[-1][0] or frame.time_s <= done[-1][1]):
+                index, time_s = done[-1][:2]
+                raise InputError(
+                    f"recording {name}, frame {frame.index} at {frame.time_s} s follows frame "
+                    f"{index} at {time_s} s. Number and time must grow from frame to frame."
+                )
+            done.append(_write_frame(group, len(done), frame))
             journal.write(json.dumps(done[-1]) + "\n")
             journal.flush()
-    storage.finish(group, part, done, truth or {})
+    for (column, kind), values in zip(PER_FRAME.items(), zip(*done, strict=True), strict=True):
+        group.create_array(column, data=np.array(values, kind), overwrite=True)
+    for table_name, table in (truth or {}).items():
+        (part / "truth").mkdir(exist_ok=True)
+        table.to_parquet(part / "truth" / f"{table_name}.parquet")
+    (part / JOURNAL).unlink()
     part.rename(path)
     return open_recording(path)
 
 
-def _begin(
-    recording: Recording, part: Path, frames: range
-) -> tuple[zarr.Group, list[storage.Line]]:
+def part_of(path: Path) -> Path:
+    """Return the folder in which a recording grows before it gets its name."""
+    return path.with_name(path.name + ".part")
+
+
+def _read_journal(folder: Path) -> tuple[dict[str, Any], list[Line]]:
+    """Return how a recording was begun and its finished frames.
+
+    A last line that was cut by a kill is none; without a whole first line, nothing was
+    begun and the dictionary is empty.
+    """
+    lines = (folder / JOURNAL).read_text().split("\n")[:-1]
+    begun, *done = [json.loads(line) for line in lines] or [{}]
+    return begun, done
+
+
+def _begin(recording: Recording, part: Path, frames: range) -> tuple[zarr.Group, list[Line]]:
     """Return the group to write into and the frames it already has."""
     begin = {
         "frames": [frames.start, frames.stop, frames.step],
         "attributes": recording.attributes.to_json(),
     }
-    begun, done = storage.read_journal(part) if (part / storage.JOURNAL).is_file() else ({}, [])
+    begun, done = _read_journal(part) if (part / JOURNAL).is_file() else ({}, [])
     if begun:
         group = zarr.open_group(part, mode="r+")
         same = begun == json.loads(json.dumps(begin))
@@ -191,33 +251,66 @@ def _begin(
                 "(attributes, frames or content differ). Delete it to start again."
             )
     else:
-        group = storage.create(part, recording.attributes, len(frames))
-    storage.write_journal(part, begin, done)  # without a line that was cut
+        group = _create(part, recording.attributes, len(frames))
+    lines = [json.dumps(line) + "\n" for line in (begin, *done)]
+    (part / JOURNAL).write_text("".join(lines))  # without a line that was cut
     return group, done
 
 
+def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
+    """Return a new, empty group; what was in the folder is gone."""
+    rows, columns = attributes.rows, attributes.columns
+    points = min(POINTS_PER_CHUNK, rows * columns)
+    group = zarr.open_group(
+        folder, mode="w", zarr_format=3, attributes={"format": FORMAT, **attributes.to_json()}
+    )
+    for name, kind, shape, chunk in (
+        ("gray", "uint16", (rows, columns), (rows, columns)),
+        ("pixels", "int32", (rows * columns, 2), (points, 2)),
+        ("xyz", "float32", (rows * columns, 3), (points, 3)),
+        ("labels", "uint8", (rows, columns), (rows, columns)),
+    ):
+        group.create_array(
+            name,
+            shape=(length, *shape),
+            chunks=(1, *chunk),
+            dtype=kind,
+            compressors=ZstdCodec(level=1, checksum=True),
+        )
+    return group
+
+
+def _write_frame(group: zarr.Group, position: int, frame: Frame) -> Line:
+    """Write one frame and return its line of the journal."""
+    n = len(frame.xyz)
+    with zarr.config.set({"array.write_empty_chunks": True}):  # no file then means damage
+        arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
+    arrays["gray"][position] = frame.gray
+    for name in ("pixels", "xyz") if n else ():
+        points, chunk = getattr(frame, name), arrays[name].chunks[1]
+        # whole chunks, so that nothing a kill left behind is read and merged
+        length = min(-(-n // chunk) * chunk, arrays[name].shape[1])
+        padded = np.zeros((length, points.shape[1]), points.dtype)
+        padded[:n] = points
+        arrays[name][position, :length] = padded
+    if frame.labels is not None:
+        arrays["labels"][position] = frame.labels
+    return [int(frame.index), float(frame.time_s), n, frame.labels is not None]
+
+
 def _same_last_frame(
-    recording: Recording, frames: range, group: zarr.Group, done: list[storage.Line]
+    recording: Recording, frames: range, group: zarr.Group, done: Sequence[Line]
 ) -> bool:
     """Return whether the last finished frame is what the recording gives today."""
     if not done:
         return True
     last = len(done) - 1
     frame = recording.frame(frames[last])
-    n = len(frame.xyz)
-    if done[last] != [frame.index, frame.time_s, n, frame.labels is not None]:
+    if done[last] != [frame.index, frame.time_s, len(frame.xyz), frame.labels is not None]:
         return False
-    arrays: dict[str, Any] = {name: group[name] for name in storage.ARRAYS}
+    parts = {name: getattr(frame, name) for name in ARRAYS}
+    arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
     return all(
-        own is None or np.array_equal(arrays[name][last, : len(own)], own)
-        for name, own in ((name, getattr(frame, name)) for name in storage.ARRAYS)
+        part is None or np.array_equal(arrays[name][last, : len(part)], part)
+        for name, part in parts.items()
     )
-
-
-def _check_order(before: storage.Line, frame: Frame, name: str) -> None:
-    index, time_s = before[:2]
-    if frame.index <= index or frame.time_s <= time_s:
-        raise InputError(
-            f"recording {name}, frame {frame.index} at {frame.time_s} s follows frame {index} "
-            f"at {time_s} s. Number and time must grow from frame to frame."
-        )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from tqdm import tqdm
 
 from kilnflight.recording.frames import LABELS, Recording
@@ -14,8 +15,7 @@ SATURATED_SHARE = 0.001  # of all pixels at the highest possible value: worth a 
 PLAUSIBLE_DEPTH_MM = (100.0, 50_000.0)
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """What a recording holds; `text` says it in words."""
 
     name: str
@@ -53,62 +53,55 @@ class Report:
 def summarise(recording: Recording) -> Report:
     """Read every frame once and return what the recording holds."""
     attributes = recording.attributes
-    points: list[int] = []
-    lows: list[int] = []
-    highs: list[tuple[int, int]] = []  # highest value, and how many pixels have it
-    depths: list[tuple[float, float]] = []
-    labels = np.zeros(len(LABELS), np.int64)
-    empty: list[int] = []
-    labelled = 0
+    rows: list[tuple[int, int, int, int, int, float, float]] = []
+    labels, labelled = np.zeros(len(LABELS), np.int64), 0
     for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
         frame = recording.frame(t)
-        top = int(frame.gray.max())
-        lows.append(int(frame.gray.min()))
-        highs.append((top, int(np.count_nonzero(frame.gray == top))))
-        points.append(len(frame.xyz))
-        if points[-1]:
-            depths.append((float(frame.xyz[:, 2].min()), float(frame.xyz[:, 2].max())))
-        else:
-            empty.append(frame.index)
+        top, z = int(frame.gray.max()), frame.xyz[:, 2]
+        depths = (float(z.min()), float(z.max())) if len(z) else (np.nan, np.nan)
+        at_top = int(np.count_nonzero(frame.gray == top))
+        rows.append((frame.index, int(frame.gray.min()), top, at_top, len(z), *depths))
         if frame.labels is not None:
             labelled += 1
             labels += np.bincount(frame.labels.ravel(), minlength=len(LABELS))
-    pixels = len(points) * attributes.rows * attributes.columns
-    top = max(value for value, _ in highs)
-    saturated = sum(count for value, count in highs if value == top) / pixels
-    depth = (min(d[0] for d in depths), max(d[1] for d in depths)) if depths else None
+    names = ["index", "low", "top", "at_top", "points", "nearest", "farthest"]
+    table = pd.DataFrame(rows, columns=names)
+    pixels = len(table) * attributes.rows * attributes.columns
+    top, points = int(table["top"].max()), table["points"]
+    saturated = int(table.loc[table["top"] == top, "at_top"].sum()) / pixels
+    depth = (float(table["nearest"].min()), float(table["farthest"].max()))
+    known_depth = depth if points.any() else None
+    empty = table.loc[points == 0, "index"].tolist()
     return Report(
         name=attributes.name,
-        frames=len(points),
+        frames=len(table),
         rows=attributes.rows,
         columns=attributes.columns,
         bit_depth=top.bit_length(),
-        gray_range=(min(lows), top),
-        points=(min(points), float(np.median(points)), max(points)),
-        depth_share=sum(points) / pixels,
-        depth_range_mm=depth,
+        gray_range=(int(table["low"].min()), top),
+        points=(int(points.min()), float(points.median()), int(points.max())),
+        depth_share=int(points.sum()) / pixels,
+        depth_range_mm=known_depth,
         labelled_frames=labelled,
         label_pixels=dict(zip(LABELS, labels.tolist(), strict=True)) if labelled else {},
-        warnings=tuple(_warnings(empty, len(points), top, saturated, depth)),
+        warnings=tuple(_warnings(empty, len(table), top, saturated, known_depth)),
     )
 
 
 def _warnings(
     empty: list[int], frames: int, top: int, saturated: float, depth: tuple[float, float] | None
-) -> list[str]:
-    found = []
+) -> Iterator[str]:
     if empty:
-        found.append(f"{len(empty)} of {frames} frames without points, the first is {empty[0]}")
+        yield f"{len(empty)} of {frames} frames without points, the first is {empty[0]}"
     if top == 0:
-        found.append("every pixel is black")
+        yield "every pixel is black"
     elif top == 2 ** top.bit_length() - 1 and saturated > SATURATED_SHARE:
-        found.append(f"{100 * saturated:.2f} % of the pixels are saturated at {top}")
-    if top and top < 256:
-        found.append(f"no gray value above {top}: 8-bit frames in 16-bit files?")
+        yield f"{100 * saturated:.2f} % of the pixels are saturated at {top}"
+    if 0 < top < 256:
+        yield f"no gray value above {top}: 8-bit frames in 16-bit files?"
     low, high = PLAUSIBLE_DEPTH_MM
     if depth and not (low <= depth[0] and depth[1] <= high):
-        found.append(
+        yield (
             f"depths of {depth[0]:g} to {depth[1]:g} mm; between {low:g} and {high:g} expected: "
             "is the unit right, is the invalid value?"
         )
-    return found

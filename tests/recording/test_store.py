@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from kilnflight.checks import InputError
-from kilnflight.recording import storage
+from kilnflight.recording import store
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import open_recording, write_recording
 
@@ -67,7 +67,7 @@ def test_a_part_keeps_index_and_time(small, target, same_frame):
 
 
 def test_points_in_several_chunks(small, target, same_frame, monkeypatch):
-    monkeypatch.setattr(storage, "POINTS_PER_CHUNK", 7)
+    monkeypatch.setattr(store, "POINTS_PER_CHUNK", 7)
     stored = write_recording(small, target)
     for t in range(5):
         same_frame(stored.frame(t), small.frame(t))
@@ -121,7 +121,7 @@ write_recording(Killed(), {str(target)!r})
     part = target.with_name("small.zarr.part")
     (part / "xyz/c/2/0").mkdir(parents=True)
     (part / "xyz/c/2/0/0").write_bytes(b"half")
-    with (part / storage.JOURNAL).open("a") as journal:
+    with (part / store.JOURNAL).open("a") as journal:
         journal.write("[2, 0.0")
     stored = write_recording(small, target)
     for t in range(5):
@@ -131,7 +131,7 @@ write_recording(Killed(), {str(target)!r})
 def test_a_kill_before_the_first_line_starts_again(small, target):
     part = target.with_name("small.zarr.part")
     part.mkdir()
-    (part / storage.JOURNAL).write_text('{"frames"')
+    (part / store.JOURNAL).write_text('{"frames"')
     with pytest.raises(InputError, match="cut off after 0 of some frames"):
         open_recording(target)
     assert len(write_recording(small, target)) == 5
@@ -190,7 +190,7 @@ def test_a_frame_that_is_not_there(small, target, t):
         write_recording(small, target).frame(t)
 
 
-@pytest.mark.parametrize("name", storage.ARRAYS)
+@pytest.mark.parametrize("name", store.ARRAYS)
 @pytest.mark.parametrize("fault", ["missing", "damaged"])
 def test_a_damaged_frame_is_told(small, target, name, fault):
     stored = write_recording(small, target)
@@ -215,7 +215,7 @@ def test_what_is_no_recording_is_told(small, target):
 def test_a_recording_without_one_of_its_attributes_is_told(small, target):
     write_recording(small, target)
     group = zarr.open_group(target, mode="r+")
-    group.attrs.put({"format": storage.FORMAT, "name": "small"})
+    group.attrs.put({"format": store.FORMAT, "name": "small"})
     with pytest.raises(InputError, match=r"small\.zarr: damaged recording"):
         open_recording(target)
 
