@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import joblib
 import numpy as np
 import pandas as pd
 
+from kilnflight import ignition
 from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.error_budget import (
     FlightTables,
@@ -16,12 +17,12 @@ from kilnflight.experiments.error_budget import (
     true_flights,
     true_positions,
 )
-from kilnflight.experiments.results import KEYS, of_campaign
+from kilnflight.experiments.results import KEYS, CampaignKey, of_campaign
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import fits
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES
+from kilnflight.scores.flights import METRES, Findings, quartiles
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
@@ -130,6 +131,100 @@ def ending_cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
     """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
     landed = lit.map({False: CASES[0], True: CASES[1]})
     return ending.where(ending != LANDED, landed)
+
+
+def count_endings(measured: Measurement) -> pd.DataFrame:
+    """Return how measured flights end by campaign, and how many do not start at the lance."""
+    counted = measured.flights[measured.flights["from_lance"]]
+    lit = counted["ignition"].isin([ignition.SEEN, ignition.BEFORE])
+    ends = pd.crosstab([counted[key] for key in KEYS], ending_cases(counted["ending"], lit))
+    left_out = measured.flights.assign(left_out=~measured.flights["from_lance"])
+    table = left_out.groupby(KEYS)[["left_out"]].sum().reset_index()
+    table = table.rename(columns={"left_out": "left out: not from the lance"})
+    return table.merge(ends.reset_index(), how="left", on=KEYS).fillna(0)
+
+
+def dwell_times(measured: Measurement, both: pd.DataFrame) -> pd.DataFrame:
+    """Return the dwell times of Fig. 5.19: measured of all flights, true of all particles.
+
+    Parameters
+    ----------
+    measured
+        The campaigns.
+    both
+        `compare_campaigns`.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``track``, ``measured_s``, ``ending``, ``particle`` (-1:
+        of no whole flight), ``true_s``, ``true_ending``; empty where there is none.
+    """
+    flights = measured.flights[measured.flights["from_lance"]]
+    flights = flights.rename(columns={"particle": "track", "dwell_s": "measured_s"})
+    truth = both.rename(columns={"true_dwell_s": "true_s"})
+    data = flights[[*KEYS, "track", "measured_s", "ending"]].merge(
+        truth[[*KEYS, "track", "particle", "true_s", "true_ending"]], "outer", [*KEYS, "track"]
+    )
+    return data.fillna({"particle": -1}).astype({"particle": int})
+
+
+def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return where ignition was detected, and the errors of its time, by reading and campaign."""
+    rows = [
+        {"reading": reading, **dict(zip(KEYS, key, strict=True)), **errors(one)}
+        for reading, table in both.items()
+        for key, one in table.groupby(KEYS, sort=False)
+    ]
+    columns = ["reading", *KEYS, "found", "lit", "lit_told", "unlit", "unlit_told"]
+    columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
+    return pd.DataFrame(rows).reindex(columns=columns)
+
+
+def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return measured and true ignition times of every particle (Figs 5.25 and 5.26)."""
+    names = {"measured_ignition_s": "measured_s", "true_ignition_s": "true_s"}
+    first, other = both["as published"].rename(columns=names), both["above background"]
+    times = other["measured_ignition_s"].to_numpy()
+    data = first.assign(measured_above_background_s=times, found=first["track"] >= 0)
+    columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "found"]
+    return data[[*KEYS, *columns]]
+
+
+def accuracy_in_words(
+    whole: pd.DataFrame,
+    found: Mapping[CampaignKey, Findings],
+    true: Mapping[CampaignKey, Findings],
+) -> pd.DataFrame:
+    """Return the main table of accuracy as text: found, bias, interval and spread by campaign.
+
+    Parameters
+    ----------
+    whole
+        Rows of the `error_budget` of the whole chain.
+    found, true
+        Results by campaign.
+    """
+    rows = []
+    for one in whole.to_dict("records"):
+        key = one["fraction"], one["pressure_bar"]
+        share = f"[{one['found_low']:.2f}, {one['found_high']:.2f}]"
+        row = dict(zip(KEYS, key, strict=True))
+        row["found"] = f"{one['found']:.0f} of {one['true']:.0f} {share}"
+        for name, unit in QUANTITIES.items():
+            short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
+            bias, low, high, spread = (
+                one[f"{name}_{what}"] for what in ("bias", "low", "high", "spread")
+            )
+            text = f"{bias:+.3f} [{low:+.3f}, {high:+.3f}] +- {spread:.3f}"
+            row[short] = text if one[f"{name}_n"] else ""
+        ours, real = (quartiles(results[key].dwell_s)[1] for results in (found, true))
+        row["cell's dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
+        row["false flights"] = f"{one['spurious']:.0f} of {one['flights']:.0f}"
+        row["ignition detected, rightly"] = f"{one['lit_told']:.0f} of {one['lit']:.0f}"
+        row["detected of the unlit"] = f"{one['unlit_told']:.0f} of {one['unlit']:.0f}"
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def compare_velocities(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:

@@ -19,8 +19,10 @@ from kilnflight.experiments.campaigns import Measurement
 from kilnflight.experiments.results import (
     KEYS,
     CampaignKey,
+    ignited,
     in_metre,
     of_campaign,
+    pairs_to_compare,
     trajectories_from_lance,
 )
 from kilnflight.project import claims
@@ -226,6 +228,68 @@ def coverage(
     table = pd.DataFrame(rows)
     inside = (table["low"] <= table["true"]) & (table["true"] <= table["high"])
     return table.assign(covers=inside)
+
+
+def ratio_table(
+    found: Mapping[CampaignKey, Findings], generator: np.random.Generator
+) -> pd.DataFrame:
+    """Return the median velocity in the first metre at the highest pressure over the lowest."""
+    rows, bars = [], sorted({bar for _, bar in found})
+    for name in dict.fromkeys(fraction for fraction, _ in found):
+        pair = [found[name, bar].velocity_m_s[:, 0] for bar in (bars[-1], bars[0])]
+        known = [values[np.isfinite(values)] for values in pair]
+        ratio = Bootstrap()(intervals.ratio_of_medians, known, generator)
+        rows.append({"fraction": name, **interval_columns(ratio)})
+    return pd.DataFrame(rows)
+
+
+def dwell_medians(table: pd.DataFrame, true: Mapping[CampaignKey, Findings]) -> pd.DataFrame:
+    """Return the median dwell times of an `interval_table`, and whether they cover the truth."""
+    rows = table[table["outcome"] == "dwell median (s)"].drop(columns="outcome")
+    rows = rows.rename(columns={"estimate": "measured_s", "true": "true_s"}).reset_index(drop=True)
+    keys = zip(rows["fraction"], rows["pressure_bar"], strict=True)
+    return rows.assign(
+        true_number=[len(true[key].dwell_s) for key in keys],
+        covers=(rows["low"] <= rows["true_s"]) & (rows["true_s"] <= rows["high"]),
+    )
+
+
+def ignited_shares(sources: Mapping[str, Mapping[CampaignKey, Findings]]) -> pd.DataFrame:
+    """Return the share that ignites within 0.1 s, 0.2 s and at all, with its interval (Wilson)."""
+    rows = []
+    for source, found in sources.items():
+        for key, one in found.items():
+            row = {"source": source, **dict(zip(KEYS, key, strict=True))}
+            for within in (0.1, 0.2, np.inf):
+                lit = int((one.ignition_s <= within).sum())
+                share = interval_columns(intervals.share(lit, len(one.ignition_s)))
+                rows.append({**row, "within_s": "" if np.isinf(within) else within, **share})
+    return pd.DataFrame(rows)
+
+
+def all_differences(
+    found: Mapping[CampaignKey, Findings],
+    true: Mapping[CampaignKey, Findings],
+    generator: np.random.Generator,
+) -> pd.DataFrame:
+    """Return the differences of all `pairs_to_compare`: dwell time, velocity, ignited share."""
+    pairs, parts = pairs_to_compare(found), []
+    for quantity in ("dwell_s", "velocity_m_s"):
+        values, truth = (
+            {key: getattr(one, quantity) for key, one in in_metre(results, 1).items()}
+            for results in (found, true)
+        )
+        table = resolved_differences(values, pairs, generator, truth)
+        parts.append(table.assign(quantity=quantity))
+    counts, real = (
+        {key: ignited(one) for key, one in results.items()} for results in (found, true)
+    )
+    shares = resolved_share_differences(counts, pairs, real)
+    table = pd.concat([*parts, shares.assign(quantity="ignited share")], ignore_index=True)
+    for side in ("first", "second"):
+        table[side] = [f"{name}, {bar} bar" for name, bar in table[side]]
+    columns = ["quantity", "first", "second", "number", "estimate", "low", "high", "true"]
+    return table[[*columns, "resolved", "resolved_with_table_5_15"]]
 
 
 def resolved_differences(

@@ -17,7 +17,7 @@ from kilnflight.experiments import statements
 from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.statements import outcome_table
 from kilnflight.project import claims
-from kilnflight.scores.flights import METRES, Findings
+from kilnflight.scores.flights import METRES, Findings, along
 from kilnflight.slicing import straight_on
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
@@ -209,3 +209,25 @@ def fits_from_lance(
     fits = regression.fits(of_campaign(measured.trajectories, key)[TRAJECTORIES.names])
     tracks = of_campaign(measured.tracks, key)
     return {name: fits[name] for name in names}, tracks[tracks["particle"].isin(names)]
+
+
+def remaining_table(
+    sources: Mapping[str, Mapping[CampaignKey, Findings]], published: pd.DataFrame
+) -> pd.DataFrame:
+    """Return the shares that pass each metre by source, and the published ones below them."""
+    parts = [along(outcome_table(found)).assign(source=name) for name, found in sources.items()]
+    shares = pd.concat(parts).query("quantity == 'remaining'")
+    bounds = published[published["outcome"].str.startswith("remaining")]
+    at = bounds["outcome"].str.extract(r"remaining (\d)")[0].astype(float)
+    return pd.concat([shares, bounds.assign(at=at, source="published")])
+
+
+def behind_lance(measured: Measurement) -> pd.DataFrame:
+    """Return how many slices lie behind the lance, in how many flights, and their velocity."""
+    slices = measured.slices[measured.slices["slice_m"] < 0]
+    columns = {
+        "slices": ("velocity_m_s", "size"),
+        "flights": ("particle", "nunique"),
+        "median_m_s": ("velocity_m_s", "median"),
+    }
+    return slices.groupby(KEYS).agg(**columns).reset_index()

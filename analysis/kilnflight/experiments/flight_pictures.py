@@ -1,0 +1,256 @@
+"""Whole pictures of the flights of campaigns, after Figs 5.18 to 5.26."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+
+from kilnflight.experiments.accuracy import CASES
+from kilnflight.experiments.campaigns import Measurement
+from kilnflight.experiments.error_budget import STEPS
+from kilnflight.experiments.plots import (
+    dwell_time,
+    examples,
+    grouped_boxes,
+    published,
+    space_slices,
+)
+from kilnflight.experiments.results import KEYS, of_campaign
+from kilnflight.project.style import COLOURS, HATCHES, MARKERS, PAGE_MM, canvas
+from kilnflight.regression import fits
+from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
+
+Cell = tuple[str, float]
+
+
+def longest_slices(measured: Measurement) -> tuple[Figure, pd.DataFrame, str]:
+    """Return `space_slices` of the flight detected over most metres, its slices and its name.
+
+    An empty picture if no metre was passed.
+    """
+    picture, grid = canvas(1, 1, width_mm=PAGE_MM, height_mm=75)
+    front = measured.slices[measured.slices["slice_m"] > 0]
+    lengths = front.groupby([*KEYS, "particle"])["observed"].agg(["sum", "size"]).reset_index()
+    longest = lengths.sort_values(["sum", "size"], kind="stable").tail(1)
+    if longest.empty:
+        return picture, front.head(0), "flight (no metre was passed)"
+    row = longest.iloc[0]
+    flight, trajectory, passed = (
+        one.loc[one["particle"] == row["particle"]].drop(columns=KEYS)
+        for table in (measured.flights, measured.trajectories, measured.slices)
+        for one in [of_campaign(table, (row["fraction"], row["pressure_bar"]))]
+    )
+    space_slices(grid[0, 0], fits(trajectory)[row["particle"]], passed, flight["end_s"].iloc[0])
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
+    return picture, passed, f"{row['fraction']} at {row['pressure_bar']} bar"
+
+
+def velocity_scatter(pairs: pd.DataFrame) -> Figure:
+    """Return measured over true velocities in the first two metres.
+
+    Parameters
+    ----------
+    pairs
+        Of `accuracy.compare_velocities`, where both are known.
+    """
+    picture, grid = canvas(1, 2, width_mm=PAGE_MM, height_mm=80)
+    for axes, metre in zip(grid[0], (1, 2), strict=True):
+        here = pairs[pairs["slice_m"] == metre]
+        for k, (name, one) in enumerate(here.groupby("fraction")):
+            look = {"marker": MARKERS[k], "color": COLOURS[k], "ls": "", "ms": 2, "alpha": 0.6}
+            axes.plot(one["true_m_s"], one["measured_m_s"], label=name, **look)
+        axes.plot([0, 20], [0, 20], color="0.5", lw=0.7, ls="-")
+        out = ((here["measured_m_s"] < -5) | (here["measured_m_s"] > 25)).sum()
+        axes.set(title=f"metre {metre} ({out} of {len(here)} not shown)", xlim=(0, 20))
+        axes.set(ylim=(-5, 25), xlabel="true velocity (m/s)")
+    grid[0, 0].set_ylabel("measured velocity (m/s)")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def velocity_boxes(
+    sources: Mapping[str, Mapping[Cell, Findings]],
+    keys: Sequence[Cell],
+    bounds: pd.DataFrame | None = None,
+) -> Figure:
+    """Return box plots of the velocity within each metre, a panel for each campaign.
+
+    Parameters
+    ----------
+    sources
+        Results of the campaigns by their source, such as "true" and "measured".
+    keys
+        The campaigns, two a row.
+    bounds
+        Published bounds with ``outcome``, ``low``, ``high`` beside fraction and pressure.
+    """
+    rows = max(-(-len(keys) // 2), 1)
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * rows}
+    picture, grid = canvas(rows, 2, **size, sharex=True, sharey=True)
+    metres = [f"{metre - 1}-{metre} m" for metre in METRES]
+    for axes, key in zip(grid.flat, keys, strict=False):
+        groups = {name: list(found[key].velocity_m_s.T) for name, found in sources.items()}
+        grouped_boxes(axes, groups, metres)
+        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-5, 25))
+        if bounds is not None:
+            published(axes, placed(of_campaign(bounds, key), r"velocity (\d)"))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("velocity in depth (m/s)")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def placed(bounds: pd.DataFrame, pattern: str) -> pd.DataFrame:
+    """Return the published bounds whose outcome has a number there, as ``at``."""
+    at = bounds["outcome"].str.extract(pattern)[0].astype(float)
+    return bounds.assign(at=at)[at.notna()]
+
+
+def remaining_shares(
+    sources: Mapping[str, Mapping[Cell, Findings]], bounds: pd.DataFrame
+) -> Figure:
+    """Return the shares that pass each metre, a panel for each fraction; the first source solid.
+
+    Parameters
+    ----------
+    sources
+        Results of the campaigns by their source.
+    bounds
+        Published bounds with ``outcome``, ``low``, ``high`` beside fraction and pressure.
+    """
+    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharex=True)
+    keys = list(next(iter(sources.values())))
+    names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
+    for axes, name in zip(grid.flat, names, strict=False):
+        axes.set(title=name, ylim=(0, 105), xlim=(0.5, 5.5))
+        for (k, bar), (line, (source, found)) in product(
+            enumerate(bars), zip(("-", "--"), sources.items(), strict=True)
+        ):
+            look = {"color": COLOURS[2 - k], "marker": MARKERS[k], "ls": line}
+            share = remaining(found[name, bar].velocity_m_s)
+            axes.plot(METRES, share, label=f"{source}, {bar} bar", **look)
+        for k, bar in enumerate(bars):
+            marks = placed(of_campaign(bounds, (name, bar)), r"remaining (\d)")
+            published(axes, marks.assign(at=marks["at"] + 0.1 * k))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("share that passes (%)")
+    for axes in grid[1]:
+        axes.set_xlabel("distance from the lance (m)")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def dwell_boxes(data: pd.DataFrame, keys: Sequence[Cell]) -> Figure:
+    """Return box plots of dwell times by fraction, a panel for each pressure.
+
+    Parameters
+    ----------
+    data
+        ``fraction``, ``pressure_bar``, ``track`` (-1: not measured), ``true_s``, ``measured_s``.
+    keys
+        The campaigns.
+    """
+    names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
+    panels = max(len(bars), 2)
+    picture, grid = canvas(1, panels, width_mm=PAGE_MM, height_mm=80, sharey=True)
+    for axes, bar in zip(grid[0], bars, strict=False):
+        parts = [of_campaign(data, (name, bar)) for name in names]
+        groups = {
+            "true": [one["true_s"].to_numpy() for one in parts],
+            "true, of those measured": [
+                one.loc[one["track"] >= 0, "true_s"].to_numpy() for one in parts
+            ],
+            "measured": [one["measured_s"].to_numpy() for one in parts],
+        }
+        grouped_boxes(axes, groups, names)
+        axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
+        axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
+    grid[0, 0].set_ylabel("dwell time (s)")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
+    """Return the cases of Fig. 5.18 on measured `examples`, and these."""
+    picture, grid = canvas(1, 3, width_mm=PAGE_MM, height_mm=62, sharey=True)
+    flights = examples(measured.flights)
+    handles: dict[str, Artist] = {}
+    for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
+        title = f"({letter}) {case}"
+        if case in flights:
+            flight = flights[case]
+            key = flight["fraction"], flight["pressure_bar"]
+            track, trajectory = (
+                table[table["particle"] == flight["particle"]].drop(columns=KEYS)
+                for table in (of_campaign(one, key) for one in measured[:2])
+            )
+            dwell_time(axes, fits(trajectory)[flight["particle"]], flight, track)
+            title += f": {key[0]}, {key[1]} bar"
+        axes.set(title=title if case in flights else f"{title}: none measured")
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    for axes in grid[0, 1:]:
+        axes.set_ylabel("")
+    picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+    columns = [*KEYS, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
+    return picture, pd.DataFrame(list(flights.values()), columns=columns)
+
+
+def ignition_bars(
+    kinds: Mapping[str, Mapping[Cell, Findings]],
+    keys: Sequence[Cell],
+    early: Mapping[Cell, float],
+) -> Figure:
+    """Return histograms of ignition times in steps of 0.1 s, a panel for each campaign.
+
+    Parameters
+    ----------
+    kinds
+        Results of the campaigns by their kind, side by side.
+    keys
+        The campaigns, two a row.
+    early
+        Published upper bound of the share within 0.1 s, by campaign.
+    """
+    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharex=True)
+    width = 0.09 / len(kinds)
+    for axes, key in zip(grid.flat, keys, strict=False):
+        for k, (kind, found) in enumerate(kinds.items()):
+            bins = ignition_histogram(found[key].ignition_s)
+            look = {"hatch": HATCHES[k], "color": ("white", "0.7", COLOURS[6])[k]}
+            at = bins["from_s"] + 0.05 + width * (k - (len(kinds) - 1) / 2)
+            axes.bar(at, bins["percent"], width, ec="black", lw=0.5, label=kind, **look)
+        look = {"color": COLOURS[1], "label": "published, within 0.1 s"}
+        axes.plot(0.05, early.get(key, np.nan), "D", **look)
+        axes.set(title=f"{key[0]}, {key[1]} bar", ylabel="% of all particles")
+    for axes in grid[1]:
+        axes.set_xlabel("time from the lance (s); the last bin holds all later")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def budget_steps(budget: pd.DataFrame, names: list[str]) -> Figure:
+    """Return bias and spread of the `accuracy.error_budget`, means over both pressures."""
+    labels = {"dwell_s": "dwell time (s)", "velocity_m_s": "velocity 0-1 m (m/s)"}
+    labels |= {"ignition_s": "ignition time (s)"}
+    picture, grid = canvas(3, 1, width_mm=PAGE_MM, height_mm=150, sharex=True)
+    groups = budget.groupby(["way", "fraction"])
+    for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
+        bias, spread = (
+            groups[f"{quantity}_{what}"].mean().unstack() for what in ("bias", "spread")
+        )
+        for k, way in enumerate(STEPS):
+            place = np.arange(len(names)) + 0.11 * (k - 3.5)
+            look = {"color": [*COLOURS, "0.5"][k], "marker": [*MARKERS, "*"][k], "ms": 3}
+            axes.errorbar(
+                place, bias.loc[way], yerr=spread.loc[way], ls="", lw=0.8, label=way, **look
+            )
+        axes.axhline(0, color="0.6", lw=0.6, ls="-")
+        axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)
+    picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return picture
