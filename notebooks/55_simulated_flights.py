@@ -18,30 +18,24 @@ jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from scipy import stats
 
-from kilnflight.experiments import plots, results
+from kilnflight.experiments import campaigns, flight_pictures, plots, results
 from kilnflight.project import figures, style
-from kilnflight.scores import flights as findings
-
-style.use_style()
-
-# %%
-from kilnflight.experiments import campaigns
 from kilnflight.project.parallel import Workers
+from kilnflight.scores import flights
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import flight_inputs
 from kilnflight.twin.flight import ENDS, Flight
 from kilnflight.twin.gas import Gas
 
+# %%
+style.use_style()
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
 origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
 wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
-measured = campaigns.measure(wanted, Workers(jobs))
-found = results.by_campaign(measured)
+found = results.by_campaign(campaigns.measure(wanted, Workers(jobs)))
 bar = max(one.pressure_bar for one in wanted)
 names = list(dict.fromkeys(one.fraction for one in wanted))
 
@@ -49,20 +43,16 @@ names = list(dict.fromkeys(one.fraction for one in wanted))
 inputs = flight_inputs().applied(Flight(), Gas())
 flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
 simulated = {(name, bar): truth.flight_values(one) for name, one in flown.items()}
+measured = {key: found[key] for key in simulated}
 
 # %% [markdown]
 # ## Simulated trajectories
 
 # %%
-picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 70 / 25.4))
-for k, name in enumerate(names[::2][:2]):
-    axes = picture.add_subplot(1, 2, k + 1, projection="3d")
-    plots.flown_paths(axes, flown[name], 30)
-    axes.set_title(f"{name}, {bar} bar")
-rows = [{"fraction": name, "end": end} for name in names for end in flown[name].end.tolist()]
-ends = pd.DataFrame(rows, columns=["fraction", "end"]).value_counts(sort=False)
-data = ends.rename("particles").reset_index()
-data["end"] = [ENDS[end] for end in data["end"]]
+picture = flight_pictures.simulated_in_space(flown, 30, bar)
+ends = [(name, ENDS[end]) for name in names for end in np.sort(flown[name].end)]
+data = pd.DataFrame(ends, columns=["fraction", "end"])
+data = data.groupby(["fraction", "end"], sort=False).size().rename("particles").reset_index()
 caption = (
     "Thirty simulated flights each, dots 1 m apart in depth, after Fig. A.5; the table says how "
     "the flights of all fractions end."
@@ -72,20 +62,16 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 # %% [markdown]
 # ## Dwell times
 
-# %% tags=["hide-input"]
-shown, size = 40, {"width_mm": style.PAGE_MM, "height_mm": 95}  # flights of each fraction
-picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
-limits = np.quantile(np.concatenate([one.end_s for one in flown.values()]), [0.05, 0.95])
-for axes, name in zip(grid.flat, names, strict=False):
-    lines = plots.from_the_side(axes, flown[name], flown[name].end_s, limits, shown)
-    axes.set_title(f"{name}, {bar} bar")
-    axes.label_outer()
-picture.colorbar(lines, ax=grid, label="dwell time (s)", extend="both")
-rows = [
-    {"fraction": name, "flight": k, "end_s": flown[name].end_s[k], "depth_m": place[0]}
+# %%
+shown = 40  # flights of each fraction
+times = {name: one.end_s for name, one in flown.items()}
+picture = flight_pictures.simulated_paths(flown, times, shown, "dwell time (s)", bar)
+places = {name: one.end_position_m[:shown, 0] for name, one in flown.items()}
+data = pd.concat(
+    pd.DataFrame({"fraction": name, "end_s": times[name][:shown], "depth_m": places[name]})
     for name in names
-    for k, place in enumerate(flown[name].end_position_m[:shown])
-]
+)
+data.insert(1, "flight", data.index)
 
 # %%
 caption = (
@@ -93,98 +79,61 @@ caption = (
     "to 95 % of all), after the left part of Fig. A.6; the table says when and how far from the "
     "lance each ends."
 )
-data = pd.DataFrame(rows)
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture, grid = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
-both = {"simulated": simulated, "measured": found}
+picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
+both = {"simulated": simulated, "measured": measured}
 groups = {source: [one[name, bar].dwell_s for name in names] for source, one in both.items()}
-plots.grouped_boxes(grid[0, 0], groups, names)
-grid[0, 0].set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
-_ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-boxes = [
-    {"source": source, "fraction": name} | findings.box(one[name, bar].dwell_s)
-    for source, one in both.items()
-    for name in names
-]
+plots.grouped_boxes(axes, groups, names)
+axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
+_ = axes.legend(*axes.get_legend_handles_labels())
+data = pd.DataFrame(
+    {"source": source, "fraction": name} | flights.box(times)
+    for source, group in groups.items()
+    for name, times in zip(names, group, strict=True)
+)
+
+# %%
 caption = "Dwell times, simulated and measured; after the right part of Fig. A.6."
-data = pd.DataFrame(boxes)
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity in depth
 
-# %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 95}
-picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
+# %%
 speeds = {name: one.velocity_m_s[:, :, 0] for name, one in flown.items()}
-limits = np.nanquantile(np.concatenate([one.ravel() for one in speeds.values()]), [0.05, 0.95])
-for axes, name in zip(grid.flat, names, strict=False):
-    lines = plots.from_the_side(axes, flown[name], speeds[name], limits, shown)
-    axes.set_title(f"{name}, {bar} bar")
-    axes.label_outer()
-picture.colorbar(lines, ax=grid, label="velocity in depth (m/s)", extend="both")
+picture = flight_pictures.simulated_paths(flown, speeds, shown, "velocity in depth (m/s)", bar)
 rows = [
     {"fraction": name, "flight": k, "metre": metre, "velocity_m_s": speed}
-    for name in names
-    for k, one in enumerate(simulated[name, bar].velocity_m_s[:shown])
-    for metre, speed in zip(findings.METRES, one, strict=True)
+    for (name, _), one in simulated.items()
+    for k, each in enumerate(one.velocity_m_s[:shown])
+    for metre, speed in zip(flights.METRES, each, strict=True)
 ]
-
-# %%
+data = pd.DataFrame(rows)
 caption = (
     "The same flights coloured by their velocity in depth (scale: 5 to 95 % of all moments), after "
     "the left part of Fig. A.7; the table has the mean velocity in each metre (Eq. 5.8), empty "
     "where it was not passed."
 )
-data = pd.DataFrame(rows)
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-size = {"width_mm": style.PAGE_MM, "height_mm": 110}
-picture, grid = style.canvas(2, 2, **size, sharex=True, sharey=True)
-metres = [f"{m - 1}-{m} m" for m in findings.METRES]
-for axes, name in zip(grid.flat, names, strict=False):
-    groups = {source: list(one[name, bar].velocity_m_s.T) for source, one in both.items()}
-    plots.grouped_boxes(axes, groups, metres)
-    axes.set(title=f"{name}, {bar} bar", ylim=(-5, 25))
-_ = [axes.set_ylabel("velocity in depth (m/s)") for axes in grid[:, 0]]
-_ = grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-
-# %%
+picture = flight_pictures.velocity_boxes(both, list(simulated))
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
     "that passed it; after the right part of Fig. A.7."
 )
-there = {"simulated": simulated, "measured": {cell: found[cell] for cell in simulated}}
-data = pd.concat(
-    {name: results.outcome_table(one) for name, one in there.items()}, names=["source"]
-)
-data = data.reset_index("source")
+data = results.by_source(both)
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Do they agree?
+#
+# "Satisfactory agreement" is made a number: nothing printed says how far apart they are.
 
 # %%
-rows = []
-for name in names:
-    one, two = simulated[name, bar], found[name, bar]
-    for what, a, b in (
-        ("dwell time", one.dwell_s, two.dwell_s),
-        ("velocity 0-1 m", one.velocity_m_s[:, 0], two.velocity_m_s[:, 0]),
-    ):
-        a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        row = {"fraction": name, "quantity": what, "simulated": len(a), "measured": len(b)}
-        if len(a) and len(b):
-            test = stats.ks_2samp(a, b)
-            row |= {"distance": test.statistic, "p": test.pvalue}
-        rows.append(row)
-
-# %%
-order = ["fraction", "quantity", "simulated", "measured", "distance", "p"]
-agree = pd.DataFrame(rows).reindex(columns=order)
+agree = results.distribution_distances(simulated, measured)
 caption = (
     "Kolmogorov and Smirnov's distance between simulated and measured distributions, and the "
     "probability of one as large if they were the same."
@@ -192,13 +141,13 @@ caption = (
 figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
 # %%
-said = results.beside_published(there["measured"], simulated, ["penetration"])
-said = said.rename(columns={"true": "simulated_here"})
+reach = results.beside_published(measured, simulated, ["penetration"])
+reach = reach.rename(columns={"true": "simulated_here"}).round(2)
 caption = (
     "How far from the lance the flights of the thesis's CFD end, those simulated here, and those "
     "measured here (m)."
 )
-figures.save("simulated-penetration", said.round(2), caption=caption, provenance=origin)
+figures.save("simulated-penetration", reach, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
@@ -15,18 +17,23 @@ from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.campaigns import Measurement
 from kilnflight.experiments.error_budget import STEPS
 from kilnflight.experiments.plots import (
+    curves,
     dwell_time,
     examples,
+    flown_paths,
+    from_the_side,
     grouped_boxes,
     published,
     space_slices,
 )
-from kilnflight.experiments.results import KEYS, of_campaign
-from kilnflight.project.style import COLOURS, HATCHES, MARKERS, PAGE_MM, canvas
+from kilnflight.experiments.results import KEYS, fits_from_lance, of_campaign
+from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
+from kilnflight.twin.flight import Flights
 
 Cell = tuple[str, float]
+Array = npt.NDArray[np.float64]
 
 
 def longest_slices(measured: Measurement) -> tuple[Figure, pd.DataFrame, str]:
@@ -253,4 +260,69 @@ def budget_steps(budget: pd.DataFrame, names: list[str]) -> Figure:
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
         axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)
     picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return picture
+
+
+def measures_by_order(by_order: pd.DataFrame) -> Figure:
+    """Return the four measures of fits over the order, a line for each axis (Fig. 4.23)."""
+    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=100, sharex=True)
+    titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)"}
+    titles |= {"r2": "R2", "r2_adjusted": "adjusted R2"}
+    for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
+        for k, (axis, one) in enumerate(by_order.groupby("axis")):
+            axes.plot(one["order"], one[name], ls=LINES[k], marker=MARKERS[k], label=axis)
+        axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
+    for axes in grid[1]:
+        axes.set_xlabel("order of the polynomials")
+    grid[0, 0].yaxis.set_major_formatter("{x:g}")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), title="axis")
+    return picture
+
+
+def fits_in_space(
+    measured: Measurement, keys: Sequence[Cell], most: int
+) -> tuple[Figure, pd.DataFrame]:
+    """Return the first trajectories of some campaigns in space, and their detections.
+
+    Above with the detections as lines, below as points by grey value.
+    """
+    picture = plt.figure(figsize=(PAGE_MM / 25.4, 110 / 25.4), layout="none")
+    picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
+    parts = [measured.tracks.head(0)]
+    for k, key in enumerate(keys):
+        fitted, tracks = fits_from_lance(measured, key, most)
+        parts.append(tracks.sort_values("particle", kind="stable"))
+        for row, gray in enumerate((False, True)):
+            axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
+            groups = [one for _, one in tracks.groupby("particle")]
+            curves(axes, list(fitted.values()), groups, gray)
+            axes.view_init(elev=15, azim=-65)
+            title = "grey values" if gray else "detections (thin) and fits"
+            axes.set_title(f"{key[0]}, {title}", y=0.98)
+    columns = ["fraction", "particle", "frame", "x", "y", "z", "gray"]
+    return picture, pd.concat(parts, ignore_index=True)[columns]
+
+
+def simulated_paths(
+    flown: Mapping[str, Flights], values: Mapping[str, Array], most: int, label: str, bar: float
+) -> Figure:
+    """Return simulated flights from the side, coloured by a value, a panel for each fraction."""
+    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=95, sharex=True, sharey=True)
+    every = np.concatenate([one.ravel() for one in values.values()])
+    limits = np.nanquantile(every, [0.05, 0.95])
+    for axes, name in zip(grid.flat, flown, strict=False):
+        lines = from_the_side(axes, flown[name], values[name], limits, most)
+        axes.set_title(f"{name}, {bar} bar")
+        axes.label_outer()
+    picture.colorbar(lines, ax=grid, label=label, extend="both")
+    return picture
+
+
+def simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> Figure:
+    """Return simulated flights of the first and third fraction in space (Fig. A.5)."""
+    picture = plt.figure(figsize=(PAGE_MM / 25.4, 70 / 25.4))
+    for k, name in enumerate(list(flown)[::2][:2]):
+        axes = picture.add_subplot(1, 2, k + 1, projection="3d")
+        flown_paths(axes, flown[name], most)
+        axes.set_title(f"{name}, {bar} bar")
     return picture

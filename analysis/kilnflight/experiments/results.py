@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from kilnflight import regression
 from kilnflight.checks import InputError
@@ -17,7 +18,7 @@ from kilnflight.experiments import statements
 from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.statements import outcome_table
 from kilnflight.project import claims
-from kilnflight.scores.flights import METRES, Findings, along
+from kilnflight.scores.flights import METRES, Findings, along, box
 from kilnflight.slicing import straight_on
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
@@ -231,3 +232,103 @@ def behind_lance(measured: Measurement) -> pd.DataFrame:
         "median_m_s": ("velocity_m_s", "median"),
     }
     return slices.groupby(KEYS).agg(**columns).reset_index()
+
+
+def fit_outcomes(measured: Measurement) -> pd.DataFrame:
+    """Return how many tracks were fitted, or why not, by campaign.
+
+    ``t0_earliest`` and ``t0_at_first_detection``: t0 lies at that end of its range;
+    ``from_lance``: trajectories that start at the lance.
+    """
+    table = measured.trajectories
+    count = table.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
+    bounds = table[table["outcome"] == "fitted"].groupby(KEYS)["t0_at_bound"]
+    count["t0_earliest"] = bounds.agg(lambda at: (at < 0).sum())
+    count["t0_at_first_detection"] = bounds.agg(lambda at: (at > 0).sum())
+    count["from_lance"] = measured.flights.groupby(KEYS)["from_lance"].sum()
+    return count.fillna(0).astype(int).reset_index()
+
+
+def depth_outliers(measured: Measurement) -> pd.DataFrame:
+    """Return median, outliers of a box plot and maximum of the RMSE in depth, by campaign."""
+    rows = []
+    for key, one in trajectories_from_lance(measured).groupby(KEYS, sort=False):
+        deep = box(one["rmse_z_mm"].to_numpy())
+        row = {**dict(zip(KEYS, key, strict=True)), "tracks": len(one)}
+        row |= {"median_mm": deep["median"], "outliers_beyond_mm": deep["whisker_high"]}
+        rows.append(row | {"outliers": int(deep["outliers"]), "largest_mm": one["rmse_z_mm"].max()})
+    columns = ["tracks", "median_mm", "outliers_beyond_mm", "outliers", "largest_mm"]
+    return pd.DataFrame(rows, columns=[*KEYS, *columns])
+
+
+def measures_by_order(
+    campaigns: Sequence[Campaign], measured: Measurement, most: int = 40
+) -> pd.DataFrame:
+    """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
+
+    Over the first trajectories from the lance of each campaign, at most so many.
+    """
+    parts = []
+    for campaign in campaigns:
+        flights = of_campaign(measured.flights, campaign.key)
+        some = flights.loc[flights["from_lance"], "particle"].head(most)
+        tracks = of_campaign(measured.tracks, campaign.key)
+        tracks = tracks[tracks["particle"].isin(some)]
+        rate, exit_point = campaign.run.frame_rate_hz, campaign.run.exit_point_mm
+        if exit_point is None:
+            raise InputError(f"{campaign.key}: the lance's exit is not known.")
+        parts.append(regression.order_measures(tracks, exit_point, rate))
+    columns = ["rmse_mm", "mape_percent", "r2", "r2_adjusted"]
+    orders = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+    return orders.groupby(["order", "axis"])[columns].median().reset_index()
+
+
+def distribution_distances(
+    simulated: Mapping[CampaignKey, Findings], measured: Mapping[CampaignKey, Findings]
+) -> pd.DataFrame:
+    """Return Kolmogorov and Smirnov's distances of dwell times and first velocities.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``quantity``, number ``simulated`` and ``measured``, ``distance`` and ``p``
+        (empty where there is none).
+    """
+    rows: list[dict[str, object]] = []
+    for key, one in simulated.items():
+        pairs = {
+            "dwell time": (one.dwell_s, measured[key].dwell_s),
+            "velocity 0-1 m": (one.velocity_m_s[:, 0], measured[key].velocity_m_s[:, 0]),
+        }
+        for quantity, values in pairs.items():
+            first, second = (part[np.isfinite(part)] for part in values)
+            numbers = {"simulated": len(first), "measured": len(second)}
+            row: dict[str, object] = {"fraction": key[0], "quantity": quantity, **numbers}
+            if len(first) and len(second):
+                test = stats.ks_2samp(first, second)
+                row |= {"distance": test.statistic, "p": test.pvalue}
+            rows.append(row)
+    columns = ["fraction", "quantity", "simulated", "measured", "distance", "p"]
+    return pd.DataFrame(rows).reindex(columns=columns)
+
+
+def count_tracks(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+    """Return length, detections in the air, tracks and flights from the lance, by campaign."""
+    rows = []
+    for campaign in campaigns:
+        tracks = of_campaign(measured.tracks, campaign.key)
+        linked, frames = tracks[tracks["particle"] >= 0], len(campaign.frames)
+        row = {**dict(zip(KEYS, campaign.key, strict=True)), "frames": frames}
+        row |= {"seconds": frames / campaign.run.frame_rate_hz}
+        row |= {"detections_in_air": len(tracks), "tracked": len(linked)}
+        row |= {"tracks": linked["particle"].nunique()}
+        flights = of_campaign(measured.flights, campaign.key)
+        rows.append(row | {"from_lance": int(flights["from_lance"].sum())})
+    return pd.DataFrame(rows)
+
+
+def tracks_from_lance(measured: Measurement) -> pd.DataFrame:
+    """Return the tracks of flights that start at the lance."""
+    keys = [*KEYS, "particle"]
+    flights = measured.flights.loc[measured.flights["from_lance"], keys]
+    return measured.tracks.merge(flights, on=keys)
