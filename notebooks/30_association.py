@@ -14,18 +14,17 @@ scale = "standard"  # quick, standard or full: nothing here depends on it
 seed = 0  # of the scatter of the flight in the last figure
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 from kilnflight import association
+from kilnflight.experiments import association_pictures
 from kilnflight.project import figures, style
 from kilnflight.tracking import tracker as tracking
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 style.use_style()
 origin = figures.trace("30_association", {"scale": scale}, seed=seed)
-black, orange, blue, yellow = style.COLOURS[:4]
 names, gate = ["NN", "GNN", "PDA", "JPDA"], Gate(distance=3.0)
 
 # %% [markdown]
@@ -49,61 +48,18 @@ def gated(tracks, seen):
 
 
 # %%
-weights, landed, rows = {}, {}, []
+weights, rows = {}, []
 for situation, (tracks, seen) in situations.items():
     for name, associator in zip(names, association.ASSOCIATORS, strict=True):
         beta = weights[situation, name] = associator(gated(tracks, seen))
-        landed[situation, name] = beta[:, :1] * tracks + beta[:, 1:] @ seen  # as in Eq. 2.53
         for (i, j), weight in np.ndenumerate(beta):
             rows.append((situation, name, f"T{i + 1}", ["none", "D1", "D2", "N1"][j], weight))
 table = pd.DataFrame(rows, columns=["situation", "associator", "track", "detection", "weight"])
 
 
-# %% tags=["hide-input"]
-def say(axes, text, place, shift=(0, 6)):
-    where = {"xytext": shift, "textcoords": "offset points", "fontsize": 6.5}
-    axes.annotate(text, place[::-1], ha="center", va="center", **where)
-
-
-def draw_gate(axes, place, covariance, **line):
-    turn = np.linspace(0, 2 * np.pi, 200)
-    edge = gate.distance * np.linalg.cholesky(covariance) @ [np.cos(turn), np.sin(turn)]
-    axes.plot(*(place[:, None] + edge)[::-1], **{"lw": 0.8, "ls": "-", **line})
-
-
-# %% tags=["hide-input"]
-picture, grid = style.canvas(4, 3, width_mm=132, height_mm=172, sharex=True, sharey=True)
-for (situation, name), beta in weights.items():
-    tracks, seen = map(np.array, situations[situation])
-    axes = grid[names.index(name), list(situations).index(situation)]
-    for i, place in enumerate(tracks):
-        draw_gate(axes, place, spread[i], color="0.7")
-        axes.plot([-28, place[1]], place[[0, 0]], ":", color="0.4", lw=0.9)
-        say(axes, f"T{i + 1}", np.array([place[0], -25]))
-        for j in np.flatnonzero(beta[i, 1:] > 0.01):
-            path = np.transpose([place, seen[j]])[::-1]
-            axes.plot(*path, "-", color=orange, lw=0.4 + 4 * beta[i, 1 + j])
-    axes.set(aspect="equal", xlim=(-29, 20), ylim=(40, -14))
-plt.close(picture)  # shown when it is whole
-
-# %% tags=["hide-input"]
-marks = {"mec": black, "mew": 0.6, "ls": ""}
-for (situation, name), ends in landed.items():
-    tracks, seen = map(np.array, situations[situation])
-    axes = grid[names.index(name), list(situations).index(situation)]
-    axes.plot(*tracks.T[::-1], "o", mfc="white", ms=5, label="predicted", **marks)
-    axes.plot(*seen[:2].T[::-1], "s", mfc=blue, ms=5, label="detected", **marks)
-    axes.plot(*seen[2:].T[::-1], "X", mfc="0.7", ms=6.5, label="clutter", **marks)
-    axes.plot(*ends.T[::-1], "D", mfc=yellow, ms=3.6, label="weighted mean", **marks)
-    for text, place in zip(["D1", "D2", "N1"], seen, strict=False):
-        say(axes, text, place, (0, 7) if text == "D1" else (-9, 0))
-    axes.set_title(situation if name == "NN" else "")
-    axes.set_ylabel(f"{name}\nrow (px)" if situation == "apart" else "")
-
-# %% tags=["hide-input"]
-for axes in grid[-1]:
-    axes.set_xlabel("column (px)")
-picture.legend(*grid[0, 2].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+# %%
+places = {name: tuple(map(np.array, both)) for name, both in situations.items()}
+picture = association_pictures.associations(places, weights, spread[0], gate.distance)
 caption = (
     "Two tracks (T1, T2) with their gates in three situations, after Figs 2.20 to 2.22, and what "
     "four associators make of them. Lines are as wide as their weights; diamonds mark the "
@@ -160,41 +116,15 @@ shares |= {f"event_{k}": event for k, event in enumerate(of_tracks, 1)}
 table = table.assign(**{name: np.ravel(values) for name, values in shares.items()})
 
 
-# %% tags=["hide-input"]
-def draw_matrix(axes, matrix, title, columns, rows):
-    axes.pcolormesh(matrix, cmap="gray_r", vmin=0, vmax=1, edgecolors="0.6", lw=0.5)
-    axes.set(aspect="equal", title=title, ylim=(len(matrix), 0), anchor="S")
-    axes.set_xticks(np.arange(len(columns)) + 0.5, columns)
-    axes.set_yticks(np.arange(len(rows)) + 0.5, rows)
+# %%
+matrices = {"Ω": omega} | {f"Ω{k}": event for k, event in enumerate(events, 1)}
+betas = {"β, joint": joint, "β, each alone": np.transpose(alone)}
+title = f"{len(events)} joint events of at most {bound} (Eq. 2.62)"
+picture = association_pictures.joint_events(
+    places, spread[0], gate.distance, matrices, betas, title
+)
 
-
-# %% tags=["hide-input"]
-picture, grid = style.canvas(3, 5, width_mm=132, height_mm=112)
-first, *rest = grid.ravel()
-draw_gate(first, places[0][0], spread[0], color=black)
-draw_gate(first, places[0][1], spread[1], color=black, ls="--")
-first.plot(*places[0].T[::-1], "o", mfc="white", **marks)
-first.plot(*places[1].T[::-1], "s", mfc=blue, **marks)
-for text, place in zip(["P1", "P2", "D1", "D2", "D3", "D4"], np.vstack(places), strict=True):
-    say(first, text, place, (8, 0))
-first.set(aspect="equal", xlabel="column (px)", ylim=(28, -14))
-first.set_title("row (px)", loc="left", fontsize=7.5)
-picture.suptitle(f"{len(events)} joint events of at most {bound} (Eq. 2.62)", fontsize=8)
-plt.close(picture)  # shown when it is whole
-
-# %% tags=["hide-input"]
-seen = ["D1", "D2", "D3", "D4"]
-draw_matrix(rest[0], omega, "Ω", ["–", "T1", "T2"], seen)
-for k, event in enumerate(events):
-    draw_matrix(rest[1 + k], event, f"Ω{k + 1}", ["–", "T1", "T2"], seen)
-last = {"β, joint": joint, "β, each alone": np.transpose(alone)}
-for axes, (title, matrix) in zip(rest[12:], last.items(), strict=True):
-    draw_matrix(axes, matrix, title, ["T1", "T2"], ["–", *seen])
-    axes.set_aspect("auto")
-    for (i, j), value in np.ndenumerate(matrix):
-        axes.text(j + 0.5, i + 0.55, f"{value:.2f}", fontsize=6, ha="center", va="center")
-
-# %% tags=["hide-input"]
+# %%
 printed = [[0, 1, 0], [0, 0, 1], [1, 0, 0], [1, 0, 0]]  # D1 to P1, D2 to P2
 third = 1 + int((events == printed).all(axis=(1, 2)).argmax())
 caption = (
@@ -257,35 +187,9 @@ for step in list(tracking.steps(found))[1:]:
 table = pd.concat(parts, ignore_index=True)
 table.query("what != 'other particle'").round(1)
 
-# %% tags=["hide-input"]
-gates = table.drop_duplicates("frame").set_index("frame").loc[2:]
-picture, ((flat,), (deep,)) = style.canvas(2, height_mm=84, height_ratios=[0.8, 1.2])
-for frame, g in gates.iterrows():
-    place = g[["expected_row", "expected_col"]].to_numpy(float)
-    axes_px = np.diag((g[["reach_row_px", "reach_col_px"]] / gate.distance).astype(float) ** 2)
-    look = {"color": orange, "ls": "--"} if frame in (5, 6, 7) else {"color": "0.5"}
-    draw_gate(flat, place, axes_px, **look)
-    say(flat, str(frame), np.array([24, place[1]]))
-flat.plot(gates["expected_col"], gates["expected_row"], "+", color=black, ms=4)
-flat.set(aspect="equal", ylabel="row (px)", xlabel="column (px)")
-flat.set_ylim(98, 10)
-plt.close(picture)  # shown when it is whole
-
-# %% tags=["hide-input"]
-centre = gates["expected_z"] / 1000
-limits = centre - Gate().depth_mm / 1000, centre + Gate().depth_mm / 1000
-deep.fill_between(gates.index, *limits, step="mid", color="0.88", label="gate")
-near = table.query("frame > 1 and what != 'other particle'")
-known, passed = near["z"].notna(), near["in_gate"]
-kinds = {"taken": known & passed, "refused by depth": ~passed, "no depth: taken": ~known}
-for (kind, which), mark, fill in zip(kinds.items(), "sXv", (blue, "0.7", orange), strict=True):
-    paint = {**marks, "marker": mark, "mfc": fill, "label": kind, "ms": 4}
-    flat.plot(near["col"][which], near["row"][which], **paint)
-    deep.plot(near["frame"][which], near["z"].fillna(near["expected_z"])[which] / 1000, **paint)
-deep.set(xlabel="frame", ylabel="depth z (m)", xticks=gates.index, ylim=(2, 8.6))
-_ = deep.legend(loc="upper left", ncols=2)
-
 # %%
+gates = table.drop_duplicates("frame").set_index("frame").loc[2:]
+picture = association_pictures.gate_in_flight(table, (5, 6, 7), Gate().depth_mm)
 widest, least = (gates["reach_row_px"].agg(one) for one in ("max", "min"))
 caption = (
     "The gate of a track from frame 2 on, after Fig. 4.2. Above, by frame: the ellipse about the "
