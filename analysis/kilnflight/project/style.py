@@ -135,7 +135,8 @@ def boxes(axes: Axes, summary: pd.DataFrame) -> None:
     """
     parts = ["whislo", "q1", "med", "q3", "whishi"]
     names = ["whisker_low", "q25", "median", "q75", "whisker_high"]
-    rows = summary[names].astype(float).set_axis(parts, axis=1).to_dict("records")
+    values = summary[names].to_numpy(np.float64)
+    rows: list[dict[str, Any]] = [dict(zip(parts, row, strict=True)) for row in values]
     thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
     axes.bxp(
         rows,
