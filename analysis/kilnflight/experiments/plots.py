@@ -15,12 +15,11 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.accuracy import CASES
-from kilnflight.flight import BURNT_OUT, LANDED
+from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.regression import Fit
-from kilnflight.slicing import straight_on
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
@@ -256,7 +255,7 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
 def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
     """Draw a flight from the side, from the lance to its end, thick where it burns.
 
-    Past its last detection it flies straight on, as `kilnflight.landing` has it.
+    Past its last detection it flies straight on, as `kilnflight.flight.Landing` has it.
 
     Parameters
     ----------
