@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -200,7 +200,7 @@ def rank_sum_p(before: Array, after: Array) -> float:
     """
     values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
-    method = "exact" if len(values) <= EXACT else "asymptotic"
+    method: Literal["exact", "asymptotic"] = "exact" if len(values) <= EXACT else "asymptotic"
     test = mannwhitneyu(rank[earlier], rank[~earlier], alternative="less", method=method)
     return float(test.pvalue)
 
