@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from measure import Row, compare
 
+from kilnflight.flight import space_sliced_velocity
+from kilnflight.ignition import best_step
 from kilnflight.regression import Fit
-from kilnflight.slicing import space_sliced_velocity
-from kilnflight.steps import best_step
 
 LENGTHS = (60, 200)  # detections of a track
 LEAST = 3

@@ -31,7 +31,7 @@ style.use_style()
 # %%
 from kilnflight import background, kiln
 from kilnflight.detection import DoG
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection, detection_methods, plots
 from kilnflight.twin import truth
 
 frames = frames or detection.FRAMES[scale]
@@ -130,7 +130,7 @@ summary = summary.sort_values("f1", ascending=False)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
-style.intervals(axes, summary.set_index("model"), "f1_published", "f1_in_pixels")
+plots.intervals(axes, summary.set_index("model"), "f1_published", "f1_in_pixels")
 caption = (
     "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: gate of 45 px, with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels (section 5.1.1); diamonds: published."

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
-from kilnflight.experiments import detection, detection_methods, twin_exposure
+from kilnflight.experiments import detection, detection_methods, plots, twin_exposure
 from kilnflight.project import claims, figures, style
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.fitted import LIGHT_FILE
@@ -120,7 +120,7 @@ unlit = dict(zip(scenes.SUBSETS, twin_exposure.UNLIT_RECALL, strict=True))
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
-    style.bars(axes, found, "subset", "kind", "recall")
+    plots.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
 panels[0].plot(
     [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"

@@ -33,7 +33,7 @@ style.use_style()
 # %%
 from kilnflight import camera
 from kilnflight import detection as detectors
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection, detection_methods, plots
 from kilnflight.twin import truth
 
 frames = frames or detection.FRAMES[scale]
@@ -181,7 +181,7 @@ by_class = recall.pivot(index=["family", "subset"], columns="label", values="rec
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
 for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), strict=True):
-    style.bars(axes, found, "subset", "kind", "recall")
+    plots.bars(axes, found, "subset", "kind", "recall")
     axes.set_title(name)
 panels[0].set_ylabel("recall")
 picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)

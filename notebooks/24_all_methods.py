@@ -18,7 +18,7 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection, detection_methods, plots
 from kilnflight.project import claims, figures, style
 
 style.use_style()
@@ -64,7 +64,7 @@ beside["f1_published_recomputed"] = again
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
-style.intervals(axes, beside, "f1_published_recomputed", "f1_in_pixels")
+plots.intervals(axes, beside, "f1_published_recomputed", "f1_in_pixels")
 caption = (
     "F1 of the eleven methods beside Table 5.11. Dots: gate of 45 px with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels; diamonds: published, from its counts."

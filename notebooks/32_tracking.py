@@ -26,7 +26,7 @@ style.use_style()
 
 # %%
 from kilnflight import tracklets
-from kilnflight.experiments import campaigns, grid_search, tracking
+from kilnflight.experiments import campaigns, grid_search, plots, tracking
 
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
 learned = campaigns.settings_from_labels(scale, seed)
@@ -100,7 +100,7 @@ cells = cells.merge(theirs[[*keys, "measure", "value"]].rename(columns={"value":
 # %% tags=["hide-input"]
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True)
 for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
-    style.beside_published(axes, cells[cells["measure"] == measure])
+    plots.beside_published(axes, cells[cells["measure"] == measure])
     axes.set(title=measure, xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)

@@ -21,7 +21,7 @@ from itertools import product
 
 import pandas as pd
 
-from kilnflight.experiments import campaigns, grid_search, tracking
+from kilnflight.experiments import campaigns, grid_search, plots, tracking
 from kilnflight.experiments import other_trackers as peers
 from kilnflight.project import figures, style
 
@@ -96,7 +96,7 @@ picture, grid = style.canvas(
 )
 for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enumerate(fractions)):
     here = scores[scores["fraction"] == fraction]
-    style.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
+    plots.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
 handles = grid[0, 0].get_legend_handles_labels()

@@ -1,15 +1,15 @@
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu, norm, theilslopes
 
 from kilnflight.checks import InputError
-from kilnflight.ignition import Ignition, ignitions
-from kilnflight.ignition_power import detection_power
+from kilnflight.ignition import EXACT, Ignition, best_step, line_deviation, rank_sum_p
 
 TIME = np.arange(60) / 330
 LOOK = Ignition()
+VALUES = st.lists(st.integers(0, 50), min_size=1, max_size=40)
 
 
 def course(seed=0, low=3000.0, high=6000.0, at=25, scatter=100.0):
@@ -72,9 +72,6 @@ def test_a_background_that_brightens_is_no_ignition():
     found = LOOK(TIME, lit, behind)
     assert found.time_s == pytest.approx(24.5 / 330)
     assert (found.before, found.after) == pytest.approx((3000, 8000), abs=60)
-    table = pd.DataFrame({"frame": np.arange(60), "particle": 0, "gray": unlit})
-    assert list(ignitions(table, 330.0)["outcome"]) == ["seen"]
-    assert list(ignitions(table.assign(background=behind), 330.0)["outcome"]) == ["none"]
 
 
 def test_too_few_detections_to_judge():
@@ -96,31 +93,16 @@ def test_a_factor_and_a_shift_in_time_move_nothing(seed, factor, shift, at):
         assert other.time_s == pytest.approx(one.time_s + shift, abs=1e-9)
 
 
-def test_a_table_of_tracks():
-    rows = {"frame": np.arange(60), "gray": course(), "particle": 7}
-    tracks = pd.concat(
-        [
-            pd.DataFrame(rows),
-            pd.DataFrame(rows).assign(particle=-1),
-            pd.DataFrame(rows).assign(particle=2, gray=3000.0),
-        ]
-    ).sample(frac=1.0, random_state=1)
-    found = ignitions(tracks, 330.0)
-    assert list(found["particle"]) == [2, 7]
-    assert list(found["outcome"]) == ["none", "seen"]
-    assert found["time_s"][1] == pytest.approx(24.5 / 330)
-    nothing = ignitions(tracks[:0], 330.0)
-    assert list(nothing.columns) == list(found.columns)
-    with pytest.raises(InputError, match=r"particle 2: .* follows"):
-        ignitions(pd.concat([tracks, tracks]), 330.0)
-
-
-def test_the_test_holds_its_level_and_has_power():
-    table = detection_power([0.0, 5.0], [12, 40], np.random.default_rng(1), draws=300)
-    assert list(table["points"]) == [12, 12, 40, 40]
-    assert (table.loc[table["rise"] == 0, "seen"] <= 0.01).all()
-    assert table["seen"].to_numpy()[-1] > 0.99
-    assert table["off_points"].to_numpy()[-1] <= 1
+@pytest.mark.parametrize("length", [12, 40])
+def test_the_test_holds_its_level_and_has_power(length):
+    noise = np.random.default_rng(1).normal(1000.0, 50.0, (300, length))
+    rise = 250.0 * (np.arange(length) >= length // 2)
+    outcomes = [
+        [LOOK(np.arange(length), values + r).outcome for values in noise] for r in (0, rise)
+    ]
+    level, power = (np.mean(np.array(outcome) == "seen") for outcome in outcomes)
+    assert level <= 0.01
+    assert power > {12: 0.6, 40: 0.99}[length]
 
 
 @pytest.mark.parametrize(
@@ -145,3 +127,63 @@ def test_bad_input_is_told(time, gray, message):
 def test_parameters_out_of_range_are_told(more):
     with pytest.raises(InputError, match=f"Ignition: {next(iter(more))}"):
         Ignition(**more)
+
+
+def step_in_plain_code(values, least):
+    best = (-1, np.inf)
+    for k in range(least, len(values) - least + 1):
+        sides = values[:k], values[k:]
+        rest = sum(sum(abs(v - np.median(side)) for v in side) for side in sides)
+        if np.median(sides[0]) < np.median(sides[1]) and rest < best[1]:
+            best = (k, rest)
+    return best
+
+
+@settings(deadline=None)
+@given(VALUES, st.integers(1, 4))
+def test_the_step_is_the_one_that_a_double_loop_finds(values, least):
+    assert best_step(np.array(values, float), least) == step_in_plain_code(values, least)
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(), min_size=2, max_size=40, unique=True), st.data())
+def test_the_probability_is_scipys_where_no_values_are_equal(values, data):
+    split = data.draw(st.integers(1, len(values) - 1))
+    ranks = np.argsort(np.argsort(values)).astype(float)
+    before, after = ranks[:split], ranks[split:]
+    peer = mannwhitneyu(before, after, alternative="less", method="exact").pvalue
+    assert rank_sum_p(before, after) == pytest.approx(peer, rel=1e-9)
+
+
+@pytest.mark.parametrize("split", [3, 40, 100])
+def test_many_values_are_as_exact(split):
+    values = np.random.default_rng(split).normal(0.02 * np.arange(EXACT), 1.0)
+    peer = mannwhitneyu(values[:split], values[split:], alternative="less", method="exact")
+    assert rank_sum_p(values[:split], values[split:]) == pytest.approx(peer.pvalue, rel=1e-9)
+
+
+def test_beyond_it_is_the_normal_approximation():
+    before, after = np.arange(0.0, 300.0), np.arange(100.5, 300.0)
+    inversions = sum((before >= late).sum() for late in after)
+    sigma = np.sqrt(300 * 200 * 501 / 12)
+    expected = norm.cdf((inversions + 0.5 - 300 * 200 / 2) / sigma)
+    assert rank_sum_p(before, after) == pytest.approx(expected, rel=1e-9)
+
+
+@settings(deadline=None)
+@given(VALUES, VALUES)
+def test_ties_are_no_evidence(before, after):
+    """Whatever order equal values are given, the probability is not below the one without ties."""
+    one, two = np.array(before, float), np.array(after, float)
+    broken = rank_sum_p(one - 1e-3, two)
+    assert rank_sum_p(one, two) >= broken * (1 - 1e-9)
+    assert rank_sum_p(np.zeros(5), np.zeros(7)) == 1.0
+
+
+def test_the_line_is_that_of_theil_and_sen():
+    generator = np.random.default_rng(3)
+    time = np.cumsum(generator.uniform(0.1, 1.0, 30))
+    values = 3 * time + generator.normal(0, 2, 30)
+    slope, offset = theilslopes(values, time, method="joint")[:2]
+    expected = np.abs(values - slope * time - offset).sum()
+    assert line_deviation(time, values) == pytest.approx(expected)

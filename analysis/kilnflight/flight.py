@@ -1,9 +1,9 @@
-r"""What a flight is: where it starts, when it ends and how (thesis, section 5.3.1, Fig. 5.18).
+r"""What a flight is: where it starts, when and how it ends, how fast it is (section 5.3.1).
 
 ::
 
     track + fitted trajectory -> from the lance? -> landing -> ignition -> ending, dwell time
-                              \-> space-sliced velocity (`kilnflight.slicing`)
+                              \-> space-sliced velocity
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.optimize import brentq
 
 from kilnflight.checks import (
     InputError,
+    check_at_least,
     check_columns,
     check_count,
     check_finite,
@@ -29,16 +31,19 @@ from kilnflight.checks import (
     check_whole,
     known_numbers,
 )
-from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.ignition import BEFORE, SEEN, Ignited, Ignition
-from kilnflight.landing import Landing
-from kilnflight.slicing import Flown, remaining, slices, space_sliced_velocity
-from kilnflight.tables import FLIGHTS
+from kilnflight.detection.wall import Cylinder, InAir, distance_to_axis
+from kilnflight.ignition import BEFORE, SEEN, Ignition
+from kilnflight.regression import Fit
+from kilnflight.tables import FLIGHTS, SLICES
 
 Array = npt.NDArray[np.float64]
 
 LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
 COLUMNS = ("frame", "particle", "row", "col", "gray", "x", "y", "z")
+STEP_S = 0.001  # between the times at which the landing looks for the wall
+TOUCH_MM = 1e-6  # short of the limit is at it: times of hours round a place by less
+MOST = 10_000  # slices of one flight
+EPSILON = 1e-14  # share of the largest term below which another one moves nothing
 
 
 @dataclass(frozen=True)
@@ -65,16 +70,83 @@ class StartsAtLance:
         check_limit(self.within_mm, "StartsAtLance: within_mm")
         check_count(self.points, "StartsAtLance: points")
 
-    def __call__(self, places_mm: Array, fit: Flown) -> tuple[bool, float]:
+    def __call__(self, places_mm: Array, fit: Fit) -> tuple[bool, float]:
         """Return whether it does, and the distance in mm; places (n, 3) by time, with depth."""
         known = places_mm[~np.isnan(places_mm).any(axis=1)][: self.points]
         if not len(known):
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
-        exit_point = np.asarray(fit.exit_point_mm, dtype=np.float64)
-        distance = float(np.median(np.linalg.norm(known - exit_point, axis=1)))
+        distance = float(np.median(np.linalg.norm(known - fit.exit_point_mm, axis=1)))
         forwards = float(fit.velocity(np.array([fit.t0_s]))[0, 2]) < 0
         found = self.at_bound or fit.t0_at_bound >= 0
         return distance <= self.within_mm and found and forwards, distance
+
+
+def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
+    """Return places (n, 3) in mm; past the last detection the trajectory flies straight on.
+
+    Polynomials leave their data fast.
+    """
+    time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    seen = np.minimum(time, fit.last_s)
+    places = check_finite(fit(seen), "straight_on: the fitted trajectory")
+    return places + (time - seen)[:, None] * fit.velocity(seen)
+
+
+class Landed(NamedTuple):
+    """Whether and when a flight ends on the wall, and how far from the axis it was last."""
+
+    landed: bool
+    end_s: float
+    wall_mm: float
+
+
+@dataclass(frozen=True)
+class Landing:
+    """When a fitted trajectory meets the wall: leaves what counts as in the air (section 3.2).
+
+    Landed is, in this order, what (1) reaches the limit between first and last detection, at
+    that time; (2) reaches it when it flies straight on from the last detection for at most
+    ``beyond_s``, at that time; (3) is last seen within ``near_mm`` of the limit, at its last
+    detection. Else the flight ends in the air, with the last detection.
+
+    Notes
+    -----
+    The thesis ends a flight "by means of the 3D particle classification" and says no more.
+    As wall detections are left out before tracking, a track ends short of the limit, and the
+    fit goes on straight, as polynomials leave their data fast. On the wall particles are
+    found from 700 mm on, where the limit is 800 mm (Fig. 3.11), hence (3).
+    """
+
+    beyond_s: float = 0.05  # of flight after the last detection; not printed
+    near_mm: float = 100.0  # from the limit, sec. 5.1.4: wall particles at 700 and more of 800
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range."""
+        check_limit(self.near_mm, "Landing: near_mm")
+        check_at_least(self.beyond_s, 0.0, "Landing: beyond_s")
+
+    def __call__(self, fit: Fit, wall: Cylinder, in_air: InAir) -> Landed:
+        """Return whether, when and where the trajectory ends on the wall."""
+
+        def outside(t: npt.ArrayLike) -> Array:
+            """Return by how many mm the fit, continued straight, is beyond the limit."""
+            return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
+
+        count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
+        time = np.linspace(fit.first_s, fit.last_s, count)
+        time = np.append(time, fit.last_s + np.arange(0.0, self.beyond_s, STEP_S)[1:])
+        time = np.append(time, fit.last_s + self.beyond_s)
+        off = outside(time)
+        last = float(off[count - 1])
+        beyond = np.flatnonzero(off >= -TOUCH_MM)
+        end = float(fit.last_s)
+        if len(beyond):
+            k = int(beyond[0])
+            end = float(time[k])
+            if k > 0 and off[k - 1] < 0 < off[k]:
+                end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
+        landed = bool(len(beyond)) or last >= -self.near_mm - TOUCH_MM
+        return Landed(landed, end, last + in_air.threshold_mm)
 
 
 @dataclass(frozen=True)
@@ -109,7 +181,7 @@ class View(NamedTuple):
 
 def flights(
     tracks: pd.DataFrame,
-    fits: Mapping[int, Flown],
+    fits: Mapping[int, Fit],
     wall: Cylinder,
     in_air: InAir,
     frame_rate_hz: float,
@@ -170,7 +242,7 @@ def flights(
 
 def _flight(
     track: pd.DataFrame,
-    fit: Flown,
+    fit: Fit,
     wall: Cylinder,
     in_air: InAir,
     frame_rate_hz: float,
@@ -198,14 +270,10 @@ def _flight(
         "start_mm": start_mm,
         "ignition": lit.outcome,
         "ignition_s": lit.time_s - float(fit.t0_s),
-        "rise_gray": _rise(lit),
+        # 0 where nothing can be said
+        "rise_gray": 0.0 if math.isnan(lit.before) else lit.after - lit.before,
         "wall_mm": wall_mm,
     }
-
-
-def _rise(lit: Ignited) -> float:
-    """Return the grey values between both levels; 0 where nothing can be said."""
-    return 0.0 if math.isnan(lit.before) else lit.after - lit.before
 
 
 def _cut_off(
@@ -231,13 +299,155 @@ def _cut_off(
     return bool(inside < rules.edge_px)
 
 
-__all__ = [
-    "Landing",
-    "Rules",
-    "StartsAtLance",
-    "View",
-    "flights",
-    "remaining",
-    "slices",
-    "space_sliced_velocity",
-]
+def space_sliced_velocity(
+    fit: Fit, slice_m: float = 1.0, until_s: float = math.inf
+) -> pd.DataFrame:
+    """Return the mean velocity in depth over each metre from the lance (Eq. 5.8).
+
+    ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n slices
+    from the lance towards the camera, t_0 when it leaves the lance.
+
+    Parameters
+    ----------
+    fit
+        A fitted trajectory.
+    slice_m
+        Length of a slice: 1 m, section 5.3.1.
+    until_s
+        End of the flight, if it comes before the last detection.
+
+    Returns
+    -------
+    DataFrame
+        ``slice_m``: far end of the slice; ``start_s``, ``end_s``: t_(n-1), t_n;
+        ``velocity_m_s``; ``reached``; ``observed``: reached between the first and the last
+        detection, and not, as the polynomials have it, before the first. One row for every slice
+        between lance and camera, and one for each slice behind the lance that was reached; where
+        ``reached`` is False the velocity is NaN, and the row must not be counted.
+
+    Notes
+    -----
+    Readings. (1) Only the span from t_0 to the last detection counts; where a polynomial
+    goes afterwards is no observation, so a slice reached only there is not reached.
+    (2) "First": later returns change nothing, so V_n is positive for every slice in front of
+    the lance. The thesis shows negative velocities, "reverse motions towards the lance", and
+    says no more; here they are those of slices -1, -2, ... behind the lance, V_n =
+    -slice / (t_n - t_(n+1)), of trajectories that go backwards from the exit point.
+    (3) What the polynomials pass between t_0 and the first detection counts, as published;
+    a flight first seen beyond a slice has in it the velocity that its polynomials need to get
+    there from the lance, which ``observed`` tells.
+    (4) The distance is the difference of depths, not the path.
+    """
+    check_positive(slice_m, "space_sliced_velocity: slice_m")
+    if math.isnan(until_s):
+        raise InputError("space_sliced_velocity: until_s is NaN; leave it out if not known.")
+    distance, age = _distance(fit, min(fit.last_s, until_s))
+    count = int(max(fit.exit_point_mm[2], 0.0) / (1000.0 * slice_m) * (1 + 1e-12))
+    if count > MOST:
+        raise InputError(f"space_sliced_velocity: {count} slices of {slice_m} m; take longer ones.")
+    parts = []
+    for length in (-slice_m, slice_m):
+        reached = _reached(distance, age, 1000.0 * length)
+        number = np.arange(1, (len(reached) if length < 0 else count) + 1)
+        times = np.full(len(number) + 1, np.nan)
+        times[: len(reached) + 1] = [0.0, *reached][: len(times)]
+        part = pd.DataFrame({"slice_m": number * length})
+        part["start_s"], part["end_s"] = fit.t0_s + times[:-1], fit.t0_s + times[1:]
+        part["velocity_m_s"] = length / np.diff(times)
+        part["reached"] = number <= len(reached)
+        part["observed"] = fit.t0_s + times[1:] >= fit.first_s
+        parts.append(part)
+    return pd.concat([parts[0][::-1], parts[1]], ignore_index=True)
+
+
+def slices(
+    fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None, slice_m: float = 1.0
+) -> pd.DataFrame:
+    """Return the space-sliced velocities of many flights (`kilnflight.tables.SLICES`).
+
+    Parameters
+    ----------
+    fits
+        By particle: those that are to count.
+    ends_s
+        By particle: the end of its flight, where it is known.
+    slice_m
+        Length of a slice.
+
+    Returns
+    -------
+    DataFrame
+        Only slices that were reached.
+    """
+    parts = [SLICES.empty()]
+    for particle, fit in fits.items():
+        end = math.inf if ends_s is None else ends_s.get(particle, math.inf)
+        table = space_sliced_velocity(fit, slice_m, end).assign(particle=particle)
+        behind = table["slice_m"] < 0
+        table = pd.concat([table[behind][::-1], table[~behind & table["reached"]]])
+        parts.append(table[SLICES.names])
+    filled = [part for part in parts if len(part)] or parts[:1]
+    return SLICES.check(pd.concat(filled, ignore_index=True))
+
+
+def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
+    """Return the share of particles that reach each slice's far end (Figs 5.21 to 5.24).
+
+    Parameters
+    ----------
+    sliced
+        Of `slices`.
+    counted
+        All particles that count, also those that pass no slice.
+
+    Returns
+    -------
+    DataFrame
+        ``slice_m``, ``number``, ``share`` (0 of 0 is 0), ``median_m_s``. Slices behind the
+        lance are rows of their own. What the tracker loses counts as not remaining.
+    """
+    check_count(counted, "remaining: counted", least=0)
+    table = SLICES.check(sliced, "remaining: slices")
+    groups = table.groupby("slice_m")
+    number = groups["particle"].nunique()
+    if len(number) and number.max() > counted:
+        raise InputError(f"remaining: {number.max()} particles in a slice, but {counted} counted.")
+    share = number / max(counted, 1)
+    named = {"number": number, "share": share, "median_m_s": groups["velocity_m_s"].median()}
+    return pd.DataFrame(named).reset_index()
+
+
+def _distance(fit: Fit, end_s: float) -> tuple[Array, Array]:
+    """Return the coefficients of the distance from the lance, and ages that part it.
+
+    Between two of these ages the distance only rises or only falls. They are both ends of
+    the span and the real parts of the roots of the velocity: a point more does no harm, and
+    a double root that rounding makes complex is not lost.
+    """
+    powers = -check_finite(fit.coefficients[2], "fit: coefficients of z")
+    if not end_s > fit.t0_s:
+        raise InputError(
+            f"space_sliced_velocity: the flight ends at {end_s} s, but leaves the lance at "
+            f"{fit.t0_s} s. Check the trajectory."
+        )
+    end = end_s - fit.t0_s
+    slope = powers * np.arange(1, len(powers) + 1) * end ** np.arange(len(powers))
+    slope[np.abs(slope) <= EPSILON * np.abs(slope).max(initial=0.0)] = 0.0
+    turns = end * np.roots(slope[::-1]).real
+    age = np.concatenate([[0.0, end], turns])
+    return powers, np.unique(age[(age >= 0.0) & (age <= end)])
+
+
+def _reached(powers: Array, age: Array, step: float) -> list[float]:
+    """Return at what ages the distance first is one step, two steps, ...; steps in mm."""
+
+    def far(at: Array | float) -> Array:
+        """Return the distance in steps; below 0 on the other side of the lance."""
+        return np.asarray(np.polyval(np.append(powers[::-1], 0.0), at) / step)
+
+    furthest = np.maximum.accumulate(check_finite(far(age), "space_sliced_velocity: fit"))
+    found = []
+    for level in range(1, min(int(furthest[-1]), MOST) + 1):
+        k = int(np.searchsorted(furthest, level))  # from 1: the first age is 0, at the lance
+        found.append(brentq(lambda t, level=level: far(t) - level, age[k - 1], age[k], xtol=1e-12))
+    return found

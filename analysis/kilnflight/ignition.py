@@ -9,28 +9,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+from scipy.stats import mannwhitneyu, theilslopes
 
 from kilnflight.checks import (
     InputError,
     check_at_least,
     check_between,
-    check_columns,
     check_count,
     check_finite,
     check_limit,
-    check_positive,
-    check_whole,
 )
-from kilnflight.steps import best_step, line_deviation, rank_sum_p
 
 Array = npt.NDArray[np.float64]
 
 SEEN, BEFORE, NONE, TOO_FEW = "seen", "before seen", "none", "too few points"
+EXACT = 200  # values; above, the normal approximation of the rank sum is as good
 SIGMA = 1.4826  # median of absolute deviations -> standard deviation of a Gaussian
 
 
@@ -155,47 +152,63 @@ class Ignition:
         return BEFORE if self.bright is not None and first >= self.bright else NONE
 
 
-def ignitions(
-    tracks: pd.DataFrame, frame_rate_hz: float, method: Ignition | None = None
-) -> pd.DataFrame:
-    """Return what each track's grey values say, one row per particle.
+def best_step(values: Array, least: int) -> tuple[int, float]:
+    """Return the best step upwards: first index after it, and the deviation that it leaves.
+
+    Best is the least sum of absolute deviations from the medians on both sides, among the
+    splits whose median is higher after than before; the first of those equal but for rounding.
 
     Parameters
     ----------
-    tracks
-        ``frame``, ``particle``, ``gray``; rows with a particle below 0 are in no track. If it
-        has a column ``background``, the rise above that is looked at.
-    frame_rate_hz
-        Of the recording.
-    method
-        `Ignition` with its defaults unless told otherwise.
+    values
+        (n,) float64.
+    least
+        Values on each side, at least.
 
     Returns
     -------
-    DataFrame
-        ``particle`` and the attributes of `Ignited`.
+    split, deviation
+        -1 and infinity where no split goes upwards.
     """
-    check_columns(tracks, ("frame", "particle", "gray"), "ignitions: tracks")
-    check_positive(frame_rate_hz, "ignitions: frame_rate_hz")
-    particle = check_whole(tracks["particle"], "ignitions: particle")
-    frame = check_whole(tracks["frame"], "ignitions: frame")
-    gray = check_finite(tracks["gray"].to_numpy(), "ignitions: gray")
-    known = "background" in tracks.columns
-    behind = check_finite(tracks["background"], "ignitions: background") if known else 0 * gray
-    order = np.lexsort((frame, particle))
-    order = order[particle[order] >= 0]
-    names, starts = np.unique(particle[order], return_index=True)
-    test = method if method is not None else Ignition()
-    rows = []
-    for name, part in zip(names, np.split(order, starts[1:]), strict=False):
-        try:
-            found = test(frame[part] / frame_rate_hz, gray[part], behind[part])
-        except InputError as error:
-            raise InputError(f"particle {name}: {error}") from error
-        rows.append({"particle": int(name), **found._asdict()})
-    empty = {"particle": np.int64, "outcome": str} | dict.fromkeys(Ignited._fields[1:], float)
-    table = pd.DataFrame(rows, columns=list(empty))
-    return table if rows else table.astype(empty)
+    count = len(values)
+    median, spread = _growing(values)
+    median_after, spread_after = (side[::-1] for side in _growing(values[::-1]))
+    rounding = count * np.finfo(np.float64).eps * np.abs(values).sum()
+    split, deviation = -1, np.inf
+    for k in range(least, count - least + 1):
+        rest = float(spread[k - 1] + spread_after[k])
+        if median_after[k] > median[k - 1] and rest < deviation - rounding:
+            split, deviation = k, rest
+    return split, deviation
+
+
+def _growing(values: Array) -> tuple[Array, Array]:
+    """Return median and sum of absolute deviations from it of the first 1, 2, ... values."""
+    number = np.arange(len(values))
+    there = number <= number[:, None]
+    ordered = np.sort(np.where(there, values, np.inf), axis=1)
+    median = (ordered[number, number // 2] + ordered[number, (number + 1) // 2]) / 2
+    return median, (np.abs(values - median[:, None]) * there).sum(axis=1)
+
+
+def rank_sum_p(before: Array, after: Array) -> float:
+    """Return how probably values that are all alike come out so low before (Wilcoxon).
+
+    One-sided; exact for up to `EXACT` values together, the normal approximation above. A
+    tie counts as if the earlier value were the higher one: the probability is then too
+    large rather than too small.
+    """
+    values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
+    rank = np.argsort(np.lexsort((earlier, values)))
+    method: Literal["exact", "asymptotic"] = "exact" if len(values) <= EXACT else "asymptotic"
+    test = mannwhitneyu(rank[earlier], rank[~earlier], alternative="less", method=method)
+    return float(test.pvalue)
+
+
+def line_deviation(time: Array, values: Array) -> float:
+    """Return the sum of absolute deviations from the line of Theil and Sen."""
+    rest = values - theilslopes(values, time).slope * time
+    return float(np.abs(rest - np.median(rest)).sum())
 
 
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:

@@ -15,12 +15,11 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.accuracy import CASES
-from kilnflight.flight import BURNT_OUT, LANDED
+from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.regression import Fit
-from kilnflight.slicing import straight_on
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
@@ -256,7 +255,7 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
 def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
     """Draw a flight from the side, from the lance to its end, thick where it burns.
 
-    Past its last detection it flies straight on, as `kilnflight.landing` has it.
+    Past its last detection it flies straight on, as `kilnflight.flight.Landing` has it.
 
     Parameters
     ----------
@@ -372,3 +371,99 @@ def from_the_side(
     axes.autoscale_view()
     axes.set(xlabel="from the lance (m)", ylabel="above the kiln's axis (m)")
     return lines
+
+
+def beside_published(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw values without and with a treatment, ours above the published ones.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    table
+        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``here`` and
+        ``published``.
+    """
+    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
+    wide = wide[["here", "published"]].iloc[::-1]
+    for source, color, shift in (("here", "black", 0.15), ("published", "#D55E00", -0.15)):
+        values, places = wide[source], np.arange(len(wide)) + shift
+        axes.hlines(places, values["without"], values["with"], color=color, lw=0.7)
+        for stage, face in (("without", "white"), ("with", color)):
+            label = f"{source}, {stage}"
+            axes.plot(values[stage], places, "o", color=color, mfc=face, label=label)
+    axes.set_yticks(
+        range(len(wide)), [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
+    )
+
+
+def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
+    """Draw what each entry has "without" and "with" something, joined by a line.
+
+    Parameters
+    ----------
+    axes
+        Where to; the first entry of ``along`` is drawn at 0 of the vertical axis.
+    table
+        Long; one row per mark, NaN: no mark.
+    along, stage, value
+        Its columns; ``stage`` is "without" or "with".
+    """
+    names = list(table[along].unique())
+    wide = table.pivot(index=along, columns=stage, values=value).loc[names]
+    place = np.arange(len(names))
+    axes.hlines(place, wide["without"], wide["with"], color="0.6", lw=0.8, linestyle="-")
+    axes.plot(wide["without"], place, "o", mfc="white", color="#0072B2", label="without")
+    axes.plot(wide["with"], place, "s", color="#D55E00", label="with")
+    axes.set(yticks=place, yticklabels=names)
+
+
+def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
+    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, told apart in grey.
+
+    Parameters
+    ----------
+    axes
+        Where to; group i is drawn at i.
+    table
+        Long; one row per bar.
+    along, kind, value
+        Its columns.
+    """
+    groups, kinds = list(table[along].unique()), list(table[kind].unique())
+    width = 0.8 / len(kinds)
+    wide = table.pivot(index=along, columns=kind, values=value).loc[groups]
+    for k, name in enumerate(kinds):
+        place = np.arange(len(groups)) + width * (k - (len(kinds) - 1) / 2)
+        axes.bar(
+            place,
+            wide[name],
+            0.92 * width,
+            label=str(name),
+            color=COLOURS[(k + 1) % len(COLOURS)],
+            hatch=HATCHES[k % len(HATCHES)],
+        )
+    axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
+
+
+def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
+    """Draw F1 of methods with intervals, beside another criterion and the publication.
+
+    Parameters
+    ----------
+    axes
+        Where to; the first row of the table is on top.
+    table
+        Index: names; columns ``f1``, ``f1_low``, ``f1_high``, and the next two.
+    published, inside
+        Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
+    """
+    place = np.arange(len(table))
+    reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
+    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2, "label": "gate 45 px"}
+    axes.errorbar(table["f1"], place, xerr=reach, **dots)
+    axes.plot(table[inside], place, "s", mfc="none", color="#0072B2", label="in pixels")
+    axes.plot(table[published], place, "D", color="#D55E00", label="published")
+    axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
+    axes.invert_yaxis()
+    axes.legend(loc="best")

@@ -17,9 +17,9 @@ from kilnflight.checks import InputError
 from kilnflight.experiments import statements
 from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.statements import outcome_table
+from kilnflight.flight import straight_on
 from kilnflight.project import claims
 from kilnflight.scores.flights import METRES, Findings, along, box
-from kilnflight.slicing import straight_on
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.particles import FRACTIONS

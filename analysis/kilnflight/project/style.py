@@ -122,35 +122,7 @@ def tracks(axes: Axes, table: pd.DataFrame) -> None:
         axes.plot(one["col"], one["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 
-def beside_published(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw values without and with a treatment, ours above the published ones.
-
-    Parameters
-    ----------
-    axes
-        To draw on.
-    table
-        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``here`` and
-        ``published``.
-    """
-    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
-    wide = wide[["here", "published"]].iloc[::-1]
-    for source, color, shift in (("here", "black", 0.15), ("published", "#D55E00", -0.15)):
-        for place, (_, one) in enumerate(wide[source].iterrows()):
-            axes.plot([one["without"], one["with"]], [place + shift] * 2, "-", color=color, lw=0.7)
-        for stage, face in (("without", "white"), ("with", color)):
-            places = np.arange(len(wide)) + shift
-            label = f"{source}, {stage}"
-            axes.plot(wide[source][stage], places, "o", color=color, mfc=face, label=label)
-    axes.set_yticks(
-        range(len(wide)), [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
-    )
-
-
-def boxes(
-    axes: Axes,
-    summary: pd.DataFrame,
-) -> None:
+def boxes(axes: Axes, summary: pd.DataFrame) -> None:
     """Draw box plots from summaries instead of from data, with the width of each box in words.
 
     Parameters
@@ -161,12 +133,10 @@ def boxes(
         One row per box, columns ``whisker_low``, ``q25``, ``median``, ``q75``,
         ``whisker_high``.
     """
-    parts = {"whislo": "whisker_low", "q1": "q25", "med": "median", "q3": "q75"}
-    parts["whishi"] = "whisker_high"
-    rows: list[dict[str, Any]] = [
-        {part: float(summary[name].iloc[i]) for part, name in parts.items()}
-        for i in range(len(summary))
-    ]
+    parts = ["whislo", "q1", "med", "q3", "whishi"]
+    names = ["whisker_low", "q25", "median", "q75", "whisker_high"]
+    values = summary[names].to_numpy(np.float64)
+    rows: list[dict[str, Any]] = [dict(zip(parts, row, strict=True)) for row in values]
     thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
     axes.bxp(
         rows,
@@ -181,122 +151,42 @@ def boxes(
         capprops=thin,
     )
     axes.margins(y=0.12)
+    place: dict[str, Any] = {"xytext": (0, 2), "textcoords": "offset points", "ha": "center"}
     for i, row in enumerate(rows):  # narrow boxes are lines: say how wide they are
-        place: dict[str, Any] = {"xytext": (0, 2), "textcoords": "offset points", "ha": "center"}
         axes.annotate(f"{row['q3'] - row['q1']:.2g}", (i, row["whishi"]), fontsize=6, **place)
-
-
-def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
-    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, told apart in grey.
-
-    Parameters
-    ----------
-    axes
-        Where to; group i is drawn at i.
-    table
-        Long; one row per bar.
-    along, kind, value
-        Its columns.
-    """
-    groups, kinds = list(table[along].unique()), list(table[kind].unique())
-    width = 0.8 / len(kinds)
-    wide = table.pivot(index=along, columns=kind, values=value).loc[groups]
-    for k, name in enumerate(kinds):
-        place = np.arange(len(groups)) + width * (k - (len(kinds) - 1) / 2)
-        axes.bar(
-            place,
-            wide[name],
-            0.92 * width,
-            label=str(name),
-            color=COLOURS[(k + 1) % len(COLOURS)],
-            hatch=HATCHES[k % len(HATCHES)],
-        )
-    axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
-
-
-def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
-    """Draw F1 of methods with intervals, beside another criterion and the publication.
-
-    Parameters
-    ----------
-    axes
-        Where to; the first row of the table is on top.
-    table
-        Index: names; columns ``f1``, ``f1_low``, ``f1_high``, and the next two.
-    published, inside
-        Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
-    """
-    place = np.arange(len(table))
-    reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
-    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2, "label": "gate 45 px"}
-    axes.errorbar(table["f1"], place, xerr=reach, **dots)
-    axes.plot(table[inside], place, "s", mfc="none", color="#0072B2", label="in pixels")
-    axes.plot(table[published], place, "D", color="#D55E00", label="published")
-    axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
-    axes.invert_yaxis()
-    axes.legend(loc="best")
-
-
-def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
-    """Draw what each entry has "without" and "with" something, joined by a line.
-
-    Parameters
-    ----------
-    axes
-        Where to; the first entry of ``along`` is drawn at 0 of the vertical axis.
-    table
-        Long; one row per mark, NaN: no mark.
-    along, stage, value
-        Its columns; ``stage`` is "without" or "with".
-    """
-    names = list(table[along].unique())
-    wide = table.pivot(index=along, columns=stage, values=value).loc[names]
-    place = np.arange(len(names))
-    axes.hlines(place, wide["without"], wide["with"], color="0.6", lw=0.8, linestyle="-")
-    axes.plot(wide["without"], place, "o", mfc="white", color="#0072B2", label="without")
-    axes.plot(wide["with"], place, "s", color="#D55E00", label="with")
-    axes.set(yticks=place, yticklabels=names)
 
 
 def table_picture(table: pd.DataFrame) -> Figure:
     """Return a table as a figure: a rule above and below the heading, text wrapped."""
     shown = table.head(LONGEST_PICTURE)
     cells = [list(map(str, table.columns))]
-    cells += [[_cell(value) for value in row] for row in shown.itertuples(index=False)]
+    cells += [[_text(value) for value in row] for row in shown.itertuples(index=False)]
     if len(table) > len(shown):
         note = f"... {len(table) - len(shown)} more rows in the CSV"
-        cells.append([note if i == 0 else "" for i in range(table.shape[1])])
+        cells.append([note] + [""] * (table.shape[1] - 1))
     cells = [[textwrap.fill(text, 34) for text in row] for row in cells]
-    widths = [max(_width(row[i]) for row in cells) + 2 for i in range(table.shape[1])]
+    widths = [max(_width(text) for text in column) + 2 for column in zip(*cells, strict=True)]
     heights = [max(text.count("\n") + 1 for text in row) + 0.35 for row in cells]
-    with style():
-        figure = plt.figure(
-            figsize=(sum(widths) * 0.062 + 0.2, sum(heights) * 0.125 + 0.2), layout="none"
-        )
+    lefts, tops = (np.concatenate([[0], np.cumsum(sizes)]) for sizes in (widths, heights))
+    with matplotlib.rc_context(STYLE):
+        size = (lefts[-1] * 0.062 + 0.2, tops[-1] * 0.125 + 0.2)
+        figure = plt.figure(figsize=size, layout="none")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _write_cells(axes, cells, widths, heights)
+        for row, top in zip(cells, tops, strict=False):
+            for text, left in zip(row, lefts, strict=False):
+                axes.text(left + 0.5, top + 0.2, text, va="top", ha="left", fontsize=7)
+        for y in (0, tops[1], tops[-1]):
+            axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
+        axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
+        axes.axis("off")
     return figure
-
-
-def _write_cells(
-    axes: Axes, cells: list[list[str]], widths: list[int], heights: list[float]
-) -> None:
-    lefts = np.concatenate([[0], np.cumsum(widths)])
-    tops = np.concatenate([[0], np.cumsum(heights)])
-    for row, top in zip(cells, tops, strict=False):
-        for text, left in zip(row, lefts, strict=False):
-            axes.text(left + 0.5, top + 0.2, text, va="top", ha="left", fontsize=7)
-    for y in (0, tops[1], tops[-1]):
-        axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
-    axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
-    axes.axis("off")
 
 
 def _width(text: str) -> int:
     return max(map(len, text.split("\n")))
 
 
-def _cell(value: object) -> str:
+def _text(value: object) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.5g}"
     return str(value)
