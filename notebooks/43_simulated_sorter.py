@@ -153,7 +153,7 @@ misfit
 fed = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
 some = belt_2020.DATA_SETS[:1] if scale == "quick" else belt_2020.DATA_SETS
 studied = pd.DataFrame()
-if belt_2020.is_simulated():
+if bodies.is_installed():
     studied = belt_contacts.study(sorter.calibrated_sorter(), fed, seed, some)
     changed = belt_contacts.changes(studied).round(2)
 
@@ -197,7 +197,7 @@ figures.save("sorter-contacts", studied.round(4), **part) if len(studied) else N
 
 # %%
 rows, used = [], sorter.calibrated_sorter()
-for name, bulk in BULKS.items() if belt_2020.is_simulated() else ():
+for name, bulk in BULKS.items() if bodies.is_installed() else ():
     start = time.process_time()
     one = used(bulk, 60, np.random.default_rng(seed))
     spent, simulated = time.process_time() - start, one["time_s"].max()
@@ -225,7 +225,7 @@ figures.save("sorter-belt20-6", slower, caption=caption, provenance=origin)
 
 # %%
 result = f"Our own simulation is {belt_2020.describe_own()}."
-if files and belt_2020.is_simulated():
+if files and bodies.is_installed():
     off = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
     each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in belt_2020.DATA_SETS)
     result += f" Its mean velocities are off by (mm/s, root mean square): {each}."

@@ -87,7 +87,6 @@ def test_with_mujoco_our_simulation_has_contacts_and_1000_hz():
 
 
 def test_without_mujoco_it_says_so_and_has_one_variant(small):
-    assert not belt_2020.is_simulated()
     assert "friction model" in belt_2020.describe_own()
     assert {key[0] for key in belt_2020.variants(5, 1)} == {"friction model"}
 
@@ -209,3 +208,31 @@ def test_a_world_as_published_reproduces_every_claim_about_the_position():
     said["iqr"] = 6.0 - said["iqr"]
     opposite = verdicts(lateral_answers(said))
     assert opposite["belt20-7"] == opposite["belt20-8"] == claims.NOT_REPRODUCED
+
+
+def test_verdicts_by_rate_name_what_changes_and_by_source_leave_our_rates_apart():
+    """At 1000 Hz the spheres' IV is no longer the widest; nothing else differs."""
+    models = {"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5}
+    slow = table(models).assign(sampling_hz=100.0, source=belt_2020.OWN)
+    fast = slow.assign(sampling_hz=1000.0)
+    spheres = (fast["data_set"] == "spheres") & (fast["model"] == "IV")
+    fast.loc[spheres, "iqr"] = 0.1
+    rated = pd.concat([slow, fast], ignore_index=True)
+    verdicts = belt_2020.verdicts_by_rate(rated, arrival_answers)
+    differs = verdicts[verdicts["differs"] == "yes"]
+    assert differs[["id", "data_set"]].to_numpy().tolist() == [
+        ["belt20-1", "all"],
+        ["belt20-1", "spheres"],
+    ]
+    text = belt_2020.describe_changes(rated, verdicts)
+    assert text.startswith("From 100 to 1000 Hz belt20-1 changes its verdict")
+    assert text.endswith("single data sets belt20-1 for spheres")
+    assert "One rate only" in belt_2020.describe_changes(slow, verdicts)
+    others = table(models).assign(source=belt_2020.AUTHORS)
+    own = others.assign(source=belt_2020.OWN)
+    by_source = belt_2020.verdicts_by_source(pd.concat([others, own]), rated, arrival_answers)
+    assert by_source.groupby(["source", "sampling_hz"]).size().to_dict() == {
+        (belt_2020.AUTHORS, 100.0): 5,
+        (belt_2020.OWN, 100.0): 5,
+        (belt_2020.OWN, 1000.0): 5,
+    }

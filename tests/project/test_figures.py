@@ -1,5 +1,7 @@
+import hashlib
 import json
 import re
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from matplotlib import pyplot as plt
 from PIL import Image
 
+from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths, style
 from kilnflight.project.figures import Provenance
@@ -145,3 +148,111 @@ def test_what_only_a_check_needs_is_no_figure():
     figures.save_check("numbers", TABLE, caption="Only looked at.", provenance=MADE)
     assert (paths.checks() / "numbers.csv").is_file()
     assert figures.entries() == []
+
+
+def save_one(identifier, caption, **more):
+    made = Provenance("02_x", {"scale": "quick"}, commit="a" * 40, **more)
+    figures.save(identifier, pd.DataFrame({"a": [1]}), caption=caption, provenance=made)
+
+
+@pytest.fixture
+def page():
+    save_one("fig-b", "Second figure. It has 50 % & more_less.")
+    save_one("fig-a", "First figure: with a colon. And more.")
+    return (paths.figures() / "README.md").read_text()
+
+
+def test_every_figure_has_its_entry_in_order(page):
+    assert re.findall(r"^## (.+)$", page, re.MULTILINE) == ["Results by notebook", "fig-a", "fig-b"]
+    assert "![fig-a](fig-a.png)" in page
+    assert "Second figure. It has 50 % & more_less." in page
+    assert "notebooks/02_x.py" in page
+    assert "(scale = quick)" in page
+
+
+def test_citations_are_ready_to_paste(page):
+    assert "@misc{kilnflight-fig-a," in page
+    assert "title  = {First figure}," in page
+    assert r"\includegraphics[width=\columnwidth]{fig-b.pdf}" in page
+    assert r"It has 50 \% \& more\_less." in page
+    assert page.count("{") == page.count("}")
+
+
+def test_pictures_of_others_do_not_count():
+    save_one("fig-a", "First figure.")
+    Image.new("RGB", (2, 2)).save(paths.figures() / "foreign.png")
+    assert [entry.identifier for entry in figures.entries()] == ["fig-a"]
+
+
+def test_only_notebooks_that_exist_have_concluded(monkeypatch, tmp_path):
+    (tmp_path / "notebooks").mkdir()
+    (tmp_path / "notebooks" / "02_x.py").write_text("# # Title\n")
+    monkeypatch.setattr(paths, "root", lambda: tmp_path)
+    for stem in ("02_x", "99_gone"):
+        figures.conclude("A result.", [], Provenance(stem, {"scale": "quick"}))
+    assert list(figures.concluded()) == ["02_x"]
+
+
+@pytest.mark.parametrize(
+    ("caption", "title"),
+    [
+        ("Depth, after Fig. 2.15. Boxes: more.", "Depth, after Fig. 2.15"),
+        ("One sentence", "One sentence"),
+        ("After Fig. 9 of the 2020 paper: box plots.", "After Fig. 9 of the 2020 paper"),
+    ],
+)
+def test_the_title_is_the_first_sentence(caption, title):
+    assert figures._title(caption) == title
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A project of its own with one commit."""
+    monkeypatch.setenv("KILNFLIGHT_ROOT", str(tmp_path))
+    for name in ("data/reference/claims.csv", "analysis/a.py", "notebooks/n.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("x = 1\n")
+    (tmp_path / "pyproject.toml").write_text("")
+    (tmp_path / "requirements.lock").write_text("")
+
+    def git(*arguments):
+        identity = ["-c", "user.name=n", "-c", "user.email=e"]
+        command = ["git", *identity, *arguments]
+        return subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
+
+    git("init", "-q")
+    git("add", "-A")
+    git("commit", "-qm", "one")
+    return tmp_path, git
+
+
+def test_inputs_are_known_by_their_checksum(tmp_path):
+    path = tmp_path / "in.csv"
+    path.write_bytes(b"1,2\n")
+    made = figures.trace("02_x", {"scale": "quick"}, seed=3, inputs=[path])
+    assert made.inputs == {"in.csv": hashlib.sha256(b"1,2\n").hexdigest()}
+    assert (made.notebook, made.seed, made.version) == ("02_x", 3, __version__)
+
+
+def test_the_commit_is_the_last_one_that_touched_what_counts(project):
+    folder, git = project
+    first = git("rev-parse", "HEAD").stdout.strip()
+    (folder / "README.md").write_text("figures and pages do not count")
+    git("add", "-A")
+    git("commit", "-qm", "two")
+    assert figures.trace("n", {}).commit == first
+    (folder / "analysis/a.py").write_text("x = 2\n")
+    assert figures.trace("n", {}).commit == first + "+changes"
+    git("commit", "-qam", "three")
+    assert figures.trace("n", {}).commit == git("rev-parse", "HEAD").stdout.strip()
+
+
+def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tmp_path_factory):
+    empty = tmp_path_factory.mktemp("no-git")
+    (empty / "data/reference").mkdir(parents=True)
+    (empty / "data/reference/claims.csv").write_text("")
+    monkeypatch.setenv("KILNFLIGHT_ROOT", str(empty))
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(empty.parent))
+    assert figures.trace("n", {}).commit == ""
+    monkeypatch.setenv("PATH", str(empty))
+    assert figures.trace("n", {}).commit == ""

@@ -1,11 +1,13 @@
-"""The belt experiment from tracks to deviations: the only place where it is written out.
+"""The experiment of the 2020 paper: from tracks to deviations to verdicts.
 
-tracks -> observe -> (count) -> compare the models -> one table per question
+tracks -> observe -> (count) -> compare the models -> answers to the claims
+
+Notebook 40 asks for the time of arrival, notebook 41 for the lateral position; both do the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.recordings import read_dem
 from kilnflight.belt.sorter import Sorter, calibrated_sorter
+from kilnflight.project import claims
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
@@ -65,16 +68,19 @@ def load_tracks(
     return tracks
 
 
-def is_simulated() -> bool:
-    """Return whether our simulation has all contacts, at 1000 Hz."""
-    return is_installed()
-
-
 def describe_own() -> str:
-    """Return what our simulation is here, for a reader."""
+    """Return in words what our simulation is here."""
     if is_installed():
         return "the sorter simulated with all contacts (MuJoCo) at 1000 Hz"
     return "our friction model at 100 Hz, which only assumes how each shape moves"
+
+
+def describe_input(files: Mapping[str, Path]) -> str:
+    """Return in Markdown which tracks decide: the authors' ``files``, or our simulation."""
+    own = describe_own()
+    if files:
+        return f"**Input:** the authors' DEM tracks at 100 Hz decide; beside them stands {own}."
+    return f"**Own simulation**, {own}. The authors' tracks are not here; `make data` gets them."
 
 
 def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFrame]:
@@ -208,40 +214,36 @@ def vary_rate(
     DataFrame
         ``sampling_hz`` and the columns of `over_draws`.
     """
-    less = {n: {key: thinned(one, n) for key, one in tracks.items()} for n in every}
-    observed = _shared(
-        {n: {key: phase.observe(one) for key, one in some.items()} for n, some in less.items()}
-    )
+    slower = {n: {key: thinned(table, n) for key, table in tracks.items()} for n in every}
+    observed = {
+        n: {key: phase.observe(table) for key, table in tables.items()}
+        for n, tables in slower.items()
+    }
     parts = []
-    for n, seen in observed.items():
-        table = over_draws(compare(seen, phase, evaluation, deviations, seed))
-        table.insert(0, "sampling_hz", table["source"].map(_rates(less[n])))
+    for n, at_rate in observed.items():
+        shared = {
+            key: _only(part, [observed[other][key].last["particle"] for other in observed])
+            for key, part in at_rate.items()
+        }
+        table = over_draws(compare(shared, phase, evaluation, deviations, seed))
+        rates = {source: _rate(part) for (source, _), part in slower[n].items()}
+        table.insert(0, "sampling_hz", table["source"].map(rates))
         parts.append(table)
     return pd.concat(parts, ignore_index=True)
 
 
-def _shared(observed: dict[int, dict[Key, Observed]]) -> dict[int, dict[Key, Observed]]:
-    """Keep the particles that are observed at every rate."""
-    shared: dict[Key, set[int]] = {}
-    for seen in observed.values():
-        for key, one in seen.items():
-            shared[key] = shared.get(key, set(one.last["particle"])) & set(one.last["particle"])
-    return {n: {key: _only(seen[key], shared[key]) for key in seen} for n, seen in observed.items()}
+def _only(observed: Observed, names: Iterable[pd.Series]) -> Observed:
+    """Keep the particles that are in all series of names."""
+    last = observed.last["particle"]
+    kept = np.all([last.isin(known) for known in names], axis=0)
+    left_out = {**observed.left_out, "not observed at every rate": int((~kept).sum())}
+    return Observed(observed.last[kept], observed.arrival[kept], left_out)
 
 
-def _only(one: Observed, particles: set[int]) -> Observed:
-    kept = one.last["particle"].isin(particles).to_numpy()
-    left_out = {**one.left_out, "not observed at every rate": int((~kept).sum())}
-    return Observed(one.last[kept], one.arrival[kept], left_out)
-
-
-def _rates(tracks: Mapping[Key, pd.DataFrame]) -> dict[str, float]:
-    """Return the frames per second of each source."""
-    rates = {}
-    for (source, _), table in tracks.items():
-        whole = table.loc[table["frame"] > 0]
-        rates[source] = float(np.round((whole["frame"] / whole["time_s"]).median(), 6))
-    return rates
+def _rate(tracks: pd.DataFrame) -> float:
+    """Return the frames per second of tracks."""
+    later = tracks[tracks["frame"] > 0]
+    return float(np.round((later["frame"] / later["time_s"]).median(), 6))
 
 
 def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
@@ -275,6 +277,80 @@ def _identity(draws: pd.DataFrame) -> list[str]:
     return [name for name in draws.columns if name != "draw" and name not in SUMMARY]
 
 
+def verdicts_by_rate(
+    rated: pd.DataFrame, answers: Callable[[pd.DataFrame], dict[str, Answer]]
+) -> pd.DataFrame:
+    """Return the verdicts on claims at each sampling rate, as a whole and by data set.
+
+    Parameters
+    ----------
+    rated
+        From `vary_rate`.
+    answers
+        `arrival_answers` or `lateral_answers`.
+
+    Returns
+    -------
+    DataFrame
+        ``id``, ``data_set`` ("all": as a whole), ``at_100_hz`` and so on, and whether the slowest
+        ``differs`` from the fastest (yes, no).
+    """
+    rows = [
+        {"id": claim, "data_set": name, "at": rate, "verdict": claims.judge(claim, part).verdict}
+        for rate, table in rated.groupby("sampling_hz")
+        for claim, answer in answers(table).items()
+        for name, part in {"all": answer, **by_data_set(answer)}.items()
+    ]
+    wide = pd.DataFrame(rows).set_index(["id", "data_set", "at"])["verdict"].unstack()
+    differs = np.where(wide.iloc[:, 0] != wide.iloc[:, -1], "yes", "no")
+    return wide.rename(columns="at_{:g}_hz".format).assign(differs=differs).reset_index()
+
+
+def describe_changes(rated: pd.DataFrame, verdicts: pd.DataFrame) -> str:
+    """Return in words which verdicts of `verdicts_by_rate` the sampling rate changes."""
+    slowest, fastest = rated["sampling_hz"].agg(["min", "max"])
+    if slowest == fastest:
+        return "One rate only, nothing to compare"
+    changed = verdicts[verdicts["differs"] == "yes"]
+    whole = changed.loc[changed["data_set"] == "all", "id"]
+    parts = changed[changed["data_set"] != "all"]
+    alone = [f"{row.id} for {row.data_set}" for row in parts.itertuples()]
+    return (
+        f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(whole) or 'no claim'} changes its "
+        f"verdict on the own simulation, and of single data sets {', '.join(alone) or 'none'}"
+    )
+
+
+def verdicts_by_source(
+    deviations: pd.DataFrame,
+    rated: pd.DataFrame,
+    answers: Callable[[pd.DataFrame], dict[str, Answer]],
+) -> pd.DataFrame:
+    """Return the verdicts on claims by other sources, and by our simulation at every rate.
+
+    Parameters
+    ----------
+    deviations, rated
+        From `over_draws` and from `vary_rate`.
+    answers
+        `arrival_answers` or `lateral_answers`.
+
+    Returns
+    -------
+    DataFrame
+        ``source``, ``sampling_hz``, ``id``, ``verdict``, ``measured``.
+    """
+    others = deviations[deviations["source"] != OWN].assign(sampling_hz=100.0)
+    rows = []
+    for parts in (others, rated[rated["source"] == OWN]):
+        for (source, rate), table in parts.groupby(["source", "sampling_hz"]):
+            for claim, answer in answers(table).items():
+                verdict = claims.judge(claim, answer)
+                row = (source, rate, claim, verdict.verdict, verdict.measured)
+                rows.append(row)
+    return pd.DataFrame(rows, columns=["source", "sampling_hz", "id", "verdict", "measured"])
+
+
 def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
     """Return the answers to belt20-1 to belt20-5.
 
@@ -300,6 +376,41 @@ def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
         "belt20-3": order,
         "belt20-4": limited,
         "belt20-5": best,
+    }
+
+
+def arrival_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
+    """Return what the answers to belt20-1 to belt20-6 rest on, after a note.
+
+    ``varied`` is from `vary_target`; it says how often IA is first.
+    """
+    first = varied.loc[varied.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
+    everywhere = f"IA is first in {(first == 'IA').sum()} of {len(first)} data sets and targets"
+    known = dict.fromkeys([f"belt20-{k}" for k in range(1, 7)], f"{note}; mean absolute error")
+    known["belt20-1"] = f"{note}; interquartile range"
+    known["belt20-4"] = f"{note}; 1 - MAE CALV / MAE CA"
+    known["belt20-5"] += f"; {everywhere}"
+    known["belt20-6"] = f"{note}; mean velocity"
+    return known
+
+
+def lateral_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
+    """Return what the answers to belt20-7 to belt20-10 rest on, after a note."""
+    targets = varied["target_mm"]
+    iqr = varied.pivot(index=["target_mm", "data_set"], columns="model", values="iqr")
+    shares = (iqr["CV-CV"] / iqr["Straight"]).groupby("target_mm").max()
+    changes = iqr["LV-DSC"] / iqr["CA-CA"] - 1
+    ranks = _wide(varied[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
+    at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
+    by_mae = ", ".join(f"{name} {ranks[name]:.0f}" for name in DATA_SETS)
+    note = f"{note}; interquartile range"
+    return {
+        "belt20-7": f"{note}; {at} the largest share CV / Straight is {shares.min():.2f} to "
+        f"{shares.max():.2f}",
+        "belt20-8": note,
+        "belt20-9": f"{note}, LV-DSC over CA-CA minus 1; {at} the changes lie between "
+        f"{changes.min():.2f} and {changes.max():.2f}",
+        "belt20-10": f"{note}; rank of IA-Ratio by mean absolute error: {by_mae}",
     }
 
 

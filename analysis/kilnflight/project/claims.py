@@ -94,7 +94,7 @@ def judge(
     claim_id
         Id in data/reference/claims.csv.
     measured
-        For a claim with bounds: a number, or an array or Series (its labels are told) of
+        For a claim with bounds: a number, or an array or Series (its labels are shown) of
         which every value must lie within them, in the unit of the claim. For any other
         claim: named conditions, for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must
         hold.
@@ -129,8 +129,8 @@ def judge(
         high = np.inf if np.isnan(claim["high"]) else claim["high"]
         # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
         strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
-        inside = (values > low) & (values < high) if strict else (values >= low) & (values <= high)
-        holds = bool(inside.all())
+        allowed = pd.Interval(low, high, closed="neither" if strict else "both")
+        holds = all(value in allowed for value in values)
         names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
         text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
     verdict = REPRODUCED if holds else NOT_REPRODUCED
@@ -179,23 +179,24 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
     A claim that no notebook has judged is "not decidable", and says what it waits for.
     """
-    everything = load()
+    known = load()
     judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
-    if judged["id"].duplicated().any():
-        twice = judged.loc[judged["id"].duplicated(keep=False)]
+    twice = judged.loc[judged["id"].duplicated(keep=False)]
+    if len(twice):
         raise InputError(
             f"claim {twice['id'].iloc[0]} is judged by {' and '.join(twice['notebook'])}; "
             "leave it to one notebook."
         )
-    waiting = [
-        undecidable(claim_id, f"no notebook tests it yet; testable with: {source}")
-        for claim_id, source in zip(everything.index, everything["testable_with"], strict=True)
-        if claim_id not in set(judged["id"])
+    waiting = known.loc[~known.index.isin(judged["id"]), "testable_with"]
+    undecided = [
+        undecidable(str(claim_id), f"no notebook tests it yet; testable with: {source}")
+        for claim_id, source in waiting.items()
     ]
-    table = pd.concat([judged, verdict_table(waiting, "")], ignore_index=True)
-    return table.set_index("id").loc[everything.index].reset_index().fillna("")
+    table = pd.concat([judged, verdict_table(undecided, "")], ignore_index=True)
+    return table.set_index("id").loc[known.index].reset_index().fillna("")
 
 
 def count(table: pd.DataFrame) -> dict[str, int]:
     """Return how often each verdict occurs, in the order of `VERDICTS`."""
-    return {verdict: int((table["verdict"] == verdict).sum()) for verdict in VERDICTS}
+    counts = table["verdict"].value_counts().reindex(list(VERDICTS), fill_value=0)
+    return {str(verdict): int(number) for verdict, number in counts.items()}
