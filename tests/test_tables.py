@@ -54,7 +54,7 @@ def test_a_detection_may_lack_its_place_in_space_but_nothing_else():
 
 
 def test_a_column_of_words_holds_words():
-    words = Table("endings", (Column("ending", str, "1", "how it ended"),))
+    words = Table("endings", Column("ending", str, "1", "how it ended"))
     assert len(words.check(pd.DataFrame({"ending": ["landed", "lost"]}))) == 2
     for no_words in ([1, 2], ["landed", None]):
         with pytest.raises(InputError, match=r"column ending holds .*expected str"):
@@ -62,7 +62,7 @@ def test_a_column_of_words_holds_words():
 
 
 def test_a_column_of_truth_values_holds_nothing_else():
-    truths = Table("flights", (Column("from_lance", bool, "1", "whether it starts there"),))
+    truths = Table("flights", Column("from_lance", bool, "1", "whether it starts there"))
     assert len(truths.check(pd.DataFrame({"from_lance": [True, False]}))) == 2
     with pytest.raises(InputError, match=r"column from_lance holds .*expected bool"):
         truths.check(pd.DataFrame({"from_lance": [0, 1]}))

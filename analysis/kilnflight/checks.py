@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from numbers import Real
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
+
+if TYPE_CHECKING:  # notebooks start faster without it
+    import pandas as pd
 
 
 class InputError(ValueError):
@@ -16,7 +19,7 @@ class InputError(ValueError):
 
 def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:
     """Raise an `InputError` unless ``table`` has all ``columns``."""
-    if not isinstance(table, pd.DataFrame):
+    if not hasattr(table, "columns"):
         raise InputError(f"{where}: {type(table).__name__} is no table; pass a pandas DataFrame.")
     missing = [name for name in columns if name not in table.columns]
     if missing:
@@ -33,13 +36,11 @@ def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> No
 
 def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], where: str) -> None:
     """Raise an `InputError` unless ``array`` has ``shape`` (None: any length)."""
-    fits = array.ndim == len(shape) and all(
-        wanted is None or length == wanted
-        for length, wanted in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
-        wanted = tuple("n" if length is None else length for length in shape)
-        raise InputError(f"{where}: shape {array.shape}, expected {wanted}.".replace("'", ""))
+    if array.ndim != len(shape) or any(
+        expected not in (None, length) for length, expected in zip(array.shape, shape, strict=True)
+    ):
+        expected = tuple("n" if length is None else length for length in shape)
+        raise InputError(f"{where}: shape {array.shape}, expected {expected}.".replace("'", ""))
 
 
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
@@ -102,10 +103,7 @@ def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:
 
 def is_real(values: pd.Series) -> bool:
     """Return whether a column holds real numbers: no dates, texts, complex or truth values."""
-    types = pd.api.types
-    kind = values.dtype
-    no_real = types.is_bool_dtype(kind) or types.is_complex_dtype(kind)
-    return bool(types.is_numeric_dtype(kind)) and not no_real
+    return values.dtype.kind in "iuf"
 
 
 def is_number(value: object) -> bool:
@@ -138,9 +136,8 @@ def check_between(value: float, least: float, most: float, where: str) -> None:
 
 def check_limit(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number, 0 or above; inf is no limit."""
-    endless = isinstance(value, float) and value == np.inf
-    if not (endless or (is_number(value) and value >= 0)):
-        raise InputError(f"{where}: must be 0 or above, got {value!r}.")
+    if not (isinstance(value, float) and value == np.inf):
+        check_at_least(value, 0, where)
 
 
 def check_count(count: float, where: str, least: int = 1) -> None:

@@ -30,12 +30,11 @@ class Column:
     missing: bool = False
 
 
-@dataclass(frozen=True)
 class Table:
     """A table that one step hands to the next."""
 
-    name: str
-    columns: tuple[Column, ...]
+    def __init__(self, name: str, *columns: Column) -> None:
+        self.name, self.columns = name, columns
 
     @property
     def names(self) -> list[str]:
@@ -92,103 +91,87 @@ def _holds(values: pd.Series, kind: type) -> bool:
 
 BELT_TRACKS = Table(
     "belt tracks",
-    (
-        Column("frame", int, "1", "time step, counted from 0"),
-        Column("particle", int, "1", "identity of the particle"),
-        Column("time_s", float, "s", "time of the frame"),
-        Column("x", float, "mm", "along the belt"),
-        Column("y", float, "mm", "across the belt"),
-    ),
+    Column("frame", int, "1", "time step, counted from 0"),
+    Column("particle", int, "1", "identity of the particle"),
+    Column("time_s", float, "s", "time of the frame"),
+    Column("x", float, "mm", "along the belt"),
+    Column("y", float, "mm", "across the belt"),
 )
 
 BELT_BODIES = Table(
     "bodies on the belt",
-    (
-        *BELT_TRACKS.columns,
-        Column("z", float, "mm", "height of the centre above the belt"),
-        Column("angle_rad", float, "rad", "of the longest edge or axis, seen from above, from x"),
-        Column("velocity_x_mm_s", float, "mm/s", "along the belt, as the simulation has it"),
-        Column("velocity_y_mm_s", float, "mm/s", "across the belt, likewise"),
-    ),
+    *BELT_TRACKS.columns,
+    Column("z", float, "mm", "height of the centre above the belt"),
+    Column("angle_rad", float, "rad", "of the longest edge or axis, seen from above, from x"),
+    Column("velocity_x_mm_s", float, "mm/s", "along the belt, as the simulation has it"),
+    Column("velocity_y_mm_s", float, "mm/s", "across the belt, likewise"),
 )
 
 BELT_LAST = Table(
     "last observation before the prediction phase",
-    (
-        Column("particle", int, "1", "identity of the particle"),
-        Column("time_s", float, "s", "t_Last"),
-        Column("x", float, "mm", "x_Last"),
-        Column("y", float, "mm", "y_Last"),
-        Column("velocity_x_mm_s", float, "mm/s", "first derivative of x at t_Last"),
-        Column("velocity_y_mm_s", float, "mm/s", "first derivative of y at t_Last"),
-        Column("acceleration_x_mm_s2", float, "mm/s^2", "second derivative of x at t_Last"),
-        Column("acceleration_y_mm_s2", float, "mm/s^2", "second derivative of y at t_Last"),
-    ),
+    Column("particle", int, "1", "identity of the particle"),
+    Column("time_s", float, "s", "t_Last"),
+    Column("x", float, "mm", "x_Last"),
+    Column("y", float, "mm", "y_Last"),
+    Column("velocity_x_mm_s", float, "mm/s", "first derivative of x at t_Last"),
+    Column("velocity_y_mm_s", float, "mm/s", "first derivative of y at t_Last"),
+    Column("acceleration_x_mm_s2", float, "mm/s^2", "second derivative of x at t_Last"),
+    Column("acceleration_y_mm_s2", float, "mm/s^2", "second derivative of y at t_Last"),
 )
 
 BELT_ARRIVAL = Table(
     "what happened at the prediction target",
-    (
-        Column("particle", int, "1", "identity of the particle"),
-        Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
-        Column("y", float, "mm", "lateral position at t_Ref"),
-        Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
-    ),
+    Column("particle", int, "1", "identity of the particle"),
+    Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
+    Column("y", float, "mm", "lateral position at t_Ref"),
+    Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
 )
 
 BELT_SPOTS = Table(
     "particles seen by the belt's camera",
-    (
-        Column("frame", int, "1", "frame of the camera, counted from 0"),
-        Column("row", float, "px", "centroid, counted down from 0"),
-        Column("col", float, "px", "centroid, counted to the right from 0"),
-        Column("area_px", float, "px^2", "number of its pixels"),
-        Column("touching", int, "1", "1: larger than one particle, several may touch"),
-        Column("x", float, "mm", "along the belt, by the calibration"),
-        Column("y", float, "mm", "across the belt"),
-    ),
+    Column("frame", int, "1", "frame of the camera, counted from 0"),
+    Column("row", float, "px", "centroid, counted down from 0"),
+    Column("col", float, "px", "centroid, counted to the right from 0"),
+    Column("area_px", float, "px^2", "number of its pixels"),
+    Column("touching", int, "1", "1: larger than one particle, several may touch"),
+    Column("x", float, "mm", "along the belt, by the calibration"),
+    Column("y", float, "mm", "across the belt"),
 )
 
 BELT_STATES = Table(
     "states of the tracks on the belt",
-    (
-        Column("frame", int, "1", "frame of the camera"),
-        Column("particle", int, "1", "identity of the track"),
-        Column("row", int, "1", "row of the table of detections; -1: missed, predicted only"),
-        Column("valid", int, "1", "1: the score has reached the upper threshold"),
-        Column("score", float, "1", "log likelihood ratio of particle against dirt"),
-        Column("x", float, "mm", "filtered, along the belt"),
-        Column("y", float, "mm", "filtered, across the belt"),
-        Column("velocity_x_mm_s", float, "mm/s", "filtered"),
-        Column("velocity_y_mm_s", float, "mm/s", "filtered"),
-        Column("acceleration_x_mm_s2", float, "mm/s^2", "filtered; 0 where velocity is constant"),
-        Column("acceleration_y_mm_s2", float, "mm/s^2", "filtered; likewise"),
-    ),
+    Column("frame", int, "1", "frame of the camera"),
+    Column("particle", int, "1", "identity of the track"),
+    Column("row", int, "1", "row of the table of detections; -1: missed, predicted only"),
+    Column("valid", int, "1", "1: the score has reached the upper threshold"),
+    Column("score", float, "1", "log likelihood ratio of particle against dirt"),
+    Column("x", float, "mm", "filtered, along the belt"),
+    Column("y", float, "mm", "filtered, across the belt"),
+    Column("velocity_x_mm_s", float, "mm/s", "filtered"),
+    Column("velocity_y_mm_s", float, "mm/s", "filtered"),
+    Column("acceleration_x_mm_s2", float, "mm/s^2", "filtered; 0 where velocity is constant"),
+    Column("acceleration_y_mm_s2", float, "mm/s^2", "filtered; likewise"),
 )
 
 BELT_ENDS = Table(
     "ends of the tracks on the belt",
-    (
-        Column("particle", int, "1", "identity of the track"),
-        Column("frame", int, "1", "its last frame"),
-        Column("valid", int, "1", "1: its score has ever reached the upper threshold"),
-    ),
+    Column("particle", int, "1", "identity of the track"),
+    Column("frame", int, "1", "its last frame"),
+    Column("valid", int, "1", "1: its score has ever reached the upper threshold"),
 )
 
 DETECTIONS = Table(
     "detections",
-    (
-        Column("frame", int, "1", "number of the frame in its recording"),
-        Column("row", float, "px", "centre, counted down from 0"),
-        Column("col", float, "px", "centre, counted to the right from 0"),
-        Column("radius_px", float, "px", "size: radius of the disc it covers"),
-        Column("gray", float, "1", "mean grey value of the frame within that disc"),
-        Column("x", float, "mm", "mean of its points, camera coordinates", missing=True),
-        Column("y", float, "mm", "likewise", missing=True),
-        Column("z", float, "mm", "likewise, after Eq. 2.4", missing=True),
-        Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
-        Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
-    ),
+    Column("frame", int, "1", "number of the frame in its recording"),
+    Column("row", float, "px", "centre, counted down from 0"),
+    Column("col", float, "px", "centre, counted to the right from 0"),
+    Column("radius_px", float, "px", "size: radius of the disc it covers"),
+    Column("gray", float, "1", "mean grey value of the frame within that disc"),
+    Column("x", float, "mm", "mean of its points, camera coordinates", missing=True),
+    Column("y", float, "mm", "likewise", missing=True),
+    Column("z", float, "mm", "likewise, after Eq. 2.4", missing=True),
+    Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
+    Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
 )
 
 
@@ -206,57 +189,51 @@ def _per_axis(name: str, kind: type, unit: str, meaning: str) -> tuple[Column, .
 
 TRAJECTORIES = Table(
     "regressed trajectories",
-    (
-        Column("particle", int, "1", "identity of the track"),
-        Column("outcome", str, "1", "fitted, or in a few words why not"),
-        Column("points", int, "1", "number of its detections with depth"),
-        Column("first_s", float, "s", "time of the first of them", missing=True),
-        Column("last_s", float, "s", "time of the last of them", missing=True),
-        Column("t0_s", float, "s", "time at the lance's exit", missing=True),
-        Column("t0_earliest_s", float, "s", "where the range of t0 begins", missing=True),
-        Column("t0_latest_s", float, "s", "where the range of t0 ends", missing=True),
-        Column("t0_at_bound", int, "1", "-1: t0 is the earliest, 1: the latest, 0: between"),
-        *_per_axis("exit_{}", float, "mm", "the lance's exit"),
-        *_per_axis("order_{}", int, "1", "order of the polynomial, 0: none"),
-        *(
-            column
-            for k in range(1, HIGHEST_ORDER + 1)
-            for column in _per_axis(
-                f"coefficient_{{}}_{k}", float, f"mm/s^{k}", f"factor of (t - t0)^{k}"
-            )
-        ),
-        *_per_axis("rmse_{}_mm", float, "mm", "Eq. 4.30, thesis"),
-        *_per_axis("mape_{}_percent", float, "%", "Eq. 4.31"),
-        *_per_axis("r2_{}", float, "1", "Eq. 4.32"),
-        *_per_axis("r2_adjusted_{}", float, "1", "Eq. 4.33"),
+    Column("particle", int, "1", "identity of the track"),
+    Column("outcome", str, "1", "fitted, or in a few words why not"),
+    Column("points", int, "1", "number of its detections with depth"),
+    Column("first_s", float, "s", "time of the first of them", missing=True),
+    Column("last_s", float, "s", "time of the last of them", missing=True),
+    Column("t0_s", float, "s", "time at the lance's exit", missing=True),
+    Column("t0_earliest_s", float, "s", "where the range of t0 begins", missing=True),
+    Column("t0_latest_s", float, "s", "where the range of t0 ends", missing=True),
+    Column("t0_at_bound", int, "1", "-1: t0 is the earliest, 1: the latest, 0: between"),
+    *_per_axis("exit_{}", float, "mm", "the lance's exit"),
+    *_per_axis("order_{}", int, "1", "order of the polynomial, 0: none"),
+    *(
+        column
+        for k in range(1, HIGHEST_ORDER + 1)
+        for column in _per_axis(
+            f"coefficient_{{}}_{k}", float, f"mm/s^{k}", f"factor of (t - t0)^{k}"
+        )
     ),
+    *_per_axis("rmse_{}_mm", float, "mm", "Eq. 4.30, thesis"),
+    *_per_axis("mape_{}_percent", float, "%", "Eq. 4.31"),
+    *_per_axis("r2_{}", float, "1", "Eq. 4.32"),
+    *_per_axis("r2_adjusted_{}", float, "1", "Eq. 4.33"),
 )
 
 FLIGHTS = Table(
     "flights",
-    (
-        Column("particle", int, "1", "track that the flight was worked out from"),
-        Column("t0_s", float, "s", "when it left the lance, on the recording's clock"),
-        Column("first_s", float, "s", "first detection"),
-        Column("last_s", float, "s", "last detection"),
-        Column("end_s", float, "s", "end of the flight, on the recording's clock"),
-        Column("dwell_s", float, "s", "end_s - t0_s; a lower bound if it was lost"),
-        Column("ending", str, "1", "landed, burnt out or lost"),
-        Column("from_lance", bool, "1", "whether it starts at the lance"),
-        Column("start_mm", float, "mm", "distance of its first positions from the lance"),
-        Column("ignition", str, "1", "seen, before seen, none or too few points"),
-        Column("ignition_s", float, "s", "after t0_s; NaN unless ignition was seen", missing=True),
-        Column("rise_gray", float, "1", "grey values between both levels, 0 without a step"),
-        Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
-    ),
+    Column("particle", int, "1", "track that the flight was worked out from"),
+    Column("t0_s", float, "s", "when it left the lance, on the recording's clock"),
+    Column("first_s", float, "s", "first detection"),
+    Column("last_s", float, "s", "last detection"),
+    Column("end_s", float, "s", "end of the flight, on the recording's clock"),
+    Column("dwell_s", float, "s", "end_s - t0_s; a lower bound if it was lost"),
+    Column("ending", str, "1", "landed, burnt out or lost"),
+    Column("from_lance", bool, "1", "whether it starts at the lance"),
+    Column("start_mm", float, "mm", "distance of its first positions from the lance"),
+    Column("ignition", str, "1", "seen, before seen, none or too few points"),
+    Column("ignition_s", float, "s", "after t0_s; NaN unless ignition was seen", missing=True),
+    Column("rise_gray", float, "1", "grey values between both levels, 0 without a step"),
+    Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
 )
 
 SLICES = Table(
     "space-sliced velocities",
-    (
-        Column("particle", int, "1", "track"),
-        Column("slice_m", float, "m", "far end of the slice from the lance; below 0: behind it"),
-        Column("velocity_m_s", float, "m/s", "V_n of Eq. 5.8; below 0: away from the camera"),
-        Column("observed", bool, "1", "whether it was reached after the first detection"),
-    ),
+    Column("particle", int, "1", "track"),
+    Column("slice_m", float, "m", "far end of the slice from the lance; below 0: behind it"),
+    Column("velocity_m_s", float, "m/s", "V_n of Eq. 5.8; below 0: away from the camera"),
+    Column("observed", bool, "1", "whether it was reached after the first detection"),
 )

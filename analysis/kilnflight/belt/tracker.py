@@ -41,11 +41,9 @@ BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
 LEAST = 1e-12  # a probability whose logarithm is taken
 MEASURED = Table(
     "measurements on the belt",
-    (
-        Column("frame", int, "1", "frame of the camera"),
-        Column("x", float, "mm", "along the belt"),
-        Column("y", float, "mm", "across the belt"),
-    ),
+    Column("frame", int, "1", "frame of the camera"),
+    Column("x", float, "mm", "along the belt"),
+    Column("y", float, "mm", "across the belt"),
 )
 LEFT, BACK, SIDEWAYS = "left at the end", "left at the start", "left sideways"
 LOST, RUNNING = "lost", "recording ends"

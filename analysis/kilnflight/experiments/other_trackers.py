@@ -42,7 +42,7 @@ from kilnflight.checks import (
 from kilnflight.tables import DETECTIONS, Table
 from kilnflight.tracking.tracker import record
 
-NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
+NEEDED = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 PLACE = ["row", "col"]
 PACKAGES = ("laptrack", "stonesoup", "trackpy")
 

@@ -38,7 +38,7 @@ Booleans = npt.NDArray[np.bool_]
 Tracks = npt.NDArray[np.void]
 Noted = Mapping[str, npt.NDArray[Any]]  # columns that the rules note
 
-NEEDED = Table("detections to track", DETECTIONS.columns[:3])  # frame, row, col
+NEEDED = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
 class Frame(NamedTuple):

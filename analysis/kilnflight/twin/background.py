@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from kilnflight.twin.camera import Geometry, Optics
 
@@ -170,17 +168,12 @@ class Background:
         """Return the picture (rows, columns) at a time, without particles and noise."""
         picture = self._local(time_s)
         artefacts = self.surroundings.edge_strength * self.common(2 * time_s)
-        common = np.float32(self.common(time_s))
-        _lit(
-            picture.ravel(), self._edges.ravel(), np.float32(artefacts), common, self.level.ravel()
-        )
+        edge = self.surroundings.edge_px
+        middle = slice(edge, -edge)
+        for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
+            picture[strip] += self._edges[strip] * np.float32(artefacts)
+        picture += np.float32(self.common(time_s))
+        picture *= self.level
         first, last, left, right = self.surroundings.flame_roi
         picture[first:last, left:right] += self._flame(time_s)
         return picture
-
-
-@njit(cache=True)
-def _lit(picture: Any, edges: Any, artefacts: Any, common: Any, level: Any) -> None:
-    """Make brightness of relative flicker, in place and in one go."""
-    for x in range(picture.size):
-        picture[x] = (picture[x] + edges[x] * artefacts + common) * level[x]

@@ -29,6 +29,7 @@ FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 DOT_MM = 14.0  # diameter
 PITCH_MM = 28.0  # of the dots
 HALF_PLATE_MM = 420.0  # of the plate, a square; Fig. 2.13 gives no number
+BEYOND_MM = np.array([-1e5, 1e5])  # to which the captured depth is continued
 TAIL = 4.0  # degrees of freedom of Student's t: "lots of outliers"
 
 
@@ -119,7 +120,9 @@ class Geometry:
         depth = np.asarray(depth_mm, dtype=np.float64)
         x = (np.asarray(column) - (self.columns - 1) / 2) * depth / self.focal_length_px
         y = ((self.rows - 1) / 2 - np.asarray(row)) * depth / self.focal_length_px
-        return np.stack(np.broadcast_arrays(x, y, depth), axis=-1)
+        points = np.empty((*np.broadcast_shapes(x.shape, y.shape), 3))
+        points[..., 0], points[..., 1], points[..., 2] = x, y, depth
+        return points
 
     def wall_depth(self, row: Array, column: Array) -> Array:
         """Return the depth in mm at which a pixel's ray meets wall or inlet plate.
@@ -225,18 +228,18 @@ class DepthCamera:
         The line through the captured depths of the plate at 1 m, 2 m, ... 11 m: monotone,
         equal to the inverse of Eq. 2.4 at those distances, and continued beyond them.
         """
-        plate, medians = np.array(PLATE_DISTANCES_MM), self._medians
-        true = np.asarray(true_mm, dtype=np.float64)
-        captured = np.interp(true, plate, medians)
-        first = (medians[1] - medians[0]) / (plate[1] - plate[0])
-        last = (medians[-1] - medians[-2]) / (plate[-1] - plate[-2])
-        captured = captured + last * np.maximum(true - plate[-1], 0.0)
-        return np.asarray(captured + first * np.minimum(true - plate[0], 0.0))
+        return np.interp(np.asarray(true_mm, dtype=np.float64), *self._knots)
 
     @cached_property
-    def _medians(self) -> Array:
-        """Captured depths of the plate in mm."""
-        return invert_depth(np.array(PLATE_DISTANCES_MM))
+    def _knots(self) -> tuple[Array, Array]:
+        """True and captured depths of the plate in mm, its first and last line made longer."""
+        true = np.array(PLATE_DISTANCES_MM)
+        captured = invert_depth(true)
+        ends = captured[[0, -1]] + np.diff(captured)[[0, -1]] / np.diff(true)[[0, -1]] * BEYOND_MM
+        return (
+            np.concatenate([true[:1] + BEYOND_MM[0], true, true[-1:] + BEYOND_MM[1]]),
+            np.concatenate([ends[:1], captured, ends[1:]]),
+        )
 
     def wall_scale(self, depth_mm: Array) -> Array:
         """Return the standard deviation of the wall's patch error in mm at a true depth."""

@@ -78,6 +78,16 @@ class Life:
         afterwards = (self.table["flame_delay_s"] + self.table["flame_s"]).to_numpy() * landed
         return self.release_s + self.flights.end_s + afterwards
 
+    @cached_property
+    def _last_sample(self) -> npt.NDArray[np.intp]:
+        return np.maximum((self.flights.state >= 0).sum(axis=1) - 1, 0)
+
+    @cached_property
+    def _flicker(self) -> Array:
+        """Delay in s, rate in Hz, phase and share of time of the flames on the wall, (4, n)."""
+        names = ["flame_delay_s", "flicker_hz", "flicker_phase", "flicker_share"]
+        return np.ascontiguousarray(self.table[names].to_numpy().T)
+
     def at(self, time_s: float) -> Moment:
         """Return the particles at a time, in s from the first frame."""
         rows = np.flatnonzero((self.release_s <= time_s) & (self.over_s > time_s))
@@ -87,31 +97,26 @@ class Life:
         age_flying = np.minimum(age, end)
         # the sample before each age, and how far the age is beyond it
         step = self.flights.age_s[1] if len(self.flights.age_s) > 1 else 1.0
-        last = np.maximum((self.flights.state[rows] >= 0).sum(axis=1) - 1, 0)
+        last = self._last_sample[rows]
         low = np.minimum((age_flying / step).astype(np.intp), last)
         share = np.where(low < last, age_flying / step - low, 0.0)
         position = _interpolated(self.flights.position_m, rows, low, share)
         position[landed] = self.flights.end_position_m[rows[landed]]
         velocity = _interpolated(self.flights.velocity_m_s, rows, low, share)
         state = self.flights.state[rows, low]
-        on_wall = self._flame_on(rows, age - end) & landed
+        delay, rate, phase, flame_share = self._flicker[:, rows]
+        since = age - end - delay
+        flame_on = landed & (age - end >= delay) & ((since * rate + phase) % 1.0 < flame_share)
         return Moment(
             particle=rows,
             position_m=position,
             velocity_m_s=velocity * ~landed[:, None],
             surface_k=_interpolated(self.flights.surface_k, rows, low, share),
             area=_interpolated(self.flights.area, rows, low, share),
-            burning=np.where(landed, on_wall, state >= BURNING),
+            burning=np.where(landed, flame_on, state >= BURNING),
             landed=landed,
             age_s=age,
         )
-
-    def _flame_on(self, rows: npt.NDArray[np.intp], on_wall_s: Array) -> npt.NDArray[np.bool_]:
-        delay, rate, phase, share = (
-            self.table[name].to_numpy()[rows]
-            for name in ("flame_delay_s", "flicker_hz", "flicker_phase", "flicker_share")
-        )
-        return (on_wall_s >= delay) & (((on_wall_s - delay) * rate + phase) % 1.0 < share)
 
 
 def _interpolated(
