@@ -22,15 +22,14 @@ from __future__ import annotations
 
 import warnings
 from bisect import bisect_left
+from collections import defaultdict
 from dataclasses import dataclass
 from math import comb, perm
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from kilnflight.checks import (
     InputError,
@@ -49,7 +48,8 @@ Integers = npt.NDArray[np.integer]
 # States of the tables of one group, 8 bytes each: 256 MiB. 20 tracks that share 20 detections fit.
 MOST_STATES = 2**25
 MOST_STATES_JPDA = 2**20  # in a frame of a recording, for the sake of time
-SMALL = 2**10  # states; a second order of the sweep is not looked for below
+SMALL = 2**12  # states; summing them costs less than looking for a better order
+TRIALS = 8
 MOST_EVENTS = 2**20
 
 
@@ -315,24 +315,19 @@ def joint_probabilities(
 def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int) -> Array:
     """Return `joint_probabilities` of logarithms (-inf for 0)."""
     pairs, missed, unused, best = _scaled(log_likelihood, log_nonassignment)
-    groups = _groups(pairs, missed, unused)
-    if any(group.states > most_states for group in groups):
-        for group in groups:
-            if group.states > most_states:
-                _thin(pairs, missed, unused, best, group, most_states)
-        groups = _groups(pairs, missed, unused)
-    weights = _per_row(np.column_stack([missed, pairs]))
-    for tracks, detections, turned, _ in groups:
-        block = pairs[np.ix_(tracks, detections)]
-        if turned:
-            matched = _sweep(block.T, unused[detections], missed[tracks])[:, 1:].T
-            left = np.maximum(1.0 - matched.sum(axis=1, keepdims=True), 0.0)
-            chances = _per_row(np.hstack([left, matched]))
-        else:
-            chances = _sweep(block, missed[tracks], unused[detections])
-        weights[tracks, 0] = chances[:, 0]
-        weights[np.ix_(tracks, 1 + detections)] = chances[:, 1:]
-    return weights
+    plans = _plans(pairs, unused)
+    if any(plan.states > most_states for plan in plans):
+        for plan in plans:
+            if plan.states > most_states:
+                _thin(pairs, unused, best, plan, most_states)
+        plans = _plans(pairs, unused)
+    own = np.column_stack([missed, np.where(_shared(pairs, unused), 0.0, pairs)])
+    alone = own.sum(axis=1, keepdims=True)  # a track without a detection that is shared
+    own = np.divide(own, alone, out=np.zeros_like(own), where=alone > 0)
+    left, matched = np.ones(sum(pairs.shape)), np.zeros_like(pairs)
+    for plan in plans:
+        _sum_events(plan, [*alone.ravel().tolist(), *unused.tolist()], left, matched)
+    return _per_row(own * left[: len(pairs), None] + np.pad(matched, ((0, 0), (1, 0))))
 
 
 def _scaled(
@@ -371,109 +366,115 @@ def _scaled(
     return pairs, missed, np.exp(column_price), best
 
 
-class _Group(NamedTuple):
-    """Tracks that share detections, in the order of the sweep."""
+Graph = dict[int, dict[int, float]]  # neighbours of each vertex, and the weights of the pairs
 
-    tracks: Integers
-    detections: Integers
-    turned: bool  # whether the sweep goes over the detections
+
+class _Plan(NamedTuple):
+    """The order in which tracks and detections of one group leave the graph of shared pairs."""
+
+    vertices: list[int]  # track i is i, detection j is tracks + j
+    graph: Graph
     states: float  # of all tables together
 
 
-def _groups(pairs: Array, missed: Array, unused: Array) -> list[_Group]:
-    """Return the groups that need a sweep; tracks of no group have their gates for themselves."""
-    inside = pairs > 0
-    sharing = np.flatnonzero((inside & ((inside.sum(axis=0) > 1) | (unused < 1.0))).any(axis=1))
-    found = list[_Group]()
-    if not len(sharing):
-        return found
-    label, order = _connected(inside[sharing])
-    for name in range(label.max() + 1):
-        tracks = sharing[order[label[order] == name]]
-        detections = np.flatnonzero(inside[tracks].any(axis=0))
-        block = pairs[np.ix_(tracks, detections)]
-        group = _Group(tracks, detections, False, _states(block, unused[detections]))
-        if group.states > SMALL:
-            across = _connected(block.T > 0)[1]
-            states = _states(block.T[across], missed[tracks])
-            if states < group.states:
-                group = _Group(tracks, detections[across], True, states)
-        found.append(group)
-    return found
+def _shared(pairs: Array, unused: Array) -> npt.NDArray[np.bool_]:
+    """Return the pairs (n, m) whose detection several tracks can have.
 
-
-def _connected(inside: npt.NDArray[np.bool_]) -> tuple[Integers, Integers]:
-    """Return the group of each row, and an order that keeps rows that share columns close."""
-    links = csr_array(inside, dtype=np.int32)
-    graph = csr_array(links @ links.T)
-    label = connected_components(graph, directed=False)[1]
-    return label, reverse_cuthill_mckee(graph, symmetric_mode=True)
-
-
-def _spans(pairs: Array, unused: Array) -> tuple[Integers, Integers]:
-    """Return first and last row of each column; -1 if it is one row's alone and needs no bit."""
-    inside = pairs > 0
-    first, last = inside.argmax(axis=0), len(pairs) - 1 - inside[::-1].argmax(axis=0)
-    private = (first == last) & (unused == 1.0)
-    return np.where(private, -1, first), np.where(private, -1, last)
-
-
-def _states(pairs: Array, unused: Array) -> float:
-    """Return the number of states of all tables of `_sweep`."""
-    first, last = _spans(pairs, unused)
-    row = np.arange(len(pairs))[:, None]
-    return float(np.exp2(((first <= row) & (row <= last)).sum(axis=1)).sum())
-
-
-def _sweep(pairs: Array, left: Array, unused: Array) -> Array:
-    """Return the probabilities of a group's rows, (rows, 1 + columns), column 0 = without one.
-
-    Row after row takes a column or none. A table holds, for each set of columns that are taken
-    and that later rows can still take, the summed weight of the events so far; a bit is a
-    column. A second pass, backwards, has the weight of all that can follow a set.
-
-    Parameters
-    ----------
-    pairs
-        (rows, columns) weights, 0 if impossible; rows in the order of the sweep.
-    left, unused
-        Weights of a row (rows,) and of a column (columns,) in no pair.
+    A detection that only one can have needs no table, unless its weight unused is below 1.
     """
-    first, last = _spans(pairs, unused)
-    alone = left + pairs[:, first < 0].sum(axis=1)  # what leaves all bits as they are
-    table, bits, steps = np.ones(1), list[int](), list[tuple[Array, list[int], int]]()
-    for i in range(len(pairs)):
-        new = np.flatnonzero(first == i).tolist()
-        table = np.concatenate([table, np.zeros(len(table) * (2 ** len(new) - 1))])
-        bits = bits + new
-        steps.append((table, bits, len(new)))
-        after = alone[i] * table
-        for bit, j in enumerate(bits):
-            if pairs[i, j]:
-                _halves(after, bit)[:, 1] += pairs[i, j] * _halves(table, bit)[:, 0]
-        table = after / after.max()
-        for j in np.flatnonzero(last == i).tolist():
-            free, taken = np.moveaxis(_halves(table, bits.index(j)), 1, 0)
-            table = (unused[j] * free + taken).ravel()
-            bits = [other for other in bits if other != j]
-    chances, follows = np.zeros((len(pairs), 1 + pairs.shape[1])), np.ones(1)
-    for i, (table, bits, opened) in reversed(list(enumerate(steps))):
-        for bit, j in enumerate(bits):
-            if last[j] == i:
-                free = follows.reshape(-1, 1 << bit)
-                follows = np.stack([unused[j] * free, free], axis=1).ravel()
-        total = (table * follows).sum()
-        chances[i, 0] = left[i] * total
-        chances[i, 1:][first < 0] = pairs[i, first < 0] * total
-        before = alone[i] * follows
-        for bit, j in enumerate(bits):
-            if pairs[i, j]:
-                matched = pairs[i, j] * _halves(follows, bit)[:, 1]
-                _halves(before, bit)[:, 0] += matched
-                chances[i, 1 + j] = (_halves(table, bit)[:, 0] * matched).sum()
-        follows = before[: len(before) >> opened]
+    inside = pairs > 0
+    return inside & ((inside.sum(axis=0) > 1) | (unused < 1.0))
+
+
+def _plans(pairs: Array, unused: Array) -> list[_Plan]:
+    """Return a plan for each group of tracks that share detections.
+
+    Where tables would be large, the best of some beginnings is taken.
+    """
+    graph: Graph = defaultdict(dict)
+    tracks, detections = np.nonzero(_shared(pairs, unused))
+    for i, j in zip(tracks.tolist(), detections.tolist(), strict=True):
+        graph[i][len(pairs) + j] = graph[len(pairs) + j][i] = float(pairs[i, j])
+    plans, planned = list[_Plan](), set[int]()
+    for vertex in graph:
+        if vertex not in planned:
+            plan = _planned(graph, vertex)
+            if plan.states > SMALL:
+                begin = np.linspace(0, len(plan.vertices) - 1, TRIALS, dtype=int)
+                others = [_planned(graph, plan.vertices[k]) for k in begin]
+                plan = min([plan, *others], key=lambda one: one.states)
+            plans.append(plan)
+            planned.update(plan.vertices)
+    return plans
+
+
+def _planned(graph: Graph, vertex: int) -> _Plan:
+    """Return the plan of a vertex's group that begins with it.
+
+    The frontier are vertices that have lost a neighbour. Next comes the vertex, of the frontier
+    or beside it, whose leaving lets the frontier grow least.
+    """
+    touched, frontier, beside = set[int](), set[int](), {vertex}
+    vertices, states = list[int](), 0.0
+    while frontier or beside:
+        growth = {other: len(graph[other].keys() - touched) - 1.0 for other in frontier}
+        growth |= {other: len(graph[other].keys() - touched) + 0.5 for other in beside}
+        vertex = min(growth, key=lambda other: (growth[other], other))
+        vertices.append(vertex)
+        opened = graph[vertex].keys() - touched
+        touched |= opened | {vertex}
+        frontier = (frontier | opened) - {vertex}
+        beside = beside.union(graph[vertex], *(graph[other] for other in opened)) - touched
+        states += 2.0 ** len(frontier)
+    return _Plan(vertices, graph, states)
+
+
+def _sum_events(plan: _Plan, alone: list[float], left: Array, matched: Array) -> None:
+    """Write the probabilities of a group's vertices alone to ``left``, of pairs to ``matched``.
+
+    Vertices leave the graph one by one: alone, or matched with a neighbour that is still there.
+    A table holds, for each set of frontier vertices that are already matched, the summed weight
+    of the events so far; a bit is a vertex. A second pass, backwards, has the weight of all that
+    can follow a set. No number is ever subtracted.
+    """
+    table, bits, steps = np.ones(1), list[int](), list[Any]()
+    for k, vertex in enumerate(plan.vertices):
+        near = {other: plan.graph[vertex].get(other, 0.0) for other in plan.vertices[k + 1 :]}
+        near = {other: weight for other, weight in near.items() if weight}
+        bit, free, taken = -1, table, np.zeros(1)
+        if vertex in bits:
+            bit = bits.index(vertex)
+            free, taken = np.moveaxis(_halves(table, bit), 1, 0).reshape(2, -1)
+        kept = [other for other in bits if other != vertex]
+        bits = kept + [other for other in near if other not in kept]
+        size = len(free)
+        free = np.concatenate([free, np.zeros((size << (len(bits) - len(kept))) - size)])
+        table = alone[vertex] * free
+        table[:size] += taken
+        for other, weight in near.items():
+            place = bits.index(other)
+            _halves(table, place)[:, 1] += weight * _halves(free, place)[:, 0]
+        table /= table.max()
+        steps.append((vertex, near, bits, bit, size, free, taken))
+    follows = np.ones(1)
+    for vertex, near, bits, bit, size, free, taken in reversed(steps):
+        before = alone[vertex] * follows
+        chances = [free @ before, taken @ follows[: len(taken)]]
+        for other, weight in near.items():
+            place = bits.index(other)
+            ahead = weight * _halves(follows, place)[:, 1]
+            _halves(before, place)[:, 0] += ahead
+            chances.append((_halves(free, place)[:, 0] * ahead).sum())
+        total = sum(chances)
+        left[vertex] = chances[0] / total
+        for other, chance in zip(near, chances[2:], strict=True):
+            matched[min(vertex, other), max(vertex, other) - len(matched)] = chance / total
+        if bit < 0:
+            follows = before[:size]
+        else:
+            pieces = [part[:size].reshape(-1, 1 << bit) for part in (before, follows)]
+            follows = np.stack(pieces, axis=1).ravel()
         follows = follows / follows.max()
-    return _per_row(chances)
 
 
 def _halves(table: Array, bit: int) -> Array:
@@ -481,13 +482,10 @@ def _halves(table: Array, bit: int) -> Array:
     return table.reshape(-1, 2, 1 << bit)
 
 
-def _thin(
-    pairs: Array, missed: Array, unused: Array, best: Integers, group: _Group, most_states: int
-) -> None:
+def _thin(pairs: Array, unused: Array, best: Integers, plan: _Plan, most_states: int) -> None:
     """Set the weakest pairs of a group that does not fit to 0, those of the best event last."""
-    tracks, detections = np.nonzero(
-        np.isin(np.arange(len(pairs)), group.tracks)[:, None] & (pairs > 0)
-    )
+    group = np.isin(np.arange(len(pairs)), plan.vertices)
+    tracks, detections = np.nonzero(pairs * group[:, None])
     strongest = np.lexsort((-pairs[tracks, detections], best[tracks] != detections))
     tracks, detections = tracks[strongest], detections[strongest]
     weights = pairs[tracks, detections]
@@ -495,14 +493,14 @@ def _thin(
     def is_dense(count: int) -> bool:
         some = np.zeros_like(pairs)
         some[tracks[:count], detections[:count]] = weights[:count]
-        return any(part.states > most_states for part in _groups(some, missed, unused))
+        return any(part.states > most_states for part in _plans(some, unused))
 
     count = bisect_left(range(1, len(tracks) + 1), True, key=is_dense)
     pairs[tracks[count:], detections[count:]] = 0.0
     warnings.warn(
-        f"joint probabilities: {len(group.tracks)} tracks share detections too densely to be "
-        f"summed exactly; {len(tracks) - count} of {len(tracks)} pairs left out, whose events "
-        f"weigh at most {weights[count]:.1e} of the best. Narrow the gate or raise most_states.",
+        f"joint probabilities: {group.sum()} tracks share detections too densely to be summed "
+        f"exactly; {len(tracks) - count} of {len(tracks)} pairs left out, whose events weigh at "
+        f"most {weights[count]:.1e} of the best. Narrow the gate or raise most_states.",
         UserWarning,
         stacklevel=4,
     )

@@ -114,6 +114,11 @@ def test_a_track_keeps_its_last_known_depth():
     assert not nothing["particle"].any()
 
 
+def test_a_step_tells_the_depth_that_was_known_before():
+    for step in list(steps(flight((100, 100), (10, 0), z=3000.0 + 50 * np.arange(20))))[1:]:
+        np.testing.assert_array_equal(step.predicted.depth_mm, step.detected.depth_mm - 50)
+
+
 def test_a_gap_is_predicted_with_its_true_length():
     table = pd.concat([flight((0, 0), (20, 5), 10), flight((500, 125), (20, 5), 5, first=25)])
     patient = Management(visibility=0.0, invisible=30)

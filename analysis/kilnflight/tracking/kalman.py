@@ -117,7 +117,7 @@ def update(
     several = np.flatnonzero((weights > 0).sum(axis=1) > 1)
     if len(several):
         innovations = np.linalg.solve(lower[several], measurements.T - expected[several])
-        apart = np.pad(innovations, ((0, 0), (0, 0), (1, 0))) - mean[several]
+        apart = np.concatenate([0.0 * mean[several], innovations], axis=2) - mean[several]
         scatter = (weights[several, None] * apart) @ apart.mT
         spread[several] += root[several].mT @ scatter @ root[several]  # Eq. 2.56
     missed = weights[:, 0] == 1.0

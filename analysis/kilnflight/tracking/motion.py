@@ -113,10 +113,10 @@ class _Steady(ABC):
         """Return states (n, k) and covariances (n, k, k) of particles seen once."""
         axes, count = len(self.velocity), len(positions)
         check_shape(positions, (None, axes), "positions of new tracks")
-        rest = np.zeros((count, axes * (len(self._spreads) - 2)))
-        state = np.hstack([positions, np.tile(self.velocity, (count, 1)), rest])
         variance = np.repeat(np.square(self._spreads), axes)
-        return state, np.tile(np.diag(variance), (count, 1, 1))
+        state = np.zeros((count, len(variance)))
+        state[:, :axes], state[:, axes : 2 * axes] = positions, self.velocity
+        return state, np.repeat(np.diag(variance)[None], count, axis=0)
 
 
 @dataclass(frozen=True)

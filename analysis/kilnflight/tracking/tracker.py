@@ -258,6 +258,7 @@ def follow(
         predicted = Predicted(expected, residual, *last_known)
         pairs = gate(predicted, detected)
         weights, noted, first_noted = rules.associate(tracks, predicted, detected, pairs)
+        tracks = tracks.copy()  # the prediction stays as it was
         tracks["state"], tracks["covariance"] = kalman.update(
             state, covariance, detected.positions, weights, measurement, noise
         )
