@@ -5,13 +5,12 @@
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.experiments import statements, twin_calibration
+from kilnflight.experiments import flight_pictures, statements, twin_calibration
 from kilnflight.project import figures, style
 from kilnflight.scores import flights as findings
 from kilnflight.twin import fitted, truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.particles import FRACTIONS
 
 Markdown("**Input:** the twin alone. Nothing here was seen by a camera, and no claim is judged.")
 
@@ -53,16 +52,12 @@ answers = {version: statements.answer(said, rows[version]) for version in versio
 # 5 %, 0.05 s. What is off most comes first.
 
 # %%
-misfit = statements.misfits(said, answers["inputs only"])
-failures = said[["fraction", "pressure_bar", "outcome", "printed"]].assign(
-    inputs_only=answers["inputs only"].round(3), off_by=misfit.round(1)
-)
-failures = failures[misfit > 0].sort_values("off_by", ascending=False)
+failures = statements.worst(said, answers["inputs only"])
 caption = (
     f"What the twin gets wrong with its inputs only: {len(failures)} of {len(said)} statements. "
     "Nothing was fitted to any of them."
 )
-figures.save("twin-flights-inputs-only", failures, caption=caption, provenance=origin)
+figures.save_check("twin-flights-inputs-only", failures, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The six inputs that were fitted
@@ -89,13 +84,7 @@ figures.save("twin-flights-calibration", values, caption=caption, provenance=ori
 # ## Every statement
 
 # %%
-table = said[["fraction", "pressure_bar", "outcome", "printed", "low", "high"]].assign(
-    inputs_only=answers["inputs only"].round(3),
-    calibrated=answers["calibrated"].round(3),
-    inputs_only_within=statements.within(said, answers["inputs only"]),
-    calibrated_within=statements.within(said, answers["calibrated"]),
-    use=said["use"],
-)
+table = statements.comparison(said, answers)
 caption = (
     "Every number of sections 5.3 and A.2 that can be expressed, with the published bounds (empty: "
     "open), and the twin's truth with inputs only and calibrated. The last column tells what the "
@@ -104,62 +93,31 @@ caption = (
 figures.save("table-twin-flights", table, caption=caption, provenance=origin)
 
 # %%
-units = pd.DataFrame({version: statements.misfits(said, answers[version]) for version in versions})
-groups = units.groupby(said["use"])
-agreed = (
-    groups.agg("median")
-    .add_suffix(", median off by")
-    .join(groups.agg(lambda off: (off == 0).sum()).add_suffix(", within"))
-)
-agreed.insert(0, "statements", said["use"].value_counts())
+agreed = statements.agreement(said, answers)
 caption = (
     "Statements within their bounds, and the median distance from them in the units above, by "
     "what the calibration saw. A value printed without bounds has only itself as bounds."
 )
 table = agreed.round(2).reset_index()
-figures.save("twin-flights-agreement", table, caption=caption, provenance=origin)
+figures.save_check("twin-flights-agreement", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity and remaining share along the way
 
-# %% tags=["hide-input"]
-keys = ["version", "pressure_bar", "quantity", "fraction"]
-parts = {version: findings.along(one) for version, one in rows.items()}
-way = pd.concat(parts, names=["version"]).reset_index(0).set_index(keys).sort_index()
-printed = statements.along(said).set_index(keys[1:]).sort_index()
-tops = {"velocity": 18.0, "remaining": 105.0}
-looks = {4.5: (style.COLOURS[2], "o", -0.08), 5.0: (style.COLOURS[1], "s", 0.08)}
-lines = {"inputs only": ":", "calibrated": "-"}
-
-# %% tags=["hide-input"]
-picture, grid = style.canvas(2, 4, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
-places = [(quantity, name) for quantity in tops for name in FRACTIONS]
-for axes, (quantity, name) in zip(grid.flat, places, strict=True):
-    axes.set(title=name, ylim=(0, tops[quantity]), xlim=(0, 5.3))
-    for bar, (colour, mark, aside) in looks.items():
-        for version, line in lines.items():
-            one = way.loc[(version, bar, quantity, name)].set_index("distance_m")["value"]
-            look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}
-            axes.plot(one, marker=mark, lw=1, ms=2.5, **look)
-        for one in printed[printed.index.isin([(bar, quantity, name)])].itertuples():
-            ends = pd.Series([one.low, one.high]).fillna(pd.Series([0.0, tops[quantity]]))
-            width = {"lw": 3.5, "alpha": 0.45, "ls": "-", "color": colour}
-            pad = 0.012 * tops[quantity]
-            axes.vlines(one.distance_m + aside, ends[0] - pad, ends[1] + pad, **width)
-
 # %%
-grid[0, 0].set_ylabel("median velocity (m/s)")
-grid[1, 0].set_ylabel("remaining particles (%)")
-for axes in grid[1]:
-    axes.set_xlabel("distance from the lance (m)")
-picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+parts = {version: findings.along(one) for version, one in rows.items()}
+way = pd.concat(parts, names=["version"]).reset_index("version")
+printed = statements.along(said)
+picture = flight_pictures.true_way(way, printed)
 caption = (
     "True velocity along the kiln within each metre, and the share of particles that pass it, "
     "after Figs 5.21 to 5.24. Broad bars: published values or bounds of the text, to the left "
     "4.5 bar, to the right 5 bar; open bounds run to the edge. Calibrated on wood chips and "
     "confetti at 4.5 bar only."
 )
-data = pd.concat([way.reset_index(), printed.reset_index().assign(version="published")])
+keys = ["version", "pressure_bar", "quantity", "fraction"]
+data = pd.concat([way, printed.assign(version="published")]).sort_values(keys, kind="stable")
+data = data[[*keys, "distance_m", "value", "low", "high"]]
 figures.save("fig-5-21-true-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -177,17 +135,8 @@ boxes = pd.DataFrame(
     for (name, bar), one in cells.items()
 )
 
-# %% tags=["hide-input"]
-picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=110, sharey=True)
-for panels, version in zip(grid, versions, strict=True):
-    panels[0].set_ylabel("dwell time (s)")
-    for axes, bar in zip(panels, (4.5, 5.0), strict=True):
-        some = boxes[(boxes["version"] == version) & (boxes["pressure_bar"] == bar)]
-        axes.axhspan(0.3, 0.5, color=style.COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
-        style.boxes(axes, some)
-        axes.set(title=f"{version}, {bar} bar", xticks=range(4), xticklabels=list(FRACTIONS))
-
 # %%
+picture = flight_pictures.true_dwell(boxes)
 caption = (
     "True dwell time from the lance to landing or burning out, after Fig. 5.19: box plots without "
     "outliers, the numbers are the widths of the boxes (s). Shaded: where the text puts the "
@@ -198,27 +147,22 @@ figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, pro
 # %% [markdown]
 # ## Ignition in flight
 
-# %% tags=["hide-input"]
-keys = [(name, bar) for name in ("confetti", "paper shred") for bar in (4.5, 5.0)]
-early = said[said["outcome"] == "ignited < 0.1 s (%)"].set_index(["fraction", "pressure_bar"])
-picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=100, sharex=True)
-bins = {}
-for axes, (name, bar) in zip(grid.flat, keys, strict=True):
-    for k, (version, cells) in enumerate(flown.items()):
-        one = bins[version, name, bar] = findings.ignition_histogram(cells[name, bar].ignition_s)
-        bars = {"hatch": style.HATCHES[1 - k], "color": ("0.85", style.COLOURS[2])[k]}
-        place = one["from_s"] + 0.03 + 0.04 * k
-        axes.bar(place, one["percent"], 0.04, ec="black", lw=0.5, label=version, **bars)
-    axes.plot(0.05, early.loc[(name, bar), "high"], "D", color="#D55E00", label="published")
-    axes.set(title=f"{name}, {bar} bar", ylabel="% of all particles")
-
 # %%
-grid[0, 1].legend()
-for axes in grid[1]:
-    axes.set_xlabel("ignition time (s); the last bin holds all later ones")
+keys = [(name, bar) for name in ("confetti", "paper shred") for bar in (4.5, 5.0)]
+values = {
+    version: {key: truth.flight_values(cells[key]) for key in keys}
+    for version, cells in flown.items()
+}
+early = said[said["outcome"] == "ignited < 0.1 s (%)"].set_index(["fraction", "pressure_bar"])
+picture = flight_pictures.ignition_bars(values, keys, early["high"].to_dict())
+bins = {
+    (version, *key): findings.ignition_histogram(values[version][key].ignition_s)
+    for key in keys
+    for version in versions
+}
 caption = (
     "True ignition in flight in steps of 0.1 s, in per cent of all particles, after Figs 5.25 and "
-    "5.26. Diamonds: published share within 0.1 s. Wood chips and granules are in the table."
+    "5.26. Diamonds: published share within 0.1 s."
 )
 data = pd.concat(bins, names=["version", "fraction", "pressure_bar"]).droplevel(3).reset_index()
 figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, provenance=origin)
@@ -244,9 +188,9 @@ figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, p
 # ## Result
 
 # %%
-held, counted = agreed.loc[statements.HELD_OUT], said["use"].value_counts()[statements.HELD_OUT]
+held = agreed.loc[statements.HELD_OUT]
 result = (
-    f"Truth of the twin, nothing measured: of {counted} held-out statements "
+    f"Truth of the twin, nothing measured: of {held['statements']:.0f} held-out statements "
     f"{held['inputs only, within']:.0f} hold with inputs only, {held['calibrated, within']:.0f} "
     f"calibrated; median misfit {held['inputs only, median off by']:.1f} and "
     f"{held['calibrated, median off by']:.1f} units of the published bounds."

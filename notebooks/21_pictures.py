@@ -21,7 +21,12 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.detection import DoG, Otsu
-from kilnflight.experiments import detection, detection_methods, plots, twin_exposure
+from kilnflight.experiments import (
+    detection,
+    detection_methods,
+    detection_pictures,
+    twin_exposure,
+)
 from kilnflight.project import claims, figures, style
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.fitted import LIGHT_FILE
@@ -75,14 +80,13 @@ cost = times.groupby(["subset", "threshold"])["seconds"].median().rename("second
 dogs = attempts[attempts["what"] == "16 bits"].drop(columns="seconds")
 dogs = detection.mark_chosen(dogs.join(cost, on=["subset", "threshold"]))
 sift = dogs[dogs["chosen"]]
-threshold = sift.drop_duplicates("subset").set_index("subset")["threshold"]
+threshold = detection.chosen_thresholds(dogs)
 
 # %%
-tables = {}
-for name, one in {"table-5-5-otsu": otsu, "table-5-6-sift": sift}.items():
-    by = [column for column in ("threshold", "subset") if column in one]
-    total = detection.sum_counts(one.assign(subset="Total"), ["subset"])
-    tables[name] = pd.concat([detection.sum_counts(one, by), total], ignore_index=True)
+tables = {
+    "table-5-5-otsu": detection.with_total(otsu, ["subset"]),
+    "table-5-6-sift": detection.with_total(sift, ["threshold", "subset"]),
+}
 order = ["subset", "tp", "fp", "fn", "precision", "recall", "f1", "seconds_per_image"]
 tables["table-5-6-sift"] = tables["table-5-6-sift"][["threshold", *order, "f1_in_pixels"]]
 
@@ -117,16 +121,8 @@ recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 each = [one.name for one in subsets]
 unlit = dict(zip(scenes.SUBSETS, twin_exposure.UNLIT_RECALL, strict=True))
 
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-for axes, (name, found) in zip(panels, recall.groupby("method", sort=False), strict=True):
-    plots.bars(axes, found, "subset", "kind", "recall")
-    axes.set_title(name)
-panels[0].plot(
-    [unlit[name] for name in each], "D", color="black", ms=3, label="published, non-burning"
-)
-panels[0].set_ylabel("recall")
-picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+# %%
+picture = detection_pictures.class_recall(recall, "method", [unlit[name] for name in each])
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 

@@ -33,7 +33,7 @@ style.use_style()
 # %%
 from kilnflight import camera
 from kilnflight import detection as detectors
-from kilnflight.experiments import detection, detection_methods, plots
+from kilnflight.experiments import detection, detection_methods, detection_pictures
 from kilnflight.twin import truth
 
 frames = frames or detection.FRAMES[scale]
@@ -58,15 +58,8 @@ some = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
 curves = pd.DataFrame({f"distance_{k}_mm": line[some] for k, line in sorted_mm.items()})
 curves.insert(0, "point", some + 1)
 
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas()
-for k, line in zip(counts, style.LINES, strict=False):
-    axes.plot(curves["point"], curves[f"distance_{k}_mm"], ls=line, label=f"k = {k}")
-for eps in (10, 15, 30, 50, 70):
-    axes.axhline(eps, color="0.7", lw=0.5, ls="-")
-    axes.annotate(f"{eps}", (1, eps), fontsize=6, va="bottom")
-axes.set(xscale="log", yscale="log", xlabel="points, sorted", ylabel="distance to neighbour k (mm)")
-axes.legend()
+# %%
+picture = detection_pictures.k_distances(curves, (10, 15, 30, 50, 70))
 caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
@@ -120,25 +113,7 @@ figures.save("table-5-10-qcc", table, caption=caption, provenance=origin)
 # ## Precision against recall, ours and published
 
 # %%
-beside = {"textcoords": "offset points", "fontsize": 5, "ha": "right", "va": "center"}
-marks = {"here": ("o", "k"), "published": ("D", "#D55E00")}
-
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-for axes, name in zip(panels, names, strict=True):
-    ours, theirs = totals[name], printed[name]
-    for (label, (mark, colour)), table in zip(marks.items(), (ours, theirs), strict=True):
-        axes.plot(table["recall"], table["precision"], mark, color=colour, mfc="none", label=label)
-    *_, last = parameters[name]
-    for value, one in ours.groupby(last):
-        axes.plot(one["recall"], one["precision"], "-", color="0.6", lw=0.6, zorder=1)
-        end = (one["recall"].min(), one["precision"].max())
-        axes.annotate(f"{value:g}", end, (-4, 0), **beside)
-    axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
-panels[0].set(ylabel="precision", ylim=(0, 1))
-_ = panels[0].legend(loc="upper left")
-
-# %%
+picture = detection_pictures.precision_recall(totals, printed, parameters)
 swept = pd.concat(totals.values()).reset_index()
 asked = [name for names in parameters.values() for name in names]
 swept = swept[["family", *asked, "precision", "recall", "f1", "f1_published"]]
@@ -178,13 +153,8 @@ recall = detection.class_recall(picked, ["family", "subset"])
 recall = recall.assign(kind=recall["label"].map(truth.CLASSES))
 by_class = recall.pivot(index=["family", "subset"], columns="label", values="recall")
 
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62, sharey=True)
-for axes, (name, found) in zip(panels, recall.groupby("family", sort=False), strict=True):
-    plots.bars(axes, found, "subset", "kind", "recall")
-    axes.set_title(name)
-panels[0].set_ylabel("recall")
-picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+# %%
+picture = detection_pictures.class_recall(recall, "family")
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
 

@@ -41,8 +41,7 @@ images = frames * len(subsets)
 known = some.recording.attributes
 t, view = next(detection.subset_views(some))
 tried = detection.compare_thresholds(subsets, scale)  # each subset takes what is best on the others
-threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
-threshold = threshold.astype(float)
+threshold = detection.chosen_thresholds(tried).astype(float)
 
 # %% [markdown]
 # ## The flame is taken out

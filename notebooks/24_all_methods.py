@@ -30,7 +30,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 tried = detection.compare_thresholds(subsets, scale)
-threshold = tried[tried["chosen"]].drop_duplicates("subset").set_index("subset")["threshold"]
+threshold = detection.chosen_thresholds(tried)
 parts = []
 for one in subsets:
     methods = detection_methods.table_5_11_methods(

@@ -29,19 +29,11 @@ style.use_style()
 
 # %%
 from kilnflight import tracklets
-from kilnflight.experiments import campaigns, tracking
-from kilnflight.tracking.tracker import track
+from kilnflight.experiments import campaigns, tracking, tracking_pictures
 
 origin = figures.trace("31_tracklets", {"scale": scale}, seed=seed)
 windows = tracking.windows(scale, campaigns.settings_from_labels(scale, seed), seed, jobs=jobs)
 pair = [one for one in windows if one.fraction in ("wood chip", "paper shred")]
-
-# %%
-tracks = {one.fraction: track(one.detections) for one in pair}
-for one in pair:
-    found = tracks[one.fraction]["particle"].nunique()
-    print(f"{one.fraction}: {len(one.frames)} frames, {len(one.detections)} detections in the air,")
-    print(f"  {one.truth['particle'].nunique()} true trajectories, {found} tracklets")
 
 # %% [markdown]
 # ## After each step
@@ -49,47 +41,17 @@ for one in pair:
 # Measures of section 5.2.2; positions are those detected.
 
 # %%
-after, rows = {}, []
-for one in pair:
-    names = {"tracker": tracks[one.fraction]}
-    names |= dict(tracklets.stages(tracks[one.fraction], one.differences))
-    after[one.fraction] = names
-    for step, table in names.items():
-        kept = tracklets.tracked(table)
-        row = {"fraction": one.fraction, "after": step, "tracks": kept["particle"].nunique()}
-        rows.append(row | {"positions": len(kept)} | tracking.measures(one.truth, table))
-steps = pd.DataFrame(rows)
-
-# %%
-columns = ["fraction", "after", "tracks", "positions", *tracking.MEASURES, "jsc_spurious_only"]
+steps, after = tracking.compare_steps(pair)
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
     f"against the truth, gate {tracking.GATE_PX:.0f} px."
 )
-figures.save("tracklet-steps", steps[columns], caption=caption, provenance=origin)
-
-# %% tags=["hide-input"]
-names = ["tracker", *(type(step).__name__ for step in tracklets.STEPS)]
-picture, grid = style.canvas(len(names) + 1, len(pair), width_mm=style.PAGE_MM, height_mm=250)
-for one, column in zip(pair, grid.T, strict=True):
-    shown = after[one.fraction] | {"truth": one.truth}
-    low, high = (one.truth[["row", "col"]].agg(edge) for edge in ("min", "max"))
-    for axes, (name, table) in zip(column, shown.items(), strict=True):
-        style.tracks(axes, tracklets.tracked(table))
-        axes.set(title=f"{one.fraction}: {name}", ylabel="row (px)")
-        axes.set(xlim=(low["col"] - 80, high["col"] + 80))
-        axes.set(ylim=(high["row"] + 80, low["row"] - 80))
-    column[-1].set_xlabel("column (px)")
+figures.save("tracklet-steps", steps, caption=caption, provenance=origin)
 
 # %%
-joined = [
-    table.assign(fraction=name, after=step)
-    for name, shown in after.items()
-    for step, table in shown.items()
-]
-kept = tracklets.tracked(pd.concat(joined, ignore_index=True))
+picture = tracking_pictures.steps(pair, after)
 caption = "Tracks after each step beside the truth, after Figs 4.16 to 4.21 and 5.12."
-table = kept[["fraction", "after", "particle", "frame", "row", "col"]]
+table = tracking_pictures.joined(after, "after")
 figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -105,24 +67,15 @@ generator = np.random.default_rng(seed)
 streaks, empty = tracking.texture_windows(some, 40, generator)
 with_track = pd.DataFrame([tracklets.energies(one) for one in streaks])
 without = pd.DataFrame([tracklets.energies(one) for one in empty])
-texture = pd.DataFrame({"with_track": with_track.median(), "without": without.median()})
-texture["ratio"] = texture["with_track"] / texture["without"]
-each = (with_track / without.median()).quantile([0.1, 0.9])
-texture = texture.assign(ratio_10=each.loc[0.1], ratio_90=each.loc[0.9])
-texture = texture.sort_values("ratio", ascending=False).reset_index(names="masks")
+texture = tracking.texture_table(with_track, without)
 caption = (
     f"Laws' energies in {len(with_track)} windows with a track and as many without: medians, their "
     "ratio, and its 10 and 90 % points over windows; after Fig. 4.13."
 )
 figures.save("table-4-13-laws", texture, caption=caption, provenance=origin)
 
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 6, width_mm=style.PAGE_MM, height_mm=62)
-lightest = np.sqrt(np.max(streaks[:5]))
-for axes, image, name in zip(panels, [*streaks[:5], empty[0]], "abcdef", strict=True):
-    axes.imshow(np.sqrt(image), cmap="gray", vmin=0, vmax=lightest)
-    axes.set(title=f"({name})", xlabel="column (px)")
-panels[0].set_ylabel("row (px)")
+# %%
+picture = tracking_pictures.textures([*streaks[:5], empty[0]])
 values = pd.concat([with_track[:5], without[:1]]).assign(window=list("abcdef"))
 caption = (
     "Sums of frame differences with a track (a to e) and without (f), and their texture energies; "
@@ -152,18 +105,15 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 
 # %%
 ways = {"dual nearest neighbour": tracklets.DualNearest(), "Hungarian": tracklets.Hungarian()}
-rows = []
+parts = []
 for way, matching in ways.items():
     plan = [
-        replace(one, matching=matching) if hasattr(one, "matching") else one
-        for one in tracklets.STEPS
+        replace(step, matching=matching) if hasattr(step, "matching") else step
+        for step in tracklets.STEPS
     ]
-    for one in windows:
-        table = tracklets.postprocess(track(one.detections), one.differences, plan)
-        rows.append(
-            {"matching": way, "fraction": one.fraction} | tracking.measures(one.truth, table)
-        )
-matched = pd.DataFrame(rows)[["matching", "fraction", *tracking.MEASURES]]
+    parts.append(tracking.compare_plans(windows, {way: plan}))
+matched = pd.concat(parts).rename(columns={"plan": "matching"})
+matched = matched[["matching", "fraction", *tracking.MEASURES]]
 caption = "The framework with dual nearest neighbours and with the Hungarian method, all fractions."
 figures.save("fig-4-14-matching", matched, caption=caption, provenance=origin)
 
@@ -194,16 +144,8 @@ plans = {
 }
 
 # %%
-rows = []
-for one in windows:
-    raw = track(one.detections)
-    done = {name: tracklets.postprocess(raw, one.differences, plan) for name, plan in plans.items()}
-    done["no texture"] = tracklets.postprocess(raw)
-    for name, table in done.items():
-        rows.append(
-            {"fraction": one.fraction, "reading": name} | tracking.measures(one.truth, table)
-        )
-readings = pd.DataFrame(rows)[["fraction", "reading", *tracking.MEASURES]]
+readings = tracking.compare_plans(windows, plans | {"no texture": None})
+readings = readings.rename(columns={"plan": "reading"})
 caption = "Post-processing under four readings of section 4.2.3, tracks of GNN."
 figures.save("tracklet-readings", readings, caption=caption, provenance=origin)
 
@@ -238,7 +180,7 @@ verdicts = [claims.judge("track-7", better), claims.judge("track-8", edge)]
 
 # %%
 by_step = steps.set_index(["after", "fraction"])["alpha"]
-first, last = by_step["tracker"], by_step[names[-1]]
+first, last = by_step["tracker"], by_step[type(tracklets.STEPS[-1]).__name__]
 parts = [f"{name} alpha {first[name]:.2f} to {last[name]:.2f}" for name in last.index]
 result = (
     f"From the tracker through the four steps: {'; '.join(parts)}. LE separates windows "

@@ -7,8 +7,9 @@ labelled frames -> views x methods (`detection_methods`) -> one row per frame an
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -337,6 +338,33 @@ def positions(
     tables = (pd.concat(parts, ignore_index=True) for parts in (marked, detected))
     first, second = (table.assign(subset=subset.name) for table in tables)
     return first, second
+
+
+def classification_table(
+    marked: Sequence[pd.DataFrame],
+    spots: Sequence[pd.DataFrame],
+    thresholds: Mapping[str, float],
+    roi: Polygon | None,
+) -> pd.DataFrame:
+    """Return `classify_in_air` of all subsets and in total, with each threshold.
+
+    Returns
+    -------
+    DataFrame
+        ``threshold``, ``threshold_mm``, ``subset``, ``tp``, ``fp``, ``fn``, ``precision``,
+        ``recall``, ``f1``.
+    """
+    rows = []
+    for (name, level), (labelled, detected) in product(
+        thresholds.items(), zip(marked, spots, strict=True)
+    ):
+        counts = classify_in_air(labelled, detected, level, roi)[["tp", "fp", "fn"]].astype(int)
+        subset = labelled["subset"].iloc[0]
+        rows.append(counts.assign(threshold=name, threshold_mm=level, subset=subset))
+    table = pd.concat(rows, ignore_index=True)
+    both, keys = pd.concat([table, table.assign(subset="Total")]), ["threshold", "threshold_mm"]
+    counts = both.groupby([*keys, "subset"], sort=False)[["tp", "fp", "fn"]].sum().reset_index()
+    return pd.concat([counts, rates(counts["tp"], counts["fp"], counts["fn"])], axis=1)
 
 
 def classify_in_air(

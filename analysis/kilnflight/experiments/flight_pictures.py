@@ -27,7 +27,7 @@ from kilnflight.experiments.plots import (
     space_slices,
 )
 from kilnflight.experiments.results import KEYS, fits_from_lance, of_campaign
-from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas
+from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
 from kilnflight.twin.flight import Flights
@@ -325,4 +325,56 @@ def simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> F
         axes = picture.add_subplot(1, 2, k + 1, projection="3d")
         flown_paths(axes, flown[name], most)
         axes.set_title(f"{name}, {bar} bar")
+    return picture
+
+
+def true_way(way: pd.DataFrame, printed: pd.DataFrame) -> Figure:
+    """Return velocity (above) and remaining share (below) along the way, by fraction.
+
+    Parameters
+    ----------
+    way
+        `kilnflight.scores.flights.along` with ``version``: the first dotted, the second solid.
+    printed
+        Published bounds: ``fraction``, ``pressure_bar``, ``quantity``, ``distance_m``, ``low``,
+        ``high`` (NaN: open).
+    """
+    tops = {"velocity": 18.0, "remaining": 105.0}
+    looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
+    names, versions = way["fraction"].unique(), way["version"].unique()
+    picture, grid = canvas(2, len(names), width_mm=PAGE_MM, height_mm=100, sharex=True)
+    for axes, (quantity, name) in zip(grid.flat, product(tops, names), strict=True):
+        here, bounds = (
+            one[(one["quantity"] == quantity) & (one["fraction"] == name)] for one in (way, printed)
+        )
+        axes.set(title=name, ylim=(0, tops[quantity]), xlim=(0, 5.3))
+        for bar, (colour, mark, aside) in looks.items():
+            for version, line in zip(versions, (":", "-"), strict=True):
+                one = here[(here["pressure_bar"] == bar) & (here["version"] == version)]
+                look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}
+                axes.plot(one["distance_m"], one["value"], marker=mark, lw=1, ms=2.5, **look)
+            ends = bounds[bounds["pressure_bar"] == bar].fillna({"low": 0, "high": tops[quantity]})
+            pad = 0.012 * tops[quantity]
+            wide = {"lw": 3.5, "alpha": 0.45, "ls": "-", "color": colour}
+            at = ends["distance_m"] + aside
+            axes.vlines(at, ends["low"] - pad, ends["high"] + pad, **wide)
+    grid[0, 0].set_ylabel("median velocity (m/s)")
+    grid[1, 0].set_ylabel("remaining particles (%)")
+    for axes in grid[1]:
+        axes.set_xlabel("distance from the lance (m)")
+    picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return picture
+
+
+def true_dwell(table: pd.DataFrame) -> Figure:
+    """Return dwell times as boxes, rows by ``version``, columns by pressure; see `style.boxes`."""
+    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharey=True)
+    for panels, version in zip(grid, table["version"].unique(), strict=True):
+        panels[0].set_ylabel("dwell time (s)")
+        for axes, bar in zip(panels, (4.5, 5.0), strict=True):
+            some = table[(table["version"] == version) & (table["pressure_bar"] == bar)]
+            axes.axhspan(0.3, 0.5, color=COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
+            boxes(axes, some)
+            names = list(some["fraction"])
+            axes.set(title=f"{version}, {bar} bar", xticks=range(len(names)), xticklabels=names)
     return picture

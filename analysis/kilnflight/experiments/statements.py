@@ -174,3 +174,30 @@ def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
     cells = zip(rows["fraction"], rows["pressure_bar"], strict=True)
     values = [by_cell[cell][name] for cell, name in zip(cells, rows["outcome"], strict=True)]
     return pd.Series(values, index=rows.index, dtype=np.float64)
+
+
+def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
+    """Return every statement with the answers of several versions, and whether they are within."""
+    table = rows[["fraction", "pressure_bar", "outcome", "printed", "low", "high"]]
+    names = {version: version.replace(" ", "_") for version in answers}
+    table = table.assign(**{names[one]: values.round(3) for one, values in answers.items()})
+    bounds = {f"{names[one]}_within": within(rows, values) for one, values in answers.items()}
+    return table.assign(**bounds, use=rows["use"])
+
+
+def agreement(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
+    """Return number of ``statements``, median misfit and number within, by use (the index)."""
+    units = pd.DataFrame({version: misfits(rows, values) for version, values in answers.items()})
+    groups = units.groupby(rows["use"])
+    median = groups.agg("median").add_suffix(", median off by")
+    table = median.join((units == 0).groupby(rows["use"]).sum().add_suffix(", within"))
+    table.insert(0, "statements", rows["use"].value_counts())
+    return table
+
+
+def worst(rows: pd.DataFrame, values: pd.Series) -> pd.DataFrame:
+    """Return the statements that do not hold, the farthest off first."""
+    units = misfits(rows, values)
+    table = rows[["fraction", "pressure_bar", "outcome", "printed"]]
+    table = table.assign(inputs_only=values.round(3), off_by=units.round(1))
+    return table[units > 0].sort_values("off_by", ascending=False)

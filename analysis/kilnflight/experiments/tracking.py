@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -32,6 +32,7 @@ from kilnflight.kiln import TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
 from kilnflight.scores.matching import pair
+from kilnflight.tracking.tracker import track
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 from kilnflight.twin.truth import true_trajectories
@@ -151,6 +152,72 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
                 row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
                 rows.append(row | measures(window.truth, table) | {"seconds": seconds})
     return pd.DataFrame(rows)
+
+
+def compare_plans(
+    windows: Iterable[Window], plans: Mapping[str, Sequence[tracklets.Step] | None]
+) -> pd.DataFrame:
+    """Return the measures of GNN's tracks after each plan of post-processing.
+
+    Parameters
+    ----------
+    windows
+        To track in.
+    plans
+        Steps by name; None: those of `kilnflight.tracklets.STEPS` without frame differences.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``plan`` and `MEASURES`, one row per window and plan.
+    """
+    rows = []
+    for window in windows:
+        tracks = track(window.detections)
+        for name, plan in plans.items():
+            texture = () if plan is None else (window.differences, plan)
+            table = tracklets.postprocess(tracks, *texture)
+            row = {"fraction": window.fraction, "plan": name}
+            rows.append(row | measures(window.truth, table))
+    return pd.DataFrame(rows)[["fraction", "plan", *MEASURES]]
+
+
+def compare_steps(
+    windows: Iterable[Window],
+) -> tuple[pd.DataFrame, dict[str, dict[str, pd.DataFrame]]]:
+    """Return the measures after GNN and each step of the post-processing, and the tracks.
+
+    Returns
+    -------
+    table : DataFrame
+        ``fraction``, ``after``, number of ``tracks`` and ``positions``, and `measures`.
+    after : dict
+        Tracks by fraction and step, "tracker" first.
+    """
+    rows, after = [], {}
+    for window in windows:
+        tracks = track(window.detections)
+        stages = {"tracker": tracks, **dict(tracklets.stages(tracks, window.differences))}
+        after[window.fraction] = stages
+        for step, table in stages.items():
+            kept = tracklets.tracked(table)
+            row = {"fraction": window.fraction, "after": step, "positions": len(kept)}
+            row |= {"tracks": kept["particle"].nunique()}
+            rows.append(row | measures(window.truth, table))
+    columns = ["fraction", "after", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
+    return pd.DataFrame(rows)[columns], after
+
+
+def texture_table(with_track: pd.DataFrame, without: pd.DataFrame) -> pd.DataFrame:
+    """Return medians of texture energies with and without a track, and their ratio (Fig. 4.13).
+
+    ``ratio_10`` and ``ratio_90``: its 10 and 90 % points over windows; largest ratio first.
+    """
+    table = pd.DataFrame({"with_track": with_track.median(), "without": without.median()})
+    table["ratio"] = table["with_track"] / table["without"]
+    each = with_track / without.median()
+    table = table.assign(ratio_10=each.quantile(0.1), ratio_90=each.quantile(0.9))
+    return table.sort_values("ratio", ascending=False).reset_index(names="masks")
 
 
 def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple[float, float]:
