@@ -31,8 +31,7 @@ style.use_style()
 # %%
 from kilnflight import background, kiln
 from kilnflight.detection import DoG
-from kilnflight.experiments import detection, detection_methods, plots
-from kilnflight.twin import truth
+from kilnflight.experiments import detection, detection_methods, detection_pictures, plots
 
 frames = frames or detection.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
@@ -56,20 +55,15 @@ figures.save("table-5-4-parameters", values, caption=caption, provenance=origin)
 # A cut of one frame, and of four backgrounds at that time (the differences have none to show).
 
 # %%
-some, t = subsets[1], subsets[1].wanted[0]
-stack, cut = kiln.GrayFrames(some.recording), np.s_[950:1400, 500:1500]
+some, t = subsets[1], subsets[1].frames[0]
+stack = kiln.GrayFrames(some.recording)
 gray, known = stack[t], some.recording.attributes
 shown = {name: one for name, one in models.items() if hasattr(one, "backgrounds")}
 pictures = {name: next(iter(one.backgrounds(stack, [t]))) for name, one in shown.items()}
 
-# %% tags=["hide-input"]
-picture, grid = style.canvas(3, 2, width_mm=style.PAGE_MM, height_mm=135)
-low, high = np.quantile(gray[cut], [0.01, 0.99])
+# %%
 named = {f"frame {t}": gray, **pictures}
-for axes, (name, image) in zip(grid.flat, named.items(), strict=False):
-    axes.imshow(image[cut], cmap="gray", vmin=low, vmax=high, extent=(500, 1500, 1400, 950))
-    axes.set(title=name, xlabel="column (px)", ylabel="row (px)")
-grid.flat[-1].axis("off")
+picture = detection_pictures.backgrounds(named, (950, 1400, 500, 1500))
 caption = (
     f"A frame of subset {some.name} and four backgrounds, after Fig. 5.2 (cut); the traces that "
     "each keeps are in the table."
@@ -82,15 +76,7 @@ figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, pro
 # how far is the background from the scene without any particle, which the twin knows?
 
 # %%
-clean = some.recording.empty(t)
-marked = np.zeros(gray.shape, dtype=bool)
-for k in range(t - 25, t + 26, 5):
-    marked |= truth.instances(some.recording, k) >= 0
-now = truth.instances(some.recording, t) >= 0
-traces = {
-    name: float(np.sqrt(np.mean((image - clean)[marked & ~now] ** 2)))
-    for name, image in pictures.items()
-}
+traces = detection.background_traces(some, t, pictures, some.recording.empty(t))
 
 # %% [markdown]
 # ## How well particles are found
@@ -101,8 +87,8 @@ for name, model in models.items():
     tried = detection.compare_thresholds(subsets, scale, model)
     attempts.append(tried[tried["chosen"]].assign(model=name))
 attempts = pd.concat(attempts, ignore_index=True)
-total = detection.sum_counts(attempts, ["model"]).assign(subset="Total")
-table = pd.concat([detection.sum_counts(attempts, ["model", "subset"]), total], ignore_index=True)
+table = detection.with_total(attempts, ["model", "subset"])
+total = table[table["subset"] == "Total"]
 used = attempts[["model", "subset", "threshold"]].drop_duplicates()
 table = table.merge(used, how="left")
 columns = ["tp", "fp", "fn", "precision", "recall", "f1", "f1_in_pixels", "threshold"]
@@ -148,12 +134,9 @@ now = attempts[(attempts["model"] == "Median") & (attempts["subset"] == some.nam
 level = float(now["threshold"].iloc[0])
 found = DoG(level)(next(iter(models["Median"](stack, [t]))))
 
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(width_mm=120, height_mm=92)
-style.frame(axes, gray)
-style.circles(axes, found, "#E69F00")
-corners = np.array([*known.roi, known.roi[0]])
-axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
+# %%
+size = {"width_mm": 120, "height_mm": 92}
+picture = detection_pictures.keypoints_and_clusters(gray, found, None, known.roi, **size)
 found = pd.DataFrame(found, columns=["row", "col", "radius_px"])
 caption = (
     f"What SIFT finds in a frame of {some.name} after the median background, in its size, and the "

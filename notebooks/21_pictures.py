@@ -71,7 +71,7 @@ otsu = attempts[attempts["what"] == "Otsu"].drop(columns="threshold")
 # every fifth of the frames.
 
 # %%
-few = [one._replace(wanted=one.wanted[::5]) for one in subsets]
+few = [one._replace(frames=one.frames[::5]) for one in subsets]
 single = {
     t: detection_methods.from_foreground(DoG(float(t))) for t in {*some, *matlab["threshold"]}
 }

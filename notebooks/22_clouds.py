@@ -51,7 +51,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # How far each point's neighbours are; the knee suggests eps (Fig. 2.19).
 
 # %%
-cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].wanted[0]).xyz)
+cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].frames[0]).xyz)
 counts = (6, 10, 15)  # minPts of Table 5.8
 sorted_mm = {k: detectors.k_distances(cloud, k) for k in counts}
 some = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1

@@ -24,12 +24,12 @@ from kilnflight.project import figures, style
 style.use_style()
 
 # %%
-from kilnflight import camera, scores
+from kilnflight import camera
 from kilnflight.detection import DoG, combination
 from kilnflight.detection.correspondence import potential_particles, summarise
 from kilnflight.detection.evidence import Evidence
 from kilnflight.detection.flame import segment_flame
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection, detection_methods, detection_pictures
 
 frames = frames or detection.FRAMES[scale]
 origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
@@ -48,17 +48,9 @@ threshold = detection.chosen_thresholds(tried).astype(float)
 #
 # Otsu's threshold in the burner's rectangle (Fig. 3.4).
 
-# %% tags=["hide-input"]
+# %%
 flame = segment_flame(view.gray, known.flame_roi)
-top, bottom, left, right = known.flame_roi
-picture, (panels,) = style.canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
-extent = (left, right, bottom, top)
-part = view.gray[top:bottom, left:right]
-for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
-    axes.imshow(part, cmap="gray", extent=extent)
-    axes.set(title=title, xlabel="column (px)")
-panels[1].contour(flame.mask, levels=[0.5], colors="#D55E00", extent=(left, right, top, bottom))
-panels[0].set_ylabel("row (px)")
+picture = detection_pictures.flame(view.gray, flame.mask, known.flame_roi)
 size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.mask.sum())], "of_px": [flame.mask.size]})
 caption = "The burner's flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
@@ -78,14 +70,11 @@ clusters = clusters.take(camera.inside(known.roi, clusters.row, clusters.col))
 cases = list(potential_particles(keypoints, clusters, view.gray.shape))
 print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} potential particles")
 
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=135)
-style.frame(axes, view.gray, 4)
-spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
-axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[style.COLOURS[k] for k in spread])
-style.circles(axes, keypoints, "#E69F00")
-corners = np.array([*known.roi, known.roi[0]])
-axes.plot(corners[:, 1], corners[:, 0], "-", color="#56B4E9")
+# %%
+size = {"width_mm": style.PAGE_MM, "height_mm": 135}
+picture = detection_pictures.keypoints_and_clusters(
+    view.gray, keypoints, clusters, known.roi, **size
+)
 found = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
@@ -107,53 +96,7 @@ for case, spots, groups in cases:
     given = (keypoints[spots], clusters.take(groups))
     decided = combination.CASES[case](*given, evidence, rule.margin_px)
     examples[case].append((*given, decided))
-picked = {
-    case: sorted(all_of, key=lambda one: -len(one[2]))[:: max(1, len(all_of) // 3)][:3]
-    for case, all_of in examples.items()
-}
-
-# %% tags=["hide-input"]
-middle = np.sqrt(np.median(view.gray))
-picture, grid = style.canvas(5, 3, width_mm=110, height_mm=190)
-for case, row in zip(picked, grid, strict=True):
-    _ = [axes.axis("off") for axes in row]
-    for axes, (spots, groups, decided) in zip(row, picked[case], strict=False):
-        where = np.concatenate([spots[:, :2], groups.pixels])
-        (y, x) = where.mean(axis=0)
-        axes.imshow(np.sqrt(view.gray), cmap="gray", vmin=0.6 * middle, vmax=256)
-        axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color="#56B4E9")
-        for one in spots:
-            axes.add_patch(style.plt.Circle(one[1::-1], one[2], fill=False, color="#E69F00"))
-        axes.plot([p.col for p in decided], [p.row for p in decided], "x", color="#D55E00", ms=7)
-        half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
-        axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-        axes.set_title(f"case {case}: {len(decided)} particle(s)", fontsize=6.5)
-
-# %% [markdown]
-# **What is asked of the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
-# and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
-
-# %%
-several = max(examples[2], key=lambda one: len(one[2]))[1]
-alone = max(examples[4], key=lambda one: (len(one[2]), -one[1].total))[1]
-change = np.abs(view.gray.astype(float) - view.previous)
-asked = [(several, view.gray, "case 2: peaks"), (alone, view.gray, "case 4: frame")]
-asked.append((alone, change, "case 4: difference"))
-peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
-
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=62)
-for axes, (group, image, title) in zip(panels, asked, strict=True):
-    top, bottom, left, right = combination.widened(group.rectangle(), 3)
-    axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
-    axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
-panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color="#D55E00", ms=8)
-table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
-caption = (
-    "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "
-    "difference to the frame before. After Figs 3.7 to 3.9."
-)
-figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=origin)
+picture = detection_pictures.cases(view.gray, examples)
 
 # %%
 counts = pd.DataFrame(
@@ -166,24 +109,33 @@ caption = "Examples of the five cases in one frame, after Figs 3.6 to 3.9; see t
 figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
+# **What is asked of the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
+# and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
+
+# %%
+several = max(examples[2], key=lambda one: len(one[2]))[1]
+alone = max(examples[4], key=lambda one: (len(one[2]), -one[1].total))[1]
+change = np.abs(view.gray.astype(float) - view.previous)
+peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
+first, second = (combination.widened(one.rectangle(), 3) for one in (several, alone))
+images = {"case 2: peaks": (view.gray, first), "case 4: frame": (view.gray, second)}
+images["case 4: difference"] = (change, second)
+picture = detection_pictures.cuts(images, peaks)
+table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
+caption = (
+    "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "
+    "difference to the frame before. After Figs 3.7 to 3.9."
+)
+figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
 # ## How often each case is right
 #
 # All subsets, each with its threshold. A detection is right if it is paired with a marked particle.
 
 # %%
-rows = []
-for subset in subsets:
-    detector = combination.Combination(DoG(threshold[subset.name]))
-    for t, view in detection.subset_views(subset):
-        here = subset.particles[subset.particles["frame"] == t]
-        table = detector(view, known.roi, t)
-        score = scores.score_detections(here[["row", "col"]], table[["row", "col"]], roi=known.roi)
-        right = np.isin(np.arange(len(table)), score.pairs[:, 1])
-        rows.append(table.assign(subset=subset.name, right=right))
-table = pd.concat(rows, ignore_index=True)
-by_case = table.groupby("case").agg(detections=("right", "size"), right=("right", "sum"))
-by_case["precision"] = by_case["right"] / by_case["detections"]
-by_case = by_case.reset_index()
+detectors = {name: combination.Combination(DoG(value)) for name, value in threshold.items()}
+by_case = detection.precision_by_case(subsets, detectors)
 
 # %%
 caption = (

@@ -45,7 +45,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 geometry = subsets[0].recording.scene.geometry
 fits, walls = [], []
 for subset in subsets:
-    cloud = subset.recording.frame(subset.wanted[0])
+    cloud = subset.recording.frame(subset.frames[0])
     walls.append(detection_methods.wall_points(cloud.xyz))
     fits.append(cylinder.CylinderFit()(walls[-1], seed))
 fit = fits[0]

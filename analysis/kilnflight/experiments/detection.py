@@ -274,6 +274,57 @@ def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     return pd.concat([sum_counts(table, by), total], ignore_index=True)
 
 
+def precision_by_case(
+    subsets: Iterable[Subset], detectors: Mapping[str, Combination]
+) -> pd.DataFrame:
+    """Return how many detections of each case are paired with a marked particle.
+
+    Parameters
+    ----------
+    subsets
+        From `labelled_subsets`.
+    detectors
+        The combined detector of each subset.
+
+    Returns
+    -------
+    DataFrame
+        ``case``, ``detections``, ``right``, ``precision``.
+    """
+    parts = []
+    for subset in subsets:
+        roi = subset.recording.attributes.roi
+        for t, view in subset_views(subset):
+            here = subset.particles[subset.particles["frame"] == t]
+            table = detectors[subset.name](view, roi, t)
+            score = score_detections(here[["row", "col"]], table[["row", "col"]], roi=roi)
+            right = np.isin(np.arange(len(table)), score.pairs[:, 1])
+            parts.append(table[["case"]].assign(right=right))
+    groups = pd.concat(parts).groupby("case")["right"]
+    counts = groups.agg(detections="size", right="sum")
+    return counts.assign(precision=counts["right"] / counts["detections"]).reset_index()
+
+
+def background_traces(
+    subset: Subset,
+    t: int,
+    backgrounds: Mapping[str, npt.NDArray[np.floating]],
+    clean: npt.NDArray[np.floating],
+) -> dict[str, float]:
+    """Return how far backgrounds of frame t are from the scene without any particle, ``clean``.
+
+    Root mean square in grey values over pixels that hold a particle in one of the frames
+    around, but not now.
+    """
+    around = range(t - 25, t + 26, 5)
+    marked = np.any([subset.instances(k) >= 0 for k in around], axis=0)
+    trace = marked & ~(subset.instances(t) >= 0)
+    return {
+        name: float(np.sqrt(np.mean((image - clean)[trace] ** 2)))
+        for name, image in backgrounds.items()
+    }
+
+
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``."""
     parts = []

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from kilnflight.detection import wall as cylinder
+from kilnflight.detection.correspondence import Clusters
 from kilnflight.experiments.plots import bars
-from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas
+from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, circles, frame
 
 Array = npt.NDArray[np.float64]
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
@@ -127,4 +128,83 @@ def axis_distances(
         axes.annotate(f"{level:.0f}", top, fontsize=6, rotation=90, va="top")
     axes.set(xlabel="distance from the fitted axis (mm)", ylabel="density (1/mm)")
     axes.legend(loc="upper left")
+    return picture
+
+
+def flame(gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequence[int]) -> Figure:
+    """Return the burner's rectangle (top, bottom, left, right) and the flame in it."""
+    top, bottom, left, right = roi
+    picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
+    titles = ("rectangle around the burner", "segmented flame")
+    for axes, title in zip(panels, titles, strict=True):
+        part = gray[top:bottom, left:right]
+        axes.imshow(part, cmap="gray", extent=(left, right, bottom, top))
+        axes.set(title=title, xlabel="column (px)")
+    panels[1].contour(mask, levels=[0.5], colors=COLOURS[1], extent=(left, right, top, bottom))
+    panels[0].set_ylabel("row (px)")
+    return picture
+
+
+def keypoints_and_clusters(
+    gray: npt.NDArray[np.uint16],
+    keypoints: Array,
+    clusters: Clusters | None,
+    roi: Sequence[tuple[float, float]],
+    **size: Any,
+) -> Figure:
+    """Return a frame with keypoints as circles, clusters as dots and the region of interest."""
+    picture, ((axes,),) = canvas(**size)
+    frame(axes, gray, 4 if clusters is not None else 2)
+    if clusters is not None:
+        spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
+        axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[COLOURS[k] for k in spread])
+    circles(axes, keypoints, COLOURS[5])
+    corners = np.array([*roi, roi[0]])
+    axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
+    return picture
+
+
+def cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -> Figure:
+    """Return up to three examples (keypoints, clusters, decided particles) of each case."""
+    middle = np.sqrt(np.median(gray))
+    picture, grid = canvas(len(examples), 3, width_mm=110, height_mm=38 * len(examples))
+    for (case, some), row in zip(examples.items(), grid, strict=True):
+        shown = sorted(some, key=lambda one: -len(one[2]))[:: max(1, len(some) // 3)][:3]
+        for axes in row:
+            axes.axis("off")
+        for axes, (spots, groups, decided) in zip(row, shown, strict=False):
+            where = np.concatenate([spots[:, :2], groups.pixels])
+            (y, x) = where.mean(axis=0)
+            axes.imshow(np.sqrt(gray), cmap="gray", vmin=0.6 * middle, vmax=256)
+            axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=COLOURS[6])
+            circles(axes, spots, COLOURS[5])
+            place = [one.col for one in decided], [one.row for one in decided]
+            axes.plot(*place, "x", color=COLOURS[1], ms=7)
+            half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
+            axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
+            axes.set_title(f"case {case}: {len(decided)} particle(s)", fontsize=6.5)
+    return picture
+
+
+def cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Figure:
+    """Return rectangles (top, bottom, left, right) of images; the first with its peaks."""
+    picture, (panels,) = canvas(1, len(images), width_mm=PAGE_MM, height_mm=62)
+    for axes, (title, (image, box)) in zip(panels, images.items(), strict=True):
+        top, bottom, left, right = box
+        axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
+        axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+    panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=COLOURS[1], ms=8)
+    return picture
+
+
+def backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
+    """Return a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
+    top, bottom, left, right = box
+    picture, grid = canvas(3, 2, width_mm=PAGE_MM, height_mm=135)
+    parts = {name: image[top:bottom, left:right] for name, image in images.items()}
+    low, high = np.quantile(next(iter(parts.values())), [0.01, 0.99])
+    for axes, (name, part) in zip(grid.flat, parts.items(), strict=False):
+        axes.imshow(part, cmap="gray", vmin=low, vmax=high, extent=(left, right, bottom, top))
+        axes.set(title=name, xlabel="column (px)", ylabel="row (px)")
+    grid.flat[-1].axis("off")
     return picture
