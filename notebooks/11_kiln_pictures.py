@@ -37,7 +37,7 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 # %%
 sums, paths, rooms = {}, [], {}
 for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
-    twin = scenes.cached_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
     rooms[name] = window[: min(frames, len(window))]
     foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
@@ -50,7 +50,7 @@ for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
 
 # %%
 for name, room in rooms.items():
-    twin = scenes.cached_scene(f"{name.replace(' ', '-').lower()}-4.5-bar", seed)
+    twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     for t in room:
         moment = twin.life.at(twin.time_s(t))
         row, col = twin.scene.geometry.project(twin.scene.geometry.to_camera(moment.position_m))

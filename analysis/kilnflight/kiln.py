@@ -165,24 +165,24 @@ def detect(
     """
     detector = detector if detector is not None else Combination()
     attributes = recording.attributes
-    seen = views(recording, frames, background)
+    every = views(recording, frames, background)
     if differences is not None:
         image = (attributes.rows, attributes.columns)
-        seen = _stored(seen, differences, (len(frames), *image))
-    bar = tqdm(seen, total=len(frames), unit="frame", disable=None if progress else True)
+        every = _stored(every, differences, (len(frames), *image))
+    bar = tqdm(every, total=len(frames), unit="frame", disable=None if progress else True)
     parts = [detector(view, attributes.roi, frame=t) for t, view in bar]
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
 def _stored(
-    seen: Iterator[tuple[int, View]], path: Path, shape: tuple[int, int, int]
+    every: Iterator[tuple[int, View]], path: Path, shape: tuple[int, int, int]
 ) -> Iterator[tuple[int, View]]:
     tile = [min(sides) for sides in zip(TILE, shape[1:], strict=True)]
     codec = ZstdCodec(level=1)
     array = zarr.create_array(
         path, shape=shape, chunks=(1, *tile), dtype="uint8", compressors=codec
     )
-    for k, (t, view) in enumerate(seen):
+    for k, (t, view) in enumerate(every):
         array[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
         yield t, view
 

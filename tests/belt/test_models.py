@@ -18,8 +18,6 @@ from kilnflight.belt.models import (
     CVBC,
     IA,
     IV,
-    Arrival,
-    Last,
     LateralCA,
     LateralCV,
     Ratio,
@@ -332,23 +330,23 @@ SEEN = pd.DataFrame([(1, 0.605, 92.0, 15.0), (2, 0.71, 79.0, -8.0)], columns=BEL
 
 
 def test_columns_are_those_of_the_tables_and_not_checked_again():
-    last, seen = checked(LAST, Last), checked(SEEN, Arrival)
-    assert list(last._fields) == BELT_LAST.names
-    assert list(seen._fields) == BELT_ARRIVAL.names
-    assert checked(last, Last) is last
-    assert checked(seen, Arrival) is seen
-    assert only(last, np.array([False, True])).particle.tolist() == [2]
-    assert [len(column) for column in checked(BELT_LAST.empty(), Last)] == [0] * 8
+    last, seen = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL)
+    assert list(last) == BELT_LAST.names
+    assert list(seen) == BELT_ARRIVAL.names
+    assert checked(last, BELT_LAST) is last
+    assert checked(seen, BELT_ARRIVAL) is seen
+    assert only(last, np.array([False, True]))["particle"].tolist() == [2]
+    assert [len(column) for column in checked(BELT_LAST.empty(), BELT_LAST).values()] == [0] * 8
 
 
 def test_a_table_without_a_column_is_refused():
     with pytest.raises(InputError, match="velocity_x_mm_s"):
-        checked(LAST.drop(columns="velocity_x_mm_s"), Last)
+        checked(LAST.drop(columns="velocity_x_mm_s"), BELT_LAST)
 
 
 @pytest.mark.parametrize("model", belt.ARRIVAL_MODELS, ids=lambda model: model.name)
 def test_arrival_models_say_the_same_of_tables_and_columns(model):
-    last, seen = checked(LAST, Last), checked(SEEN, Arrival)
+    last, seen = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL)
     assert model.calibrated(last, seen, 773.0) == model.calibrated(LAST, SEEN, 773.0)
     fitted = model.calibrated(LAST, SEEN, 773.0)
     assert fitted(last, 773.0).tolist() == fitted(LAST, 773.0).tolist()
@@ -356,7 +354,7 @@ def test_arrival_models_say_the_same_of_tables_and_columns(model):
 
 @pytest.mark.parametrize("model", belt.LATERAL_MODELS, ids=lambda model: model.name)
 def test_lateral_models_say_the_same_of_tables_and_columns(model):
-    last, seen, left = checked(LAST, Last), checked(SEEN, Arrival), np.array([0.1, 0.11])
+    last, seen, left = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL), np.array([0.1, 0.11])
     assert model.calibrated(last, seen) == model.calibrated(LAST, SEEN)
     fitted = model.calibrated(LAST, SEEN)
     assert fitted(last, left).tolist() == fitted(LAST, left).tolist()

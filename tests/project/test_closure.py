@@ -4,9 +4,9 @@ import shutil
 from functools import partial
 
 import pytest
-from kilnflight.belt.friction_values import FreeValues
 
 from kilnflight import kiln
+from kilnflight.flight import Rules
 from kilnflight.project import closure
 from kilnflight.project.cache import CachedTable
 from kilnflight.twin.scene import Twin
@@ -109,7 +109,7 @@ def test_the_table_itself_is_made_anew_and_kept(package):
 def test_instances_functions_and_their_parts_count():
     one = closure.code_hash(kiln.detect)
     assert closure.code_hash(partial(kiln.detect, None)) == one
-    assert closure.code_hash(Twin) != closure.code_hash(FreeValues)
+    assert closure.code_hash(Twin) != closure.code_hash(Rules)
     detector = kiln.Combination()
     assert closure.code_hash(detector) == closure.code_hash([detector])
     assert closure.code_hash(1, "a", None) == closure.code_hash()

@@ -7,27 +7,16 @@ from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.tracklets import Connection, Costs, Fusion, Hungarian, tracked
-from kilnflight.tracklets.criteria import Limits, Pool, Weights, candidates
 from kilnflight.tracklets.paths import read_paths
 
-LIMITS = Limits(15.0, 5.0, np.inf, 0.0, 30.0, 18.0, 1.0, 0.9, 1500.0)
-WEIGHTS = Costs().weights()
-ONLY = dict.fromkeys(Weights._fields, 0.0)
+ONLY = dict.fromkeys(Costs.__dataclass_fields__, 0.0)
 
 
-def pairs(tracks, limits=LIMITS, weights=WEIGHTS):
+def pairs(tracks, **costs):
     paths = read_paths(tracks, "here")
-    pool = Pool(
-        paths.rows,
-        paths.frame,
-        paths.place,
-        paths.starts[:-1],
-        paths.starts[1:],
-        paths.frame[paths.starts[:-1]],
-    )
-    changed = np.ones(len(pool.begin), dtype=bool)
-    return [tuple(x) for x in zip(*(a.tolist() for a in candidates(pool, changed, limits, weights)),
-                                  strict=True)]  # fmt: skip
+    step = Connection(costs=Costs(**{**ONLY, **costs}) if costs else Costs())
+    found = step.candidates(paths, np.ones(len(paths.starts) - 1, dtype=bool))
+    return list(zip(*(values.tolist() for values in found), strict=True))
 
 
 def line(first, last, col=0.0, step=1, z=np.nan):
@@ -51,7 +40,7 @@ def test_fig_4_10_left_a_gap_is_connected(table):
 def test_fig_4_10_right_an_overlap_is_merged_to_the_mean(table):
     one, other = [1, 3, 4, 5, 7, 9, 10, 11], [8, 9, 11, 13, 14, 15, 16]
     tracks = table((one, 5.0 * np.array(one), 0.0, 3000.0), (other, 5.0 * np.array(other), 2.0))
-    (pair,) = pairs(tracks, weights=Weights(**{**ONLY, "overlap": 2.0}))
+    (pair,) = pairs(tracks, overlap=2.0)
     assert pair == (0, 1, 4.0)  # e times two common frames, 9 and 11
     result = Connection()(tracks)
     lost = result["particle"] == -1
@@ -107,7 +96,7 @@ def test_points_without_a_depth_are_skipped(table):
     z = np.array([np.nan, 1000.0, np.nan, np.nan, 3000.0, np.nan])
     tracks = table((np.arange(3), 5.0 * np.arange(3), 0.0, z[:3]),
                    (np.arange(3, 6), 5.0 * np.arange(3, 6), 0.0, z[3:]))  # fmt: skip
-    (pair,) = pairs(tracks, weights=Weights(**{**ONLY, "depth": 1.0}))
+    (pair,) = pairs(tracks, depth=1.0)
     assert pair[2] == pytest.approx(2000.0 / 3)
 
 
@@ -116,7 +105,7 @@ def test_each_term_of_eq_4_24(table):
     tracks = table(([0, 1, 2], [0, 4, 8.0], 0.0), ([3, 4, 5], 8.0, [4, 8, 12.0]))
     expected = {"angle": 90 / 4, "change": np.hypot(4, 4) / 4, "depth": 0, "gap": 1, "overlap": 0}
     for term, value in expected.items():
-        (pair,) = pairs(tracks, weights=Weights(**{**ONLY, term: 1.0}))
+        (pair,) = pairs(tracks, **{term: 1.0})
         assert pair[2] == pytest.approx(value)
     (pair,) = pairs(tracks)
     assert pair[2] == pytest.approx(2 * 90 / 4 + 2 * np.hypot(4, 4) / 4 + 1)

@@ -6,10 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.tracklets import Elimination
-from kilnflight.tracklets.kinematics import mean_speed, regularity, velocity
+from kilnflight.tracklets import Elimination, eliminate
+from kilnflight.tracklets.paths import velocities
 
 T = np.arange(6)
+
+
+def mean_speed(frame, place):
+    return eliminate.mean_speed(np.zeros(len(frame), int), frame, place).item()
+
+
+def regularity(frame, place):
+    return eliminate.regularity(np.zeros(len(frame), int), frame, place).item()
 
 
 def survivors(table):
@@ -19,7 +27,7 @@ def survivors(table):
 def test_velocity_and_mean_speed_are_eqs_4_16_and_4_17():
     frame = np.array([0, 1, 3])
     place = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
-    assert velocity(frame, place, 1, 2) == (0.0, 3.0)
+    assert velocities(frame, place).tolist() == [[3.0, 4.0], [0.0, 3.0]]
     assert mean_speed(frame, place) == (5.0 + 3.0) / 2
     assert mean_speed(frame[:1], place[:1]) == 0.0
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.tracklets import OutlierRemoval
-from kilnflight.tracklets.kinematics import turn
+from kilnflight.tracklets.paths import turns
 
 T = np.arange(10)
 
@@ -15,6 +15,11 @@ def removed(table, row, col, frame=None):
     tracks = table((np.arange(len(row)) if frame is None else frame, row, col))
     result = OutlierRemoval()(tracks)
     return np.flatnonzero(result["particle"] == -1).tolist()
+
+
+def turn(before, after):
+    angle, change = turns(np.array([before]), np.array([after]))
+    return angle[0], change[0]
 
 
 def test_angle_and_change_are_those_of_fig_4_5():

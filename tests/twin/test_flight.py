@@ -16,7 +16,7 @@ STILL = Gas(stream_m_s=0.0, turbulence_m_s=0.0, turbulence_in_jet=0.0, jet_persi
 
 def flown(kind, gas=STILL, settings=None, n=50, seed=1):
     generator = np.random.default_rng(seed)
-    return fly(kind.draw(n, generator), gas, PLACE, generator, settings or Flight())
+    return fly(kind.draw(n, generator), gas, PLACE, generator, settings or Flight()).cut()
 
 
 def test_without_drag_it_is_a_parabola():
@@ -24,7 +24,7 @@ def test_without_drag_it_is_a_parabola():
     wide = replace(PLACE, kiln_radius_mm=1e6)
     generator = np.random.default_rng(1)
     particles = heavy.draw(5, generator)
-    flights = fly(particles, STILL, wide, generator, Flight(longest_s=0.5))
+    flights = fly(particles, STILL, wide, generator, Flight(longest_s=0.5)).cut()
     start, speed = flights.position_m[:, 0], flights.velocity_m_s[:, 0]
     age = flights.age_s[None, :, None]
     down = np.array([0.0, 0.0, -GRAVITY_M_S2])
@@ -40,7 +40,7 @@ def test_what_falls_long_enough_reaches_its_terminal_velocity(kind):
     generator = np.random.default_rng(2)
     particles = kind.draw(20, generator)
     hot = replace(STILL, lance_temperature_k=1373.0)
-    flights = fly(particles, hot, deep, generator, Flight(longest_s=12.0))
+    flights = fly(particles, hot, deep, generator, Flight(longest_s=12.0)).cut()
     speed = np.full(20, 1.0)
     law = forces.disc_drag if kind.sheet else forces.sphere_drag
     for _ in range(500):

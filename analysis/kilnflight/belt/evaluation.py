@@ -14,24 +14,16 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
-from kilnflight.belt.models import (
-    IV,
-    Arrival,
-    ArrivalModel,
-    Last,
-    LateralModel,
-    checked,
-    only,
-)
+from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, checked, only
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError, check_count, check_positive
-from kilnflight.tables import BELT_LAST, BELT_STATES, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Deviations = Callable[[Observed, PredictionPhase, Flags], Iterator[tuple[str, Array]]]
-Both = tuple[Last, Arrival]
+Both = tuple[Columns, Columns]  # last observations and arrivals
 Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
 
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
@@ -264,7 +256,7 @@ def arrival_deviations(
     every, calibrating, (last, arrival) = _split(observed, calibration)
     for model in ARRIVAL_MODELS:
         fitted = _calibrated(model, every, calibrating, phase.target_mm)
-        yield model.name, 1000.0 * (fitted(last, phase.target_mm) - arrival.time_s)
+        yield model.name, 1000.0 * (fitted(last, phase.target_mm) - arrival["time_s"])
 
 
 def lateral_deviations(
@@ -290,12 +282,12 @@ def predictions(
             fitted = _calibrated(arrival, every, calibrating, phase.target_mm)
             times[arrival] = fitted(last, phase.target_mm)
         place = lateral.calibrated(*calibrating)
-        yield name, times[arrival], place(last, times[arrival] - last.time_s)
+        yield name, times[arrival], place(last, times[arrival] - last["time_s"])
 
 
 def _split(observed: Observed, calibration: Flags) -> tuple[Both, Both, Both]:
     """Return all particles, those that calibrate and the others, checked once for all models."""
-    last, arrival = checked(observed.last, Last), checked(observed.arrival, Arrival)
+    last, arrival = checked(observed.last, BELT_LAST), checked(observed.arrival, BELT_ARRIVAL)
     calibrating = only(last, calibration), only(arrival, calibration)
     return (last, arrival), calibrating, (only(last, ~calibration), only(arrival, ~calibration))
 

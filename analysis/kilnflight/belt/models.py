@@ -13,61 +13,38 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.checks import InputError, check_finite, check_positive, check_shape
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, Table
 
 Array = npt.NDArray[np.float64]
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 
 
-class Last(NamedTuple):
-    """The columns of `kilnflight.tables.BELT_LAST`, (n,) each."""
-
-    particle: npt.NDArray[np.int64]
-    time_s: Array
-    x: Array
-    y: Array
-    velocity_x_mm_s: Array
-    velocity_y_mm_s: Array
-    acceleration_x_mm_s2: Array
-    acceleration_y_mm_s2: Array
+Columns = dict[str, Array]  # of a table, (n,) each, checked
+Given = pd.DataFrame | Columns
 
 
-class Arrival(NamedTuple):
-    """The columns of `kilnflight.tables.BELT_ARRIVAL`, (n,) each."""
-
-    particle: npt.NDArray[np.int64]
-    time_s: Array
-    y: Array
-    velocity_y_mm_s: Array
-
-
-Columns = TypeVar("Columns", Last, Arrival)
-Observations = pd.DataFrame | Last
-References = pd.DataFrame | Arrival
-
-
-def checked(table: pd.DataFrame | Columns, kind: type[Columns]) -> Columns:
-    """Return the columns of a table, checked; what is checked already is returned as it is.
+def checked(table: Given, kind: Table) -> Columns:
+    """Return the columns of a table, checked; columns are returned as they are.
 
     A check costs more than a model, so an evaluation of many models does it once.
     """
     if not isinstance(table, pd.DataFrame):
         return table
-    known = (BELT_LAST if kind is Last else BELT_ARRIVAL).check(table)
-    return kind(*(known[name].to_numpy() for name in kind._fields))
+    known = kind.check(table)
+    return {name: known[name].to_numpy() for name in kind.names}
 
 
 def only(columns: Columns, which: npt.NDArray[Any]) -> Columns:
     """Return the particles that ``which`` (n,) marks."""
-    return type(columns)(*(column[which] for column in columns))
+    return {name: values[which] for name, values in columns.items()}
 
 
 def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Array:
@@ -101,14 +78,14 @@ class _Model(ABC):
                 f"{self.name} is not calibrated; call {self.name}().calibrated(...) first."
             )
 
-    def _both(self, last: Observations, arrival: References) -> tuple[Last, Arrival]:
+    def _both(self, last: Given, arrival: Given) -> tuple[Columns, Columns]:
         """Return both tables of the calibration particles, checked to belong together."""
-        before, after = checked(last, Last), checked(arrival, Arrival)
-        if not len(after.particle) or not np.array_equal(before.particle, after.particle):
+        before, after = checked(last, BELT_LAST), checked(arrival, BELT_ARRIVAL)
+        names, others = before["particle"], after["particle"]
+        if not len(others) or not np.array_equal(names, others):
             raise InputError(
                 f"{self.name}: calibration needs at least one particle, and the same particles in "
-                f"the same order in both tables; got {len(before.particle)} and "
-                f"{len(after.particle)}."
+                f"the same order in both tables; got {len(names)} and {len(others)}."
             )
         return before, after
 
@@ -116,7 +93,7 @@ class _Model(ABC):
 class ArrivalModel(_Model):
     """A model of when a particle reaches a place."""
 
-    def __call__(self, last: Observations, target_mm: float) -> Array:
+    def __call__(self, last: Given, target_mm: float) -> Array:
         """Return the predicted time of arrival at ``x = target_mm`` in s, (n,).
 
         Raises
@@ -125,21 +102,23 @@ class ArrivalModel(_Model):
             If the model is not calibrated, or a particle is at or beyond the target.
         """
         self._check_calibrated()
-        table = checked(last, Last)
-        velocity, acceleration = table.velocity_x_mm_s, table.acceleration_x_mm_s2
-        return table.time_s + self._duration(_distance(table, target_mm), velocity, acceleration)
+        table = checked(last, BELT_LAST)
+        velocity, acceleration = table["velocity_x_mm_s"], table["acceleration_x_mm_s2"]
+        distance = _distance(table, target_mm)
+        return table["time_s"] + self._duration(distance, velocity, acceleration)
 
-    def calibrated(self, last: Observations, arrival: References, target_mm: float) -> Self:
+    def calibrated(self, last: Given, arrival: Given, target_mm: float) -> Self:
         """Return the model with its parameter taken from particles that were seen to arrive."""
         before, after = self._both(last, arrival)
-        duration = after.time_s - before.time_s
+        duration = after["time_s"] - before["time_s"]
         if (duration <= 0).any():
-            particle = after.particle[int(np.argmax(duration <= 0))]
+            particle = after["particle"][int(np.argmax(duration <= 0))]
             raise InputError(
                 f"{self.name}: particle {particle} arrives before it was last observed; check both "
                 "tables."
             )
-        return self._fitted(_distance(before, target_mm), before.velocity_x_mm_s, duration)
+        distance = _distance(before, target_mm)
+        return self._fitted(distance, before["velocity_x_mm_s"], duration)
 
     @abstractmethod
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
@@ -150,11 +129,11 @@ class ArrivalModel(_Model):
         return self
 
 
-def _distance(last: Last, target_mm: float) -> Array:
+def _distance(last: Columns, target_mm: float) -> Array:
     check_finite(target_mm, "target_mm")
-    distance = target_mm - last.x
+    distance = target_mm - last["x"]
     if (distance <= 0).any():
-        particle = last.particle[int(np.argmax(distance <= 0))]
+        particle = last["particle"][int(np.argmax(distance <= 0))]
         raise InputError(
             f"particle {particle} was last observed at or beyond the target x = {target_mm} mm; "
             "predict to a place downstream of the last observation."
@@ -269,20 +248,20 @@ class IA(ArrivalModel):
 class LateralModel(_Model):
     """A model of where across the belt a particle arrives."""
 
-    def __call__(self, last: Observations, remaining_s: Array) -> Array:
+    def __call__(self, last: Given, remaining_s: Array) -> Array:
         """Return the lateral position in mm, ``remaining_s`` (n,) after the last observation."""
         self._check_calibrated()
-        table = checked(last, Last)
+        table = checked(last, BELT_LAST)
         if not isinstance(remaining_s, np.ndarray) or (remaining_s < 0).any():
             raise InputError("remaining_s: pass an array of times in s, none of them below 0.")
-        check_shape(remaining_s, (len(table.y),), "remaining_s (one per particle)")
-        velocity, acceleration = table.velocity_y_mm_s, table.acceleration_y_mm_s2
-        return table.y + self._way(remaining_s, velocity, acceleration)
+        check_shape(remaining_s, (len(table["y"]),), "remaining_s (one per particle)")
+        velocity, acceleration = table["velocity_y_mm_s"], table["acceleration_y_mm_s2"]
+        return table["y"] + self._way(remaining_s, velocity, acceleration)
 
-    def calibrated(self, last: Observations, arrival: References) -> Self:
+    def calibrated(self, last: Given, arrival: Given) -> Self:
         """Return the model with its parameter taken from particles that were seen to arrive."""
         before, after = self._both(last, arrival)
-        return self._fitted(before.velocity_y_mm_s, after.velocity_y_mm_s)
+        return self._fitted(before["velocity_y_mm_s"], after["velocity_y_mm_s"])
 
     @abstractmethod
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:

@@ -17,6 +17,7 @@ from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
 
 
 class Observed(NamedTuple):
@@ -72,72 +73,61 @@ class PredictionPhase:
             If a particle has two rows in one frame, or the time between frames varies.
         """
         table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
+        _check_frames(table)
         columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
         starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
         ends = np.append(starts, len(table))[1:]
-        _check_frames(columns, starts)
         gap = columns["frame"][ends - 1] - columns["frame"][starts] + 1 != ends - starts
         before = _first(columns["x"] >= self.start_mm, starts, ends) - 1
         after = _first(columns["x"] >= self.target_mm, starts, ends)
-        short = before - starts < 2
-        missed = after == ends
+        short, missed = before - starts < 2, after == ends
         keep = ~(gap | short | missed)
         left_out = {
             "gap in the track": int(gap.sum()),
             "fewer than three observations before the phase": int((short & ~gap).sum()),
             "target never reached": int((missed & ~short & ~gap).sum()),
         }
-        before, after = before[keep], after[keep]
-        return Observed(_last(columns, before), self._arrival(columns, after), left_out)
+        return Observed(_last(columns, before[keep]), self._arrival(columns, after[keep]), left_out)
 
-    def _arrival(self, columns: dict[str, Array], after: npt.NDArray[np.intp]) -> pd.DataFrame:
+    def _arrival(self, columns: dict[str, Array], after: Rows) -> pd.DataFrame:
         """Interpolate linearly between the observations around the target (Fig. 5)."""
-        previous = after - 1
-        step = {
-            name: columns[name][after] - columns[name][previous] for name in ("x", "y", "time_s")
-        }
-        share = (self.target_mm - columns["x"][previous]) / step["x"]
-        return pd.DataFrame(
-            {
-                "particle": columns["particle"][after],
-                "time_s": columns["time_s"][previous] + share * step["time_s"],
-                "y": columns["y"][previous] + share * step["y"],
-                "velocity_y_mm_s": step["y"] / step["time_s"],
-            }
-        )[BELT_ARRIVAL.names]
+        names = ("time_s", "x", "y")
+        time, x, y = (columns[name][after - 1] for name in names)
+        duration, way, across = (columns[name][after] - columns[name][after - 1] for name in names)
+        share = (self.target_mm - x) / way
+        arrived = (time + share * duration, y + share * across, across / duration)
+        parts = zip(BELT_ARRIVAL.names, (columns["particle"][after], *arrived), strict=True)
+        return pd.DataFrame(dict(parts))
 
 
-def _check_frames(columns: dict[str, Array], starts: npt.NDArray[np.intp]) -> None:
+def _check_frames(table: pd.DataFrame) -> None:
     """Refuse two rows in one frame and frames that are not evenly spaced in time."""
-    repeated = np.diff(columns["frame"], prepend=-1) <= 0
-    repeated[starts] = False
+    steps = table.groupby("particle")[["frame", "time_s"]].diff()
+    repeated = (steps["frame"] <= 0).to_numpy()
     if repeated.any():
-        row = int(np.argmax(repeated))
+        row = table.iloc[int(np.argmax(repeated))]
         raise InputError(
-            f"particle {columns['particle'][row]} has two rows in frame "
-            f"{columns['frame'][row]}; keep one."
+            f"particle {row['particle']:.0f} has two rows in frame {row['frame']:.0f}; keep one."
         )
-    inside = np.ones(len(repeated), dtype=bool)
-    inside[starts] = False
-    frames = np.diff(columns["frame"], prepend=0)[inside]
-    step = np.diff(columns["time_s"], prepend=0.0)[inside] / frames
-    if len(step) and (step.min() <= 0 or np.ptp(step) > 1e-3 * np.median(step)):
-        row = int(np.flatnonzero(inside)[np.argmax(np.abs(step - np.median(step)))])
+    step = (steps["time_s"] / steps["frame"]).to_numpy()
+    inside = np.flatnonzero(np.isfinite(step))
+    median = np.median(step[inside]) if len(inside) else 1.0
+    off = np.abs(step[inside] - median)
+    if len(inside) and (step[inside].min() <= 0 or np.ptp(step[inside]) > 1e-3 * median):
+        row = table.iloc[inside[np.argmax(off)]]
         raise InputError(
-            f"particle {columns['particle'][row]}, frame {columns['frame'][row]}: time_s does not "
-            f"grow evenly with the frame (median step {np.median(step):g} s). Resample the track."
+            f"particle {row['particle']:.0f}, frame {row['frame']:.0f}: time_s does not grow "
+            f"evenly with the frame (median step {median:g} s). Resample the track."
         )
 
 
-def _first(
-    flags: npt.NDArray[np.bool_], starts: npt.NDArray[np.intp], ends: npt.NDArray[np.intp]
-) -> npt.NDArray[np.intp]:
+def _first(flags: npt.NDArray[np.bool_], starts: Rows, ends: Rows) -> Rows:
     """Return the first flagged row of each particle, or its end."""
     rows = np.append(np.flatnonzero(flags), len(flags))
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
 
 
-def _last(columns: dict[str, Array], row: npt.NDArray[np.intp]) -> pd.DataFrame:
+def _last(columns: dict[str, Array], row: Rows) -> pd.DataFrame:
     """Return the state at ``row`` from the parabola through it and the two rows before."""
     step = columns["time_s"][row] - columns["time_s"][row - 1]
     state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}

@@ -29,10 +29,10 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.detection.dbscan import DBSCAN, k_distances
-from kilnflight.detection.dog import DoG, Polygon
 from kilnflight.detection.morphology import MorphologicalClustering
 from kilnflight.detection.otsu import Otsu, otsu_threshold
 from kilnflight.detection.quasi_centers import QuasiClusterCenters
+from kilnflight.detection.sift import DoG, Polygon
 
 
 class Detector2D(Protocol):

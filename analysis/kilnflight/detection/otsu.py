@@ -8,28 +8,40 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from kilnflight.checks import InputError, check_count
-from kilnflight.detection.foreground import check_foreground
 
 Array = npt.NDArray[np.float64]
 
+LARGEST = 1e9  # far beyond any grey value, and safe in float32
 LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
 
 
-@njit(cache=True)
-def _histogram(levels: Any, low: int, bins: int) -> Any:
-    """Return how many pixels have each level: four counts in turn, so that none waits."""
-    counts = np.zeros((4, bins), dtype=np.int64)
-    for i in range(len(levels)):
-        counts[i & 3, int(levels[i]) - low] += 1
-    return counts
+def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDArray[Any]:
+    """Return the foreground of a 2D detector as an array, or raise an `InputError`.
 
-
-def _levels(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the grey level of each value: floats go to the nearest, halves to the even."""
-    return values if values.dtype.kind in "ui" else np.rint(values)
+    Raises
+    ------
+    InputError
+        If it is not 2D, is not made of integers or floats, or a float is not finite (or
+        beyond any grey value).
+    """
+    image = np.asarray(foreground)
+    if image.ndim != 2:
+        raise InputError(f"{where}: the foreground has shape {image.shape}; pass (rows, cols).")
+    if image.dtype.kind not in "uif":
+        raise InputError(f"{where}: the foreground is of {image.dtype}; pass integers or floats.")
+    # compiled code takes the machine's byte order, and no half floats
+    kind = np.dtype(np.float32) if image.dtype == np.float16 else image.dtype.newbyteorder("=")
+    image = image.astype(kind, copy=False)
+    least, most = (image.min(), image.max()) if image.size else (0, 0)  # NaN if one is
+    if image.dtype.kind == "f" and not -LARGEST < least <= most < LARGEST:
+        row, col = (int(i) for i in np.argwhere(~(np.abs(image) < LARGEST))[0])
+        raise InputError(
+            f"{where}: the foreground is {image[row, col]} at row {row}, col {col}; "
+            "set such pixels to 0 before the call."
+        )
+    return image
 
 
 def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
@@ -58,7 +70,9 @@ def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
     Notes
     -----
     The criterion does not change when a constant is added to all grey values, so levels
-    are counted from the smallest value and not from 1.
+    are counted from the smallest value and not from 1. `skimage.filters.threshold_otsu`
+    sums in float32, which moves the threshold of a frame's flame by some levels; so
+    Eq. 2.19 stands here in float64.
 
     Examples
     --------
@@ -68,7 +82,7 @@ def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
     line = check_foreground(np.asarray(values).reshape(1, -1), "otsu_threshold")[0]
     if line.size == 0:
         raise InputError("otsu_threshold: there are no values; pass at least one pixel.")
-    levels = _levels(line)
+    levels = line if line.dtype.kind in "ui" else np.rint(line)  # halves go to the even
     low, high = int(levels.min()), int(levels.max())
     if high - low >= LEVELS:
         raise InputError(
@@ -77,7 +91,8 @@ def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
         )
     if low == high:
         return low
-    return low + int(np.argmax(criterion(_histogram(levels, low, high - low + 1).sum(axis=0))))
+    counts = np.bincount((levels - levels.min()).astype(np.int32))
+    return low + int(np.argmax(criterion(counts)))
 
 
 def criterion(counts: npt.NDArray[np.int64]) -> Array:
@@ -145,7 +160,8 @@ class Otsu:
         image = check_foreground(foreground, "Otsu")
         if image.size == 0:
             return np.empty((0, 3))
-        above = _levels(image) > otsu_threshold(image)
+        rounded = image if image.dtype.kind in "ui" else np.rint(image)
+        above = rounded > otsu_threshold(image)
         _, _, regions, centroids = cv2.connectedComponentsWithStats(
             above.view(np.uint8), connectivity=8
         )

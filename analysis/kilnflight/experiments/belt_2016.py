@@ -207,16 +207,19 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     """
     check_columns(states, PLACED, "states")
     check_columns(truth, PLACED, "truth")
-    known = truth[PLACED].sort_values("frame", kind="stable")
-    frames, rows = known["frame"].to_numpy(), []
+    frames, row = np.unique(truth["frame"].to_numpy(), return_inverse=True)
+    names, column = np.unique(truth["particle"].to_numpy(), return_inverse=True)
+    known = np.full((len(frames), len(names), 2), np.nan)  # NaN: not there in that frame
+    known[row, column] = truth[["x", "y"]].to_numpy()
+    rows = []
     for track, table in states[PLACED].groupby("particle"):
-        span = np.searchsorted(frames, [table["frame"].min(), table["frame"].max() + 1])
-        both = table.merge(known.iloc[slice(*span)], on="frame", suffixes=("", "_true"))
-        squares = (both["x"] - both["x_true"]) ** 2 + (both["y"] - both["y_true"]) ** 2
-        sums = squares.groupby(both["particle_true"]).agg(["sum", "count"])
-        whole = sums.loc[sums["count"] == len(table), "sum"]
-        if len(whole):
-            rows.append((track, whole.idxmin(), np.sqrt(whole.min() / len(table))))
+        if not table["frame"].isin(frames).all():
+            continue
+        there = known[np.searchsorted(frames, table["frame"])]
+        squares = ((there - table[["x", "y"]].to_numpy()[:, None]) ** 2).sum(axis=(0, 2))
+        if np.isfinite(squares).any():
+            best = np.nanargmin(squares)
+            rows.append((track, names[best], np.sqrt(squares[best] / len(table))))
     pairs = pd.DataFrame(rows, columns=["particle", "truth", "rms_mm"])
     return pairs.astype({"particle": np.int64, "truth": np.int64, "rms_mm": np.float64})
 

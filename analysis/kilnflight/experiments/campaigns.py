@@ -29,7 +29,7 @@ from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
 from kilnflight.twin.particles import FRACTIONS
-from kilnflight.twin.scenes import PRESSURES_BAR
+from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def campaigns(
 def _campaign(
     fraction: str, bar: float, scale: str, settings: Settings, seed: int, scenario: str
 ) -> Campaign:
-    name = f"{fraction.replace(' ', '-').lower()}-{bar:.1f}-bar"
+    name = campaign_name(fraction, bar)
     source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
     twin = source.recording()
     first, count = FRAMES[scale]

@@ -34,7 +34,7 @@ from kilnflight.scores import score_tracks
 from kilnflight.scores.matching import pair
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import WINDOWS, tracking_window
+from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
 
 # The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
@@ -116,7 +116,7 @@ def windows(
     """
     found = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        name = f"{fraction.replace(' ', '-').lower()}-4.5-bar"
+        name = campaign_name(fraction, 4.5)
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
         frames = (settings_frames if for_settings else scored_frames)(twin, scale)

@@ -18,15 +18,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
-
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
 from kilnflight.project.closure import code_hash
+
+if TYPE_CHECKING:  # else imported where tables are read: to execute a notebook takes files only
+    import pandas as pd
 
 Inputs = TypeVar("Inputs")
 
@@ -111,6 +110,9 @@ class CachedTable:
         InputError
             If the file cannot be written, as on a full disk, or not be read.
         """
+        import pandas as pd
+        from pyarrow import ArrowException
+
         path = self.path
         path.parent.mkdir(parents=True, exist_ok=True)
         with locked(path.with_suffix(".lock")):
@@ -119,7 +121,7 @@ class CachedTable:
                 save(path, parquet(self.make(), self.depends_on))
         try:
             return pd.read_parquet(path)
-        except (OSError, pa.ArrowException) as error:
+        except (OSError, ArrowException) as error:
             raise InputError(
                 f"{path}: cannot be read ({error}). Delete it; it is made again."
             ) from error
@@ -127,11 +129,14 @@ class CachedTable:
 
 def parquet(table: pd.DataFrame, depends_on: Mapping[str, object] | None = None) -> bytes:
     """Return a table as the bytes of a Parquet file; the same table gives the same bytes."""
+    import pyarrow as pa
+    from pyarrow import parquet as files
+
     arrow = pa.Table.from_pandas(table, preserve_index=False)
     arguments = json.dumps(dict(depends_on or {}), sort_keys=True, default=repr).encode()
     metadata = {**(arrow.schema.metadata or {}), b"depends_on": arguments}
     buffer = io.BytesIO()
-    pq.write_table(arrow.replace_schema_metadata(metadata), buffer)
+    files.write_table(arrow.replace_schema_metadata(metadata), buffer)
     return buffer.getvalue()
 
 

@@ -39,8 +39,11 @@ PNG_DPI = 300
 DRAFT_DPI = 150  # of a smoke run
 TABLE_DPI = 150  # of a table that is drawn as a picture: text only
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
-PICTURE_COLOURS, TABLE_COLOURS = 64, 16  # of a PNG: more cannot be told apart
-LARGEST_PNG = 300_000  # bytes; above it the resolution is reduced
+LARGEST_PNG = 300_000  # bytes
+# Share of the resolution and number of colours, in the order that they are tried until a PNG
+# is small enough. 256 colours look like all; a table is text and needs 16.
+REDUCTIONS = ((1.0, 256), (0.8, 256), (0.64, 64), (0.5, 64), (0.4, 16))
+TABLE_COLOURS = 16
 YEAR = 2026  # of the release, as in CITATION.cff
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
@@ -152,14 +155,13 @@ def save(
     drawn = picture if picture is not None else table_picture(table)
     draft = provenance.parameters.get("scale") == "quick"
     dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
-    colours = TABLE_COLOURS if picture is None else PICTURE_COLOURS
     texts = {
         "Title": identifier,
         "Description": caption,
         "Software": f"kilnflight {provenance.version}",
         "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
     }
-    png = _png(drawn, texts, dpi, colours)
+    png = _png(drawn, texts, dpi, TABLE_COLOURS if picture is None else 256)
     text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode(), f"{identifier}.png": png}
     if not draft:
@@ -194,21 +196,23 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
     return save(identifier, table, caption=result, provenance=provenance)
 
 
-def _png(picture: Figure, texts: Mapping[str, str], dpi: float, colours: int) -> bytes:
-    """Return a PNG of few colours; of as many dots per inch as `LARGEST_PNG` allows."""
-    info = PngInfo()
+def _png(picture: Figure, texts: Mapping[str, str], dpi: int, most: int) -> bytes:
+    """Return a PNG of at most so many colours and, as far as `REDUCTIONS` go, `LARGEST_PNG`."""
+    info, png = PngInfo(), io.BytesIO()
     for name, text in texts.items():
         info.add_text(name, text)
-    drawn, png = io.BytesIO(), io.BytesIO()
-    with style():
-        picture.savefig(drawn, format="png", dpi=dpi)
-    with Image.open(drawn) as image:
-        few = image.convert("RGB").quantize(
-            colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-        )
-    few.save(png, "PNG", optimize=True, dpi=(dpi, dpi), pnginfo=info)
-    small = len(png.getvalue()) <= LARGEST_PNG
-    return png.getvalue() if small else _png(picture, texts, 0.8 * dpi, colours)
+    for share, colours in REDUCTIONS:
+        drawn, png = io.BytesIO(), io.BytesIO()
+        with style():
+            picture.savefig(drawn, format="png", dpi=share * dpi)
+        with Image.open(drawn) as image:
+            few = image.convert("RGB").quantize(
+                min(colours, most), Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+            )
+        few.save(png, "PNG", optimize=True, dpi=(share * dpi, share * dpi), pnginfo=info)
+        if png.tell() <= LARGEST_PNG:
+            break
+    return png.getvalue()
 
 
 def _pdf(picture: Figure, texts: Mapping[str, str]) -> bytes:

@@ -1,4 +1,8 @@
-"""Who does the work: processes of this machine, or a Dask cluster; the outcome is the same."""
+"""Pieces of work, done by processes of this machine or by a Dask cluster, with the same results.
+
+joblib's own Dask backend is not used: it does the work here where the cluster has one core, and
+waits for ever where a worker is killed (joblib 1.6).
+"""
 
 from __future__ import annotations
 
@@ -82,39 +86,39 @@ class Workers:
         if not pieces:
             return
         with (
-            self._seen() as where,
+            self._bar() as options,
             tqdm(
                 total=before + sum(frames),
                 initial=before,
                 desc=label,
                 unit="frame",
                 smoothing=0,  # the mean rate: pieces end in bunches
-                **where,
+                **options,
             ) as bar,
         ):
-            done = self._here if self.scheduler is None else self._elsewhere
-            for k in done(make, pieces, label):
+            finished = self._local if self.scheduler is None else self._cluster
+            for k in finished(make, pieces, label):
                 bar.update(frames[k])
 
     @contextmanager
-    def _seen(self) -> Iterator[dict[str, Any]]:
+    def _bar(self) -> Iterator[dict[str, Any]]:
         """Yield where the bar is shown, and how often."""
-        if paths.PROGRESS in os.environ:  # of a notebook: `kilnflight.project.notebooks` tells it
-            with open(os.environ[paths.PROGRESS], "a") as told:
-                yield {"file": told}
+        if paths.PROGRESS in os.environ:  # of a notebook: `kilnflight.project.notebooks` reads it
+            with open(os.environ[paths.PROGRESS], "a") as file:
+                yield {"file": file}
         elif sys.stderr.isatty() or not self.into_logs:
             yield {"disable": None}
         else:
             yield dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
 
-    def _here(
+    def _local(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
     ) -> Iterator[int]:
         """Yield the numbers of the pieces that processes of this machine have finished."""
         run = joblib.Parallel(n_jobs=min(self.jobs, len(pieces)), return_as="generator_unordered")
         calls = (joblib.delayed(_numbered)(make, k, piece) for k, piece in enumerate(pieces))
         with warnings.catch_warnings():
-            # joblib renews a process that has grown, and tells
+            # joblib warns when it renews a process that has grown
             warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
             try:
                 yield from run(calls)
@@ -124,11 +128,11 @@ class Workers:
                     "run it again, perhaps with fewer jobs; it goes on from there."
                 ) from error
 
-    def _elsewhere(
+    def _cluster(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
     ) -> Iterator[int]:
         """Yield the numbers of the pieces that the cluster has finished."""
-        with self._cluster() as client:
+        with self._client() as client:
             from distributed import KilledWorker, as_completed
 
             numbers = list(range(len(pieces)))
@@ -146,7 +150,7 @@ class Workers:
                 client.cancel(futures)
 
     @contextmanager
-    def _cluster(self) -> Iterator[Any]:
+    def _client(self) -> Iterator[Any]:
         """Yield a client of the cluster."""
         try:
             from distributed import Client
@@ -170,10 +174,10 @@ class Workers:
                     f"scheduler {self.scheduler}: it has no workers. Start some there: "
                     f"dask worker {self.scheduler}"
                 ) from error
-            self._refuse_strangers(client)
+            self._check_installed(client)
             yield client
 
-    def _refuse_strangers(self, client: Any) -> None:
+    def _check_installed(self, client: Any) -> None:
         """Raise an `InputError` if a worker has no kilnflight: it would never answer."""
 
         def installed() -> bool:  # within, so that it travels whole
@@ -196,9 +200,9 @@ def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int
 
 
 def _give_back() -> None:
-    """Give freed memory back to the system: joblib takes a process that keeps it for leaking.
+    """Give freed memory back to the system.
 
-    It would be renewed after every piece, and load and open everything anew.
+    joblib takes a process that keeps it for leaking, and would renew it after every piece.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None

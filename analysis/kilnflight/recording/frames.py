@@ -2,7 +2,7 @@
 
 A recording is anything with `attributes`, a length and ``frame(t)``; the twin renders
 its frames on demand, `kilnflight.recording.store.StoredRecording` reads them from disk, and
-whoever measures cannot tell which one it was given. Pixels are row, col; millimetres
+the methods cannot tell which one they were given. Pixels are row, col; millimetres
 are x, y, z in camera coordinates as captured, before Eq. 2.4.
 """
 
@@ -29,7 +29,7 @@ class Frame:
     Parameters
     ----------
     index
-        Number of the frame in the recording it was made for (in the file names, in the
+        Number of the frame in its first recording (in the file names, in the
         truth tables); a part of a recording keeps it.
     time_s
         Time of exposure; it grows from frame to frame.
@@ -97,34 +97,29 @@ class Attributes:
                 f"{where}: unknown fraction {self.fraction!r}; use one of {', '.join(FRACTIONS)}, "
                 "or leave it out."
             )
-        if self.lance_mm is not None and (
-            len(self.lance_mm) != 3 or not all(map(math.isfinite, self.lance_mm))
-        ):
-            raise InputError(f"{where}: lance_mm is {self.lance_mm}, expected x, y, z in mm.")
-        self._check_regions(where)
-
-    def _check_regions(self, where: str) -> None:
-        if self.roi is not None and (
-            len(self.roi) < 3
-            or not all(
-                len(v) == 2 and 0 <= v[0] <= self.rows and 0 <= v[1] <= self.columns
-                for v in self.roi
-            )
+        lance, roi, flame = self.lance_mm, self.roi, self.flame_roi
+        if lance is not None and not (len(lance) == 3 and all(map(math.isfinite, lance))):
+            raise InputError(f"{where}: lance_mm is {lance}, expected x, y, z in mm.")
+        size = f"inside the image of {self.rows} x {self.columns}"
+        if roi is not None and not (
+            len(roi) >= 3 and all(len(vertex) == 2 and self._holds(*vertex) for vertex in roi)
         ):
             raise InputError(
-                f"{where}: roi needs three or more vertices (row, col) inside the image of "
-                f"{self.rows} x {self.columns}, got {self.roi}."
+                f"{where}: roi needs three or more vertices (row, col) {size}, got {roi}."
             )
-        if self.flame_roi is not None:
-            inside = len(self.flame_roi) == 4 and (
-                0 <= self.flame_roi[0] < self.flame_roi[1] <= self.rows
-                and 0 <= self.flame_roi[2] < self.flame_roi[3] <= self.columns
+        if flame is not None and not (
+            len(flame) == 4
+            and flame[0] < flame[1]
+            and flame[2] < flame[3]
+            and self._holds(*flame[::2])
+            and self._holds(*flame[1::2])
+        ):
+            raise InputError(
+                f"{where}: flame_roi is {flame}, expected row0 < row1 and col0 < col1 {size}."
             )
-            if not inside:
-                raise InputError(
-                    f"{where}: flame_roi is {self.flame_roi}, expected row0 < row1 and "
-                    f"col0 < col1 inside the image of {self.rows} x {self.columns}."
-                )
+
+    def _holds(self, row: float, col: float) -> bool:
+        return 0 <= row <= self.rows and 0 <= col <= self.columns
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON keeps them."""
@@ -140,11 +135,11 @@ class Attributes:
                 f"recording {values.get('name', '')}: unknown attribute(s) {', '.join(unknown)}; "
                 f"known are {', '.join(sorted(known))}."
             )
-        return cls(**{key: _frozen(value) for key, value in values.items()})
+        return cls(**{key: _tuples(value) for key, value in values.items()})
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(item) for item in value) if isinstance(value, list | tuple) else value
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
 
 
 class Recording(Protocol):
@@ -219,9 +214,9 @@ def check_cloud(
             f"{pixels[bad[0], 0]}, col {pixels[bad[0], 1]}. A pixel without depth is left out, "
             "not marked."
         )
-    seen = np.zeros(tuple(size), bool)
-    seen[pixels[:, 0], pixels[:, 1]] = True
-    twice = len(pixels) - np.count_nonzero(seen)
+    taken = np.zeros(tuple(size), bool)
+    taken[pixels[:, 0], pixels[:, 1]] = True
+    twice = len(pixels) - np.count_nonzero(taken)
     if twice:
         raise InputError(f"{where}: {twice} point(s) share a pixel with another. Give each once.")
 

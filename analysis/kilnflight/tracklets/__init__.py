@@ -20,29 +20,26 @@ to what it returns, changes nothing; the whole, applied again, may, as later ste
 make tracks that the earlier ones have not seen.
 """
 
-from collections.abc import Iterable, Iterator
-from typing import Protocol
+from collections.abc import Callable, Iterable, Iterator
 
 import pandas as pd
 
-from kilnflight.tracklets.connect import Connection, Costs
 from kilnflight.tracklets.eliminate import Elimination
-from kilnflight.tracklets.fuse import Fusion
-from kilnflight.tracklets.laws import Differences, LevelEdge, energies
-from kilnflight.tracklets.matching import DualNearest, Hungarian, Matching, Pairs, listed
+from kilnflight.tracklets.joining import (
+    Connection,
+    Costs,
+    DualNearest,
+    Fusion,
+    Hungarian,
+    Matching,
+    Pairs,
+    listed,
+)
 from kilnflight.tracklets.outliers import OutlierRemoval
 from kilnflight.tracklets.paths import read_paths, tracked, write_paths
+from kilnflight.tracklets.texture import Differences, LevelEdge, energies
 
-
-class Step(Protocol):
-    """What every step of the post-processing offers."""
-
-    def __call__(
-        self, tracks: pd.DataFrame, differences: Differences | None = None
-    ) -> pd.DataFrame:
-        """Return the track table after the step."""
-        ...
-
+Step = Callable[[pd.DataFrame, Differences | None], pd.DataFrame]
 
 STEPS: tuple[Step, ...] = (Elimination(), OutlierRemoval(), Connection(), Fusion())
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numba import njit
 
 from kilnflight.checks import check_between, check_limit
-from kilnflight.tracklets.kinematics import mean_speed, regularity
-from kilnflight.tracklets.laws import Differences
-from kilnflight.tracklets.paths import LOST, read_paths, write_paths
+from kilnflight.tracklets.paths import LOST, Floats, Integers, read_paths, velocities, write_paths
+from kilnflight.tracklets.texture import Differences
 
 
 @dataclass(frozen=True)
@@ -53,19 +50,57 @@ class Elimination:
             If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`).
         """
         paths = read_paths(tracks, "Elimination: tracks")
-        measured = _measure(paths.frame, paths.place, paths.starts)
-        kept = (measured > np.array([self.duration, self.speed, self.regularity])).all(axis=1)
         names = paths.names()
+        kept = np.diff(paths.starts) > self.duration
+        kept &= mean_speed(names, paths.frame, paths.place) > self.speed
+        kept &= regularity(names, paths.frame, paths.place) > self.regularity
         return write_paths(tracks, paths, np.where(kept[names], names, LOST))
 
 
-@njit(cache=True)
-def _measure(frame: Any, place: Any, starts: Any) -> Any:
-    """Return duration, mean speed and regularity (m, 3) of every tracklet."""
-    measured = np.empty((len(starts) - 1, 3))
-    for i in range(len(measured)):
-        time, where = frame[starts[i] : starts[i + 1]], place[starts[i] : starts[i + 1]]
-        measured[i, 0] = len(time)
-        measured[i, 1] = mean_speed(time, where)
-        measured[i, 2] = regularity(time, where)
-    return measured
+def mean_speed(names: Integers, frame: Integers, place: Floats) -> Floats:
+    """Return the mean magnitude of the velocities of each path in px/frame (Eq. 4.16, thesis).
+
+    It is 0 for a single point. Points are sorted by path and frame, paths numbered from 0.
+    """
+    within = np.diff(names) == 0
+    speeds = np.hypot(*velocities(frame, place).T)
+    return _sums(names[1:][within], speeds[within], names) / np.maximum(np.bincount(names) - 1, 1)
+
+
+def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
+    """Return the correlation of each path with its second-degree polynomials row(t), col(t).
+
+    Of least squares polynomials with a constant term, the correlation with the data, pooled
+    over both centred coordinates, is the root of explained over total sum of squares. Up
+    to three points it is 1, and likewise for a path that stays where it is.
+    """
+    count = np.bincount(names)
+    first = np.cumsum(count) - count
+
+    def sums(values: Floats) -> Floats:
+        return _sums(names, values, names)[names]
+
+    def centred(values: Floats) -> Floats:
+        return values - sums(values) / count[names]
+
+    long = (count > 3)[names]
+    time = frame - frame[first][names]
+    straight = centred(time / np.maximum(time[first + count - 1][names], 1))
+    square = straight * straight
+    bent = centred(square) - straight * sums(square * straight) / np.where(long, sums(square), 1.0)
+    total, left = np.zeros(len(names)), np.zeros(len(names))
+    for axis in range(2):
+        rest = centred(place[:, axis] - place[first, axis][names])  # exactly 0 without motion
+        total += rest**2
+        for base in (straight, bent):
+            rest = rest - base * sums(rest * base) / np.where(long, sums(base * base), 1.0)
+        left += rest**2
+    whole = _sums(names, total, names)
+    unexplained = _sums(names, left, names) / np.where(whole > 0, whole, 1.0)
+    known = (count > 3) & (whole > 0)
+    return np.where(known, np.sqrt(np.maximum(1.0 - unexplained, 0.0)), 1.0)
+
+
+def _sums(names: Integers, values: Floats, every: Integers) -> Floats:
+    """Return the sum of the values of each path, 0 for paths without any."""
+    return np.bincount(names, values, minlength=int(every.max(initial=-1)) + 1).astype(np.float64)

@@ -1,157 +1,462 @@
-"""The iteration that connection and fusion share (Fig. 4.8, thesis, section 4.2.3)."""
+"""Tracklets of one particle are connected, merged and fused (thesis, sections 4.2.3, 4.2.4)."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.optimize import linear_sum_assignment
 
-from kilnflight.checks import check_kind, check_offers
-from kilnflight.tracklets.criteria import Limits, Pool, Weights, candidates, merged
-from kilnflight.tracklets.eliminate import Elimination
-from kilnflight.tracklets.laws import Differences, LevelEdge
-from kilnflight.tracklets.matching import Matching, Pairs
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_kind,
+    check_limit,
+    check_offers,
+    check_shape,
+)
+from kilnflight.tracklets.eliminate import Elimination, mean_speed, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
-from kilnflight.tracklets.paths import Paths, read_paths, write_paths
+from kilnflight.tracklets.paths import (
+    Floats,
+    Integers,
+    Paths,
+    read_paths,
+    turns,
+    velocities,
+    write_paths,
+)
+from kilnflight.tracklets.texture import Differences, LevelEdge
+
+Bools = npt.NDArray[np.bool_]
 
 
-class Feature(NamedTuple):
-    """The last term of Eq. 4.24: its weight f, its measure, and what it measures on."""
+class Pairs(NamedTuple):
+    """A cost matrix as the list of its possible pairs; the others cost C, as in Fig. 4.14.
 
-    weight: float
-    measure: LevelEdge
-    differences: Differences | None
+    Of thousands of tracklets a handful of pairs are possible, so the matrix is never made.
 
-
-def refuse(
-    step: object, outliers: object, false: object, feature: object, matching: object
-) -> None:
-    """Raise an `InputError` if a part of a step is of another kind than its field."""
-    name = type(step).__name__
-    check_kind(outliers, OutlierRemoval, f"{name}: outliers")
-    check_kind(false, Elimination, f"{name}: false")
-    check_offers(feature, ("__call__",), f"{name}: feature")
-    check_offers(matching, ("__call__",), f"{name}: matching")
-
-
-class Joining(Protocol):
-    """What `Connection` and `Fusion` have in common, as far as limits go."""
-
-    @property
-    def depth(self) -> float:
-        """Change of depth, mm/frame (Eq. 4.22)."""
-
-    @property
-    def outliers(self) -> OutlierRemoval:
-        """Eq. 4.18, for the connected part."""
-
-    @property
-    def false(self) -> Elimination:
-        """Eq. 4.15 without duration, for the connected part."""
-
-
-def limits_of(
-    step: Joining, *, gap: float, overlap: float, distance: float, nested: bool
-) -> Limits:
-    """Return what a pair must keep to: where two steps differ, and what they share."""
-    return Limits(
-        gap=float(gap),
-        overlap=float(overlap),
-        distance=float(distance),
-        nested=float(nested),
-        angle=float(step.outliers.angle_deg),
-        change=float(step.outliers.change),
-        speed=float(step.false.speed),
-        regularity=float(step.false.regularity),
-        depth=float(step.depth),
-    )
-
-
-def join(
-    tracks: pd.DataFrame, limits: Limits, weights: Weights, feature: Feature, matching: Matching
-) -> pd.DataFrame:
-    """Return the table with tracklets joined until no pair is left that may be.
-
-    Only pairs with a tracklet that has just been joined are judged anew.
+    Attributes
+    ----------
+    one, other
+        (p,) earlier and later tracklet.
+    cost
+        (p,) finite and at least 0.
     """
-    paths = read_paths(tracks, "tracks to join")
-    begin = paths.starts[:-1].copy()
-    first = paths.frame[begin]
-    pool = Pool(paths.rows, paths.frame, paths.place, begin, paths.starts[1:].copy(), first)
-    changed = np.ones(len(begin), dtype=np.bool_)
-    known = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
-    while True:
-        new = _with_feature(pool, Pairs(*candidates(pool, changed, limits, weights)), feature)
-        stays = ~(changed[known.one] | changed[known.other])
-        known = Pairs(*(np.append(a[stays], b) for a, b in zip(known, new, strict=True)))
-        chosen = _choose(known, matching)
-        if not chosen:
-            break
-        pool, changed = _merge(pool, chosen)
-    return _write(tracks, pool)
+
+    one: Integers
+    other: Integers
+    cost: Floats
+
+    def where(self, chosen: Bools | Integers) -> Pairs:
+        """Return the chosen pairs."""
+        return Pairs(self.one[chosen], self.other[chosen], self.cost[chosen])
 
 
-def _with_feature(pool: Pool, pairs: Pairs, feature: Feature) -> Pairs:
-    """Return the pairs with the last term of Eq. 4.24 in their cost."""
-    if feature.differences is None:
-        return pairs
-    cost = pairs.cost.copy()
-    for number, (i, k) in enumerate(zip(pairs.one.tolist(), pairs.other.tolist(), strict=True)):
-        end, start = pool.end[i] - 1, pool.begin[k]
-        last = int(max(pool.frame[end], pool.frame[pool.end[k] - 1]))
-        energy = feature.measure(
-            (pool.place[end, 0], pool.place[end, 1]),
-            (pool.place[start, 0], pool.place[start, 1]),
-            (int(pool.first[i]), last),
-            feature.differences,
+Matching = Callable[[Pairs], Integers]  # positions in the list of the pairs to join, ascending
+
+
+def listed(matrix: npt.ArrayLike) -> Pairs:
+    """Return the pairs of a square cost matrix, infinite where a pair is impossible.
+
+    Entry [i, k] is the cost of tracklet i followed by tracklet k.
+
+    Raises
+    ------
+    InputError
+        If the matrix is not square, or a cost is negative or not a number.
+    """
+    cost = np.asarray(matrix)
+    if cost.dtype.kind not in "iuf":
+        raise InputError(f"cost matrix: it holds {cost.dtype}, expected numbers.")
+    check_shape(cost, (None, None), "cost matrix")
+    check_shape(cost, (len(cost), len(cost)), "cost matrix")
+    one, other = np.nonzero(cost != np.inf)
+    return _check_pairs(Pairs(one, other, cost[one, other].astype(np.float64)))
+
+
+def _check_pairs(pairs: Pairs) -> Pairs:
+    """Return the pairs, or raise an `InputError` if a cost is negative or not finite.
+
+    A cost below 0 would make it cheaper to join than to do nothing, which no term of
+    Eq. 4.24 does.
+    """
+    bad = np.flatnonzero(~((pairs.cost >= 0) & (pairs.cost < np.inf)))
+    if len(bad):
+        one, other, cost = (values[bad[0]] for values in pairs)
+        raise InputError(
+            f"pairs: tracklets {one} and {other} cost {cost}; expected 0 or above and finite, "
+            "inf in a matrix where a pair is impossible."
         )
-        cost[number] += feature.weight / max(energy, 1.0)
-    return Pairs(pairs.one, pairs.other, cost)
+    return pairs
 
 
-def _choose(pairs: Pairs, matching: Matching) -> list[tuple[int, int]]:
-    """Return the pairs to join now.
+@dataclass(frozen=True)
+class DualNearest:
+    """Pairs of which each is the other's nearest neighbour (DNN).
+
+    Notes
+    -----
+    A tracklet has one nearest neighbour, before or after it, so that each iteration joins
+    it at most once; of equally near ones the first. Where anything can be joined, the
+    cheapest pair is. Source: section 4.2.3, thesis.
+    """
+
+    def __call__(self, pairs: Pairs) -> Integers:
+        """Return which of the pairs to join, as positions in the list, ascending."""
+        size = len(_check_pairs(pairs).cost)
+        tracklet = np.append(pairs.one, pairs.other)
+        neighbour = np.append(pairs.other, pairs.one)
+        number = np.tile(np.arange(size), 2)
+        order = np.lexsort((number, neighbour, np.tile(pairs.cost, 2), tracklet))
+        first = np.append(True, np.diff(tracklet[order]) != 0)[: 2 * size]
+        chosen = np.bincount(number[order[first]], minlength=size)
+        return np.flatnonzero(chosen == 2)
+
+
+@dataclass(frozen=True)
+class Hungarian:
+    """As many pairs as possible at the smallest sum of costs (Kuhn-Munkres, GNN).
+
+    The alternative of Fig. 4.14. Here a tracklet may get one before and one after it.
+    """
+
+    def __call__(self, pairs: Pairs) -> Integers:
+        """Return which of the pairs to join, as positions in the list, ascending."""
+        if not len(_check_pairs(pairs).cost):
+            return np.empty(0, dtype=np.int64)
+        rows, row = np.unique(pairs.one, return_inverse=True)
+        columns, column = np.unique(pairs.other, return_inverse=True)
+        # Dearer than all pairs together, so that no pair is given up for them.
+        impossible = 1.0 + pairs.cost.max() * min(len(rows), len(columns))
+        number = np.full((len(rows), len(columns)), -1)
+        number[row, column] = np.arange(len(pairs.cost))
+        cost = np.where(number < 0, impossible, pairs.cost[number])
+        chosen = number[linear_sum_assignment(cost)]
+        return np.sort(chosen[chosen >= 0])
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Weights of Eq. 4.24, thesis."""
+
+    angle: float = 2.0  # 1/degree, a, Table 5.16
+    change: float = 2.0  # frame/px, b, Table 5.16
+    depth: float = 0.1  # frame/mm, c, Table 5.16
+    gap: float = 1.0  # 1/frame, d, Table 5.16
+    overlap: float = 2.0  # 1/frame, e, Table 5.16
+    feature: float = 1e11  # grey values, f, Table 5.16
+
+    def __post_init__(self) -> None:
+        """Refuse weights that are negative or not finite."""
+        for name in ("angle", "change", "depth", "gap", "overlap", "feature"):
+            check_at_least(getattr(self, name), 0, f"Costs: {name}")
+
+
+@dataclass(frozen=True)
+class Joining:
+    """What `Connection` and `Fusion` share: the iteration of Fig. 4.8, cheapest pairs first.
+
+    Called with a track table and, for the last term of the cost, the `Differences` of its
+    recording. A merged frame keeps one row, that of the earlier tracklet (of the later
+    where only that has a depth), with the mean row, col, x, y and z; the other row gets
+    particle -1 and keeps its own place.
+    """
+
+    gap: float = 0.0  # frames from the end of the one to the start of the other; 0: overlap
+    overlap: float = np.inf  # common frames of a pair that overlaps in time
+    distance: float = np.inf  # px, mean in the common frames; below inf, there must be such
+    depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
+    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
+    false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
+    costs: Costs = field(default_factory=Costs)
+    feature: LevelEdge = field(default_factory=LevelEdge)
+    matching: Matching = field(default_factory=DualNearest)
+    nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
+
+    def __post_init__(self) -> None:
+        """Refuse negative limits, and parts that are of another kind."""
+        step = type(self).__name__
+        for name in ("gap", "overlap", "distance", "depth"):
+            check_limit(getattr(self, name), f"{step}: {name}")
+        check_kind(self.costs, Costs, f"{step}: costs")
+        check_kind(self.outliers, OutlierRemoval, f"{step}: outliers")
+        check_kind(self.false, Elimination, f"{step}: false")
+        check_offers(self.feature, ("__call__",), f"{step}: feature")
+        check_offers(self.matching, ("__call__",), f"{step}: matching")
+
+    def __call__(
+        self, tracks: pd.DataFrame, differences: Differences | None = None
+    ) -> pd.DataFrame:
+        """Return the table with tracklets joined until no pair is left that may be.
+
+        Only pairs with a tracklet that has just been joined are judged anew.
+
+        Raises
+        ------
+        InputError
+            If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`), or
+            ``differences`` returns no finite numbers.
+        """
+        paths = read_paths(tracks, "tracks to join")
+        changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
+        known = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+        while True:
+            new = self.candidates(paths, changed)
+            if differences is not None:
+                new = self._with_feature(paths, new, differences)
+            stays = known.where(~(changed[known.one] | changed[known.other]))
+            known = Pairs(*(np.append(a, b) for a, b in zip(stays, new, strict=True)))
+            chosen = _once(known.where(self.matching(known)))
+            if not len(chosen.one):
+                return write_paths(tracks, paths, paths.names())
+            paths = _merge(paths, chosen)
+            changed = np.zeros_like(changed)
+            changed[[chosen.one, chosen.other]] = True
+
+    def candidates(self, paths: Paths, changed: Bools) -> Pairs:
+        """Return the pairs that may be joined and that hold a changed tracklet.
+
+        Their cost is without the last term. Eq. 4.18 sets no limit to the distance along the
+        flight, so time alone preselects the pairs.
+        """
+        i, k, gap = self._in_time(paths, changed)
+        overlap = _overlap(paths, i, k)
+        # Eq. 4.21
+        apart = (overlap.common >= self.overlap) | (overlap.distance > self.distance)
+        possible = (gap > 0) | ~apart
+        i, k, gap = i[possible], k[possible], gap[possible]
+        overlap = overlap.where(possible)
+        turned, allowed = self._judge(*_connected_parts(paths, i, k, overlap), len(i))
+        cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
+        return Pairs(i, k, cost).where(allowed)
+
+    def _in_time(self, paths: Paths, changed: Bools) -> tuple[Integers, Integers, Integers]:
+        """Return earlier and later tracklet of the pairs near in time, and the gap in frames."""
+        there = np.flatnonzero(np.diff(paths.starts))
+        first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
+        until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
+        pair, place = _ranges(np.arange(len(there)) + 1, until)
+        # Of two that start together the one that ends first is the earlier.
+        swapped = (first[pair] == first[place]) & (last[place] < last[pair])
+        i, k = np.where(swapped, place, pair), np.where(swapped, pair, place)
+        taken = changed[there[i]] | changed[there[k]]
+        if not self.nested:
+            taken &= last[k] > last[i]
+        return there[i[taken]], there[k[taken]], (first[k] - last[i])[taken]
+
+    def _judge(
+        self, names: Integers, frame: Integers, place: Floats, count: int
+    ) -> tuple[Floats, Bools]:
+        """Return the first three terms of Eq. 4.24 of connected parts, and which are allowed."""
+        steps = velocities(frame, place)
+        angle, change = turns(steps[:-1], steps[1:])
+        within = names[2:] == names[:-2]
+        part = names[2:][within]
+        turned = self.costs.angle * angle + self.costs.change * change
+        sharp = (angle > self.outliers.angle_deg) & (change > self.outliers.change)
+        number = np.maximum(np.bincount(part, minlength=count), 1)
+        cost = np.bincount(part, turned[within], minlength=count) / number
+        allowed = np.bincount(part, sharp[within], minlength=count) == 0
+        allowed &= mean_speed(names, frame, place) > self.false.speed
+        allowed &= regularity(names, frame, place) > self.false.regularity
+        deep = ~np.isnan(place[:, 2])
+        names, frame, depth = names[deep], frame[deep], place[deep, 2]
+        within = np.diff(names) == 0
+        part = names[1:][within]
+        rate = np.abs(np.diff(depth)[within]) / np.diff(frame)[within]
+        number = np.maximum(np.bincount(part, minlength=count), 1)
+        cost += self.costs.depth * np.bincount(part, rate, minlength=count) / number
+        # Eq. 4.22: no change of depth at the limit or above
+        too_deep = np.bincount(part, ~(rate < self.depth), minlength=count)
+        return cost, allowed & (too_deep == 0) & (self.depth > 0)
+
+    def _with_feature(self, paths: Paths, pairs: Pairs, differences: Differences) -> Pairs:
+        """Return the pairs with the last term of Eq. 4.24 in their cost."""
+        cost = pairs.cost.copy()
+        first, last = paths.starts[:-1], paths.starts[1:] - 1
+        for number, (i, k) in enumerate(zip(pairs.one, pairs.other, strict=True)):
+            energy = self.feature(
+                tuple(paths.place[last[i], :2]),
+                tuple(paths.place[first[k], :2]),
+                (int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())),
+                differences,
+            )
+            cost[number] += self.costs.feature / max(energy, 1.0)
+        return pairs._replace(cost=cost)
+
+
+@dataclass(frozen=True)
+class Connection(Joining):
+    """Connect tracklets over a gap, merge those that overlap, the cheapest first.
+
+    Notes
+    -----
+    Readings. (1) Eq. 4.21 holds case by case; with its "or" every pair would pass. (2) Of
+    two tracklets the one that starts first is the earlier; of two that start together the
+    one that ends first. The later one must end after the earlier one (Fig. 4.9); one within
+    another continues nothing and is left to `Fusion`. (3) A tracklet with fewer than three
+    points gives what it has to the connected part; one common frame counts as one
+    point, the mean; of two that overlap without a common frame, the points before
+    and after the overlap count. (4) The terms of Eq. 4.24 are means over the connected part,
+    0 without a value; d weighs the gap and e the overlap, as printed (the sentence after
+    it and Table 5.16 agree). (5) Without ``differences`` the last term is left out; f
+    belongs to the energies of the thesis, of order 1e8 (Fig. 4.13). (6) A tracklet is joined
+    once per iteration (`DualNearest`). (7) Eq. 4.18 spares a jump straight ahead, however
+    far, so nothing but the cost limits the length of a connection. Source: Eqs 4.21 to 4.25
+    and Fig. 4.14, thesis.
+    """
+
+    gap: float = 15.0  # frames, t_eps connect, Table 5.16
+    overlap: float = 5.0  # common frames, kn_eps merge, Table 5.16
+
+
+@dataclass(frozen=True)
+class Fusion(Joining):
+    """Fuse trajectories that overlap in time, however long, the cheapest first.
+
+    As `Connection` but for the limit on common frames and the terms for gap and overlap.
+
+    Notes
+    -----
+    Readings. (1) The text sets no limit to the distance of two trajectories. The connected
+    part then bounds it only by the velocity of the jump from one to the other: over 40
+    common frames, 200 px are 5 px/frame, and neighbours would be fused. So
+    their mean distance in the common frames must not exceed ``distance``, and there must
+    be such frames. Its value is the "epsilon = 10 pixel" that Table 5.16 lists without a
+    place in chapter 4.2; it may as well be the gate of Eq. 5.1, which has no other value.
+    (2) A trajectory within another may be fused: duplicates are often shorter. (3) Points,
+    rows and depths are treated as in `Connection`. Source: section 4.2.4, thesis.
+    """
+
+    distance: float = 10.0  # px, epsilon, Table 5.16 (see Notes)
+    # Section 4.2.4 omits the terms for gap and overlap.
+    costs: Costs = field(default_factory=lambda: Costs(gap=0.0, overlap=0.0))
+    nested: ClassVar[bool] = True
+
+
+class Overlap(NamedTuple):
+    """What the tracklets of each pair have in common, and where their connected part lies.
+
+    Attributes
+    ----------
+    common
+        Number of common frames.
+    distance
+        Mean distance in the common frames, px; infinite without any.
+    until, since
+        Position of the end of the part of the earlier one, and of the start of the later one's.
+    """
+
+    common: Integers
+    distance: Floats
+    until: Integers
+    since: Integers
+
+    def where(self, chosen: Bools) -> Overlap:
+        """Return that of the chosen pairs."""
+        common, distance, until, since = self
+        return Overlap(common[chosen], distance[chosen], until[chosen], since[chosen])
+
+
+def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
+    """Return the overlap in time of pairs of tracklets (p,)."""
+    low = int(paths.frame.min(initial=0))
+    width = int(paths.frame.max(initial=0)) - low + 2
+    key = paths.names() * width + paths.frame - low  # ascends
+    first, last = paths.frame[paths.starts[k]] - low, paths.frame[paths.starts[i + 1] - 1] - low
+    before = np.searchsorted(key, i * width + first)
+    after = np.searchsorted(key, k * width + last, side="right")
+    pair, point = _ranges(before, np.maximum(paths.starts[i + 1], before))
+    wanted = k[pair] * width + paths.frame[point] - low
+    place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+    both = key[place] == wanted
+    pair, point, place = pair[both], point[both], place[both]
+    common = np.bincount(pair, minlength=len(i))
+    apart = np.hypot(*(paths.place[point, :2] - paths.place[place, :2]).T)
+    total = np.bincount(pair, apart, minlength=len(i))
+    distance = np.where(common > 0, total / np.maximum(common, 1), np.inf)
+    ends = np.cumsum(common)[common > 0]
+    before[common > 0] = point[ends - common[common > 0]] + 1
+    after[common > 0] = place[ends - 1]
+    return Overlap(common, distance, before, after)
+
+
+def _connected_parts(
+    paths: Paths, i: Integers, k: Integers, overlap: Overlap
+) -> tuple[Integers, Integers, Floats]:
+    """Return the connected parts (Fig. 4.10): three points of the one, three of the other.
+
+    Number of the pair, frame and place of each point. A single common frame is one point,
+    the mean of both.
+    """
+    point = np.stack(
+        [overlap.until - 3 + n for n in range(3)] + [overlap.since + n for n in range(3)]
+    )
+    there = np.concatenate([point[:3] >= paths.starts[i], point[3:] < paths.starts[k + 1]])
+    point = np.where(there, point, 0)
+    frame, place = paths.frame[point], paths.place[point, :3]
+    single = overlap.common == 1
+    place[2, single] = _mean(place[2, single], place[3, single])
+    there[3, single] = False
+    names = np.broadcast_to(np.arange(len(i)), there.shape)
+    return names.T[there.T], frame.T[there.T], place.swapaxes(0, 1)[there.T]
+
+
+def _once(pairs: Pairs) -> Pairs:
+    """Return the pairs to join now, the cheapest first.
 
     Where a matching names a tracklet twice, the cheaper pair is joined first and the
     other one meets the joined tracklet in the next iteration.
     """
-    found = matching(pairs)
-    order = np.lexsort((pairs.other[found], pairs.one[found], pairs.cost[found]))
+    order = np.lexsort((pairs.other, pairs.one, pairs.cost))
     used: set[int] = set()
     chosen = []
-    for number in found[order].tolist():
+    for number in order.tolist():
         pair = int(pairs.one[number]), int(pairs.other[number])
         if used.isdisjoint(pair):
             used.update(pair)
-            chosen.append(pair)
-    return chosen
+            chosen.append(number)
+    return pairs.where(np.array(chosen, dtype=np.int64))
 
 
-def _merge(pool: Pool, chosen: list[tuple[int, int]]) -> tuple[Pool, npt.NDArray[np.bool_]]:
-    """Return the pool with the pairs joined, and which tracklets have changed."""
-    begin, end = pool.begin.copy(), pool.end.copy()
-    changed = np.zeros(len(begin), dtype=np.bool_)
-    added = [merged(pool, i, k) for i, k in chosen]
-    size = len(pool.rows)
-    for (i, k), (rows, _, _) in zip(chosen, added, strict=True):
-        stays, goes = min(i, k), max(i, k)
-        begin[stays], end[stays] = size, size + len(rows)
-        begin[goes] = end[goes] = 0
-        size += len(rows)
-        changed[[i, k]] = True
-    rows, frame, place = (
-        np.concatenate([old, *new])
-        for old, new in zip(pool[:3], zip(*added, strict=True), strict=True)
-    )
-    return Pool(rows, frame, place, begin, end, pool.first), changed
+def _merge(paths: Paths, chosen: Pairs) -> Paths:
+    """Return the paths with the pairs joined, under the lower of their two numbers.
+
+    In a common frame the place is the mean of both; the row is that of the earlier one,
+    unless only the later one has a depth.
+    """
+    number = np.arange(len(paths.starts) - 1)
+    later = np.zeros(len(number), dtype=np.bool_)
+    later[chosen.other] = True
+    low, high = np.minimum(chosen.one, chosen.other), np.maximum(chosen.one, chosen.other)
+    number[high] = low
+    names = number[paths.names()]
+    order = np.lexsort((later[paths.names()], paths.frame, names))
+    names, rows, frame = names[order], paths.rows[order], paths.frame[order]
+    place = paths.place[order]
+    twice = np.flatnonzero((np.diff(names) == 0) & (np.diff(frame) == 0))
+    blind = np.isnan(place[twice, 2]) & ~np.isnan(place[twice + 1, 2])
+    rows[twice] = np.where(blind, rows[twice + 1], rows[twice])
+    place[twice] = _mean(place[twice], place[twice + 1])
+    kept = np.ones(len(rows), dtype=np.bool_)
+    kept[twice + 1] = False
+    starts = np.searchsorted(names[kept], np.arange(len(number) + 1))
+    return Paths(rows[kept], frame[kept], place[kept], starts)
 
 
-def _write(tracks: pd.DataFrame, pool: Pool) -> pd.DataFrame:
-    """Return the table with the tracklets of the pool; rows merged away get particle -1."""
-    lengths = pool.end - pool.begin
-    starts = np.append(0, np.cumsum(lengths)).astype(np.int64)
-    points = np.repeat(pool.begin - starts[:-1], lengths) + np.arange(starts[-1])
-    paths = Paths(pool.rows[points], pool.frame[points], pool.place[points], starts)
-    return write_paths(tracks, paths, paths.names())
+def _mean(one: Floats, other: Floats) -> Floats:
+    """Return the mean of places; what only one knows is taken from it."""
+    mean = (one + other) / 2
+    return np.where(np.isnan(one), other, np.where(np.isnan(other), one, mean))
+
+
+def _ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:
+    """Return the numbers from each begin up to its end, and before them whose they are."""
+    size = np.maximum(end - begin, 0)
+    owner = np.repeat(np.arange(len(size)), size)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
-from numba import njit
 
 from kilnflight.checks import check_limit
-from kilnflight.tracklets.kinematics import turn, velocity
-from kilnflight.tracklets.laws import Differences
-from kilnflight.tracklets.paths import LOST, read_paths, write_paths
+from kilnflight.tracklets.paths import (
+    LOST,
+    Floats,
+    Integers,
+    read_paths,
+    turns,
+    velocities,
+    write_paths,
+)
+from kilnflight.tracklets.texture import Differences
 
 
 @dataclass(frozen=True)
@@ -54,53 +60,26 @@ class OutlierRemoval:
             If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`).
         """
         paths = read_paths(tracks, "OutlierRemoval: tracks")
-        kept = np.ones(len(paths.rows), dtype=np.bool_)
-        limits = float(self.angle_deg), float(self.change)
-        _scan_all(paths.frame, paths.place, paths.starts, limits, kept)
+        kept = np.zeros(len(paths.rows), dtype=np.bool_)
+        for left in np.split(np.arange(len(kept)), paths.starts[1:-1]):
+            while (outlier := self._first(paths.frame[left], paths.place[left])) is not None:
+                left = np.delete(left, outlier)
+            kept[left] = True
         return write_paths(tracks, paths, np.where(kept, paths.names(), LOST))
 
-
-@njit(cache=True)
-def _scan_all(frame: Any, place: Any, starts: Any, limits: Any, kept: Any) -> None:
-    """Mark in ``kept`` what is no outlier of its tracklet."""
-    for i in range(len(starts) - 1):
-        left = np.arange(starts[i], starts[i + 1])
-        while True:
-            found = _first_outlier(frame[left], place[left], limits)
-            if found < 0:
-                break
-            kept[left[found]] = False
-            left = np.concatenate((left[:found], left[found + 1 :]))
-
-
-@njit(cache=True)
-def _first_outlier(frame: Any, place: Any, limits: Any) -> int:
-    """Return the first outlier of one path in the order of the text, or -1."""
-    count = len(frame)
-    if count >= 5:
-        down, right = 0.0, 0.0
-        for i in range(1, 4):
-            step = velocity(frame, place, i, i + 1)
-            down, right = down + step[0] / 3, right + step[1] / 3
-        if _is_outlier(velocity(frame, place, 0, 1), (down, right), limits):
+    def _first(self, frame: Integers, place: Floats) -> int | None:
+        """Return the first outlier of one path in the order of the text, or None."""
+        if len(frame) < 3:
+            return None
+        steps = velocities(frame, place)
+        turned = self._turned(steps[:-1], steps[1:])
+        if len(frame) >= 5 and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]:
             return 0
-    if count >= 4 and _turns(frame, place, 2, limits):  # Eq. 4.20
-        return 1
-    for i in range(2, count):
-        if _turns(frame, place, i - 1, limits):  # Eq. 4.18
-            return i
-    return -1
+        if len(frame) >= 4 and turned[1]:  # Eq. 4.20
+            return 1
+        return int(np.argmax(turned)) + 2 if turned.any() else None  # Eq. 4.18
 
-
-@njit(cache=True)
-def _turns(frame: Any, place: Any, i: int, limits: Any) -> bool:
-    """Tell whether the velocities before and after a point differ too much."""
-    before, after = velocity(frame, place, i - 1, i), velocity(frame, place, i, i + 1)
-    return _is_outlier(before, after, limits)
-
-
-@njit(cache=True)
-def _is_outlier(before: Any, after: Any, limits: Any) -> bool:
-    """Tell whether two velocities differ in angle and in magnitude (Eq. 4.18, thesis)."""
-    angle, change = turn(before, after)
-    return angle > limits[0] and change > limits[1]
+    def _turned(self, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
+        """Return whether velocities (n, 2) differ in angle and in magnitude (Eq. 4.18, thesis)."""
+        angle, change = turns(before, after)
+        return np.asarray((angle > self.angle_deg) & (change > self.change))

@@ -129,6 +129,29 @@ def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataF
     return table.assign(particle=particle)
 
 
+def velocities(frame: Integers, place: Floats) -> Floats:
+    """Return the velocity (n - 1, 2) between consecutive points in px/frame (Eq. 4.17, thesis).
+
+    From one path to the next it means nothing, and frames may be the same.
+    """
+    step = np.diff(frame)
+    return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
+
+
+def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
+    """Return angle in degrees and difference in px/frame of velocities (n, 2) (Eq. 4.19, thesis).
+
+    A velocity of zero has no direction: the angle is then 0.
+    """
+    across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    along = (before * after).sum(axis=1)
+    change = np.hypot(*(after - before).T)
+    # The arctangent of 0 and -0 would be 180 degrees.
+    standing = (across == 0.0) & (along == 0.0)
+    angle = np.where(standing, 0.0, np.degrees(np.arctan2(np.abs(across), along)))
+    return angle, change
+
+
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track."""
     check_columns(tracks, ("particle",), "tracks")

@@ -90,19 +90,10 @@ class Flights(NamedTuple):
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[Flights], settings: Flight) -> Flights:
-        """Return the flights of several fractions one after the other."""
-        longest = max((len(part.age_s) for part in parts), default=0)
-        blank = cls.blank(sum(len(part.end) for part in parts), settings)
-        row = 0
-        for part in parts:
-            rows = slice(row, row + len(part.end))
-            for name in SAMPLED:
-                getattr(blank, name)[rows, : len(part.age_s)] = getattr(part, name)
-            for name in ("ignition_s", "cause", "end_s", "end", "end_position_m"):
-                getattr(blank, name)[rows] = getattr(part, name)
-            row = rows.stop
-        return blank.first(longest)
+    def joined(cls, parts: Sequence[Flights]) -> Flights:
+        """Return the flights of several fractions one after the other, before `cut`."""
+        columns = zip(*(part[1:] for part in parts), strict=True)
+        return cls(parts[0].age_s, *(np.concatenate(column) for column in columns))
 
     def note(self, column: int, state: State) -> None:
         """Keep the present state as one sample."""
@@ -122,10 +113,7 @@ class Flights(NamedTuple):
 
     def cut(self) -> Flights:
         """Return the flights without the samples that no particle has reached."""
-        return self.first(int((self.state >= 0).any(axis=0).sum()))
-
-    def first(self, count: int) -> Flights:
-        """Return the flights with their first samples only."""
+        count = int((self.state >= 0).any(axis=0).sum())
         short = {name: getattr(self, name)[:, :count] for name in SAMPLED}
         return self._replace(age_s=self.age_s[:count], **short)
 
@@ -162,7 +150,8 @@ def fly(
     Returns
     -------
     Flights
-        One row per particle, in their order; none is lost.
+        One row per particle, in their order; none is lost. Samples that no particle has
+        reached are there too: `Flights.cut` removes them.
     """
     settings = settings or Flight()
     flights = Flights.blank(len(particles), settings)
@@ -186,7 +175,7 @@ def fly(
         lit, cause = ignite(state, gas_k, slip, *limits)
         flights.ignition_s[state.index[lit]] = time + settings.step_s
         flights.cause[state.index[lit]] = cause[lit]
-    return flights.cut()
+    return flights
 
 
 def launch(

@@ -91,29 +91,24 @@ class Gas:
         momentum = ratio * self.jet_velocity_m_s**2 * area
         return 0.08 * np.sqrt(np.pi) * buoyancy * distance_m**3 / (3 * momentum**1.5)
 
-    def _jet(self, from_lance_m: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Return distance along the jet, squared distance from its axis, and whether inside."""
+    def _profile(self, from_lance_m: Array, decay: float, spreading: float) -> Array:
+        """Return a jet's property over that at its outlet, 0 to 1, at (n, 3) positions."""
         distance = from_lance_m[:, 0]
-        ahead = distance > 0
         along = np.maximum(distance, 1e-6)
         height = from_lance_m[:, 2] + self.jet_drop(along)
-        return along, from_lance_m[:, 1] ** 2 + height**2, ahead
+        square = from_lance_m[:, 1] ** 2 + height**2
+        core = np.minimum(1.0, decay * self.effective_diameter_m / along)
+        width = np.maximum(spreading * along, self.lance_diameter_m / 2)
+        return np.where(distance > 0, core * np.exp(-square / width**2), 0.0)
 
     def excess_velocity(self, from_lance_m: Array) -> Array:
         """Return the jet's velocity over the stream's in m/s, along s, at (n, 3) positions."""
-        along, square, ahead = self._jet(from_lance_m)
-        core = np.minimum(1.0, self.decay * self.effective_diameter_m / along)
-        width = np.maximum(self.spreading * along, self.lance_diameter_m / 2)
-        profile = core * np.exp(-square / width**2)
-        excess = self.jet_velocity_m_s - self.stream_m_s
-        return np.where(ahead, self.jet_persistence * excess * profile, 0.0)
+        excess = self.jet_persistence * (self.jet_velocity_m_s - self.stream_m_s)
+        return excess * self._profile(from_lance_m, self.decay, self.spreading)
 
     def cold_share(self, from_lance_m: Array) -> Array:
         """Return the mass share of the lance's air, 0 to 1, at (n, 3) positions."""
-        along, square, ahead = self._jet(from_lance_m)
-        core = np.minimum(1.0, self.scalar_decay * self.effective_diameter_m / along)
-        width = np.maximum(self.scalar_spreading * along, self.lance_diameter_m / 2)
-        return np.where(ahead, core * np.exp(-square / width**2), 0.0)
+        return self._profile(from_lance_m, self.scalar_decay, self.scalar_spreading)
 
     def temperature(self, from_lance_m: Array) -> Array:
         """Return the temperature in K of the mixture at (n, 3) positions from the lance."""

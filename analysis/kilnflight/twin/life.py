@@ -166,7 +166,7 @@ def live(
         parts.append(fly(particles, gas, geometry, generator, flight))
         table = particles.table().assign(release_s=np.concatenate([time for _, time in drawn]))
         tables.append(_wall_fire(table, particles.fraction.sheet, on_the_wall, generator))
-    flights = Flights.joined(parts, flight)
+    flights = Flights.joined(parts).cut()
     end = geometry.to_camera(flights.end_position_m)
     table = pd.concat(tables, ignore_index=True)
     table = table.assign(

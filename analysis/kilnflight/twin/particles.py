@@ -21,6 +21,10 @@ Array = npt.NDArray[np.float64]
 
 Range = tuple[float, float]
 
+# Mean number of particles in a burst; assumption. With 15, tried first, a window of Table 5.15
+# could be empty, which the thesis's were not.
+HANDFUL = 6.0
+LEAD_S = 1.0  # from the begin of the feeding to the first frame
 SLAB, SPHERE = 0, 2  # geometry exponent of one-dimensional heat conduction
 
 
@@ -236,8 +240,6 @@ def by_hand(
     count: int,
     duration_s: float,
     generator: np.random.Generator,
-    handful: float = 6.0,
-    lead_s: float = 1.0,
 ) -> tuple[Burst, ...]:
     """Return bursts that feed ``count`` particles over a run.
 
@@ -250,17 +252,12 @@ def by_hand(
     duration_s
         Length of the run.
     generator
-        Draws sizes and times.
-    handful
-        Mean number of particles in a burst (geometric distribution); assumption. With 15,
-        tried first, a window of Table 5.15 could be empty, which the thesis's were not.
-    lead_s
-        How long before the first frame the feeding begins.
+        Draws sizes (geometric distribution) and times.
     """
     sizes: list[int] = []
     while sum(sizes) < count:
-        sizes.append(int(min(generator.geometric(1 / handful), count - sum(sizes))))
-    starts = np.sort(generator.uniform(-lead_s, duration_s, len(sizes)))
+        sizes.append(int(min(generator.geometric(1 / HANDFUL), count - sum(sizes))))
+    starts = np.sort(generator.uniform(-LEAD_S, duration_s, len(sizes)))
     lengths = generator.uniform(0.2, 1.0, len(sizes))
     return tuple(
         Burst(fraction.name, size, float(start), float(length))

@@ -70,6 +70,7 @@ class Twin:
     def attributes(self) -> Attributes:
         """What is known of the whole recording."""
         scene, place = self.scene, self.scene.geometry
+        lance = place.lance_mm * (scene.depth.captured(place.lance_depth_mm) / place.lance_depth_mm)
         roi = tuple((r * place.rows, c * place.columns) for r, c in scene.surroundings.roi)
         return Attributes(
             name=scene.name,
@@ -78,7 +79,7 @@ class Twin:
             columns=place.columns,
             fraction=scene.fraction,
             pressure_bar=scene.gas.pressure_bar,
-            lance_mm=tuple(map(float, self._as_captured(place.lance_mm))),  # type: ignore[arg-type]
+            lance_mm=tuple(map(float, lance)),  # type: ignore[arg-type]
             roi=roi,
             flame_roi=scene.surroundings.flame_roi,
         )
@@ -182,11 +183,6 @@ class Twin:
     @cached_property
     def _wall(self) -> _Wall:
         return _wall_points(self.scene, self._background)
-
-    def _as_captured(self, position_mm: Array) -> Array:
-        """Return where the camera sees a true position: the same pixel at captured depth."""
-        depth = self.scene.depth.captured(position_mm[..., 2])
-        return position_mm * (depth / position_mm[..., 2])[..., None]
 
     def _cloud(self, t: int, view: View) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""

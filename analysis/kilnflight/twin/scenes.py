@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,11 @@ def ground_truth(name: str, seed: int = 0) -> Scene:
     return light_inputs().applied(fed(name, SIZES[name], 1000 * seed + number))
 
 
+def campaign_name(fraction: str, pressure_bar: float) -> str:
+    """Return the name of a campaign's scene."""
+    return f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar"
+
+
 def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     """Return the recording of one fraction at one pressure, as long as the thesis's.
 
@@ -120,7 +126,7 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     count = round(trajectories / (window / rate + DWELL_S) * (duration + 1.0))
     flight, gas = flight_inputs().applied(Flight(), Gas(pressure_bar=pressure_bar))
     scene = Scene(
-        name=f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar",
+        name=campaign_name(fraction, pressure_bar),
         feed=by_hand(FRACTIONS[fraction], count, duration, generator),
         frames=frames,
         seed=1000 * seed + 10 * place[0] + place[1] + 100,
@@ -203,17 +209,6 @@ SCENARIOS = {
 }
 
 
-def names() -> tuple[str, ...]:
-    """Return the names of all scenes."""
-    return (*SUBSETS, *_campaigns())
-
-
-def _campaigns() -> dict[str, tuple[str, float]]:
-    """Return fraction and pressure of the campaigns by their name."""
-    cells = [(fraction, bar) for fraction in FRACTIONS for bar in PRESSURES_BAR]
-    return {campaign(*cell).name: cell for cell in cells}
-
-
 def open_scene(name: str, seed: int | None = None) -> Twin:
     """Return the recording of a scene; ``name@scenario`` varies it.
 
@@ -229,7 +224,8 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     """
     plain, _, scenario = name.partition("@")
     scenario = scenario or "base"
-    campaigns = _campaigns()
+    runs = product(FRACTIONS, PRESSURES_BAR)
+    campaigns = {campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs}
     if plain not in (*SUBSETS, *campaigns) or scenario not in SCENARIOS:
         raise InputError(
             f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each with @ and "
@@ -238,8 +234,8 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     number = seed or 0
     if number < 0:
         raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
-    cell = campaigns.get(plain)
-    scene = SCENARIOS[scenario](campaign(*cell, number) if cell else ground_truth(plain, number))
+    run = campaigns.get(plain)
+    scene = SCENARIOS[scenario](campaign(*run, number) if run else ground_truth(plain, number))
     return Twin(scene if scenario == "base" else replace(scene, name=name))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -156,15 +157,16 @@ def released(
     kind = find_fraction(name)
     at_pressure = Gas(**{**vars(gas), "pressure_bar": pressure_bar})
     drawn = kind.draw(count, np.random.default_rng([seed, 1]))
-    return fly(drawn, at_pressure, Geometry(), np.random.default_rng([seed, 2]), flight)
+    generator = np.random.default_rng([seed, 2])
+    return fly(drawn, at_pressure, Geometry(), generator, flight).cut()
 
 
 def released_all(
     inputs: tuple[Flight, Gas], count: int, seed: int
 ) -> dict[tuple[str, float], Flights]:
     """Return the flights of every fraction at both pressures; see `released`."""
-    cells = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]
-    return {cell: released(*cell, inputs, count, seed) for cell in cells}
+    runs = product(FRACTIONS, PRESSURES_BAR)
+    return {run: released(*run, inputs, count, seed) for run in runs}
 
 
 def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:

@@ -4,7 +4,7 @@ from scipy.ndimage import correlate1d
 
 from kilnflight.checks import InputError
 from kilnflight.tracklets import Connection, LevelEdge, energies, tracked
-from kilnflight.tracklets.laws import MASKS
+from kilnflight.tracklets.texture import MASKS
 
 
 class Sums:
@@ -82,7 +82,7 @@ def test_the_window_follows_the_connection():
 )
 def test_the_box_and_the_parallelogram(monkeypatch, start, end, box, pixels):
     seen = []
-    monkeypatch.setattr("kilnflight.tracklets.laws._energy", lambda *a: seen.append(a[1]) or 0.0)
+    monkeypatch.setattr("kilnflight.tracklets.texture._energy", lambda *a: seen.append(a[1]) or 0.0)
     sums = Sums(np.zeros((100, 120)))
     LevelEdge()(start, end, (3, 8), sums)
     assert sums.asked == [(3, 8, *box)]

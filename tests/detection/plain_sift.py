@@ -14,15 +14,6 @@ def blur(image, sigma):
     return image
 
 
-def twice(image):
-    for axis in (0, 1):
-        image = np.moveaxis(image, axis, 0)
-        fine = np.empty((2 * len(image) - 1, *image.shape[1:]))
-        fine[::2], fine[1::2] = image, (image[:-1] + image[1:]) / 2
-        image = np.moveaxis(fine, 0, axis)
-    return image
-
-
 def fit(cube):
     """Gradient and Hessian of a 3 x 3 x 3 neighbourhood by central differences."""
     at = lambda *d: cube[tuple(1 + np.array(d))]  # noqa: E731
@@ -42,7 +33,7 @@ def fit(cube):
     return gradient, hessian
 
 
-def localised(stack, sample, sign, threshold, edge):
+def localised(stack, sample, threshold, edge):
     """Follow Eqs 2.25 to 2.28 from a sample; None if the keypoint is dropped."""
     i, y, x = sample
     for step in range(3):
@@ -57,7 +48,7 @@ def localised(stack, sample, sign, threshold, edge):
             break
         y, x = (int(g) for g in goal)
     curvature = hessian[1:, 1:]
-    strong = sign * (stack[i, y, x] + gradient @ offset / 2) >= threshold
+    strong = stack[i, y, x] + gradient @ offset / 2 >= threshold
     bent = np.linalg.det(curvature) > 0 and (
         np.trace(curvature) ** 2 / np.linalg.det(curvature) < (edge + 1) ** 2 / edge
     )
@@ -65,19 +56,16 @@ def localised(stack, sample, sign, threshold, edge):
     return (i, y, x, *offset) if good else None
 
 
-def octave(image, own_blur, detector):
+def octave(image, detector):
     sigmas = detector.sigma * 2.0 ** (np.arange(detector.layers + 3) / detector.layers)
-    gauss = np.stack([blur(image, np.sqrt(s**2 - own_blur**2)) for s in sigmas])
+    gauss = np.stack([blur(image, np.sqrt(s**2 - detector.sigma**2)) for s in sigmas])
     stack = gauss[:-1] - gauss[1:]
     around = np.ones((3, 3, 3), dtype=bool)
     around[1, 1, 1] = False
-    found = set()
-    for sign in (1, -1) if detector.dark else (1,):
-        signed = sign * stack
-        peak = signed > maximum_filter(signed, footprint=around)
-        peak &= (signed >= detector.threshold / 2) & (signed > 0)
-        for sample in np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1:
-            found.add(localised(stack, sample, sign, detector.threshold, detector.edge))
+    peak = stack > maximum_filter(stack, footprint=around)
+    peak &= (stack >= detector.threshold / 2) & (stack > 0)
+    samples = np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1
+    found = {localised(stack, sample, detector.threshold, detector.edge) for sample in samples}
     found = np.array(sorted(found - {None})).reshape(-1, 6)
     k = 2 ** (1 / detector.layers)
     disc = k * np.sqrt(2 * np.log(k**2) / (k**2 - 1))
@@ -86,15 +74,10 @@ def octave(image, own_blur, detector):
 
 
 def keypoints(foreground, detector):
-    image, own = foreground.astype(np.float64), detector.camera_blur
-    spacing, found = 1.0, [np.empty((0, 3))]
-    if detector.double:
-        found.append(octave(twice(image), 2 * own, detector) / 2)
-        image = blur(twice(image), np.sqrt(4 * detector.sigma**2 - 4 * own**2))[::2, ::2]
-    else:
-        image = blur(image, np.sqrt(detector.sigma**2 - own**2))
+    image, spacing, found = foreground.astype(np.float64), 1.0, [np.empty((0, 3))]
+    image = blur(image, np.sqrt(detector.sigma**2 - detector.camera_blur**2))
     while min(image.shape) >= 3:
-        found.append(spacing * octave(image, detector.sigma, detector))
+        found.append(spacing * octave(image, detector))
         image = blur(image, np.sqrt(3.0) * detector.sigma)[::2, ::2]
         spacing *= 2
     return np.concatenate(found)

@@ -1,0 +1,473 @@
+"""Particles as extrema of differences of Gaussians: the keypoints of SIFT (section 2.2.3).
+
+The thesis uses position and scale of a keypoint only, so the orientation and the
+descriptor (Eqs 2.29 ff.) are not computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache, reduce
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.ndimage import find_objects, label
+
+from kilnflight.checks import InputError, check_at_least, check_count, check_positive
+from kilnflight.detection.otsu import check_foreground
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.float32]
+Polygon = Sequence[tuple[float, float]]
+Box = tuple[int, int, int, int]  # first row, end row, first column, end column
+
+REACH = 4.0  # standard deviations after which a Gaussian is cut; what is cut weighs 6e-5
+FITS = 3  # at how many samples, at most, the quadratic is fitted until it stays where it is
+MOVE = 0.6  # offset in px from which the fit moves to the next sample
+BELIEVED = 1.0  # offset in samples to which a quadratic through three of them is believed
+WALK = FITS  # px around a sample at which a fit that moves may look
+BLOCK = 8  # side in px of the blocks whose range bounds the differences
+TILE = 16  # side in blocks of the tiles that are blurred one at a time
+SMALLEST_SIDE = 3  # an extremum has a neighbour on each side
+
+
+@dataclass(frozen=True)
+class DoG:
+    """SIFT keypoints: blobs brighter than their surroundings, with position and size.
+
+    Parameters
+    ----------
+    threshold
+        Smallest difference of Gaussians at the interpolated maximum, in grey values
+        (Eq. 2.27; "local maximum of DoG" of Tables 5.6 and 5.7).
+    layers
+        Scales per octave at which maxima are looked for; k of Eq. 2.23 is 2^(1/layers).
+    sigma
+        Blur of the first scale of an octave, in px of the octave.
+    edge
+        Largest ratio of the curvatures across a blob, r of Eq. 2.28.
+    camera_blur
+        Blur that the image is taken to have, in px.
+
+    Notes
+    -----
+    The difference is taken as the narrow minus the wide Gaussian, the negative of
+    Eq. 2.23, so that a bright blob is the "local maximum" by which the thesis calls its
+    parameter. The text looks for minima, too; in |frame - background|, where every
+    particle is bright, they are gaps between particles, and they are left out.
+
+    The threshold applies to the difference itself: it is neither divided by the number
+    of layers (as OpenCV does) nor scaled by the grey values' range. A sample below half
+    of it is not followed, as in OpenCV.
+
+    The thesis starts from the original image, which finds blobs with a radius from about
+    2.8 px. Lowe doubles it first: pass the image at twice its size and twice the
+    ``camera_blur``.
+
+    The radius is the one of the uniform disc that answers most strongly at the
+    keypoint's scale s, that is, the zero of the difference of Gaussians:
+    s k sqrt(2 ln(k^2) / (k^2 - 1)), 1.58 s. For a Gaussian blob it is the square root
+    of 2 times its standard deviation. The thesis does not say how it draws its circles.
+
+    References
+    ----------
+    Thesis, Eqs 2.21-2.28; Lowe 2004 ([66] of the thesis), sections 3 and 4, for 3
+    layers, 1.6 px, camera blur 0.5 px and r = 10.
+    """
+
+    threshold: float = 500.0  # grey values; empirical value of section 5.1.2
+    layers: int = 3
+    sigma: float = 1.6  # px
+    edge: float = 10.0
+    camera_blur: float = 0.5  # px
+
+    def __post_init__(self) -> None:
+        """Refuse parameters with which the equations have no meaning."""
+        check_at_least(self.threshold, 0, "DoG threshold")
+        check_count(self.layers, "DoG layers")
+        check_positive(self.sigma, "DoG sigma")
+        check_at_least(self.edge, 1, "DoG edge, a ratio of curvatures,")
+        if not 0 <= self.camera_blur <= self.sigma:
+            raise InputError(
+                f"DoG camera_blur: the image would have a blur of {self.camera_blur} px, the "
+                f"first scale {self.sigma} px; take a camera_blur from 0 to that."
+            )
+
+    def __call__(self, foreground: npt.NDArray[np.generic], within: Polygon | None = None) -> Array:
+        """Return the particles in a foreground.
+
+        Parameters
+        ----------
+        foreground
+            (rows, cols) grey values: unsigned or signed integers (16 bits; 8 bits are
+            taken as the grey values they hold) or floats, computed in float32.
+        within
+            Corners (row, col) of a polygon. All particles in it are found; most of those
+            outside are not looked for, which saves time.
+
+        Returns
+        -------
+        ndarray
+            (n, 3) row, col, radius in px, by octave, row and column. None in a foreground
+            of one grey value. A saturated plateau is one blob with the size of the plateau.
+
+        Raises
+        ------
+        InputError
+            If the foreground is not 2D, not of numbers or not finite.
+
+        Examples
+        --------
+        What a camera of 8 bits would have left of a blob of 120 grey values:
+
+        >>> at = np.arange(64.0)
+        >>> slope = np.exp(-((at - 30) ** 2) / 32)
+        >>> faint = 120 * np.outer(slope, slope)
+        >>> len(DoG(10)(faint)), len(DoG(10)(np.rint(faint / 257) * 257))
+        (1, 0)
+        """
+        return self.graded(foreground, within)[:, :3]
+
+    def graded(self, foreground: npt.NDArray[np.generic], within: Polygon | None = None) -> Array:
+        """Return the particles (n, 4) with the largest threshold at which each is found.
+
+        So the particles at any higher threshold are the rows whose last value is not below
+        it, to the bit: one look at a foreground answers for a whole sweep.
+
+        Parameters
+        ----------
+        foreground, within
+            As of a call.
+        """
+        image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
+        octaves, spacing = [np.empty((0, 4))], 1.0
+        if image.size:
+            image = blurred(image, math.sqrt(self.sigma**2 - self.camera_blur**2))
+        while min(image.shape) >= SMALLEST_SIDE:
+            octaves.append(self._octave(image, spacing, within))
+            image = blurred(image, self.sigma * math.sqrt(3.0), step=2)
+            spacing *= 2
+        return np.concatenate(octaves)
+
+    def _octave(self, image: Image, spacing: float, within: Polygon | None) -> Array:
+        """Return row, col, radius in px and highest threshold of the keypoints of an octave.
+
+        ``image`` has the blur `sigma` in its own px; ``spacing`` is such a px in px of the
+        foreground.
+        """
+        scales = self.sigma * 2.0 ** (np.arange(self.layers + 3) / self.layers)
+        sigmas = tuple(np.sqrt(scales**2 - self.sigma**2).tolist())
+        live = reachable(image, sigmas, self.threshold / 2)
+        if within is not None:
+            live &= _near(within, live.shape, BLOCK * spacing)
+        kernels = tuple(taps(sigma) for sigma in sigmas)
+        padded = mirrored(image, WALK + reach(sigmas[-1]))
+        starts, patches = [np.empty((0, 3), np.intp)], []
+        side, around = np.arange(-WALK, WALK + 1), reach(sigmas[-1]) + np.array([0, 2, 0, 2]) * WALK
+        for box in _boxes(live, image.shape):
+            stack = differences(padded, tuple((box + around).tolist()), kernels)
+            places = maxima(stack, self.threshold / 2)
+            rows, cols = (places[:, axis, None, None] for axis in (1, 2))
+            patches.append(stack[:, rows + side[:, None], cols + side].swapaxes(0, 1))
+            starts.append(places + np.array([0, box[0] - WALK, box[2] - WALK]))
+        start = np.concatenate(starts)
+        if not len(start):
+            return np.empty((0, 4))
+        points = fitted(np.concatenate(patches), start, image.shape, self.threshold, self.edge)
+        # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
+        points = points[np.argsort(-points[:, 6], kind="stable")]
+        points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
+        scale = self.sigma * 2.0 ** ((points[:, 0] + points[:, 3]) / self.layers)
+        place = points[:, 1:3] + points[:, 4:6]
+        radius = scale * disc_radius(self.layers)
+        return np.column_stack([place * spacing, radius * spacing, points[:, 6]])
+
+
+def disc_radius(layers: int) -> float:
+    """Return the radius of the disc that answers most at scale 1: the kernel's zero.
+
+    Examples
+    --------
+    >>> round(disc_radius(3), 2)
+    1.58
+    """
+    k = 2.0 ** (1.0 / layers)
+    return k * math.sqrt(2.0 * math.log(k**2) / (k**2 - 1.0))
+
+
+def reach(sigma: float) -> int:
+    """Return at how many px a Gaussian is cut."""
+    return math.ceil(REACH * sigma)
+
+
+@lru_cache(maxsize=64)
+def taps(sigma: float) -> Image:
+    """Return centre and right half of a normalised Gaussian (Eq. 2.22, one axis).
+
+    That of 0 px changes nothing.
+    """
+    weight = np.exp(-0.5 * (np.arange(reach(sigma) + 1) / max(sigma, 1e-9)) ** 2)
+    return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
+
+
+def mirrored(image: Image, margin: int) -> Image:
+    """Return an image with a margin, mirrored about its outermost pixels."""
+    border = cv2.copyMakeBorder(image, margin, margin, margin, margin, cv2.BORDER_REFLECT_101)
+    return np.asarray(border, dtype=np.float32)
+
+
+@njit(cache=True)
+def _pass(source: Any, begin: int, stride: int, weights: Any, target: Any) -> None:
+    """Blur the line of a flat array at ``begin`` with its neighbours ``stride`` apart.
+
+    Three pairs at a time, because reading and writing the sum costs more than adding to it.
+    """
+    size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
+    for x in range(size):
+        target[x] = weights[0] * source[begin + x]
+    for j in range(1, full, 3):
+        u, v, w = weights[j], weights[j + 1], weights[j + 2]
+        i, k = begin - j * stride, begin + j * stride
+        a, b = source[i : i + size], source[k : k + size]
+        i, k = i - stride, k + stride
+        c, d = source[i : i + size], source[k : k + size]
+        i, k = i - stride, k + stride
+        e, f = source[i : i + size], source[k : k + size]
+        for x in range(size):
+            target[x] += u * (a[x] + b[x]) + v * (c[x] + d[x]) + w * (e[x] + f[x])
+    for j in range(full, len(weights)):
+        i, k, u = begin - j * stride, begin + j * stride, weights[j]
+        a, b = source[i : i + size], source[k : k + size]
+        for x in range(size):
+            target[x] += u * (a[x] + b[x])
+
+
+def blurred(image: Image, sigma: float, step: int = 1) -> Image:
+    """Return every ``step``-th pixel of an image blurred by a Gaussian (Eq. 2.21)."""
+    out = np.empty([-(-length // step) for length in image.shape], np.float32)
+    _blur(mirrored(image, reach(sigma) + step), taps(sigma), step, out)
+    return out
+
+
+@njit(cache=True)
+def _blur(padded: Any, weights: Any, step: int, out: Any) -> None:
+    """Blur an image with a margin row by row, first down, then across."""
+    radius, cols, stride = len(weights) - 1, step * out.shape[1], padded.shape[1]
+    down, across = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
+    flat = padded.reshape(-1)
+    for i in range(len(out)):
+        _pass(flat, (radius + step + step * i) * stride + step, stride, weights, down)
+        _pass(down, radius, 1, weights, across)
+        for x in range(out.shape[1]):
+            out[i, x] = across[step * x]
+
+
+@njit(cache=True)
+def differences(padded: Any, box: Box, kernels: Any) -> Any:
+    """Return the differences of neighbouring Gaussians in a box of an image.
+
+    Parameters
+    ----------
+    padded
+        Image with a margin of the widest kernel.
+    box
+        First row, end row, first column, end column of the box in it.
+    kernels
+        `taps` of each Gaussian, from narrow to wide, all relative to the image.
+
+    Returns
+    -------
+    ndarray
+        (Gaussians - 1, rows, columns): narrow minus wide, so bright blobs are positive.
+
+    Notes
+    -----
+    Compiled: the box stays in the cache, so it takes half of OpenCV's time.
+    """
+    top, bottom, left, right = box
+    rows, cols = bottom - top, right - left
+    out = np.empty((len(kernels) - 1, rows, cols), dtype=np.float32)
+    for index in range(len(kernels)):
+        radius = len(kernels[index]) - 1
+        stride = cols + 2 * radius
+        patch = padded[top - radius : bottom + radius, left - radius : right + radius].copy()
+        # The ends of the lines are blurred across, too; they are cut off below.
+        down = np.empty((rows + 2) * stride, dtype=np.float32)
+        _pass(patch.reshape(-1), radius * stride, stride, kernels[index], down[stride:-stride])
+        across = np.empty(rows * stride, dtype=np.float32)
+        _pass(down, stride, 1, kernels[index], across)
+        gaussian = across.reshape(rows, stride)[:, radius : radius + cols]
+        for row in range(rows):
+            line = gaussian[row]
+            if index > 0:
+                narrow = out[index - 1, row]
+                for x in range(cols):
+                    narrow[x] -= line[x]
+            if index < len(out):
+                target = out[index, row]
+                for x in range(cols):
+                    target[x] = line[x]
+    return out
+
+
+@njit(cache=True)
+def maxima(stack: Any, level: float) -> Any:
+    """Return layer, row, col (n, 3) of what is larger than its 26 neighbours.
+
+    Of equal samples the first one is the larger; none is below ``level``, 0 or less, or
+    nearer than `WALK` to the border.
+    """
+    layers, rows, cols = stack.shape
+    found = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
+    count = 0
+    for layer in range(1, layers - 1):
+        for row in range(WALK, rows - WALK):
+            line = stack[layer, row]
+            for col in range(WALK, cols - WALK):
+                value = line[col]
+                if value < level or value <= line[col - 1] or value < line[col + 1]:
+                    continue  # most samples
+                cube = stack[layer - 1 : layer + 2, row - 1 : row + 2, col - 1 : col + 2]
+                highest = value > 0
+                for place, other in np.ndenumerate(cube):
+                    before = place < (1, 1, 1)
+                    highest = highest and not (other > value or (before and other == value))
+                if highest:
+                    found[count] = layer, row, col
+                    count += 1
+    return found[:count].copy()
+
+
+def fitted(
+    patches: Image,
+    start: npt.NDArray[np.intp],
+    shape: tuple[int, ...],
+    threshold: float,
+    edge: float,
+) -> Array:
+    """Return the keypoints of samples, from quadratics through their neighbours (Eqs 2.25-2.28).
+
+    The fit moves by one pixel at a time; in scale it stays with the largest layer.
+
+    Parameters
+    ----------
+    patches
+        (n, layers + 2, 2 `WALK` + 1, 2 `WALK` + 1) differences around the samples.
+    start
+        (n, 3) layer, row, col of the samples.
+    shape
+        Of the octave; its outermost pixels are not visited.
+    threshold, edge
+        As of `DoG`.
+
+    Returns
+    -------
+    ndarray
+        (m, 7) as `DoG._keypoints`.
+    """
+    each, around = np.arange(len(start))[:, None, None, None], np.arange(-1, 2)
+    layers = start[:, 0, None, None, None] + around[:, None, None]
+    last, moved = np.array(shape) - 1, np.zeros((len(start), 2), dtype=np.intp)
+    for fit in range(FITS):
+        rows, cols = (WALK + moved[:, axis, None, None, None] for axis in (0, 1))
+        cubes = patches[each, layers, rows + around[:, None], cols + around].astype(np.float64)
+        gradient, hessian = derivatives(cubes)
+        hessian[np.linalg.det(hessian) == 0] = np.nan
+        offset = -np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
+        if fit < FITS - 1:
+            step = np.where(np.abs(offset[:, 1:]) > MOVE, np.copysign(1, offset[:, 1:]), 0)
+            goal = start[:, 1:] + moved + step
+            moved += np.where((goal >= 1) & (goal < last), step, 0).astype(np.intp)
+    trace = hessian[:, 1, 1] + hessian[:, 2, 2]
+    determinant = hessian[:, 1, 1] * hessian[:, 2, 2] - hessian[:, 1, 2] ** 2
+    blob = (determinant > 0) & (trace**2 * edge < (edge + 1) ** 2 * determinant)
+    peak = cubes[:, 1, 1, 1] + (gradient * offset).sum(axis=1) / 2
+    kept = blob & (np.abs(offset).max(axis=1) < BELIEVED) & (peak >= threshold)
+    place = start + np.pad(moved, ((0, 0), (1, 0)))
+    samples = patches[np.arange(len(start)), start[:, 0], WALK, WALK].astype(np.float64)
+    return np.column_stack([place, offset, np.minimum(peak, 2 * samples)])[kept]
+
+
+def derivatives(cubes: Array) -> tuple[Array, Array]:
+    """Return gradients (n, 3) and Hessians (n, 3, 3) of cubes (n, 3, 3, 3), central differences."""
+    gradient, hessian = np.empty((len(cubes), 3)), np.empty((len(cubes), 3, 3))
+    for i in range(3):
+        along = np.moveaxis(cubes, i + 1, 1)
+        low, middle, high = along[:, 0], along[:, 1], along[:, 2]
+        gradient[:, i] = (high[:, 1, 1] - low[:, 1, 1]) / 2
+        hessian[:, i, i] = high[:, 1, 1] + low[:, 1, 1] - 2 * middle[:, 1, 1]
+        for j in range(i + 1, 3):
+            slope = np.moveaxis(high - low, j, 1)  # axis i is gone, so j comes one earlier
+            hessian[:, i, j] = hessian[:, j, i] = (slope[:, 2, 1] - slope[:, 0, 1]) / 4
+    return gradient, hessian
+
+
+@lru_cache(maxsize=64)
+def _positive(narrow: float, wide: float) -> tuple[int, float]:
+    """Return radius and sum of the positive weights of the 2D difference narrow - wide.
+
+    The weights sum to zero, so the answer to an image is at most the sum times (the
+    largest value within the radius - the smallest value under the kernel).
+    """
+    inner, outer = (np.concatenate([taps(s)[:0:-1], taps(s)]) for s in (narrow, wide))
+    inner = np.pad(inner, reach(wide) - reach(narrow))
+    weight = np.multiply.outer(inner, inner) - np.multiply.outer(outer, outer)
+    radius = int(np.abs(np.argwhere(weight > 0) - reach(wide)).max(initial=0))
+    return radius, float(weight[weight > 0].sum(dtype=np.float64))
+
+
+def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDArray[np.bool_]:
+    """Return the blocks in which an inner difference of Gaussians can reach ``level``.
+
+    A bound, never an estimate: in a block left out, no sample of the inner differences
+    (those with a neighbour on both sides) is as large as ``level``.
+    """
+    end = [-length % BLOCK for length in image.shape]
+    if any(end):
+        image = np.pad(image, ((0, end[0]), (0, end[1])), mode="edge")
+    rows = [image[k::BLOCK] for k in range(BLOCK)]
+    low, high = reduce(np.minimum, rows), reduce(np.maximum, rows)
+    low = reduce(np.minimum, [low[:, k::BLOCK] for k in range(BLOCK)])
+    high = reduce(np.maximum, [high[:, k::BLOCK] for k in range(BLOCK)])
+    # A sum of products of float32 is off by less than this; the bound must not be.
+    rounding = 1e-5 * max(abs(float(low.min())), abs(float(high.max())))
+    live = np.zeros(low.shape, dtype=np.bool_)
+    for narrow, wide in pairwise(sigmas[1:-1]):
+        radius, mass = _positive(narrow, wide)
+        near, far = (np.ones(2 * [2 * -(-r // BLOCK) + 1]) for r in (radius, reach(wide)))
+        live |= (cv2.dilate(high, near) - cv2.erode(low, far)) * mass + rounding >= level
+    return live
+
+
+def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[np.bool_]:
+    """Return the blocks of ``side`` px from which a particle in a polygon can be found.
+
+    The polygon is drawn on the blocks with its border; what a fit may move by, and what is
+    rounded, is less than the two blocks that are added on every side.
+    """
+    corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
+    drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
+    return np.asarray(cv2.dilate(drawn, np.ones((5, 5), dtype=np.uint8)) > 0)
+
+
+def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[npt.NDArray[np.intp]]:
+    """Return boxes around connected live blocks, cut to tiles, without the image's border."""
+    boxes = []
+    for rows, cols in find_objects(label(live)[0]):
+        for i in range(rows.start, rows.stop, TILE):
+            for j in range(cols.start, cols.stop, TILE):
+                end = min(i + TILE, rows.stop), min(j + TILE, cols.stop)
+                if live[i : end[0], j : end[1]].any():
+                    top, left = max(i * BLOCK, 1), max(j * BLOCK, 1)
+                    bottom, right = (
+                        min(blocks * BLOCK, length - 1)
+                        for blocks, length in zip(end, shape, strict=True)
+                    )
+                    boxes.append(np.array([top, max(top, bottom), left, max(left, right)]))
+    return boxes
