@@ -16,7 +16,6 @@ jobs = 2  # processes
 pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 
 # %%
-import pandas as pd
 
 from kilnflight.experiments import plots, results
 from kilnflight.project import figures, style
@@ -36,20 +35,7 @@ measured = campaigns.measure(wanted, Workers(jobs))
 # ## How many
 
 # %%
-keys = ["fraction", "pressure_bar"]
-rows = []
-for one in wanted:
-    cell = (one.fraction, one.pressure_bar)
-    parts = [results.of_campaign(table, cell) for table in (measured.tracks, measured.flights)]
-    linked = parts[0][parts[0]["particle"] >= 0]
-    row = {"fraction": cell[0], "pressure_bar": cell[1], "frames": len(one.frames)}
-    row |= {"seconds": len(one.frames) / one.run.frame_rate_hz}
-    row |= {"detections_in_air": len(parts[0]), "tracked": len(linked)}
-    row |= {"tracks": linked["particle"].nunique()}
-    rows.append(row | {"from_lance": int(parts[1]["from_lance"].sum())})
-
-# %%
-count = pd.DataFrame(rows)
+count = results.count_tracks(wanted, measured)
 caption = (
     "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
     "after post-processing, and tracks that start at the lance."
@@ -59,18 +45,13 @@ figures.save("campaign-tracks", count, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Optical ground truth and tracks
 
-# %% tags=["hide-input"]
-shown, sums = {}, {}
+# %%
+tracks, sums, shown = results.tracks_from_lance(measured), {}, {}
 for one in wanted:
-    cell = (one.fraction, one.pressure_bar)
     first = one.frames.start + (len(one.frames) - pictures) // 2
     some = range(first, first + pictures)
-    sums[cell] = plots.summed_changes(results.twin_of(one), some)
-    tracks = results.of_campaign(measured.tracks, cell)
-    flights = results.of_campaign(measured.flights, cell)
-    good = flights.loc[flights["from_lance"], "particle"]
-    shown[cell] = tracks[tracks["particle"].isin(good)]
-
+    sums[one.key] = plots.summed_changes(results.twin_of(one), some)
+    shown[one.key] = results.of_campaign(tracks, one.key)
 
 # %%
 names = list(dict.fromkeys(one.fraction for one in wanted))
@@ -81,8 +62,7 @@ captions = {
 }
 drawn = {name: plots.sums_and_tracks(name, sums, shown) for name in names}
 columns = ["fraction", "pressure_bar", "particle", "frame", "row", "col"]
-data = pd.concat(shown.values(), ignore_index=True)[columns]
-data = data.groupby("fraction")
+data = tracks[columns].groupby("fraction")
 
 # %%
 saved = []

@@ -1,44 +1,169 @@
-import itertools
+"""Plots of flights: what is marked lies where the definition says, nothing from a network."""
 
+import re
+
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+import pytest
 
+from kilnflight.checks import InputError
 from kilnflight.experiments import plots
-from kilnflight.project import style
+from kilnflight.flight import slices
+from kilnflight.regression import Fit
+from kilnflight.twin.flight import Flight, Flights
+
+FIT = Fit(
+    (0.0, 100.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
+    ((1.0, 0.0), (0.0, 4905.0), (-9000.0, 4000.0)), 0.2, 0.6, 60,
+)  # fmt: skip
+FLIGHT = {
+    **{"ending": "landed", "ignition": "seen", "t0_s": 0.1, "ignition_s": 0.2, "end_s": 0.6},
+    "dwell_s": 0.5,
+}
+TRACK = pd.DataFrame({"y": [200.0, np.nan], "z": [5500.0, np.nan]})
 
 
-def test_grouped_bars_stand_side_by_side():
-    table = pd.DataFrame(
-        {"subset": ["V1", "V1", "V2", "V2"], "kind": ["a", "b"] * 2, "recall": [0.1, 0.2, 0.3, 0.4]}
-    )
-    _, ((axes,),) = style.canvas()
-    plots.bars(axes, table, "subset", "kind", "recall")
-    heights = [bar.get_height() for bar in axes.patches]
-    assert heights == [0.1, 0.3, 0.2, 0.4]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["V1", "V2"]
-    left = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
-    assert all(one[1] < two[0] for one, two in itertools.pairwise(left))
-    style.plt.close("all")
+def lines(axes):
+    return {line.get_label(): line.get_xydata() for line in axes.lines}
 
 
-def test_intervals_have_a_row_per_method_the_first_on_top():
-    table = pd.DataFrame(
-        {"f1": [0.8, 0.6], "f1_low": [0.7, 0.5], "f1_high": [0.85, 0.65], "printed": [0.9, np.nan],
-         "pixels": [0.75, 0.55]},
-        index=["best", "other"],
-    )  # fmt: skip
-    _, ((axes,),) = style.canvas()
-    plots.intervals(axes, table, "printed", "pixels")
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["best", "other"]
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]
-    style.plt.close("all")
+@pytest.mark.parametrize(
+    ("ending", "ignition", "case"),
+    [
+        ("landed", "none", "landed unlit"),
+        ("landed", "seen", "landed burning"),
+        ("burnt out", "seen", "burnt out"),
+        ("landed", "too few points", None),
+        ("burnt out", "before seen", None),
+        ("lost", "seen", None),
+    ],
+)
+def test_cases_are_those_of_the_figure(ending, ignition, case):
+    assert plots.case_of({"ending": ending, "ignition": ignition}) == case
 
 
-def test_without_and_with_are_joined_at_the_place_of_their_entry():
-    _, ((axes,),) = style.canvas()
-    table = pd.DataFrame({"who": ["b", "b", "a", "a"], "stage": ["without", "with"] * 2})
-    plots.before_after(axes, table.assign(value=[1.0, 2.0, 3.0, np.nan]), "who", "stage", "value")
-    without, after = axes.lines
-    np.testing.assert_array_equal(without.get_xydata(), [[1, 0], [3, 1]])
-    np.testing.assert_array_equal(after.get_xydata(), [[2, 0], [np.nan, 1]])
-    assert [text.get_text() for text in axes.get_yticklabels()] == ["b", "a"]
+def test_of_each_case_the_flight_with_the_median_dwell_time():
+    endings = ["landed", "landed", "landed", "landed", "lost", "burnt out"]
+    flights = pd.DataFrame({"particle": range(6), "ending": endings, "from_lance": True})
+    flights = flights.assign(ignition="none", dwell_s=[0.5, 0.3, 0.4, 0.1, 0.2, 0.9])
+    flights.loc[5, "ignition"] = "seen"
+    flights.loc[3, "from_lance"] = False  # does not count
+    found = plots.examples(flights)
+    assert {case: one["particle"] for case, one in found.items()} == {
+        "landed unlit": 2,
+        "burnt out": 5,
+    }
+    fewer = plots.examples(flights.drop(index=1))
+    assert fewer["landed unlit"]["particle"] == 2
+    assert plots.examples(flights.head(0)) == {}
+
+
+def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_ends(axes):
+    plots.dwell_time(axes, FIT, FLIGHT, TRACK)
+    drawn = lines(axes)
+    np.testing.assert_allclose(drawn["detections"], [[1.0, -0.1]])
+    np.testing.assert_allclose(drawn["unlit"][0], [0.0, 0.0], atol=1e-12)
+    lit = [9.0 * 0.2 - 4.0 * 0.04, -4.905 * 0.04]
+    np.testing.assert_allclose(drawn["unlit"][-1], lit)
+    np.testing.assert_allclose(drawn["burning"][0], lit)
+    np.testing.assert_allclose(drawn["burning"][-1], drawn["end: landed"][0])
+    assert [text.get_text() for text in axes.texts] == ["dwell time 0.50 s"]
+
+
+def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
+    plots.dwell_time(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
+    last, speed = FIT(0.6)[0], FIT.velocity(0.6)[0]
+    far = (np.array(FIT.exit_point_mm) - last - speed)[2:] / 1000
+    np.testing.assert_allclose(lines(axes)["end: landed"][0][:1], far)
+    np.testing.assert_allclose(lines(axes)["burning"][-1], lines(axes)["end: landed"][0])
+
+
+def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
+    plots.dwell_time(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
+    drawn = lines(axes)
+    assert "burning" not in drawn
+    np.testing.assert_allclose(drawn["unlit"][-1], drawn["end: landed"][0])
+
+
+def test_metres_are_passed_on_the_trajectory_and_velocities_are_those_of_the_table(axes):
+    passed = slices({3: FIT}, {3: 0.6})
+    plots.space_slices(axes, FIT, passed.sample(frac=1.0, random_state=0), 0.6)
+    time, depth = lines(axes)["a metre is passed"].T
+    np.testing.assert_allclose(depth, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(9.0 * time - 4.0 * time**2, depth)
+    said = [float(text.get_text().split("=")[1].split()[0]) for text in axes.texts]
+    np.testing.assert_allclose(said, passed["velocity_m_s"], atol=0.05)
+
+
+def test_a_flight_with_a_gap_among_its_slices_is_refused(axes):
+    passed = slices({3: FIT}, {3: 0.6})
+    for some in (passed[passed["slice_m"] != 2.0], passed.head(0)):
+        with pytest.raises(InputError, match="slices: not every slice"):
+            plots.space_slices(axes, FIT, some, 0.6)
+
+
+@pytest.mark.parametrize("by_sample", [False, True])
+def test_simulated_flights_are_coloured_as_far_as_they_fly(axes, by_sample):
+    flights = Flights.blank(3, Flight())
+    for k, samples in enumerate((4, 1, 6)):
+        flights.position_m[k, :samples] = np.arange(3.0 * samples).reshape(samples, 3)
+    ends = np.array([0.3, 0.5, 0.7])
+    values = np.tile(np.arange(len(flights.age_s), dtype=float), (3, 1)) if by_sample else ends
+    drawn = plots.from_the_side(axes, flights, values, (0.0, 1.0), 3)
+    assert len(drawn.get_segments()) == 3 + 0 + 5
+    expected = [0, 1, 2, 0, 1, 2, 3, 4] if by_sample else [0.3] * 3 + [0.7] * 5
+    np.testing.assert_allclose(drawn.get_array(), expected)
+    np.testing.assert_allclose(drawn.get_segments()[0], [[0.0, 2.0], [3.0, 5.0]])
+    fewer = plots.from_the_side(axes, flights, values, (0.0, 1.0), 2)
+    assert len(fewer.get_segments()) == 3
+
+
+CURVE = Fit(
+    (0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
+    ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60,
+)  # fmt: skip
+GRAY_TRACK = pd.DataFrame(
+    {"particle": 3, "frame": [60, 70], "x": 0.0, "y": 1.0, "z": [5600.0, np.nan], "gray": 900.0}
+)
+
+
+def test_boxes_stand_side_by_side_with_their_numbers(axes):
+    groups = {
+        "true": [np.array([1.0, 2, 3]), np.empty(0)],
+        "measured": [np.array([2.0, np.nan])] * 2,
+    }
+    plots.grouped_boxes(axes, groups, ["a", "b"])
+    assert [text.get_text() for text in axes.texts] == ["3", "0", "1", "1"]
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "b"]
+    names = [handle.get_label() for handle in axes.get_legend_handles_labels()[0]]
+    assert names == ["true", "measured"]
+
+
+def test_open_bounds_run_to_the_edge(axes):
+    axes.set_ylim(0, 10)
+    bounds = pd.DataFrame({"at": [1.0, 2.0], "low": [3.0, np.nan], "high": [np.nan, 4.0]})
+    plots.published(axes, bounds)
+    ends = [one.get_segments()[0][:, 1] for one in axes.collections]
+    np.testing.assert_allclose(ends, [[2.92, 10.08], [-0.08, 4.08]])
+    assert axes.get_ylim() == (0, 10)
+
+
+def test_curves_start_at_the_lance_and_points_without_depth_are_left_out():
+    figure = plt.figure()
+    axes = figure.add_subplot(projection="3d")
+    plots.curves(axes, [CURVE], [GRAY_TRACK])
+    depth, across, _ = axes.lines[0].get_data_3d()
+    assert (depth[0], across[0]) == (pytest.approx(6.5), pytest.approx(0.0))
+    assert len(axes.lines[1].get_data_3d()[0]) == 1
+    plt.close(figure)
+
+
+def test_the_view_that_turns_needs_no_network():
+    page = plots.turning({3: CURVE}, GRAY_TRACK, "confetti")
+    assert "Plotly.newPlot" in page
+    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)
+
+
+def test_no_trajectory_gives_an_empty_view():
+    assert "Plotly.newPlot" in plots.turning({}, GRAY_TRACK.head(0), "none")
