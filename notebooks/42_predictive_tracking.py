@@ -2,11 +2,10 @@
 # # Predictive tracking of particles on a belt
 
 # %% tags=["hide-input"]
-import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import models, pictures, tracker
+from kilnflight.belt import pictures
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.experiments import belt_2016
@@ -24,8 +23,8 @@ Markdown(f"**Own simulation**: {engine}. {missing()}".rstrip())
 #
 # **Here.** The same on our own simulation at 1000 Hz, with pictures of 1064 x 708 px at 200
 # frames/s. What measures in the pictures finds the belt's corners itself; it knows neither the
-# camera nor the true places. The paper looked at spheres, so spheres decide; cuboids and
-# cylinders stand beside them.
+# camera nor the true places (notebook 46). The paper looked at spheres, so spheres decide; cuboids
+# and cylinders stand beside them.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -46,131 +45,6 @@ looked = {
     for name, one in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
-
-# %% [markdown]
-# ## The camera: what it finds of the belt
-#
-# Corners are where lines through the belt's edges meet. The error reported is that of the
-# corners. It knows nothing of a particle's height: 1 m below the camera, a centre 2.5 mm above
-# the belt and 20 cm from the middle is seen 0.5 mm too far out. So the places that are measured
-# are much less exact than the corners: bias and rms hold spots of single particles against the
-# nearest true centres.
-#
-# The background is the plain mean, as published: a particle that rests in a part of the pictures
-# is not found while it lies (if in most of them), or leaves a ghost where it lay, which is followed
-# as a track at rest and never predicted to arrive.
-
-# %%
-rows = []
-for name, one in looked.items():
-    row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
-    row["corner_error_mm"] = one.calibration.error_mm
-    row["hidden_corners"] = one.calibration.hidden
-    row |= belt_2016.place_errors(one.spots, pictures.at_rate(bodies[name], 200.0))
-    row |= {"spots": len(one.spots), "touching_percent": 100 * one.spots["touching"].mean()}
-    ends = one.followed.ends.query("valid == 1")["reason"].value_counts()
-    rows.append(row | {"never_valid": (one.followed.ends["valid"] == 0).sum()} | dict(ends))
-
-# %%
-caption = (
-    "Calibration; error of the places of single particles along and across the belt, spot minus "
-    "truth (bias, root mean square); spots found in the pictures, share of spots that are larger "
-    "than one particle, tracks that never became valid, and how the valid ones ended."
-)
-table = pd.DataFrame(rows).fillna(0)
-figures.save("belt16-pictures", table, caption=caption, provenance=origin)
-
-# %%
-spheres = looked["spheres"]
-view = pictures.Pictures(bodies["spheres"], pictures.SHAPES["spheres"], seed)
-busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
-states = spheres.followed.states.query("frame == @busy and valid == 1")
-at = spheres.calibration.pixels(states[["x", "y"]].to_numpy())
-edges = np.array([[388.0, 90.0], [688.0, 90.0], [788.0, 90.0]])
-start, phase, end = spheres.calibration.pixels(edges)[:, 1]
-
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=92)
-axes.imshow(view[busy], cmap="gray", vmin=0, vmax=255)
-speed = {"c": states["velocity_x_mm_s"] / 1000, "cmap": "viridis", "edgecolors": "black"}
-dots = axes.scatter(at[:, 1], at[:, 0], s=12, linewidths=0.4, **speed)
-picture.colorbar(dots, ax=axes, label="velocity along the belt (m/s)", shrink=0.8)
-for place, text in ((start, "tracking phase"), (phase, "prediction phase"), (end, "edge")):
-    axes.axvline(place, color="white", lw=0.8, ls="--")
-    axes.text(place + 4, 135, text, color="white", fontsize=7)
-_ = axes.set(xlabel="column (px)", ylabel="row (px)", ylim=(600, 110))
-
-# %%
-caption = (
-    "A frame of the synthetic pictures, after Fig. 5 of the 2016 paper (blank space above and "
-    "below cut off). Dots: valid tracks at their filtered places, by their velocity."
-)
-table = states[["particle", "x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]]
-table = table.rename(columns={"x": "x_mm", "y": "y_mm"})
-figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, provenance=origin)
-
-# %% [markdown]
-# ## Where tracks begin and end
-
-# %%
-usual = tracker.Appearance()
-x = np.arange(380.0, 711.0, 0.5)
-along = np.column_stack([x, np.full(len(x), 90.0)])
-new = usual.new(along) * usual.area.square_mm
-gone, _ = usual.gone(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
-table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": gone})
-table = table[table["x_mm"] >= 388]
-
-# %% tags=["hide-input"]
-picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=50)
-panels[0].semilogy(table["x_mm"], table["new_per_frame_and_area"])
-panels[0].set(ylabel="new tracks, relative to one\nspread over the region")
-panels[0].set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
-panels[1].plot(table["x_mm"], table["not_observed"])
-panels[1].set(ylabel="likelihood that a track\nis not observed", ylim=(0, 1.05))
-for axes in panels:
-    axes.axvline(688, color="0.6", lw=0.8, ls="-")
-    axes.set(xlabel="x along the belt (mm)")
-
-# %%
-caption = (
-    "Likelihood that a measurement stems from a new track, and that a track is not observed, after "
-    "Fig. 2 of the 2016 paper; on the belt's middle line, for a prediction good to 2 mm. Grey: end "
-    "of the observed region."
-)
-figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=origin)
-
-# %%
-follower = tracker.BeltTracker()
-steps = follower.steps(spheres.spots)
-step = next(one for one in steps if min(one.pairs.distance_squared.shape) >= 5)
-likelihoods = follower.likelihoods(step.predicted, step.detected, step.pairs)
-whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
-names = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
-seen = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
-table = pd.DataFrame(np.where(np.isinf(whole), np.nan, whole).round(2))
-table.columns = [f"{name}_{k}" for k, name in enumerate(seen)]
-
-# %% tags=["hide-input"]
-picture, ((axes,),) = style.canvas(width_mm=110, height_mm=95)
-axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vmax=40)
-for (i, j), value in np.ndenumerate(whole):
-    if np.isfinite(value):
-        axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-for i, j in enumerate(likelihoods.detection()):
-    axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
-axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
-axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
-axes.set_xticks(range(n + m), seen, rotation=90)
-_ = axes.set_yticks(range(n + m), names)
-
-# %%
-caption = (
-    "The matrix of one frame, after Fig. 3 of the 2016 paper: -ln of the likelihoods; blank is "
-    "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
-    "what each track takes in the likeliest association."
-)
-figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Deviations at the edge
@@ -196,20 +70,12 @@ boxes.round(4)
 # the tracker does not use the mark, and the table says what that costs.
 
 # %%
-counts = []
-for name, one in bodies.items():
-    truth = pictures.at_rate(one, 1 / tracker.BELT_FRAME_S)
-    together = belt_2016.particles_in_shared_spots(looked[name].spots, truth)
-    for label, who in (("all", one["particle"].unique()), ("seen with another", together)):
-        fed, told = (some[some["particle"].isin(who)] for some in (one, parts[name, "images"]))
-        counts.append({"material": name, "particles": label, **belt_2016.predicted(fed, told)})
-
-# %%
 caption = (
     "Particles that were fed, and how many of them were predicted from images: at all, more than "
     "once, or not; the same for those that were ever seen as one spot with another."
 )
-figures.save("belt16-predicted", pd.DataFrame(counts), caption=caption, provenance=origin)
+counts = belt_2016.count_predicted(looked, bodies, every[every["data"] == "images"])
+figures.save("belt16-predicted", counts, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
 picture, panels = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=105)
@@ -232,12 +98,7 @@ caption = (
 figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption, provenance=origin)
 
 # %%
-within = every.assign(
-    within_02_mm=every["lateral_mm"].abs() < 0.2, within_15_mm=every["lateral_mm"].abs() < 1.5
-)
-keys = ["material", "data", "approach"]
-shares = within.groupby(keys, sort=False)[["within_02_mm", "within_15_mm"]].mean()
-shares["n"] = within.groupby(keys, sort=False).size()
+shares = belt_2016.shares_within(every)
 caption = "Share of the predictions whose lateral deviation is below 0.2 mm and below 1.5 mm."
 figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=origin)
 
@@ -246,26 +107,12 @@ figures.save("belt16-shares", shares.reset_index(), caption=caption, provenance=
 # constant-acceleration filter, its time predicted with its acceleration or without.
 
 # %%
-rows = []
-for name, one in bodies.items():
-    frames = 1 + int(looked[name].spots["frame"].max())
-    other = belt_2016.with_acceleration(looked[name], frames)
-    for label, some, when in (
-        ("constant velocity", looked[name], models.CV()),
-        ("constant acceleration, velocity kept", other, models.CV()),
-        ("constant acceleration", other, models.CA()),
-    ):
-        table = belt_2016.from_images(some, one, when).query("approach == 'Tracking'")
-        box = belt_2016.summaries(table.assign(filter=label)).set_index("quantity")
-        row = {"material": name, "filter": label, "n": int(box["n"].iloc[0])}
-        rows.append(row | {f"{q}_{v}": box[v][q] for q in box.index for v in ("median", "iqr")})
-
-# %%
 caption = (
     "Deviations from images by filter: median and interquartile range of the lateral deviation "
     "and of the time of arrival."
 )
-figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=origin)
+filters = belt_2016.compare_filters(looked, bodies)
+figures.save("belt16-filters", filters, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -281,26 +128,15 @@ figures.save("belt16-filters", pd.DataFrame(rows), caption=caption, provenance=o
 # fitted, has a part in belt16-1.
 
 # %%
-answered = {name: belt_2016.tracking_answers(one) for name, one in every.groupby("material")}
-sources = dict.fromkeys(answered["spheres"], "own simulation, 1000 Hz")
-sources |= dict.fromkeys(("belt16-3", "belt16-5"), "own pictures, 200 frames/s")
-asked = [(name, sources[id], id, one) for name in MATERIALS for id, one in answered[name].items()]
+sources = {
+    ("own simulation, 1000 Hz", name): every[every["material"] == name] for name in MATERIALS
+}
 slow = {
     ("own simulation, 100 Hz", name): evaluation.thinned(one, 10) for name, one in bodies.items()
 }
 slow |= {("authors' DEM, 100 Hz", name): recordings.read_dem(path) for name, path in files.items()}
-for (source, name), one in slow.items():
-    off = belt_2016.sampled(one).assign(data="noise-free")
-    asked += [(name, source, id, answer) for id, answer in belt_2016.tracking_answers(off).items()]
-
-# %%
-rows = []
-for name, source, claim, answer in asked:
-    said = claims.judge(claim, answer)
-    holds = "yes" if said.verdict == claims.REPRODUCED else "no"
-    row = {"id": claim, "material": name, "source": source, "criterion_holds": holds}
-    rows.append(row | {"measured": said.measured, "criterion": said.criterion})
-by_material = pd.DataFrame(rows).sort_values("id", kind="stable", ignore_index=True)
+sources |= {key: belt_2016.sampled(one).assign(data="noise-free") for key, one in slow.items()}
+by_material = belt_2016.judge_materials(sources)
 
 # %%
 caption = (
@@ -323,13 +159,13 @@ note = f"{count} spheres of {engine}"
 
 # %%
 rolls = "; their rolling friction was fitted" if is_installed() else ""
-said = answered["spheres"]
+answers = belt_2016.tracking_answers(every[every["material"] == "spheres"])
 verdicts = [
-    claims.judge("belt16-1", said["belt16-1"], note=note + rolls),
-    claims.judge("belt16-2", said["belt16-2"], note=f"{note}; interquartile range"),
-    claims.judge("belt16-3", said["belt16-3"], note=note),
-    claims.judge("belt16-4", said["belt16-4"], note=f"{note}; median; {told}"),
-    claims.judge("belt16-5", said["belt16-5"], note=f"{note}; interquartile range and median"),
+    claims.judge("belt16-1", answers["belt16-1"], note=note + rolls),
+    claims.judge("belt16-2", answers["belt16-2"], note=f"{note}; interquartile range"),
+    claims.judge("belt16-3", answers["belt16-3"], note=note),
+    claims.judge("belt16-4", answers["belt16-4"], note=f"{note}; median; {told}"),
+    claims.judge("belt16-5", answers["belt16-5"], note=f"{note}; interquartile range and median"),
 ]
 
 # %%

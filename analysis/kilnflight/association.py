@@ -44,6 +44,7 @@ from kilnflight.checks import (
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
+Graph = dict[int, dict[int, float]]  # neighbours of each vertex, and the weights of the pairs
 
 # States of the tables of one group, 8 bytes each: 256 MiB. 20 tracks that share 20 detections fit.
 MOST_STATES = 2**25
@@ -321,13 +322,15 @@ def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int
             if plan.states > most_states:
                 _thin(pairs, unused, best, plan, most_states)
         plans = _plans(pairs, unused)
-    own = np.column_stack([missed, np.where(_shared(pairs, unused), 0.0, pairs)])
-    alone = own.sum(axis=1, keepdims=True)  # a track without a detection that is shared
-    own = np.divide(own, alone, out=np.zeros_like(own), where=alone > 0)
+    unshared = np.column_stack([missed, np.where(_shared(pairs, unused), 0.0, pairs)])
+    alone = unshared.sum(axis=1)  # weight of a track without a detection that others can have
+    unshared /= np.where(alone > 0, alone, 1.0)[:, None]
     left, matched = np.ones(sum(pairs.shape)), np.zeros_like(pairs)
     for plan in plans:
-        _sum_events(plan, [*alone.ravel().tolist(), *unused.tolist()], left, matched)
-    return _per_row(own * left[: len(pairs), None] + np.pad(matched, ((0, 0), (1, 0))))
+        _sum_events(plan, [*alone.tolist(), *unused.tolist()], left, matched)
+    unshared *= left[: len(pairs), None]
+    unshared[:, 1:] += matched
+    return _per_row(unshared)
 
 
 def _scaled(
@@ -350,12 +353,10 @@ def _scaled(
             f"no joint event is possible: track {stuck} must have a detection (nonassignment 0) "
             "but finds none that other such tracks can spare. Give it a nonassignment above 0."
         ) from error
-    paired = best >= 0
-    row_price, column_price = -log_nonassignment, np.zeros(log_likelihood.shape[1])
-    row_price[paired] = -log_likelihood[paired, best[paired]]
-    own = row_price.copy()
+    paired, column_price = best >= 0, np.zeros(log_likelihood.shape[1])
+    costs, row_price = -log_likelihood[paired, best[paired]], -log_nonassignment
     for _ in range(len(best)):
-        row_price[paired] = own[paired] - column_price[best[paired]]
+        row_price[paired] = costs - column_price[best[paired]]
         spare = -log_likelihood - row_price[:, None]
         lower = np.minimum(column_price, spare.min(axis=0, initial=np.inf))
         if (lower == column_price).all():
@@ -364,9 +365,6 @@ def _scaled(
     pairs = np.exp(np.minimum(0.0, log_likelihood + row_price[:, None] + column_price))
     missed = np.exp(np.minimum(0.0, log_nonassignment + row_price))
     return pairs, missed, np.exp(column_price), best
-
-
-Graph = dict[int, dict[int, float]]  # neighbours of each vertex, and the weights of the pairs
 
 
 class _Plan(NamedTuple):
@@ -402,7 +400,7 @@ def _plans(pairs: Array, unused: Array) -> list[_Plan]:
             if plan.states > SMALL:
                 begin = np.linspace(0, len(plan.vertices) - 1, TRIALS, dtype=int)
                 others = [_planned(graph, plan.vertices[k]) for k in begin]
-                plan = min([plan, *others], key=lambda one: one.states)
+                plan = min([plan, *others], key=lambda trial: trial.states)
             plans.append(plan)
             planned.update(plan.vertices)
     return plans
@@ -491,9 +489,9 @@ def _thin(pairs: Array, unused: Array, best: Integers, plan: _Plan, most_states:
     weights = pairs[tracks, detections]
 
     def is_dense(count: int) -> bool:
-        some = np.zeros_like(pairs)
-        some[tracks[:count], detections[:count]] = weights[:count]
-        return any(part.states > most_states for part in _plans(some, unused))
+        thinned = np.zeros_like(pairs)
+        thinned[tracks[:count], detections[:count]] = weights[:count]
+        return any(part.states > most_states for part in _plans(thinned, unused))
 
     count = bisect_left(range(1, len(tracks) + 1), True, key=is_dense)
     pairs[tracks[count:], detections[count:]] = 0.0
@@ -612,24 +610,19 @@ def _checked(pairs: Pairs) -> Pairs:
     """Return the pairs as float64 arrays, or raise an `InputError` that names the bad field."""
     check_kind(pairs, Pairs, "pairs")
     distance, determinant, size, area = (np.asarray(field, np.float64) for field in pairs[:4])
-    if distance.ndim != 2:
-        raise InputError(
-            f"pairs: distance_squared has shape {distance.shape}, expected (tracks, detections)."
-        )
+    check_shape(distance, (None, None), "pairs: distance_squared (tracks, detections)")
     empty = np.isinf(distance).all(axis=1)
+    area = np.where(empty, 1.0, area) if area.shape == empty.shape else area  # none is needed
     for name, array, shape, good, expected in (
         ("distance_squared", distance, distance.shape, distance >= 0, "0 or more"),
-        ("log_determinant", determinant, distance.shape[:1], np.isfinite(determinant), "finite"),
+        ("log_determinant", determinant, empty.shape, np.isfinite(determinant), "finite"),
         ("size_difference", size, distance.shape, (size >= 0) & (size < np.inf), "0 or more"),
-        ("gate_area", area, distance.shape[:1], (area > 0) & (area < np.inf), "above 0"),
+        ("gate_area", area, empty.shape, (area > 0) & (area < np.inf), "above 0"),
     ):
-        if array.shape != shape:
-            raise InputError(f"pairs: {name} has shape {array.shape}, expected {shape}.")
-        if not (good | empty if array is area else good).all():
+        check_shape(array, shape, f"pairs: {name}")
+        if not good.all():
             index = tuple(int(i) for i in np.argwhere(~good)[0])
-            raise InputError(
-                f"pairs: {name} at index {index} is {array[index]}, {expected} expected."
-            )
+            raise InputError(f"pairs: {name} at index {index} is {array[index]}, not {expected}.")
     check_between(pairs.gate_probability, 0, 1, "pairs: gate_probability")
     check_count(pairs.dimensions, "pairs: dimensions")
     return Pairs(distance, determinant, size, area, pairs.gate_probability, pairs.dimensions)

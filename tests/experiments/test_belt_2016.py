@@ -333,3 +333,29 @@ def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_no
 def test_what_a_source_has_no_data_for_is_not_answered():
     some = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
     assert list(tracking_answers(tracked(some))) == ["belt16-1", "belt16-4"]
+
+
+def test_criteria_by_material_and_shares_of_a_world_as_published():
+    table = tracked(AS_IN_2016).assign(material="spheres")
+    judged = belt_2016.judge_materials({("here", "spheres"): table, ("there", "spheres"): table})
+    assert judged["id"].tolist() == sorted(judged["id"])
+    assert (judged["criterion_holds"] == "yes").all()
+    assert judged.groupby("source").size().to_dict() == {
+        "here": 3, "there": 3, "own pictures, 200 frames/s": 4
+    }  # fmt: skip
+    shares = belt_2016.shares_within(table)
+    assert (shares["n"] == 41).all()
+    assert shares.loc[("spheres", "noise-free", "Sim"), "within_02_mm"] == 1.0
+    assert shares.loc[("spheres", "images", "Straight"), "within_15_mm"] < 1.0
+
+
+def test_predicted_particles_and_filters_by_material(bodies):
+    looked = {"spheres": belt_2016.look(Pictures(bodies, SHAPES["spheres"], 0), 40)}
+    tracks = {"spheres": bodies}
+    images = belt_2016.from_images(looked["spheres"], bodies).assign(material="spheres")
+    counts = belt_2016.count_predicted(looked, tracks, images)
+    assert counts["particles"].tolist() == ["all", "seen with another"]
+    assert counts["fed"].tolist()[0] == 12
+    filters = belt_2016.compare_filters(looked, tracks)
+    assert filters["filter"].nunique() == 3
+    assert (filters["lateral_mm_median"].abs() < 0.5).all()

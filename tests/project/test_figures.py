@@ -256,3 +256,15 @@ def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tm
     assert figures.trace("n", {}).commit == ""
     monkeypatch.setenv("PATH", str(empty))
     assert figures.trace("n", {}).commit == ""
+
+
+def test_few_colours_keep_greys_grey_and_colours_near():
+    ramp = np.linspace(0, 255, 300).astype(np.uint8)
+    grey = np.repeat(ramp[None, :, None], 3, axis=2)
+    blend = np.stack([ramp, 255 - ramp, np.full(300, 90, np.uint8)], axis=1)[None]
+    pixels = np.concatenate([grey, blend])
+    few = figures._few_colours(Image.fromarray(pixels), 64, 192)
+    shown = np.asarray(few.convert("RGB")).astype(int)
+    assert np.ptp(shown[0], axis=1).max() == 0
+    assert np.abs(shown[0] - grey[0]).max() <= 3
+    assert np.abs(shown[1] - blend[0]).max() <= 12

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from kilnflight.scores.matching import pair
+from kilnflight.scores.detections import pair
 
 places = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 60)), max_size=5)
 

@@ -6,6 +6,7 @@ bodies -> velocity of the simulation, tracking, straight     (noise-free, Figs 6
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, FindCorners
 from kilnflight.belt.evaluation import last_states, summarise
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import check_material
-from kilnflight.belt.models import CV, ArrivalModel, LateralCV
+from kilnflight.belt.models import CA, CV, ArrivalModel, LateralCV
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
 from kilnflight.belt.tracker import (
@@ -32,6 +33,7 @@ from kilnflight.belt.tracker import (
     constant_velocity,
 )
 from kilnflight.checks import InputError, check_columns, check_count
+from kilnflight.project import claims
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
@@ -299,6 +301,87 @@ def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
     fed, found = int(bodies["particle"].nunique()), len(times)
     again = int((times > 1).sum())
     return {"fed": fed, "predicted": found, "predicted_twice": again, "not_predicted": fed - found}
+
+
+def count_predicted(
+    looked: Mapping[str, Looked], tracks: Mapping[str, pd.DataFrame], images: pd.DataFrame
+) -> pd.DataFrame:
+    """Return `predicted` by material: of all particles, and of those seen as one with another.
+
+    ``images`` has ``material`` and the columns of `from_images`.
+    """
+    rows = []
+    for material, bodies in tracks.items():
+        truth = at_rate(bodies, 1 / BELT_FRAME_S)
+        shared = particles_in_shared_spots(looked[material].spots, truth)
+        table = images[images["material"] == material]
+        for label, names in (("all", bodies["particle"]), ("seen with another", shared)):
+            fed, told = (part[part["particle"].isin(names)] for part in (bodies, table))
+            rows.append({"material": material, "particles": label, **predicted(fed, told)})
+    return pd.DataFrame(rows)
+
+
+def compare_filters(
+    looked: Mapping[str, Looked], tracks: Mapping[str, pd.DataFrame]
+) -> pd.DataFrame:
+    """Return deviations from images by filter: constant velocity, constant acceleration.
+
+    Returns
+    -------
+    DataFrame
+        ``material``, ``filter``, ``n``; median and interquartile range of both deviations.
+    """
+    rows = []
+    for material, seen in looked.items():
+        other = with_acceleration(seen, 1 + int(seen.spots["frame"].max()))
+        for name, spots, when in (
+            ("constant velocity", seen, CV()),
+            ("constant acceleration, velocity kept", other, CV()),
+            ("constant acceleration", other, CA()),
+        ):
+            table = from_images(spots, tracks[material], when)
+            box = summaries(table[table["approach"] == TRACKING]).set_index("quantity")
+            row = {"material": material, "filter": name, "n": int(box["n"].iloc[0])}
+            rows.append(row | {f"{q}_{v}": box[v][q] for q in box.index for v in ("median", "iqr")})
+    return pd.DataFrame(rows)
+
+
+def shares_within(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the share of predictions off by less than 0.2 mm and than 1.5 mm, and their number.
+
+    ``table`` has ``material``, ``data``, ``approach`` and ``lateral_mm``.
+    """
+    off = table["lateral_mm"].abs()
+    within = table.assign(within_02_mm=off < 0.2, within_15_mm=off < 1.5, n=1)
+    keys = ["material", "data", "approach"]
+    parts = within.groupby(keys, sort=False)[["within_02_mm", "within_15_mm", "n"]]
+    return parts.agg({"within_02_mm": "mean", "within_15_mm": "mean", "n": "size"})
+
+
+def judge_materials(parts: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFrame:
+    """Return what the claims' criteria say of each source and material.
+
+    Parameters
+    ----------
+    parts
+        By source and material: what `tracking_answers` takes.
+
+    Returns
+    -------
+    DataFrame
+        ``id``, ``material``, ``source``, ``criterion_holds`` (yes, no), ``measured``,
+        ``criterion``. Claims about images have the source "own pictures, 200 frames/s".
+    """
+    rows = []
+    for (source, material), table in parts.items():
+        for claim, answer in tracking_answers(table).items():
+            verdict = claims.judge(claim, answer)
+            holds = "yes" if verdict.verdict == claims.REPRODUCED else "no"
+            of_images = claim in ("belt16-3", "belt16-5")
+            where = "own pictures, 200 frames/s" if of_images else source
+            row = {"id": claim, "material": material, "source": where, "criterion_holds": holds}
+            rows.append(row | {"measured": verdict.measured, "criterion": verdict.criterion})
+    return pd.DataFrame(rows).sort_values("id", kind="stable", ignore_index=True)
 
 
 def summaries(table: pd.DataFrame) -> pd.DataFrame:

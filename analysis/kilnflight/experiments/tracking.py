@@ -31,7 +31,7 @@ from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.kiln import TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
-from kilnflight.scores.matching import pair
+from kilnflight.scores.detections import pair
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window

@@ -28,6 +28,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
+from scipy.spatial import cKDTree
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
@@ -40,10 +41,9 @@ DRAFT_DPI = 150  # of a smoke run
 TABLE_DPI = 150  # of a table that is drawn as a picture: text only
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST_PNG = 300_000  # bytes
-# Share of the resolution and number of colours, in the order that they are tried until a PNG
-# is small enough. 256 colours look like all; a table is text and needs 16.
-REDUCTIONS = ((1.0, 256), (0.8, 256), (0.64, 64), (0.5, 64), (0.4, 16))
-TABLE_COLOURS = 16
+# Share of the resolution, greys and other colours: tried in turn until a PNG is small enough
+REDUCTIONS = ((1.0, 64, 192), (0.8, 64, 192), (0.64, 64, 64), (0.5, 32, 32), (0.4, 16, 0))
+TABLE_REDUCTIONS = ((1.0, 16, 0), (0.8, 16, 0))  # text
 YEAR = 2026  # of the release, as in CITATION.cff
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
@@ -161,7 +161,7 @@ def save(
         "Software": f"kilnflight {provenance.version}",
         "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
     }
-    png = _png(drawn, texts, dpi, TABLE_COLOURS if picture is None else 256)
+    png = _png(drawn, texts, dpi, TABLE_REDUCTIONS if picture is None else REDUCTIONS)
     text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode(), f"{identifier}.png": png}
     if not draft:
@@ -196,23 +196,45 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
     return save(identifier, table, caption=result, provenance=provenance)
 
 
-def _png(picture: Figure, texts: Mapping[str, str], dpi: int, most: int) -> bytes:
-    """Return a PNG of at most so many colours and, as far as `REDUCTIONS` go, `LARGEST_PNG`."""
+def _png(
+    picture: Figure,
+    texts: Mapping[str, str],
+    dpi: int,
+    reductions: Iterable[tuple[float, int, int]],
+) -> bytes:
+    """Return a PNG, with fewer dots and colours until it is no larger than `LARGEST_PNG`."""
     info, png = PngInfo(), io.BytesIO()
     for name, text in texts.items():
         info.add_text(name, text)
-    for share, colours in REDUCTIONS:
+    for share, greys, colours in reductions:
         drawn, png = io.BytesIO(), io.BytesIO()
         with style():
             picture.savefig(drawn, format="png", dpi=share * dpi)
         with Image.open(drawn) as image:
-            few = image.convert("RGB").quantize(
-                min(colours, most), Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-            )
+            few = _few_colours(image, greys, colours)
         few.save(png, "PNG", optimize=True, dpi=(share * dpi, share * dpi), pnginfo=info)
         if png.tell() <= LARGEST_PNG:
             break
     return png.getvalue()
+
+
+def _few_colours(image: Image.Image, greys: int, colours: int) -> Image.Image:
+    """Return an image with a palette of even greys, so that grey stays grey, and of colours."""
+    pixels = np.asarray(image.convert("RGB")).astype(np.int64)
+    palette = np.repeat(np.linspace(0, 255, greys).round(), 3).reshape(-1, 3)
+    index = np.rint(pixels.mean(axis=2) * ((greys - 1) / 255)).astype(np.uint8)
+    coloured = np.ptp(pixels, axis=2) > 255 / greys
+    if colours and coloured.any():
+        packed, place = np.unique(pixels[coloured] @ (65536, 256, 1), return_inverse=True)
+        rgb = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1)
+        one_row = Image.fromarray(rgb[None].astype(np.uint8))
+        chosen = one_row.quantize(colours, Image.Quantize.MAXCOVERAGE).getpalette() or []
+        palette = np.concatenate([palette, np.reshape(chosen[: 3 * colours], (-1, 3))])
+        nearest = np.asarray(cKDTree(palette).query(rgb)[1])
+        index[coloured] = nearest[place]
+    few = Image.fromarray(index)
+    few.putpalette(palette.astype(np.uint8).tobytes())
+    return few
 
 
 def _pdf(picture: Figure, texts: Mapping[str, str]) -> bytes:

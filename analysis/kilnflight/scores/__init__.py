@@ -1,4 +1,4 @@
-"""What was found against what is true: detections, who flies, tracks.
+"""Hold detections, who flies and tracks against the truth.
 
 ==================  ==============  ==========================================  =============
 call                equation        what it answers                             source
@@ -6,7 +6,7 @@ call                equation        what it answers                             
 `score_detections`  3.1 to 3.4      which detections are particles, by gate     sec. 3.3
 `score_in_pixels`   3.1 to 3.3      likewise, by the particles' labelled        sec. 5.1.1
                                     pixels
-`total_in_air`      3.1 to 3.3      which detections were told to be in the     sec. 5.1.4
+`total_in_air`      3.1 to 3.3      which detections were classified as in the  sec. 5.1.4
                                     air, summed over frames
 `rates`             3.1 to 3.3      counts -> precision, recall, F1             sec. 3.3
 `score_tracks`      5.1 to 5.7      how alike two sets of tracks are: alpha,    sec. 5.2.2
@@ -14,15 +14,16 @@ call                equation        what it answers                             
 ==================  ==============  ==========================================  =============
 """
 
-from kilnflight.scores.counts import rates
 from kilnflight.scores.detections import (
     GATE_PX,
     FrameScore,
     LabelledPixels,
+    pair,
+    rates,
     score_detections,
     score_in_pixels,
+    total_in_air,
 )
-from kilnflight.scores.in_air import total_in_air
 from kilnflight.scores.tracks import TrackScore, score_tracks
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "FrameScore",
     "LabelledPixels",
     "TrackScore",
+    "pair",
     "rates",
     "score_detections",
     "score_in_pixels",

@@ -6,20 +6,66 @@ the pixels of a labelled particle (section 5.1.1).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from kilnflight.camera import inside
 from kilnflight.checks import InputError, check_finite, check_positive, check_shape
-from kilnflight.scores.counts import rates
-from kilnflight.scores.matching import pair
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 GATE_PX = 45.0  # three times the largest radius of 15 px, sec. 3.3
+
+
+def rates(
+    true_positives: npt.ArrayLike, false_positives: npt.ArrayLike, false_negatives: npt.ArrayLike
+) -> pd.DataFrame:
+    """Return precision, recall and F1 of counts.
+
+    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``,
+    ``F1 = 2 TP / (2 TP + FP + FN)``; a ratio without anything below the line is 0,
+    so that a detector that finds nothing has no score rather than no number.
+
+    Parameters
+    ----------
+    true_positives, false_positives, false_negatives
+        Counts, scalars or arrays of one shape (n,), not negative.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``precision``, ``recall``, ``f1``, one row per entry.
+
+    Examples
+    --------
+    >>> rates(3256, 76, 1131).round(4).loc[0].tolist()
+    [0.9772, 0.7422, 0.8436]
+    """
+    tp, fp, fn = (
+        np.atleast_1d(np.asarray(counts, dtype=np.float64))
+        for counts in (true_positives, false_positives, false_negatives)
+    )
+    if not all((counts >= 0).all() for counts in (tp, fp, fn)):
+        raise InputError("counts of detections must be numbers not below 0.")
+
+    def ratio(above: npt.NDArray[np.float64], below: npt.NDArray[np.float64]) -> npt.ArrayLike:
+        return np.divide(above, below, out=np.zeros_like(below), where=below > 0)
+
+    return pd.DataFrame(
+        {
+            "precision": ratio(tp, tp + fp),
+            "recall": ratio(tp, tp + fn),
+            "f1": ratio(2 * tp, 2 * tp + fp + fn),
+        }
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,3 +280,81 @@ def _score(kept: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int])
     """Return the score of pairs among the rows that take part."""
     missed, spurious = (np.setdiff1d(one, pairs[:, k]) for k, one in enumerate(kept))
     return FrameScore(pairs[np.argsort(pairs[:, 0])], missed, spurious, rows)
+
+
+def pair(first: Array, second: Array, gate: float) -> Indices:
+    """Return the rows (k, 2) of ``first`` (n, d) and ``second`` (m, d) that belong together.
+
+    As many pairs as possible that are no farther apart than ``gate``; of these assignments
+    the one with the smallest sum of distances. Clusters that no gate connects are assigned
+    one by one: the best of the whole is the best of each.
+    """
+    if not len(first) or not len(second):
+        return np.empty((0, 2), dtype=np.intp)
+    near = KDTree(first).sparse_distance_matrix(KDTree(second), gate, output_type="ndarray")
+    one, other, cost = near["i"].astype(np.intp), near["j"].astype(np.intp), near["v"]
+    size = len(first) + len(second)
+    links = coo_array((np.ones(len(one)), (one, other + len(first))), shape=(size, size))
+    cluster = connected_components(links, directed=False)[1][one]
+    lonely = np.bincount(cluster, minlength=size)[cluster] == 1
+    pairs = [np.stack([one[lonely], other[lonely]], axis=1)]
+    crowded = np.flatnonzero(~lonely)
+    crowded = crowded[np.argsort(cluster[crowded], kind="stable")]
+    cuts = np.flatnonzero(np.diff(cluster[crowded])) + 1
+    pairs += [_hungarian(one[k], other[k], cost[k]) for k in np.split(crowded, cuts) if len(k)]
+    return np.concatenate(pairs)
+
+
+def _hungarian(one: Indices, other: Indices, cost: Array) -> Indices:
+    """Return the best assignment of one cluster of allowed pairs."""
+    rows, row = np.unique(one, return_inverse=True)
+    columns, column = np.unique(other, return_inverse=True)
+    # C_max: more than all allowed distances together, so that no pair is given up for them.
+    forbidden = 1.0 + cost.max() * min(len(rows), len(columns))
+    matrix = np.full((len(rows), len(columns)), forbidden)
+    matrix[row, column] = cost
+    row, column = linear_sum_assignment(matrix)
+    allowed = matrix[row, column] < forbidden
+    return np.stack([rows[row[allowed]], columns[column[allowed]]], axis=1)
+
+
+def total_in_air(
+    scores: Sequence[FrameScore],
+    truth_in_air: Sequence[npt.ArrayLike],
+    detected_in_air: Sequence[npt.ArrayLike],
+) -> pd.DataFrame:
+    """Return how well detections were told to be in the air, summed over frames.
+
+    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is told to be there;
+    FP any other detection told to be in the air, be it on the wall or nothing; FN any other
+    particle in the air, be it told to be on the wall or not detected. For Table 5.13 hand in
+    the score of the truth against itself.
+
+    Parameters
+    ----------
+    scores
+        Per frame the assignment of detections to particles.
+    truth_in_air, detected_in_air
+        Per frame whether each particle (n,) and each detection (m,) is in the air *and* has
+        3D; those without 3D are False and so "not taken into consideration" (section 5.1.4).
+    """
+    if not len(scores) == len(truth_in_air) == len(detected_in_air):
+        raise InputError(
+            f"{len(scores)} scores, but {len(truth_in_air)} and {len(detected_in_air)} frames of "
+            "truth and detections; give one of each per frame."
+        )
+    counts = []
+    frames = zip(scores, truth_in_air, detected_in_air, strict=True)
+    for frame, (score, *both) in enumerate(frames):
+        flying = [np.asarray(one, dtype=bool) for one in both]
+        for side in range(2):
+            where = f"total_in_air: {('truth', 'detected')[side]} of frame {frame}"
+            check_shape(flying[side], (score.rows[side],), where)
+        there = [flying[side][score.pairs[:, side]] for side in range(2)]
+        tp = int(np.count_nonzero(there[0] & there[1]))
+        fp = int(there[1].sum() + flying[1][score.spurious].sum()) - tp
+        fn = int(there[0].sum() + flying[0][score.missed].sum()) - tp
+        counts.append((tp, fp, fn))
+    tp, fp, fn = np.array(counts, dtype=np.intp).reshape(-1, 3).sum(axis=0)
+    summed = pd.DataFrame({"tp": [tp], "fp": [fp], "fn": [fn]})
+    return pd.concat([summed, rates(tp, fp, fn)], axis=1)

@@ -1,25 +1,32 @@
 """How alike two sets of tracks are: alpha, beta, JSC, JSC_theta (Eqs 5.1 to 5.7, thesis).
 
 The measures of the particle tracking challenge (Chenouard et al., Nature Methods 11, 2014),
-counted as the challenge counts them. This module and `spans` need nothing of the package but
-`checks`.
+counted as the challenge counts them. This module needs nothing of the package but `checks`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial import KDTree
 
-from kilnflight.checks import InputError, check_positive
-from kilnflight.scores.spans import Tracks, gains, read_tracks
+from kilnflight.checks import (
+    InputError,
+    check_columns,
+    check_finite,
+    check_positive,
+    check_whole,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.intp]
 # Frames. A pair that is better than the dummy by rounding only is a tie, and ties go to the dummy.
 TIE = 1e-9
 
@@ -121,18 +128,18 @@ def score_tracks(
     check_positive(gate, "score_tracks: gate")
     axes = _axes(columns)
     true = read_tracks(truth, axes, "score_tracks: truth")
-    seen = read_tracks(candidate, axes, "score_tracks: candidate")
+    other = read_tracks(candidate, axes, "score_tracks: candidate")
     if not len(true.particles):
         raise InputError(
             "score_tracks: truth holds no track, so alpha is 0 / 0. Score only sequences in "
             "which a particle was followed."
         )
-    gain, matched = gains(true, seen, gate)
+    gain, matched = gains(true, other, gate)
     worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy, which is taken then
     row, col = linear_sum_assignment(worth, maximize=True)
     better = worth[row, col] > 0
     row, col = row[better], col[better]
-    return _score(true, seen, (row, col), gain[row, col], matched[row, col], gate)
+    return _score(true, other, (row, col), gain[row, col], matched[row, col], gate)
 
 
 def _axes(columns: Sequence[str]) -> tuple[str, ...]:
@@ -149,36 +156,157 @@ def _axes(columns: Sequence[str]) -> tuple[str, ...]:
 
 def _score(
     true: Tracks,
-    seen: Tracks,
-    pair: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    other: Tracks,
+    pair: tuple[Indices, Indices],
     gain: Array,
     matched: Integers,
     gate: float,
 ) -> TrackScore:
     """Count; ``gain`` is (dummy's distance - pair's distance) / gate, one per pair."""
     row, col = pair
-    spurious = np.setdiff1d(np.arange(len(seen.particles)), col)
+    spurious = np.setdiff1d(np.arange(len(other.particles)), col)
     length = int(true.lengths.sum())
     tp = int(matched.sum())
-    sizes = np.diff(seen.bounds)
+    sizes = np.diff(other.bounds)
     begin, end = np.full(len(sizes), 0), np.full(len(sizes), -1)  # of the partner; none: empty
     begin[col], end[col] = true.first[row], true.last[row]
-    after, before = np.repeat(begin, sizes) <= seen.frames, seen.frames <= np.repeat(end, sizes)
+    after, before = np.repeat(begin, sizes) <= other.frames, other.frames <= np.repeat(end, sizes)
     inside = int((after & before).sum())
     of_spurious = int(sizes[spurious].sum())
     by_truth = np.argsort(true.particles[row])
     distance = gate * np.maximum(true.lengths[row] - gain, 0.0)
-    names = {"truth": true.particles[row], "candidate": seen.particles[col], "distance": distance}
+    names = {"truth": true.particles[row], "candidate": other.particles[col], "distance": distance}
     total = float(gain.sum())
     return TrackScore(
         alpha=total / length,
-        beta=total / (length + int(seen.lengths[spurious].sum())),
+        beta=total / (length + int(other.lengths[spurious].sum())),
         tp=tp,
         fn=length - tp,
-        fp=inside - tp + int(true.beyond(row, seen, col).sum()) + of_spurious,
+        fp=inside - tp + int(true.beyond(row, other, col).sum()) + of_spurious,
         fp_spurious_only=of_spurious,
         tp_tracks=len(row),
         fn_tracks=len(true.particles) - len(row),
         fp_tracks=len(spurious),
         pairs=pd.DataFrame({name: values[by_truth] for name, values in names.items()}),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Tracks one after the other: ``bounds[k]`` to ``bounds[k + 1]`` are the rows of track k."""
+
+    particles: Integers  # (n,)
+    bounds: Integers  # (n + 1,)
+    frames: Integers  # (rows,)
+    points: Array  # (rows, dimensions)
+
+    @property
+    def first(self) -> Integers:
+        """First frame of each track."""
+        return self.frames[self.bounds[:-1]]
+
+    @property
+    def last(self) -> Integers:
+        """Last frame of each track."""
+        return self.frames[self.bounds[1:] - 1]
+
+    @property
+    def lengths(self) -> Integers:
+        """Frames from first to last, with those in which there is no row."""
+        return self.last - self.first + 1
+
+    def beyond(self, row: Indices, other: Tracks, col: Indices) -> Integers:
+        """Return in how many frames tracks ``col`` of another set lie before or after ``row``.
+
+        The tracks of a pair must have a frame in common.
+        """
+        before = np.maximum(self.first[row] - other.first[col], 0)
+        return before + np.maximum(other.last[col] - self.last[row], 0)
+
+
+def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Tracks:
+    """Return the tracks of a table; rows of particle -1 are in none."""
+    check_columns(table, ["frame", "particle", *columns], where)
+    particle = check_whole(table["particle"], f"{where}: column particle")
+    if (particle < -1).any():
+        raise InputError(
+            f"{where}: particle {particle.min()}; tracks are numbered from 0, -1 is in no track."
+        )
+    frame = check_whole(table["frame"], f"{where}: column frame")
+    order = np.lexsort((frame, particle))
+    order = order[np.count_nonzero(particle < 0) :]
+    particle, frame = particle[order], frame[order]
+    axes = [check_finite(table[name].to_numpy()[order], f"{where}, {name}") for name in columns]
+    points = np.column_stack(axes) + 0.0  # no -0.0
+    twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
+    if len(twice):
+        raise InputError(
+            f"{where}: particle {particle[twice[0]]} has two rows in frame {frame[twice[0]]}. A "
+            "track is at one place at a time; keep one of them."
+        )
+    bounds = np.append(np.flatnonzero(np.diff(particle, prepend=-1)), len(particle))
+    return _ordered(Tracks(particle[bounds[:-1]], bounds, frame, points))
+
+
+def _ordered(tracks: Tracks) -> Tracks:
+    """Return the tracks in an order that depends on nothing but their frames and positions."""
+    ends = list(pairwise(tracks.bounds.tolist()))
+    keys = [(tracks.frames[a:b].tobytes(), tracks.points[a:b].tobytes()) for a, b in ends]
+    order = sorted(range(len(ends)), key=keys.__getitem__)
+    taken = np.concatenate([np.empty(0, np.intp), *(np.arange(*ends[k]) for k in order)])
+    return Tracks(
+        tracks.particles[order],
+        np.append(0, np.diff(tracks.bounds)[order].cumsum()).astype(np.int64),
+        tracks.frames[taken],
+        tracks.points[taken],
+    )
+
+
+def gains(true: Tracks, candidate: Tracks, gate: float) -> tuple[Array, Integers]:
+    """Return what each pair saves against the dummy, in gates, and its matches, both (n, m).
+
+    The dummy costs the gate per true frame. A match saves gate - distance of it, a frame of the
+    candidate beyond the ends of the true track costs a gate more, all else costs the same. So
+    only positions that match need to be visited.
+    """
+    shape = len(true.particles), len(candidate.particles)
+    if not shape[1]:
+        return np.zeros(shape), np.zeros(shape, dtype=np.int64)
+    frames = np.unique(candidate.frames)
+    place, track, points = _filled(true, frames)
+    # Frames as one coordinate more, farther apart than the gate.
+    trees = [
+        KDTree(np.column_stack([2 * gate * frame, points]))
+        for frame, points in (
+            (place, points),
+            (np.searchsorted(frames, candidate.frames), candidate.points),
+        )
+    ]
+    near = trees[0].sparse_distance_matrix(trees[1], gate, output_type="ndarray")
+    near = near[near["v"] < gate]
+    other = np.repeat(np.arange(shape[1]), np.diff(candidate.bounds))
+    pair = track[near["i"]] * shape[1] + other[near["j"]]
+    size = shape[0] * shape[1]
+    saved: Array = np.bincount(pair, 1.0 - near["v"] / gate, minlength=size).astype(np.float64)
+    saved = saved.reshape(shape)
+    matched: Integers = np.bincount(pair, minlength=size).astype(np.int64).reshape(shape)
+    row, col = np.nonzero(matched)
+    saved[row, col] -= true.beyond(row, candidate, col)
+    return saved, matched
+
+
+def _filled(tracks: Tracks, frames: Integers) -> tuple[Integers, Integers, Array]:
+    """Return the tracks in these frames between their ends, gaps filled by straight lines.
+
+    Position in ``frames`` (k,), number of the track (k,) and coordinates (k, dimensions).
+    """
+    begin = np.searchsorted(frames, tracks.first)
+    end = np.searchsorted(frames, tracks.last, side="right")
+    place, points = [np.empty(0, np.int64)], [np.empty((0, tracks.points.shape[1]))]
+    for k, (a, b) in enumerate(pairwise(tracks.bounds.tolist())):
+        at = np.arange(begin[k], end[k])
+        line = [np.interp(frames[at], tracks.frames[a:b], axis) for axis in tracks.points[a:b].T]
+        place.append(at)
+        points.append(np.column_stack(line))
+    track = np.repeat(np.arange(len(begin)), end - begin)
+    return np.concatenate(place), track, np.concatenate(points)

@@ -327,8 +327,8 @@ def _optional(table: pd.DataFrame, name: str) -> Array:
 
 def take(detected: Detected, part: Any) -> Detected:
     """Return some of the detections."""
-    positions, *known = detected
-    return Detected(positions[part], *(None if one is None else one[part] for one in known))
+    depth, points = (None if known is None else known[part] for known in detected[1:])
+    return Detected(detected.positions[part], depth, points)
 
 
 def record(weights: Array) -> Integers:
