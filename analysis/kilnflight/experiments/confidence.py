@@ -55,14 +55,14 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
     return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
 
 
-def outcome_intervals(findings: Findings, generator: np.random.Generator) -> dict[str, Interval]:
+def outcome_intervals(values: Findings, generator: np.random.Generator) -> dict[str, Interval]:
     """Return the interval of each of `flights.outcomes`, by name and in its unit."""
-    lit = findings.ignition_s[np.isfinite(findings.ignition_s)]
-    every = len(findings.ignition_s)
-    found = _velocity_intervals(findings.velocity_m_s, generator)
-    found |= _dwell_intervals(findings.dwell_s, generator)
+    lit = values.ignition_s[np.isfinite(values.ignition_s)]
+    every = len(values.ignition_s)
+    found = _velocity_intervals(values.velocity_m_s, generator)
+    found |= _dwell_intervals(values.dwell_s, generator)
     found |= {
-        "penetration (m)": median_of(findings.reached_m, generator),
+        "penetration (m)": median_of(values.reached_m, generator),
         "ignited (%)": _percent(len(lit), every),
         "ignited < 0.1 s (%)": _percent(int((lit <= 0.1).sum()), every),
         "ignition median (s)": median_of(lit, generator),
@@ -70,7 +70,7 @@ def outcome_intervals(findings: Findings, generator: np.random.Generator) -> dic
     for name, low, high in (("< 0.2", 0.0, 0.2), ("< 0.4", 0.0, 0.4), ("0.2-0.3", 0.2, 0.3)):
         number = int(((lit > low) & (lit <= high)).sum())
         found[f"ignited {name} s (% of ignited)"] = _percent(number, len(lit))
-    return {name: found[name] for name in outcomes(findings).index}
+    return {name: found[name] for name in outcomes(values).index}
 
 
 def _velocity_intervals(velocity_m_s: Array, generator: np.random.Generator) -> dict[str, Interval]:
@@ -149,7 +149,7 @@ def with_intervals(
     published
         With ``fraction``, ``pressure_bar``, ``outcome`` and the column ``name``.
     table
-        Of `interval_table`, of the findings that the column was worked out from.
+        Of `interval_table`, of the values that the column was worked out from.
     name
         Of the column; ``_low`` and ``_high`` are put behind it.
     """

@@ -171,14 +171,14 @@ def check_totals() -> Iterator[Check]:
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
         for _, row in printed_rates(table).iterrows():
             name = _row_name(row)
-            wanted = inside.get(name, inside["amount"])
+            expected = inside.get(name, inside["amount"])
             found = str(int(row["TP"]) + int(row["FN"]))
-            yield _check(f"Table {table}, {name}", "TP + FN", found, wanted)
+            yield _check(f"Table {table}, {name}", "TP + FN", found, expected)
     truth, detected = printed_rates("5.13"), printed_rates("5.14")
     for (_, row), (_, other) in zip(truth.iterrows(), detected.iterrows(), strict=True):
         found = str(int(other["TP"]) + int(other["FN"]))
-        wanted = float(row["TP"]) + float(row["FN"])
-        yield _check(f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13", found, wanted)
+        expected = float(row["TP"]) + float(row["FN"])
+        yield _check(f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13", found, expected)
 
 
 def check_durations() -> Iterator[Check]:

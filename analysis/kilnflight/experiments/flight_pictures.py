@@ -26,13 +26,12 @@ from kilnflight.experiments.plots import (
     published,
     space_slices,
 )
-from kilnflight.experiments.results import KEYS, fits_from_lance, of_campaign
+from kilnflight.experiments.results import KEYS, CampaignKey, fits_from_lance, of_campaign
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
 from kilnflight.twin.flight import Flights
 
-Cell = tuple[str, float]
 Array = npt.NDArray[np.float64]
 
 
@@ -82,8 +81,8 @@ def velocity_scatter(pairs: pd.DataFrame) -> Figure:
 
 
 def velocity_boxes(
-    sources: Mapping[str, Mapping[Cell, Findings]],
-    keys: Sequence[Cell],
+    sources: Mapping[str, Mapping[CampaignKey, Findings]],
+    keys: Sequence[CampaignKey],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
     """Return box plots of the velocity within each metre, a panel for each campaign.
@@ -120,7 +119,7 @@ def placed(bounds: pd.DataFrame, pattern: str) -> pd.DataFrame:
 
 
 def remaining_shares(
-    sources: Mapping[str, Mapping[Cell, Findings]], bounds: pd.DataFrame
+    sources: Mapping[str, Mapping[CampaignKey, Findings]], bounds: pd.DataFrame
 ) -> Figure:
     """Return the shares that pass each metre, a panel for each fraction; the first source solid.
 
@@ -153,7 +152,7 @@ def remaining_shares(
     return picture
 
 
-def dwell_boxes(data: pd.DataFrame, keys: Sequence[Cell]) -> Figure:
+def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
     """Return box plots of dwell times by fraction, a panel for each pressure.
 
     Parameters
@@ -209,9 +208,9 @@ def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
 
 
 def ignition_bars(
-    kinds: Mapping[str, Mapping[Cell, Findings]],
-    keys: Sequence[Cell],
-    early: Mapping[Cell, float],
+    kinds: Mapping[str, Mapping[CampaignKey, Findings]],
+    keys: Sequence[CampaignKey],
+    early: Mapping[CampaignKey, float],
 ) -> Figure:
     """Return histograms of ignition times in steps of 0.1 s, a panel for each campaign.
 
@@ -280,7 +279,7 @@ def measures_by_order(by_order: pd.DataFrame) -> Figure:
 
 
 def fits_in_space(
-    measured: Measurement, keys: Sequence[Cell], most: int
+    measured: Measurement, keys: Sequence[CampaignKey], most: int
 ) -> tuple[Figure, pd.DataFrame]:
     """Return the first trajectories of some campaigns in space, and their detections.
 

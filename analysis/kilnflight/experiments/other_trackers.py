@@ -68,14 +68,14 @@ def with_particle(detections: pd.DataFrame, link: Callable[[pd.DataFrame], Any])
     """
     check_columns(detections, NEEDED.names, NEEDED.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    wanted = np.arange(len(detections))
+    rows = np.arange(len(detections))
     if "particle" in detections.columns:
-        wanted = np.flatnonzero(detections["particle"].to_numpy() != -1)
-    if len(wanted):
-        table = NEEDED.check(detections.iloc[wanted][NEEDED.names])
+        rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
+    if len(rows):
+        table = NEEDED.check(detections.iloc[rows][NEEDED.names])
         order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
         labels = np.asarray(link(table.iloc[order].reset_index(drop=True)))
-        particle[wanted[order]] = pd.factorize(labels)[0]
+        particle[rows[order]] = pd.factorize(labels)[0]
     return detections.assign(particle=particle)
 
 
@@ -85,7 +85,7 @@ class Trackpy:
 
     Notes
     -----
-    With ``predict``, a particle is looked for where it would be with the latest velocity of
+    With ``predict``, a particle is expected where it would be with the latest velocity of
     the particle nearest to it, mostly its own; frames without any detection are then passed
     over, by ``memory`` too.
     """
@@ -157,14 +157,6 @@ class LapTrack:
 
 
 START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a second after another
-
-
-def check_filter(settings: Any) -> None:
-    """Raise an `InputError` unless a filter, a gate and ``invisible`` can be made of this."""
-    where = type(settings).__name__
-    for name in ("distance", "acceleration_noise", "velocity_sd", "measurement_sd"):
-        check_positive(getattr(settings, name), f"{where}: {name}")
-    check_count(settings.invisible, f"{where}: invisible", 0)
 
 
 class Parts(NamedTuple):
@@ -269,8 +261,8 @@ def followed(table: pd.DataFrame, settings: Any, associate: Callable[..., Iterat
 
 
 @dataclass(frozen=True)
-class StoneSoupGNN:
-    """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
+class _StoneSoup:
+    """A filter, a gate and the loop over frames, for an associator of Stone Soup."""
 
     distance: float = 4.0  # standard deviations: gate, and cost of a miss
     acceleration_noise: float = 1.0  # px/frame^1.5
@@ -279,13 +271,25 @@ class StoneSoupGNN:
     measurement_sd: float = 2.0  # px
 
     def __post_init__(self) -> None:
-        """Refuse what is no distance and no number of frames."""
-        check_filter(self)
+        """Refuse numbers that are no distance and no number of frames."""
+        where = type(self).__name__
+        for name in ("distance", "acceleration_noise", "velocity_sd", "measurement_sd"):
+            check_positive(getattr(self, name), f"{where}: {name}")
+        check_count(self.invisible, f"{where}: invisible", 0)
 
     def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
         """Return ``detections`` with ``particle``; see `kilnflight.tracking.tracker.track`."""
         need("stonesoup")
         return with_particle(detections, lambda table: followed(table, self, self._associated))
+
+    def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
+        """Yield each track, its new state and its detection or None."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class StoneSoupGNN(_StoneSoup):
+    """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
 
     def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
         from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
@@ -303,18 +307,13 @@ class StoneSoupGNN:
 
 
 @dataclass(frozen=True)
-class StoneSoupJPDA:
+class StoneSoupJPDA(_StoneSoup):
     """Joint probabilities by Stone Soup; where gates overlap much they take minutes per frame.
 
     Which detection a track is recorded with is not Stone Soup's affair; the rule is that of
     our own tracker, `kilnflight.tracking.tracker.record`.
     """
 
-    distance: float = 4.0  # standard deviations: gate
-    acceleration_noise: float = 1.0  # px/frame^1.5
-    invisible: int = 5  # frames in a row that a track lives on unseen
-    velocity_sd: float = 15.0  # px/frame, of a new track
-    measurement_sd: float = 2.0  # px
     detection_probability: float = 0.9
     # Per px^2; None: Stone Soup's estimate in each gate. Picked by hand on two of the stretches
     # for settings (notebook 33); ten false detections in a frame of 1536 x 2048 are 3e-6.
@@ -325,7 +324,7 @@ class StoneSoupJPDA:
 
     def __post_init__(self) -> None:
         """Refuse what is no distance, no number of frames and no probability."""
-        check_filter(self)
+        super().__post_init__()
         if not 0 < self.detection_probability < 1:
             raise InputError(
                 "StoneSoupJPDA: detection_probability must be between 0 and 1, got "
@@ -333,11 +332,6 @@ class StoneSoupJPDA:
             )
         if self.clutter_density is not None:
             check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
-
-    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return ``detections`` with ``particle``; see `kilnflight.tracking.tracker.track`."""
-        need("stonesoup")
-        return with_particle(detections, lambda table: followed(table, self, self._associated))
 
     def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
         from stonesoup.dataassociator.probability import JPDAwithEHM2

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.accuracy import CASES
+from kilnflight.experiments.results import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, boxes, canvas, frame
@@ -23,7 +24,6 @@ from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
-Cell = tuple[str, float]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 MOMENTS = 60  # of a fitted curve
 
@@ -158,7 +158,7 @@ def summed_changes(recording: PictureRecording, frames: range) -> Array:
 
 
 def sums_and_tracks(
-    fraction: str, sums: Mapping[Cell, Array], tracks: Mapping[Cell, pd.DataFrame]
+    fraction: str, sums: Mapping[CampaignKey, Array], tracks: Mapping[CampaignKey, pd.DataFrame]
 ) -> Figure:
     """Return summed frame differences above the tracks in the same frames, by pressure."""
     cells = [cell for cell in sums if cell[0] == fraction]
@@ -419,7 +419,7 @@ def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value:
 
 
 def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
-    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, told apart in grey.
+    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, in shades of grey.
 
     Parameters
     ----------

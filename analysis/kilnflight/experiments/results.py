@@ -143,15 +143,15 @@ def conditions(published: pd.DataFrame, key: CampaignKey) -> dict[str, bool]:
 
 
 def in_metre(found: Mapping[CampaignKey, Findings], metre: int) -> dict[CampaignKey, Findings]:
-    """Return the findings with the velocity in one metre only, (n,)."""
+    """Return the values with the velocity in one metre only, (n,)."""
     return {
         key: one._replace(velocity_m_s=one.velocity_m_s[:, metre - 1]) for key, one in found.items()
     }
 
 
-def ignited(findings: Findings) -> tuple[int, int]:
+def ignited(values: Findings) -> tuple[int, int]:
     """Return how many particles ignite, and of how many."""
-    return int(np.isfinite(findings.ignition_s).sum()), len(findings.ignition_s)
+    return int(np.isfinite(values.ignition_s).sum()), len(values.ignition_s)
 
 
 def pairs_to_compare(
