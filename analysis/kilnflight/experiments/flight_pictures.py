@@ -29,7 +29,7 @@ from kilnflight.experiments.plots import (
 from kilnflight.experiments.results import KEYS, fits_from_lance, of_campaign
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
 from kilnflight.regression import fits
-from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
+from kilnflight.scores.flights import METRES, FlightValues, ignition_histogram, remaining
 from kilnflight.twin.flight import Flights
 
 Cell = tuple[str, float]
@@ -82,7 +82,7 @@ def velocity_scatter(pairs: pd.DataFrame) -> Figure:
 
 
 def velocity_boxes(
-    sources: Mapping[str, Mapping[Cell, Findings]],
+    sources: Mapping[str, Mapping[Cell, FlightValues]],
     keys: Sequence[Cell],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
@@ -120,7 +120,7 @@ def placed(bounds: pd.DataFrame, pattern: str) -> pd.DataFrame:
 
 
 def remaining_shares(
-    sources: Mapping[str, Mapping[Cell, Findings]], bounds: pd.DataFrame
+    sources: Mapping[str, Mapping[Cell, FlightValues]], bounds: pd.DataFrame
 ) -> Figure:
     """Return the shares that pass each metre, a panel for each fraction; the first source solid.
 
@@ -209,7 +209,7 @@ def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
 
 
 def ignition_bars(
-    kinds: Mapping[str, Mapping[Cell, Findings]],
+    kinds: Mapping[str, Mapping[Cell, FlightValues]],
     keys: Sequence[Cell],
     early: Mapping[Cell, float],
 ) -> Figure:

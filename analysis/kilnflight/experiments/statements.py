@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.project import claims
-from kilnflight.scores.flights import Findings, outcomes, place_of
+from kilnflight.scores.flights import FlightValues, outcomes, place_of
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flights
 from kilnflight.twin.particles import FRACTIONS
@@ -146,7 +146,7 @@ def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
     return pd.Series(outside / unit, index=rows.index)
 
 
-def outcome_table(cells: Mapping[tuple[str, float], Findings]) -> pd.DataFrame:
+def outcome_table(cells: Mapping[tuple[str, float], FlightValues]) -> pd.DataFrame:
     """Return the outcomes of campaigns, one row per fraction and pressure.
 
     Returns

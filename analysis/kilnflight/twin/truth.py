@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from kilnflight.camera import inside
 from kilnflight.project.cache import CachedTable
-from kilnflight.scores.flights import METRES, Findings
+from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
 from kilnflight.twin.gas import Gas
@@ -201,7 +201,7 @@ def dwell_times(flights: Flights) -> Array:
     return flights.end_s[~np.isin(flights.end, NO_DWELL)]
 
 
-def flight_values(flights: Flights) -> Findings:
+def flight_values(flights: Flights) -> FlightValues:
     """Return the true values of the flights, particle by particle."""
     reached = flights.end_position_m[:, 0]
-    return Findings(dwell_times(flights), velocities(flights), flights.ignition_s, reached)
+    return FlightValues(dwell_times(flights), velocities(flights), flights.ignition_s, reached)
