@@ -7,7 +7,7 @@ from IPython.display import Markdown
 
 from kilnflight.experiments import flight_pictures, statements, twin_calibration
 from kilnflight.project import figures, style
-from kilnflight.scores import flights as findings
+from kilnflight.scores import flights as flight_scores
 from kilnflight.twin import fitted, truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -105,7 +105,7 @@ figures.save_check("twin-flights-agreement", table, caption=caption, provenance=
 # ## Velocity and remaining share along the way
 
 # %%
-parts = {version: findings.along(one) for version, one in rows.items()}
+parts = {version: flight_scores.along(one) for version, one in rows.items()}
 way = pd.concat(parts, names=["version"]).reset_index("version")
 printed = statements.along(said)
 picture = flight_pictures.true_way(way, printed)
@@ -129,7 +129,7 @@ boxes = pd.DataFrame(
         "version": version,
         "fraction": name,
         "pressure_bar": bar,
-        **findings.box(truth.dwell_times(one)),
+        **flight_scores.box(truth.dwell_times(one)),
     }
     for version, cells in flown.items()
     for (name, bar), one in cells.items()
@@ -156,7 +156,7 @@ values = {
 early = said[said["outcome"] == "ignited < 0.1 s (%)"].set_index(["fraction", "pressure_bar"])
 picture = flight_pictures.ignition_bars(values, keys, early["high"].to_dict())
 bins = {
-    (version, *key): findings.ignition_histogram(values[version][key].ignition_s)
+    (version, *key): flight_scores.ignition_histogram(values[version][key].ignition_s)
     for key in keys
     for version in versions
 }

@@ -11,7 +11,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -178,8 +178,14 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
     threshold = options.threshold or _threshold(recording, notes)
     lance = wall = None
     if recording.per_frame["points"].any():
-        lance = _exit_point(recording, options)
-        wall = _wall(recording, notes)
+        captured = options.exit_point_mm or recording.attributes.lance_mm
+        if captured is None:
+            raise InputError(
+                f"recording {source.name}: where the lance ends is not known. Give --exit-point "
+                "x,y,z (mm, camera coordinates as captured), or lance_mm in its manifest."
+            )
+        x, y, z = calibrate_points([captured])[0].tolist()
+        lance, wall = (x, y, z), _wall(recording, notes)
     else:
         notes.append(
             "The recording has no depth: tracks are 2D. Trajectories, dwell times, velocities "
@@ -214,15 +220,15 @@ def chunk(frames: int) -> int:
 
 def _threshold(recording: PictureRecording, notes: list[str]) -> float:
     threshold = noise_threshold(recording)
-    noise = f"{TIMES_NOISE:g} times the noise of the first frames"
+    noise = "the noise of the first frames"
     if threshold <= TIMES_NOISE * LEAST_NOISE:
         noise = (
-            f"{TIMES_NOISE:g} times the least noise there is; the first frames have less (are they "
-            "all of one grey value, saturated or made up?)"
+            "the least noise there is; the first frames have less (are they all of one grey "
+            "value, saturated or made up?)"
         )
     notes.append(
-        f"No threshold was given: {threshold:g} grey values are {noise}. It decides how much is "
-        "found; compare others with --threshold."
+        f"No threshold was given: {threshold:g} grey values are {TIMES_NOISE:g} times {noise}. It "
+        "decides how much is found; compare others with --threshold."
     )
     return threshold
 
@@ -262,17 +268,6 @@ def block_noise(foreground: npt.NDArray[np.float32]) -> float:
     blocks = cut.reshape(rows // size, size, cols // size, size).swapaxes(1, 2)
     middle = np.median(blocks.reshape(-1, size * size), axis=1)
     return float(np.quantile(middle, NOISY_SHARE)) * MEDIAN_TO_SIGMA
-
-
-def _exit_point(recording: StoredRecording, options: Options) -> Vector:
-    known = options.exit_point_mm or recording.attributes.lance_mm
-    if known is None:
-        raise InputError(
-            f"recording {recording.attributes.name}: where the lance ends is not known. Give "
-            "--exit-point x,y,z (mm, camera coordinates as captured), or lance_mm in its manifest."
-        )
-    x, y, z = calibrate_points([known])[0].tolist()
-    return x, y, z
 
 
 def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
@@ -509,7 +504,7 @@ def page(found: Results, recording: PictureRecording) -> str:
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
         for what, value in summary(found).to_numpy().tolist()
     )
-    figures = "".join(_figure(draw(found, recording), caption) for draw, caption in _shown(found))
+    figures = "".join(_embedded(*captioned) for captioned in _figures(found, recording))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1>"
@@ -520,31 +515,21 @@ def page(found: Results, recording: PictureRecording) -> str:
     )
 
 
-Drawing = Callable[[Results, PictureRecording], Figure]
+Captioned = tuple[Figure, str]
 
 
-def _shown(found: Results) -> Iterator[tuple[Drawing, str]]:
+def _figures(found: Results, recording: PictureRecording) -> Iterator[Captioned]:
     """Yield what can be drawn, each with its caption."""
-    total = len(found.counted)
-    yield tracks_figure, "Tracks after post-processing over the first frame (dark parts lifted)."
-    if total:
-        yield dwell_figure, "Dwell times of flights from the lance, by their ending."
+    yield tracks_figure(found, recording)
+    if len(found.counted):
+        yield dwell_figure(found)
     if len(found.slices):
-        yield (
-            velocity_figure,
-            "Velocity towards the camera in each metre from the lance: median, and the middle "
-            "half of the flights; below, the share of flights that get as far.",
-        )
-    if total:
-        ignited = int(found.counted["ignition_s"].notna().sum())
-        yield (
-            ignition_figure,
-            f"Ignition after leaving the lance, in bins of {BIN_S:g} s: shares of all {total} "
-            f"flights; in {ignited} of them ignition was seen.",
-        )
+        yield velocity_figure(found)
+    if len(found.counted):
+        yield ignition_figure(found)
 
 
-def _figure(picture: Figure, caption: str) -> str:
+def _embedded(picture: Figure, caption: str) -> str:
     buffer = io.BytesIO()
     with style.style():
         picture.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
@@ -556,56 +541,53 @@ def _figure(picture: Figure, caption: str) -> str:
     )
 
 
-def tracks_figure(found: Results, recording: PictureRecording) -> Figure:
+def tracks_figure(found: Results, recording: PictureRecording) -> Captioned:
     """Draw all tracks over the first frame."""
     picture, axes = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
     style.frame(axes[0, 0], recording.gray(0))
     style.tracks(axes[0, 0], tracked(found.tracks))
-    return picture
+    return picture, "Tracks after post-processing over the first frame (dark parts lifted)."
 
 
-def dwell_figure(found: Results, _: PictureRecording) -> Figure:
+def dwell_figure(found: Results) -> Captioned:
     """Draw the dwell times, stacked by ending."""
-    counted = found.counted
-    edges = np.arange(0.0, counted["dwell_s"].max() + BIN_S, BIN_S / 2)
+    groups = dict(list(found.counted.groupby("ending")["dwell_s"]))
+    edges = np.arange(0.0, found.counted["dwell_s"].max() + BIN_S, BIN_S / 2)
     picture, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
-    groups = [(str(ending), flights["dwell_s"]) for ending, flights in counted.groupby("ending")]
-    axes[0, 0].hist(
-        [times for _, times in groups],
-        edges,
-        stacked=True,
-        label=[ending for ending, _ in groups],
-        color=style.COLOURS[1 : 1 + len(groups)],
-        hatch=style.HATCHES[: len(groups)],
-    )
+    look = {"color": style.COLOURS[1 : 1 + len(groups)], "hatch": style.HATCHES[: len(groups)]}
+    axes[0, 0].hist(list(groups.values()), edges, stacked=True, label=list(groups), **look)
     axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
     axes[0, 0].legend()
-    return picture
+    return picture, "Dwell times of flights from the lance, by their ending."
 
 
-def velocity_figure(found: Results, _: PictureRecording) -> Figure:
+def velocity_figure(found: Results) -> Captioned:
     """Draw median and middle half of the velocities, and the remaining share."""
     picture, axes = style.canvas(2, width_mm=style.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
-    quartiles = found.slices.groupby("slice_m")["velocity_m_s"].quantile(
-        np.array([0.25, 0.5, 0.75])
-    )
-    low, middle, high = quartiles.unstack().to_numpy().T
-    place = quartiles.index.unique("slice_m")
+    groups = found.slices.groupby("slice_m")["velocity_m_s"]
+    low, middle, high = (groups.quantile(part) for part in (0.25, 0.5, 0.75))
     reach = [middle - low, high - middle]
-    axes[0, 0].errorbar(place, middle, yerr=reach, fmt="o-", color="black", capsize=2)
+    axes[0, 0].errorbar(middle.index, middle, yerr=reach, fmt="o-", color="black", capsize=2)
     left = remaining(found.slices, len(found.counted))
     axes[1, 0].bar(left["slice_m"], 100 * left["share"], 0.6, color="0.7", edgecolor="black")
     axes[0, 0].set(ylabel="velocity (m/s)")
     axes[1, 0].set(ylabel="flights (%)", xlabel="distance from the lance, end of slice (m)")
-    return picture
+    return picture, (
+        "Velocity towards the camera in each metre from the lance: median, and the middle half "
+        "of the flights; below, the share of flights that get as far."
+    )
 
 
-def ignition_figure(found: Results, _: PictureRecording) -> Figure:
+def ignition_figure(found: Results) -> Captioned:
     """Draw when flights ignite, as shares of all of them."""
-    bins = ignition_histogram(found.counted["ignition_s"].to_numpy(np.float64), BIN_S)
+    ignition_s = found.counted["ignition_s"].to_numpy(np.float64)
+    bins = ignition_histogram(ignition_s, BIN_S)
     picture, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
     look = {"align": "edge", "color": "0.7", "edgecolor": "black"}
     axes[0, 0].bar(bins["from_s"], bins["percent"], BIN_S, **look)
     label = "ignition after leaving the lance (s); the last bin holds all later"
     axes[0, 0].set(xlabel=label, ylabel="flights (%)")
-    return picture
+    return picture, (
+        f"Ignition after leaving the lance, in bins of {BIN_S:g} s: shares of all "
+        f"{len(ignition_s)} flights; in {np.isfinite(ignition_s).sum()} of them ignition was seen."
+    )

@@ -1,13 +1,11 @@
 """Quasi-cluster centres against their definition in sets."""
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
-from kilnflight.detection import QuasiClusterCenters, neighbors
-from kilnflight.detection.neighbors import nearest_neighbors
+from kilnflight.detection import QuasiClusterCenters
+from kilnflight.detection.quasi_centers import nearest_neighbors
 
 
 def squared_distances(points):
@@ -102,8 +100,6 @@ def test_a_cloud_of_k_points_has_no_density():
     points = np.random.default_rng(0).normal(size=(6, 3))
     assert QuasiClusterCenters(6, 0.1)(points).tolist() == [-1] * 6
     assert QuasiClusterCenters(7, 0.1)(points).tolist() == [-1] * 6
-    with pytest.raises(InputError, match="cloud: 6 points have no 6 neighbours"):
-        nearest_neighbors(points, 6, "cloud")
 
 
 def test_a_cluster_of_fewer_than_k_points_is_noise():
@@ -124,16 +120,12 @@ def test_a_larger_alpha_never_makes_fewer_clusters_before_the_small_ones_go():
 shapes = st.sampled_from([(1, 1, 1), (1, 1, 1000), (1, 1, 0), (0, 1, 0), (0, 0, 0)])
 
 
-@pytest.mark.parametrize("brute", [0, 10_000, neighbors._BRUTE])
 @given(st.integers(0, 2**32 - 1), st.integers(1, 10), st.floats(0.0, 6.0), shapes, st.booleans())
-def test_neighbours_are_the_nearest(brute, seed, k, unevenness, shape, ties):
-    """Whatever share of the points is settled in cells and whatever at once."""
+def test_neighbours_are_the_nearest(seed, k, unevenness, shape, ties):
     rng = np.random.default_rng(seed)
     points = rng.normal(0, 1, (150, 3)) * np.exp(rng.normal(0, unevenness, (150, 1))) * shape
     points = np.round(points) if ties else points
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(neighbors, "_BRUTE", brute)
-        indices, squares = nearest_neighbors(points, k, "cloud")
+    indices, squares = nearest_neighbors(points, k)
     expected, kth = neighbors_by_sorting(points, k)
     np.testing.assert_array_equal(np.sort(indices), np.sort(expected))
     np.testing.assert_array_equal(squares, kth)

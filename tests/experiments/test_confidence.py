@@ -7,10 +7,10 @@ import pytest
 from kilnflight.experiments import confidence
 from kilnflight.experiments.campaigns import Measurement
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import Findings, outcomes
+from kilnflight.scores.flights import FlightValues, outcomes
 
 CELL = ("confetti", 4.5)
-NONE = Findings(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
+NONE = FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
 
 
 def flights(count=60, seed=0):
@@ -18,13 +18,13 @@ def flights(count=60, seed=0):
     velocity = draw.normal(8.0, 1.0, (count, 5))
     velocity[draw.random((count, 5)) < [0.0, 0.3, 0.6, 0.9, 1.0]] = np.nan
     ignition = np.where(draw.random(count) < 0.5, draw.random(count) * 0.5, np.nan)
-    return Findings(draw.gamma(9.0, 0.04, count), velocity, ignition, draw.random(count) * 3)
+    return FlightValues(draw.gamma(9.0, 0.04, count), velocity, ignition, draw.random(count) * 3)
 
 
-@pytest.mark.parametrize("findings", [flights(), flights(3), NONE])
-def test_it_is_the_interval_of_the_number_that_is_told(findings):
-    found = confidence.outcome_intervals(findings, np.random.default_rng(0))
-    told = outcomes(findings)
+@pytest.mark.parametrize("flight_values", [flights(), flights(3), NONE])
+def test_it_is_the_interval_of_the_number_that_is_told(flight_values):
+    found = confidence.outcome_intervals(flight_values, np.random.default_rng(0))
+    told = outcomes(flight_values)
     assert list(found) == list(told.index)
     estimates = [interval.estimate for interval in found.values()]
     np.testing.assert_allclose(estimates, told.to_numpy(), rtol=1e-12)

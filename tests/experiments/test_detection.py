@@ -163,3 +163,40 @@ def test_one_look_for_all_thresholds_is_the_detector_at_each():
             expected = DoG(float(threshold))(look(image))
             np.testing.assert_array_equal(method(view), expected)
     assert detection_methods.from_thresholds(()) == {}
+
+
+def test_counts_by_subset_stand_above_their_total():
+    table = attempts(one=(5, 8, 2)).drop(columns="method").assign(threshold=100)
+    rows = detection.with_total(
+        table.assign(**dict.fromkeys(("found_2",), 0)), ["threshold", "subset"]
+    )
+    assert rows["subset"].tolist() == ["V1", "V2", "V3", "Total"]
+    assert rows["tp"].iloc[-1] == rows["tp"].iloc[:3].sum()
+
+
+def test_particles_are_classified_by_their_distance_from_the_axis():
+    marked = pd.DataFrame({"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"})
+    marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
+    thresholds = {"low": 750.0, "high": 800.0}
+    table = detection.classification_table([marked], [marked], thresholds, None)
+    counts = table.set_index(["threshold", "subset"])[["tp", "fp", "fn"]]
+    assert counts.loc[("low", "V1")].tolist() == [1, 0, 1]
+    assert counts.loc[("high", "Total")].tolist() == [2, 1, 0]
+
+
+def test_traces_are_where_a_particle_was_and_is_not(subset):
+    subset = subset._replace(instances=lambda t: np.where(np.arange(6) == t % 6, 0, -1)[None])
+    clean = np.zeros((1, 6))
+    images = {"right": clean, "off": clean + 5.0, "now": np.where(np.arange(6) == 0, 9.0, 0.0)}
+    assert detection.background_traces(subset, 30, images, clean) == {
+        "right": 0.0,
+        "off": 5.0,
+        "now": 0.0,
+    }
+
+
+def test_a_detection_is_right_if_it_is_paired(subset):
+    subset = subset._replace(frames=(75,), background=MEDIAN, cache={})
+    table = detection.precision_by_case([subset], {"V3": Combination(DoG(1500.0))})
+    assert (table["right"] <= table["detections"]).all()
+    assert table["precision"].between(0, 1).all()

@@ -7,7 +7,7 @@ import pytest
 from kilnflight.experiments import flight_claims, flight_pictures, results
 from kilnflight.experiments.campaigns import Measurement
 from kilnflight.project import claims
-from kilnflight.scores.flights import Findings
+from kilnflight.scores.flights import FlightValues
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
 
@@ -24,7 +24,7 @@ def flights(name, bar, count=20):
     ignition = np.full(count, np.nan)
     ignition[: {"confetti": 5, "paper shred": 14}.get(name, 0)] = 0.2
     dwell = np.full(count, DWELL[name] * shorter)
-    return Findings(dwell, velocity, ignition, np.full(count, 3.0))
+    return FlightValues(dwell, velocity, ignition, np.full(count, 3.0))
 
 
 @pytest.fixture

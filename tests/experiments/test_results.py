@@ -8,7 +8,7 @@ from kilnflight.experiments import results
 from kilnflight.experiments.campaigns import Measurement
 from kilnflight.project import claims
 from kilnflight.regression import Regression, regress_all
-from kilnflight.scores.flights import Findings
+from kilnflight.scores.flights import FlightValues
 from kilnflight.tables import FLIGHTS
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
@@ -87,7 +87,7 @@ def test_a_claim_about_eight_cells_is_not_decided_on_one():
 
 def test_pairs_differ_in_fraction_or_pressure_but_not_in_both():
     cells = [("a", 4.5), ("a", 5.0), ("b", 4.5), ("b", 5.0)]
-    nothing = Findings(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
+    nothing = FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
     pairs = results.pairs_to_compare(dict.fromkeys(cells, nothing))
     assert len(pairs) == 4
     assert (("a", 4.5), ("b", 5.0)) not in pairs

@@ -4,7 +4,7 @@ import pytest
 
 from kilnflight.experiments import statements
 from kilnflight.project import claims
-from kilnflight.scores import flights as findings
+from kilnflight.scores import flights as flight_scores
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
@@ -20,7 +20,7 @@ def test_every_number_about_flight_and_ignition_is_expressed():
 def test_every_statement_names_an_outcome():
     flights = truth.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
     assert set(statements.statements()["outcome"]) <= set(
-        findings.outcomes(truth.flight_values(flights)).index
+        flight_scores.outcomes(truth.flight_values(flights)).index
     )
 
 

@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import grid_search, tracking
+from kilnflight.experiments import grid_search, tracking, tracking_claims, tracking_pictures
 from kilnflight.experiments.grid_search import Grid
 from kilnflight.kiln import TwinSource
+from kilnflight.project import claims
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 
@@ -98,3 +99,45 @@ def test_the_setting_with_the_largest_beta_is_chosen(window):
     best = tried[tried["chosen"]].set_index("tracker")["setting"]
     assert best.to_dict() == {"one": "way 1", "two": "way 0"}
     assert grid_search.chosen_trackers(tried, trackers)["one"] is track
+
+
+def test_each_step_is_measured_and_its_tracks_are_returned(window):
+    table, after = tracking.compare_steps([window])
+    assert table["after"].tolist() == list(after["confetti"])
+    assert table["after"].iloc[0] == "tracker"
+    assert table["beta"].iloc[-1] > table["beta"].iloc[0]
+    plans = tracking.compare_plans([window], {"none": (), "no texture": None})
+    assert plans["plan"].tolist() == ["none", "no texture"]
+    assert plans["alpha"].iloc[0] == table["alpha"].iloc[0]
+    picture = tracking_pictures.steps([window], after)
+    assert len(picture.axes) == 1 + len(after["confetti"])
+    assert set(tracking_pictures.joined(after, "after")["after"]) == set(after["confetti"])
+
+
+def test_the_texture_that_tells_most_comes_first():
+    with_track = pd.DataFrame({"LE": [8.0, 12.0], "EE": [2.0, 2.0]})
+    table = tracking.texture_table(with_track, pd.DataFrame({"LE": [1.0], "EE": [1.0]}))
+    assert table[["masks", "ratio"]].to_numpy().tolist() == [["LE", 10.0], ["EE", 2.0]]
+    assert table["ratio_10"].iloc[0] == pytest.approx(8.4)
+
+
+def test_windows_and_measures_stand_beside_the_printed_ones(window):
+    table = tracking_claims.window_table([window]).iloc[0]
+    assert (table["trajectories"], table["trajectories_published"]) == (2, 37)
+    measured = tracking.run([window], {"GNN": track, "JPDA": track})
+    cells = tracking_claims.beside_table_5_17(measured)
+    assert len(cells) == 2 * 2 * 4
+    assert cells["published"].between(0, 1).all()
+    assert (tracking_claims.gains(cells).xs("beta", level="measure") > 0).all()
+
+
+def test_a_smoke_run_leaves_claims_about_four_fractions_undecided(window):
+    chip = window._replace(fraction="wood chip")
+    measured = tracking.run([window, chip], {"GNN": track, "JPDA": track})
+    cells = tracking_claims.beside_table_5_17(measured)
+    trackers = {"GNN": track, "JPDA": track}
+    verdicts = tracking_claims.verdicts(cells, [window, chip], trackers)
+    found = {one.id: one.verdict for one in verdicts}
+    assert sorted(found) == [f"track-{k}" for k in range(1, 7)]
+    assert found["track-3"] == claims.REPRODUCED  # both are the same tracker here
+    assert {found[f"track-{k}"] for k in (1, 2, 5)} == {claims.NOT_DECIDABLE}

@@ -5,7 +5,7 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.experiments import statements
-from kilnflight.scores import flights as findings
+from kilnflight.scores import flights as flight_scores
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.flight import ENDS, Flight, Flights
 from kilnflight.twin.gas import Gas
@@ -54,10 +54,10 @@ def test_velocities_are_one_metre_over_the_time_between_crossings():
 
 
 def test_medians_are_over_those_that_passed_the_metre():
-    medians = findings.median_velocities(truth.velocities(FOUR))
+    medians = flight_scores.median_velocities(truth.velocities(FOUR))
     np.testing.assert_allclose(medians, [8, 9, 10, np.nan, np.nan], rtol=1e-4)
-    np.testing.assert_allclose(findings.remaining(truth.velocities(FOUR)), [75, 50, 25, 0, 0])
-    assert findings.last_velocity(truth.velocities(FOUR)) == pytest.approx(10, rel=1e-4)
+    np.testing.assert_allclose(flight_scores.remaining(truth.velocities(FOUR)), [75, 50, 25, 0, 0])
+    assert flight_scores.last_velocity(truth.velocities(FOUR)) == pytest.approx(10, rel=1e-4)
 
 
 def test_a_slowing_particle_has_the_speed_of_each_metre():
@@ -70,22 +70,26 @@ def test_a_slowing_particle_has_the_speed_of_each_metre():
 def test_dwell_ends_by_landing_or_burning_out():
     ends = ["landed", "burnt out", "left the kiln", "still flying", "landed"]
     flights = straight([5.0] * 5, [0.3, 0.5, 1.0, 2.5, 0.4], ends)
-    np.testing.assert_allclose(findings.quartiles(truth.dwell_times(flights)), [0.35, 0.4, 0.45])
-    assert findings.share_within(truth.dwell_times(flights), 0.3, 0.4) == pytest.approx(200 / 3)
-    assert findings.outcomes(truth.flight_values(flights))["dwell longest (s)"] == 0.5
+    np.testing.assert_allclose(
+        flight_scores.quartiles(truth.dwell_times(flights)), [0.35, 0.4, 0.45]
+    )
+    assert flight_scores.share_within(truth.dwell_times(flights), 0.3, 0.4) == pytest.approx(
+        200 / 3
+    )
+    assert flight_scores.outcomes(truth.flight_values(flights))["dwell longest (s)"] == 0.5
 
 
 def test_ignition_is_counted_among_all_or_among_the_ignited():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.05, 0.15, 0.25, np.nan])
-    assert findings.ignited(flights.ignition_s) == 75.0
-    assert findings.ignited(flights.ignition_s, 0.1) == 25.0
-    assert findings.share_of_ignited(flights.ignition_s, 0.0, 0.2) == pytest.approx(200 / 3)
-    assert findings.median_ignition(flights.ignition_s) == 0.15
+    assert flight_scores.ignited(flights.ignition_s) == 75.0
+    assert flight_scores.ignited(flights.ignition_s, 0.1) == 25.0
+    assert flight_scores.share_of_ignited(flights.ignition_s, 0.0, 0.2) == pytest.approx(200 / 3)
+    assert flight_scores.median_ignition(flights.ignition_s) == 0.15
 
 
 def test_what_never_happens_has_no_value_and_no_warning():
     short = straight([1.0, 1.0], [0.1, 0.1], ["still flying"] * 2)
-    found = findings.outcomes(truth.flight_values(short))
+    found = flight_scores.outcomes(truth.flight_values(short))
     names = ["velocity 0-1 m (m/s)", "velocity last (m/s)", "dwell median (s)"]
     assert found[[*names, "ignition median (s)"]].isna().all()
     assert found["ignited (%)"] == 0.0
@@ -103,22 +107,22 @@ def test_the_same_seed_releases_the_same_particles_and_the_table_has_a_row_per_c
 def test_boxes_leave_outliers_out_and_count_them():
     ends = ["landed"] * 5 + ["left the kiln"]
     flights = straight([1.0] * 6, [0.3, 0.31, 0.32, 0.33, 1.5, 0.4], ends)
-    box = findings.box(truth.dwell_times(flights))
+    box = flight_scores.box(truth.dwell_times(flights))
     assert (box["whisker_low"], box["whisker_high"]) == (0.3, 0.33)
     assert box["outliers"] == 1
 
 
 def test_the_histogram_counts_each_ignition_once_in_per_cent_of_all():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.1, 0.15, 2.0, np.nan])
-    bins = findings.ignition_histogram(flights.ignition_s)
+    bins = flight_scores.ignition_histogram(flights.ignition_s)
     np.testing.assert_allclose(bins["percent"], [25, 25, 0, 0, 0, 0, 0, 25])
     with pytest.raises(InputError, match=r"an ignition at -0\.100 s; count from leaving the lance"):
-        findings.ignition_histogram(np.array([0.2, -0.1]))
-    assert findings.ignition_histogram(np.empty(0))["percent"].tolist() == [0.0] * 8
+        flight_scores.ignition_histogram(np.array([0.2, -0.1]))
+    assert flight_scores.ignition_histogram(np.empty(0))["percent"].tolist() == [0.0] * 8
 
 
 def test_along_the_way_every_cell_has_five_velocities_and_five_shares():
-    rows = findings.along(statements.true_outcomes({("confetti", 4.5): FOUR}))
+    rows = flight_scores.along(statements.true_outcomes({("confetti", 4.5): FOUR}))
     assert len(rows) == 10
     share = rows[rows["quantity"] == "remaining"].set_index("distance_m")["value"]
     np.testing.assert_allclose(share.loc[[1.0, 2.0, 3.0]], [75, 50, 25])
@@ -126,8 +130,8 @@ def test_along_the_way_every_cell_has_five_velocities_and_five_shares():
 
 
 def test_of_no_particle_nothing_is_known_and_nothing_warns():
-    nobody = findings.Findings(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
-    assert findings.outcomes(nobody).isna().all()
+    nobody = flight_scores.FlightValues(np.empty(0), np.empty((0, 5)), np.empty(0), np.empty(0))
+    assert flight_scores.outcomes(nobody).isna().all()
 
 
 def test_truth_and_labels_are_one(twin):

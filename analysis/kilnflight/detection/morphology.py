@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_count
-from kilnflight.detection.cells import (
-    NOISE,
-    Cells,
-    advance,
-    check_points,
-    number_by_first_point,
-    roots,
-    rows_around,
-    sort_into_cells,
-    unite,
-)
+from kilnflight.detection.dbscan import NOISE, check_points, numbered_by_first_point
 
 
 @dataclass(frozen=True)
@@ -85,96 +75,43 @@ class MorphologicalClustering:
         cloud = check_points(points, "MorphologicalClustering: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
-        where = "MorphologicalClustering: points"
-        stretched = _stretch(cloud, int(self.grid))
-        reach = int(self.grid) if self.dilations is None else 2 * int(self.dilations) + 1
-        cells = sort_into_cells(np.floor(stretched + 0.5), 1.0, reach, where)
-        domains = np.arange(len(cells.keys))
-        _join(cells.keys, rows_around(cells.layer, cells.row, 1), domains, 1)
-        domains = roots(domains)
+        low, extent = cloud.min(axis=0), np.ptp(cloud, axis=0)
+        grid = int(self.grid)
+        stretched = grid * ((cloud - low) / np.where(extent > 0, extent, 1.0))  # Eq. 2.32
+        steps = np.floor(stretched + 0.5).astype(np.intp)
+        keys = np.ravel_multi_index(tuple(steps.T), 3 * (grid + 1,))
+        occupied, cell = np.unique(keys, return_inverse=True)
+        cells = np.column_stack(np.unravel_index(occupied, 3 * (grid + 1,)))
+        domains = _joined(cells, 1)  # Eq. 2.34
         sizes = np.bincount(domains)
-        large = sizes[domains] * np.count_nonzero(sizes) >= len(domains)  # Eq. 2.35
+        large = sizes[domains] * len(sizes) >= len(domains)  # Eq. 2.35
         clusters = np.full(len(domains), NOISE)
-        clusters[large] = _dilate(cells, large, domains, self.dilations)
-        seeds = number_by_first_point(_of_points(cells, clusters), len(domains))
-        return number_by_first_point(_nearest(stretched, seeds), len(domains))
+        clusters[large] = _dilated(cells[large], self.dilations)
+        labels = clusters[cell]
+        known = labels >= 0
+        if not known.all():  # Eq. 2.36
+            # an unbalanced tree is built in half the time and searched faster from outside
+            tree = cKDTree(stretched[known], 32, balanced_tree=False, compact_nodes=False)
+            labels[~known] = labels[known][tree.query(stretched[~known])[1]]
+        return numbered_by_first_point(labels)
 
 
-@njit(cache=True)
-def _stretch(cloud: Any, grid: int) -> Any:
-    """Return the cloud with each axis in [0, grid] (Eq. 2.32); an axis without extent is 0."""
-    stretched = np.empty_like(cloud)
-    for axis in range(cloud.shape[1]):
-        low = high = cloud[0, axis]
-        for i in range(len(cloud)):
-            low, high = min(low, cloud[i, axis]), max(high, cloud[i, axis])
-        extent = high - low if high > low else 1.0
-        for i in range(len(cloud)):
-            stretched[i, axis] = grid * ((cloud[i, axis] - low) / extent)
-    return stretched
+def _joined(cells: npt.NDArray[np.intp], reach: int) -> npt.NDArray[np.int32]:
+    """Return the domain of each of (n, 3) cells: those at most ``reach`` apart along every axis."""
+    pairs = cKDTree(cells).query_pairs(reach + 0.5, p=np.inf, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(len(cells), len(cells)))
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
-@njit(cache=True)
-def _join(keys: Any, steps: Any, parents: Any, reach: int) -> int:
-    """Unite cells at most ``reach`` apart along every axis; return how often.
-
-    ``steps`` are those of `rows_around`.
-    """
-    steps = steps[steps >= 0]  # along the other half the other cell finds this one
-    first = np.zeros(len(steps), np.int64)
-    united = 0
-    for cell in range(len(keys)):
-        for r in range(len(steps)):
-            first[r] = advance(keys, first[r], max(keys[cell] + steps[r] - reach, keys[cell] + 1))
-            other = first[r]
-            while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
-                united += unite(parents, cell, other)
-                other += 1
-    return united
-
-
-def _dilate(
-    cells: Cells,
-    large: npt.NDArray[np.bool_],
-    domains: npt.NDArray[np.int64],
-    dilations: int | None,
-) -> npt.NDArray[np.int64]:
+def _dilated(cells: npt.NDArray[np.intp], dilations: int | None) -> npt.NDArray[np.int32]:
     """Return the cluster of each cell of a large domain after the dilations.
 
     Two cells whose steps along every axis are at most 2 k + 1 touch after k dilations, so
     that nothing need be dilated. The edge of the grid changes nothing in this.
     """
-    clusters = (np.cumsum(large) - 1)[domains[large]]
-    keys = cells.keys[large]
     if dilations is not None:
-        reach = 2 * int(dilations) + 1
-        _join(keys, rows_around(cells.layer, cells.row, reach), clusters, reach)
-    else:
-        reach = 3
-        while _join(keys, rows_around(cells.layer, cells.row, reach), clusters, reach):
-            reach += 2
-    return roots(clusters)
-
-
-@njit(cache=True)
-def _of_points(cells: Cells, clusters: Any) -> Any:
-    """Return the cluster of each point of the caller's cloud from those of the cells."""
-    found = np.empty(len(cells.order), np.int64)
-    for cell in range(len(clusters)):
-        for i in range(cells.starts[cell], cells.starts[cell + 1]):
-            found[cells.order[i]] = clusters[cell]
-    return found
-
-
-def _nearest(
-    stretched: npt.NDArray[np.float64], seeds: npt.NDArray[np.intp]
-) -> npt.NDArray[np.intp]:
-    """Return the cluster of each point, that of the nearest seed where it has none."""
-    found = seeds.copy()
-    homeless = seeds < 0
-    if not homeless.any():
-        return found
-    # an unbalanced tree is built in half the time and searched far faster from points outside
-    tree = cKDTree(stretched[~homeless], 32, balanced_tree=False, compact_nodes=False)
-    found[homeless] = seeds[~homeless][tree.query(stretched[homeless])[1]]
-    return found
+        return _joined(cells, 2 * int(dilations) + 1)
+    before, reach, clusters = 0, 3, _joined(cells, 1)
+    while clusters.max() != before:
+        before, clusters, reach = clusters.max(), _joined(cells, reach), reach + 2
+    return clusters

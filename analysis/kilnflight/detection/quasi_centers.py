@@ -9,16 +9,21 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, types
 from numba.typed import Dict
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_at_least, check_count
-from kilnflight.detection.cells import (
+from kilnflight.detection.dbscan import (
     NOISE,
     check_points,
-    number_by_first_point,
+    numbered_by_first_point,
     root_of,
     unite,
 )
-from kilnflight.detection.neighbors import nearest_neighbors
+
+Array = npt.NDArray[np.float64]
+CHUNK = 20_000  # points whose neighbours are looked for at a time, to save memory
 
 
 @dataclass(frozen=True)
@@ -81,51 +86,56 @@ class QuasiClusterCenters:
         InputError
             If the points are not (n, 3) finite numbers.
         """
-        where = "QuasiClusterCenters: points"
-        cloud = check_points(points, where)
-        k = int(self.k)
-        if len(cloud) <= k:
-            return np.full(len(cloud), NOISE, dtype=np.intp)
-        neighbors, squares = nearest_neighbors(cloud, k, where)
+        cloud = check_points(points, "QuasiClusterCenters: points")
+        count, k = len(cloud), int(self.k)
+        if count <= k:
+            return np.full(count, NOISE, dtype=np.intp)
+        neighbors, squares = nearest_neighbors(cloud, k)
+        # A denser point that has this one as a neighbour lies within this one's k-th distance
+        # too: "no such point" covers both conditions of the definition of a centre.
+        near = squares[neighbors]
+        centers = np.ones(count, dtype=np.bool_)
+        centers[neighbors[near > squares[:, None]]] = False
+        # points of equal density that reach each other share a level
+        equal, column = np.nonzero(near == squares[:, None])
+        ends = (equal, neighbors[equal, column])
+        graph = coo_array((np.ones(len(equal), np.int8), ends), shape=(count, count))
+        levels = connected_components(graph, directed=False)[1].astype(np.intp)
         dense_first = np.argsort(squares, kind="stable")
-        centers = _centers(neighbors, squares)
-        levels = _levels(neighbors, squares)
-        clusters = np.arange(len(cloud))  # of a centre: the centre its cluster is merged into
-        graph = (neighbors, squares, dense_first, centers, levels)
-        heads, values, following = _spread(*graph, clusters, self.alpha)
+        clusters = np.arange(count)  # of a centre: the centre its cluster is merged into
+        given = (neighbors, squares, dense_first, centers, levels)
+        heads, values, following = _spread(*given, clusters, self.alpha)
         while _merge(heads, values, following, levels, clusters, k, self.alpha):
             pass
-        labels = _choose(*graph, clusters, heads, values, following)
-        labels[np.bincount(labels, minlength=len(labels))[labels] < k] = NOISE
-        return number_by_first_point(labels, len(labels))
+        labels = _choose(*given, clusters, heads, values, following)
+        labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
+        return numbered_by_first_point(labels)
 
 
-@njit(cache=True)
-def _centers(neighbors: Any, squares: Any) -> Any:
-    """Tell of each point whether it is a quasi-cluster centre.
+def nearest_neighbors(
+    cloud: Array, k: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Return the ``k`` nearest other points (n, k) and the squared distance to the k-th (n,).
 
-    A denser point that has this one as a neighbour lies within this one's k-th distance
-    too: that one condition, "no such point", covers both of the definition's.
+    Of equally distant points the first ones of the cloud count. There are more than ``k``.
     """
-    centers = np.ones(len(squares), np.bool_)
-    for i in range(len(squares)):
-        for j in neighbors[i]:
-            if squares[j] > squares[i]:
-                centers[j] = False
-    return centers
-
-
-@njit(cache=True)
-def _levels(neighbors: Any, squares: Any) -> Any:
-    """Return of each point one that stands for all of equal density that reach each other."""
-    levels = np.arange(len(squares))
-    for i in range(len(squares)):
-        for j in neighbors[i]:
-            if squares[i] == squares[j]:
-                unite(levels, i, j)
-    for i in range(len(squares)):
-        levels[i] = root_of(levels, i)
-    return levels
+    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
+    nearest = np.empty((len(cloud), k), np.int32)
+    for start in range(0, len(cloud), CHUNK):
+        rows = np.arange(start, min(start + CHUNK, len(cloud)))
+        distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
+        itself = indices == rows[:, None]
+        distances[itself] = -1.0
+        order = np.argsort(distances, axis=1, kind="stable")
+        distances = np.take_along_axis(distances, order, axis=1)
+        nearest[rows] = np.take_along_axis(indices, order, axis=1)[:, 1 : k + 1]
+        unsure = ~itself.any(axis=1) | (distances[:, k] == distances[:, -1]) & (many > k + 1)
+        for row in np.flatnonzero(unsure):
+            around = tree.query_ball_point(cloud[rows[row]], distances[row, k] * (1 + 1e-9))
+            others = np.setdiff1d(around, rows[row])
+            apart = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
+            nearest[rows[row]] = others[np.argsort(apart, kind="stable")[:k]]
+    return nearest, ((cloud - cloud[nearest[:, -1]]) ** 2).sum(axis=1)
 
 
 @njit(cache=True)

@@ -22,7 +22,7 @@ from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.regression import fits
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES, Findings, quartiles
+from kilnflight.scores.flights import METRES, FlightValues, quartiles
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
@@ -193,8 +193,8 @@ def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
 def accuracy_in_words(
     whole: pd.DataFrame,
-    found: Mapping[CampaignKey, Findings],
-    true: Mapping[CampaignKey, Findings],
+    found: Mapping[CampaignKey, FlightValues],
+    true: Mapping[CampaignKey, FlightValues],
 ) -> pd.DataFrame:
     """Return the main table of accuracy as text: found, bias, interval and spread by campaign.
 

@@ -27,7 +27,14 @@ from kilnflight.experiments.results import (
 )
 from kilnflight.project import claims
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import LAST_SHARE, METRES, Findings, outcomes, quartiles, remaining
+from kilnflight.scores.flights import (
+    LAST_SHARE,
+    METRES,
+    FlightValues,
+    outcomes,
+    quartiles,
+    remaining,
+)
 from kilnflight.scores.intervals import Bootstrap, Interval, Quantile
 
 Key = TypeVar("Key", bound=tuple[str, object])  # a campaign, or a fraction and an axis
@@ -55,14 +62,16 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
     return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
 
 
-def outcome_intervals(values: Findings, generator: np.random.Generator) -> dict[str, Interval]:
+def outcome_intervals(
+    flight_values: FlightValues, generator: np.random.Generator
+) -> dict[str, Interval]:
     """Return the interval of each of `flights.outcomes`, by name and in its unit."""
-    lit = values.ignition_s[np.isfinite(values.ignition_s)]
-    every = len(values.ignition_s)
-    found = _velocity_intervals(values.velocity_m_s, generator)
-    found |= _dwell_intervals(values.dwell_s, generator)
+    lit = flight_values.ignition_s[np.isfinite(flight_values.ignition_s)]
+    every = len(flight_values.ignition_s)
+    found = _velocity_intervals(flight_values.velocity_m_s, generator)
+    found |= _dwell_intervals(flight_values.dwell_s, generator)
     found |= {
-        "penetration (m)": median_of(values.reached_m, generator),
+        "penetration (m)": median_of(flight_values.reached_m, generator),
         "ignited (%)": _percent(len(lit), every),
         "ignited < 0.1 s (%)": _percent(int((lit <= 0.1).sum()), every),
         "ignition median (s)": median_of(lit, generator),
@@ -70,7 +79,7 @@ def outcome_intervals(values: Findings, generator: np.random.Generator) -> dict[
     for name, low, high in (("< 0.2", 0.0, 0.2), ("< 0.4", 0.0, 0.4), ("0.2-0.3", 0.2, 0.3)):
         number = int(((lit > low) & (lit <= high)).sum())
         found[f"ignited {name} s (% of ignited)"] = _percent(number, len(lit))
-    return {name: found[name] for name in outcomes(values).index}
+    return {name: found[name] for name in outcomes(flight_values).index}
 
 
 def _velocity_intervals(velocity_m_s: Array, generator: np.random.Generator) -> dict[str, Interval]:
@@ -115,8 +124,8 @@ def _percent(number: int, counted: int) -> Interval:
 
 
 def interval_table(
-    found: Mapping[CampaignKey, Findings],
-    true: Mapping[CampaignKey, Findings],
+    found: Mapping[CampaignKey, FlightValues],
+    true: Mapping[CampaignKey, FlightValues],
     quantities: Sequence[str],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
@@ -162,7 +171,7 @@ def with_intervals(
 
 
 def unseen_metres(
-    slices: pd.DataFrame, true: Mapping[CampaignKey, Findings], generator: np.random.Generator
+    slices: pd.DataFrame, true: Mapping[CampaignKey, FlightValues], generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return what the velocities come to without metres passed before the first detection.
 
@@ -201,8 +210,8 @@ def unseen_metres(
 
 
 def coverage(
-    found: Mapping[CampaignKey, Findings],
-    true: Mapping[CampaignKey, Findings],
+    found: Mapping[CampaignKey, FlightValues],
+    true: Mapping[CampaignKey, FlightValues],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
     """Return the medians of each campaign, and whether their intervals cover the true ones.
@@ -231,7 +240,7 @@ def coverage(
 
 
 def ratio_table(
-    found: Mapping[CampaignKey, Findings], generator: np.random.Generator
+    found: Mapping[CampaignKey, FlightValues], generator: np.random.Generator
 ) -> pd.DataFrame:
     """Return the median velocity in the first metre at the highest pressure over the lowest."""
     rows, bars = [], sorted({bar for _, bar in found})
@@ -243,7 +252,7 @@ def ratio_table(
     return pd.DataFrame(rows)
 
 
-def dwell_medians(table: pd.DataFrame, true: Mapping[CampaignKey, Findings]) -> pd.DataFrame:
+def dwell_medians(table: pd.DataFrame, true: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
     """Return the median dwell times of an `interval_table`, and whether they cover the truth."""
     rows = table[table["outcome"] == "dwell median (s)"].drop(columns="outcome")
     rows = rows.rename(columns={"estimate": "measured_s", "true": "true_s"}).reset_index(drop=True)
@@ -254,7 +263,7 @@ def dwell_medians(table: pd.DataFrame, true: Mapping[CampaignKey, Findings]) -> 
     )
 
 
-def ignited_shares(sources: Mapping[str, Mapping[CampaignKey, Findings]]) -> pd.DataFrame:
+def ignited_shares(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.DataFrame:
     """Return the share that ignites within 0.1 s, 0.2 s and at all, with its interval (Wilson)."""
     rows = []
     for source, found in sources.items():
@@ -268,8 +277,8 @@ def ignited_shares(sources: Mapping[str, Mapping[CampaignKey, Findings]]) -> pd.
 
 
 def all_differences(
-    found: Mapping[CampaignKey, Findings],
-    true: Mapping[CampaignKey, Findings],
+    found: Mapping[CampaignKey, FlightValues],
+    true: Mapping[CampaignKey, FlightValues],
     generator: np.random.Generator,
 ) -> pd.DataFrame:
     """Return the differences of all `pairs_to_compare`: dwell time, velocity, ignited share."""

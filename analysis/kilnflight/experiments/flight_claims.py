@@ -28,9 +28,9 @@ from kilnflight.experiments.results import (
     trajectories_from_lance,
 )
 from kilnflight.project import claims
-from kilnflight.scores.flights import Findings
+from kilnflight.scores.flights import FlightValues
 
-Results = Mapping[CampaignKey, Findings]
+Results = Mapping[CampaignKey, FlightValues]
 Given = dict[str, float | pd.Series | Mapping[str, bool]]
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction at 4.5 bar

@@ -29,7 +29,7 @@ from kilnflight.experiments.plots import (
 from kilnflight.experiments.results import KEYS, CampaignKey, fits_from_lance, of_campaign
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
 from kilnflight.regression import fits
-from kilnflight.scores.flights import METRES, Findings, ignition_histogram, remaining
+from kilnflight.scores.flights import METRES, FlightValues, ignition_histogram, remaining
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
@@ -81,7 +81,7 @@ def velocity_scatter(pairs: pd.DataFrame) -> Figure:
 
 
 def velocity_boxes(
-    sources: Mapping[str, Mapping[CampaignKey, Findings]],
+    sources: Mapping[str, Mapping[CampaignKey, FlightValues]],
     keys: Sequence[CampaignKey],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
@@ -119,7 +119,7 @@ def placed(bounds: pd.DataFrame, pattern: str) -> pd.DataFrame:
 
 
 def remaining_shares(
-    sources: Mapping[str, Mapping[CampaignKey, Findings]], bounds: pd.DataFrame
+    sources: Mapping[str, Mapping[CampaignKey, FlightValues]], bounds: pd.DataFrame
 ) -> Figure:
     """Return the shares that pass each metre, a panel for each fraction; the first source solid.
 
@@ -208,7 +208,7 @@ def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
 
 
 def ignition_bars(
-    kinds: Mapping[str, Mapping[CampaignKey, Findings]],
+    kinds: Mapping[str, Mapping[CampaignKey, FlightValues]],
     keys: Sequence[CampaignKey],
     early: Mapping[CampaignKey, float],
 ) -> Figure:

@@ -19,7 +19,7 @@ from kilnflight.experiments.campaigns import Campaign, Measurement
 from kilnflight.experiments.statements import outcome_table
 from kilnflight.flight import straight_on
 from kilnflight.project import claims
-from kilnflight.scores.flights import METRES, Findings, along, box
+from kilnflight.scores.flights import METRES, FlightValues, along, box
 from kilnflight.tables import TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.particles import FRACTIONS
@@ -36,13 +36,15 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
     return table[(table["fraction"] == key[0]) & (table["pressure_bar"] == key[1])]
 
 
-def by_campaign(measured: Measurement) -> dict[CampaignKey, Findings]:
+def by_campaign(measured: Measurement) -> dict[CampaignKey, FlightValues]:
     """Return what the flights of each campaign come to, see `of_flights`."""
     keys = measured.tracks[KEYS].drop_duplicates().itertuples(index=False, name=None)
     return {key: of_flights(*(of_campaign(table, key) for table in measured[1:])) for key in keys}
 
 
-def of_flights(trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame) -> Findings:
+def of_flights(
+    trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
+) -> FlightValues:
     """Return dwell times, velocities by metre, ignition and reach of the flights that count.
 
     Dwell times of lost flights are included, as in the thesis (appendix A.1); they are lower
@@ -57,7 +59,7 @@ def of_flights(trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.Dat
         fits[particle].exit_point_mm[2] - straight_on(fits[particle], end)[0, 2]
         for particle, end in ends
     ]
-    return Findings(
+    return FlightValues(
         counted["dwell_s"].to_numpy(np.float64),
         wide.to_numpy(np.float64),
         counted["ignition_s"].to_numpy(np.float64),
@@ -73,7 +75,7 @@ def twin_of(campaign: Campaign) -> Twin:
     return recording
 
 
-def true_results(campaigns: Sequence[Campaign]) -> dict[CampaignKey, Findings]:
+def true_results(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues]:
     """Return what the flights in the same frames truly come to, detected or not.
 
     A flight counts if it begins after the first frame and is over by the last.
@@ -88,15 +90,15 @@ def true_results(campaigns: Sequence[Campaign]) -> dict[CampaignKey, Findings]:
     return found
 
 
-def by_source(sources: Mapping[str, Mapping[CampaignKey, Findings]]) -> pd.DataFrame:
+def by_source(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.DataFrame:
     """Return the `outcome_table` of several sources below each other, ``source`` in front."""
     tables = {name: outcome_table(found) for name, found in sources.items()}
     return pd.concat(tables, names=["source"]).reset_index("source")
 
 
 def beside_published(
-    measured: Mapping[CampaignKey, Findings],
-    true: Mapping[CampaignKey, Findings],
+    measured: Mapping[CampaignKey, FlightValues],
+    true: Mapping[CampaignKey, FlightValues],
     quantities: Sequence[str],
 ) -> pd.DataFrame:
     """Return every printed number of some quantities with truth and measurement beside it.
@@ -142,20 +144,22 @@ def conditions(published: pd.DataFrame, key: CampaignKey) -> dict[str, bool]:
     return found or {"nothing measured": False}
 
 
-def in_metre(found: Mapping[CampaignKey, Findings], metre: int) -> dict[CampaignKey, Findings]:
+def in_metre(
+    found: Mapping[CampaignKey, FlightValues], metre: int
+) -> dict[CampaignKey, FlightValues]:
     """Return the values with the velocity in one metre only, (n,)."""
     return {
         key: one._replace(velocity_m_s=one.velocity_m_s[:, metre - 1]) for key, one in found.items()
     }
 
 
-def ignited(values: Findings) -> tuple[int, int]:
+def ignited(flight_values: FlightValues) -> tuple[int, int]:
     """Return how many particles ignite, and of how many."""
-    return int(np.isfinite(values.ignition_s).sum()), len(values.ignition_s)
+    return int(np.isfinite(flight_values.ignition_s).sum()), len(flight_values.ignition_s)
 
 
 def pairs_to_compare(
-    found: Mapping[CampaignKey, Findings],
+    found: Mapping[CampaignKey, FlightValues],
 ) -> list[tuple[CampaignKey, CampaignKey]]:
     """Return pairs of campaigns: fractions at one pressure, and pressures of one fraction."""
     return [
@@ -213,7 +217,7 @@ def fits_from_lance(
 
 
 def remaining_table(
-    sources: Mapping[str, Mapping[CampaignKey, Findings]], published: pd.DataFrame
+    sources: Mapping[str, Mapping[CampaignKey, FlightValues]], published: pd.DataFrame
 ) -> pd.DataFrame:
     """Return the shares that pass each metre by source, and the published ones below them."""
     parts = [along(outcome_table(found)).assign(source=name) for name, found in sources.items()]
@@ -284,7 +288,7 @@ def measures_by_order(
 
 
 def distribution_distances(
-    simulated: Mapping[CampaignKey, Findings], measured: Mapping[CampaignKey, Findings]
+    simulated: Mapping[CampaignKey, FlightValues], measured: Mapping[CampaignKey, FlightValues]
 ) -> pd.DataFrame:
     """Return Kolmogorov and Smirnov's distances of dwell times and first velocities.
 

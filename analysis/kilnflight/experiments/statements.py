@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.project import claims
-from kilnflight.scores.flights import Findings, outcomes, place_of
+from kilnflight.scores.flights import FlightValues, outcomes, place_of
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flights
 from kilnflight.twin.particles import FRACTIONS
@@ -61,7 +61,7 @@ def outcome_of(row: pd.Series) -> str:
 
 
 def use_of(fraction: str, pressure_bar: float, outcome: str) -> str:
-    """Return what the calibration may do with a statement."""
+    """Return how the calibration may use a statement."""
     if (fraction, pressure_bar) not in CELLS:
         return HELD_OUT
     used = outcome.startswith(("velocity", "remaining", "dwell")) or outcome == "ignited (%)"
@@ -69,7 +69,7 @@ def use_of(fraction: str, pressure_bar: float, outcome: str) -> str:
 
 
 def statements() -> pd.DataFrame:
-    """Return what can be expressed of flight.csv, one row per fraction, pressure and number.
+    """Return the numbers of flight.csv that have an outcome, one row per fraction and pressure.
 
     A sentence about several fractions becomes one row for each. "Most within 0.3 to 0.4 s"
     is read as a share of at least 50 %.
@@ -121,7 +121,7 @@ def along(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def within(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
-    """Return "yes" where a value lies within the published bounds, else by how many units not."""
+    """Return "yes" for a value within the published bounds, else its distance in units."""
     return misfits(rows, values).map(lambda units: "yes" if units == 0 else f"off by {units:.1f}")
 
 
@@ -132,7 +132,7 @@ def targets() -> pd.DataFrame:
 
 
 def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
-    """Return by how many units each value lies outside its bounds, 0 inside.
+    """Return how far each value is outside its bounds in units, 0 inside.
 
     A unit is half the width of the bounds, or `LEAST_UNIT` where that is more. A value that
     does not exist (nothing passed that metre) counts as far out as a standstill would.
@@ -146,7 +146,7 @@ def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
     return pd.Series(outside / unit, index=rows.index)
 
 
-def outcome_table(cells: Mapping[tuple[str, float], Findings]) -> pd.DataFrame:
+def outcome_table(cells: Mapping[tuple[str, float], FlightValues]) -> pd.DataFrame:
     """Return the outcomes of campaigns, one row per fraction and pressure.
 
     Returns

@@ -1,4 +1,4 @@
-"""Fit the few inputs of flight and ignition that nobody published.
+"""Fit the few inputs of flight and ignition that are not published.
 
 Run as ``python -m kilnflight.experiments.twin_calibration`` (some minutes); it writes
 twin/calibrated.json. Only wood chips and confetti at 4.5 bar are flown, only statements about

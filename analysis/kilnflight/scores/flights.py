@@ -1,4 +1,4 @@
-"""What flights come to: the numbers that section 5.3 of the thesis states about many of them.
+"""Sum up many flights in the numbers that section 5.3 of the thesis states.
 
 From arrays with one entry per particle, whether these are true or measured. Distances are
 in depth from the lance.
@@ -20,8 +20,8 @@ METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
 LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the last one
 
 
-class Findings(NamedTuple):
-    """Of each particle that counts; NaN where something did not happen."""
+class FlightValues(NamedTuple):
+    """Values of each particle that counts; NaN where something did not happen."""
 
     dwell_s: Array  # (k,): of those that have a dwell time
     velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8)
@@ -85,9 +85,9 @@ def median_ignition(ignition_s: Array) -> float:
     return float(np.median(times)) if len(times) else float("nan")
 
 
-def outcomes(findings: Findings) -> pd.Series:
+def outcomes(flight_values: FlightValues) -> pd.Series:
     """Return every quantity by name; the unit stands in the name, NaN where it has no value."""
-    times, each, ignition_s, reached = findings
+    times, each, ignition_s, reached = flight_values
     velocity, share = median_velocities(each), remaining(each)
     q25, median, q75 = quartiles(times)
     found = {f"velocity {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, velocity, strict=True)}

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
+from scipy.stats import binomtest
 
 from kilnflight.checks import InputError, check_between, check_count, check_finite
 
@@ -49,15 +49,6 @@ class Interval(NamedTuple):
     def resolves(self, nothing: float = 0.0) -> bool:
         """Tell whether the interval excludes ``nothing``: 0 for a difference, 1 for a ratio."""
         return not self.low <= nothing <= self.high
-
-    @property
-    def resolvable(self) -> float:
-        """Half the width: a difference below it would not have been told from none.
-
-        Infinite where the sample is too small. Of an interval of a difference, as drawn with
-        these numbers of particles; `Bootstrap` with ``sizes`` gives it for others.
-        """
-        return (self.high - self.low) / 2
 
 
 def median(values: Array, axis: int = -1) -> Array:
@@ -114,9 +105,11 @@ class Bootstrap:
 
     Notes
     -----
-    Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent for
-    medians. The range of n values holds the median with probability 1 - 2^(1 - n), 94 % for
-    5, so that no draw of fewer than 6 can reach 95 %; their interval is infinite.
+    Written out, since `scipy.stats.bootstrap` (same draws, same percentiles) draws no other
+    ``sizes``. Percentiles and not BCa: the latter corrects by a jackknife, which is not
+    consistent for medians. The range of n values holds the median with probability
+    1 - 2^(1 - n), 94 % for 5, so that no draw of fewer than 6 can reach 95 %; their interval
+    is infinite.
     """
 
     level: float = 0.95
@@ -188,17 +181,15 @@ def share(number: int, counted: int, level: float = 0.95) -> Interval:
 
     None of none is unknown: any share from 0 to 1.
     """
-    _check_share(number, counted)
+    check_count(counted, "share: counted", least=0)
+    check_count(number, "share: number", least=0)
+    if number > counted:
+        raise InputError(f"share: {number} of {counted} is no share.")
     _check_level(level, "share: level")
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
-    z2 = float(ndtri((1 + level) / 2)) ** 2
-    part = number / counted
-    middle = (number + z2 / 2) / (counted + z2)
-    half = math.sqrt(z2 * (part * (1 - part) * counted + z2 / 4)) / (counted + z2)
-    low = 0.0 if number == 0 else middle - half
-    high = 1.0 if number == counted else middle + half
-    return Interval(part, low, high, (counted,))
+    interval = binomtest(number, counted).proportion_ci(level, method="wilson")
+    return Interval(number / counted, float(interval.low), float(interval.high), (counted,))
 
 
 def difference_of_shares(
@@ -227,10 +218,3 @@ def _check_level(level: float, where: str) -> None:
     check_between(level, 0.0, 1.0, where)
     if level in (0, 1):
         raise InputError(f"{where}: must be between 0 and 1, got {level!r}.")
-
-
-def _check_share(number: int, counted: int) -> None:
-    check_count(counted, "share: counted", least=0)
-    check_count(number, "share: number", least=0)
-    if number > counted:
-        raise InputError(f"share: {number} of {counted} is no share.")

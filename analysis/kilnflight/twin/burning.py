@@ -85,7 +85,7 @@ class State:
 
     @property
     def char_share(self) -> Array:
-        """Char that is left over the char there was, (active,); 1 where there is none."""
+        """Remaining over initial char, (active,); 1 for a particle without char."""
         whole = self.dry_kg * (1 - self.kind.volatile_share)
         return np.divide(self.char_kg, whole, out=np.ones_like(whole), where=whole > 0)
 

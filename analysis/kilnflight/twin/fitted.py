@@ -1,4 +1,4 @@
-"""The few inputs that nothing published gives: fitted once, read from their files.
+"""The few inputs that are not published: fitted once, read from their files.
 
 The files beside this module are written by ``python -m
 kilnflight.experiments.twin_calibration`` (flight and ignition, from two of the eight

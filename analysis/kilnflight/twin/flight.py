@@ -71,7 +71,7 @@ class Flights(NamedTuple):
 
     @classmethod
     def blank(cls, n: int, settings: Flight) -> Flights:
-        """Return flights of which nothing is known yet."""
+        """Return flights without any sample."""
         every = sample_steps(settings) * settings.step_s
         samples = int(settings.longest_s / every) + 2
         unknown = np.full((n, samples), np.nan, dtype=np.float32)
@@ -96,7 +96,7 @@ class Flights(NamedTuple):
         return cls(parts[0].age_s, *(np.concatenate(column) for column in columns))
 
     def note(self, column: int, state: State) -> None:
-        """Keep the present state as one sample."""
+        """Store the present state as a sample."""
         rows = state.index
         self.position_m[rows, column] = state.position
         self.velocity_m_s[rows, column] = state.velocity
@@ -105,7 +105,7 @@ class Flights(NamedTuple):
         self.state[rows, column] = state.burning
 
     def note_end(self, state: State, over: npt.NDArray[np.int8], time_s: float) -> None:
-        """Keep time, kind and place of the flights that have ended."""
+        """Store time, kind and place of the flights that have ended."""
         rows = state.index[over >= 0]
         self.end_s[rows] = time_s
         self.end[rows] = over[over >= 0]
@@ -134,16 +134,16 @@ def fly(
     generator: np.random.Generator,
     settings: Flight | None = None,
 ) -> Flights:
-    """Let particles fly from the lance until each has ended.
+    """Compute the flights of particles from the lance until each has ended.
 
     Parameters
     ----------
     particles
-        Of one fraction.
+        Particles of one fraction.
     gas, geometry
         The kiln.
     generator
-        Of launch, turbulence and tumbling.
+        Draws launch, turbulence and tumbling.
     settings
         Default `Flight`.
 

@@ -64,7 +64,7 @@ class Gas:
         if not 4.0 <= self.pressure_bar <= 6.0:
             raise InputError(
                 f"Gas: pressure_bar {self.pressure_bar}: below 4 bar particles stick in the lance "
-                "(sec. 2.1.1), above 6 bar nothing is known; the runs used 4.5 and 5."
+                "(sec. 2.1.1), above 6 bar nothing is published; the runs used 4.5 and 5."
             )
         check_positive(self.temperature_k, "Gas: temperature_k")
 

@@ -30,7 +30,7 @@ SLAB, SPHERE = 0, 2  # geometry exponent of one-dimensional heat conduction
 
 @dataclass(frozen=True)
 class Fraction:
-    """What particles of one kind have in common, and between which limits they vary."""
+    """The common properties of particles of one kind, and the limits of the others."""
 
     name: str
     length_m: Range

@@ -33,7 +33,7 @@ NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a pictur
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that determines a recording of the twin."""
+    """All that determines a recording of the twin."""
 
     name: str
     feed: tuple[Burst, ...]
@@ -68,7 +68,7 @@ class Twin:
 
     @cached_property
     def attributes(self) -> Attributes:
-        """What is known of the whole recording."""
+        """The attributes of the whole recording."""
         scene, place = self.scene, self.scene.geometry
         lance = place.lance_mm * (scene.depth.captured(place.lance_depth_mm) / place.lance_depth_mm)
         roi = tuple((r * place.rows, c * place.columns) for r, c in scene.surroundings.roi)

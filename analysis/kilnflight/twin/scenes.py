@@ -189,7 +189,7 @@ def small(scene: Scene) -> Scene:
     )
 
 
-# One line each: what is only bounded by what was published, at other values.
+# One line each: inputs that the publications only bound, at other values.
 SCENARIOS = {
     "base": lambda scene: scene,
     "small": small,

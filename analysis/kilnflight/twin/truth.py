@@ -1,7 +1,7 @@
-"""What is true about a recording of the twin, and what its flights truly come to.
+"""The truth of a recording of the twin, and the true values of its flights.
 
-Nothing is rendered for the outcomes of flights and nothing is measured: a particle counts
-whether a camera could have seen it or not. Their distances are along the kiln from the lance.
+Values of flights need no picture: every particle counts, also one that no camera could have
+seen. Their distances are along the kiln from the lance.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from kilnflight.camera import inside
 from kilnflight.project.cache import CachedTable
-from kilnflight.scores.flights import METRES, Findings
+from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
 from kilnflight.twin.gas import Gas
@@ -88,7 +88,7 @@ def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFr
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
-    """Return which particle each pixel (rows, columns) of frame ``t`` shows; -1 is none."""
+    """Return the particle that each pixel (rows, columns) of frame ``t`` shows; -1: no particle."""
     view = twin.view(t)
     image = np.full(view.labels.shape, -1, dtype=np.int32)
     blob = view.pixels.blob[view.shown]
@@ -138,18 +138,18 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
 def released(
     name: str, pressure_bar: float, inputs: tuple[Flight, Gas], count: int, seed: int
 ) -> Flights:
-    """Let ``count`` particles of a fraction fly, all launched at once.
+    """Return the flights of particles of a fraction that are launched at once.
 
     Parameters
     ----------
     name
-        Of the fraction.
+        Name of the fraction.
     pressure_bar
-        Of the lance's air.
+        Pressure of the lance's air.
     inputs
-        How flights are computed, and the gas (at any pressure).
+        Settings of the flight, and the gas (at any pressure).
     count
-        Of particles.
+        Number of particles.
     seed
         The same seed gives the same particles for all inputs.
     """
@@ -201,7 +201,7 @@ def dwell_times(flights: Flights) -> Array:
     return flights.end_s[~np.isin(flights.end, NO_DWELL)]
 
 
-def flight_values(flights: Flights) -> Findings:
+def flight_values(flights: Flights) -> FlightValues:
     """Return the true values of the flights, particle by particle."""
     reached = flights.end_position_m[:, 0]
-    return Findings(dwell_times(flights), velocities(flights), flights.ignition_s, reached)
+    return FlightValues(dwell_times(flights), velocities(flights), flights.ignition_s, reached)
