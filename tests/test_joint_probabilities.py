@@ -164,13 +164,13 @@ def test_a_track_that_must_have_a_detection():
         ([["a"]], [1.0], "not made of numbers"),
     ],
 )
-def test_what_cannot_be_used(likelihood, missed, message):
+def test_invalid_input_is_refused(likelihood, missed, message):
     with pytest.raises(InputError, match=message):
         joint_probabilities(likelihood, missed)
 
 
 @pytest.mark.parametrize("bad", ["a", None, 3, 4.5])
-def test_a_bound_that_is_none(bad):
+def test_an_invalid_bound_is_refused(bad):
     with pytest.raises(InputError, match="joint probabilities: most_states"):
         joint_probabilities([[1.0]], [1.0], most_states=bad)
 
