@@ -57,7 +57,7 @@ def test_sparse_groups_against_enumeration(seed):
 def test_hundreds_of_random_cases_against_enumeration():
     rng = np.random.default_rng(0)
     for _ in range(300):
-        size = rng.integers(1, 5, 2) + [0, 1]
+        size = rng.integers((1, 2), (5, 6))
         likelihood = rng.exponential(1, size) * (rng.random(size) < rng.uniform(0.2, 1))
         missed = rng.exponential(rng.choice([0.01, 0.3, 3.0]), size[0])
         expected = plain_probabilities(likelihood, missed)
