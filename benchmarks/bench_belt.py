@@ -9,7 +9,9 @@ import pandas as pd
 from measure import Row, compare
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase, friction
+from kilnflight.belt.models import checked
 from kilnflight.belt.phase import Observed
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 PARTICLES = (1100, 4400, 17600)
 PHASE = PredictionPhase()
@@ -95,14 +97,15 @@ def combination_names() -> list[str]:
 
 def predict_all(observed: Observed) -> dict[str, np.ndarray]:
     """Return the predictions of every model, calibrated on all particles."""
+    last, reached = checked(observed.last, BELT_LAST), checked(observed.arrival, BELT_ARRIVAL)
     out = {}
     for model in ARRIVAL_MODELS:
-        fitted = model.calibrated(observed.last, observed.arrival, PHASE.target_mm)
-        out[model.name] = fitted(observed.last, PHASE.target_mm)
+        fitted = model.calibrated(last, reached, PHASE.target_mm)
+        out[model.name] = fitted(last, PHASE.target_mm)
     for name, arrival, lateral in COMBINATIONS:
-        timed = arrival.calibrated(observed.last, observed.arrival, PHASE.target_mm)
-        remaining = timed(observed.last, PHASE.target_mm) - observed.last["time_s"].to_numpy()
-        out[name] = lateral.calibrated(observed.last, observed.arrival)(observed.last, remaining)
+        timed = arrival.calibrated(last, reached, PHASE.target_mm)
+        remaining = timed(last, PHASE.target_mm) - last["time_s"]
+        out[name] = lateral.calibrated(last, reached)(last, remaining)
     return out
 
 

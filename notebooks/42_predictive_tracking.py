@@ -23,7 +23,7 @@ Markdown(f"**Own simulation**: {engine}. {missing()}".rstrip())
 #
 # **Here.** The same on our own simulation at 1000 Hz, with pictures of 1064 x 708 px at 200
 # frames/s. What measures in the pictures finds the belt's corners itself; it knows neither the
-# camera nor the true places (notebook 46). The paper looked at spheres, so spheres decide; cuboids
+# camera nor the true places (notebook 46). The paper has spheres, so spheres decide; cuboids
 # and cylinders stand beside them.
 
 # %% tags=["parameters"]
@@ -40,8 +40,8 @@ files = recordings.find_dem()
 setting, inputs = {"scale": scale, "count": count}, list(files.values())
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=inputs)
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
-looked = {
-    name: belt_2016.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
+pictured = {
+    name: belt_2016.track_pictures(pictures.Pictures(one, pictures.SHAPES[name], seed))
     for name, one in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
@@ -53,7 +53,7 @@ print(f"{count} particles of each material, by {engine}")
 parts = {}
 for name, one in bodies.items():
     parts[name, "noise-free"] = belt_2016.noise_free(one)
-    parts[name, "images"] = belt_2016.from_images(looked[name], one)
+    parts[name, "images"] = belt_2016.from_images(pictured[name], one)
 every = pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
 boxes = belt_2016.summaries(every)
 boxes.round(4)
@@ -74,7 +74,7 @@ caption = (
     "Particles that were fed, and how many of them were predicted from images: at all, more than "
     "once, or not; the same for those that were ever seen as one spot with another."
 )
-counts = belt_2016.count_predicted(looked, bodies, every[every["data"] == "images"])
+counts = belt_2016.count_predicted(pictured, bodies, every[every["data"] == "images"])
 figures.save("belt16-predicted", counts, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
@@ -111,7 +111,7 @@ caption = (
     "Deviations from images by filter: median and interquartile range of the lateral deviation "
     "and of the time of arrival."
 )
-filters = belt_2016.compare_filters(looked, bodies)
+filters = belt_2016.compare_filters(pictured, bodies)
 figures.save("belt16-filters", filters, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -141,7 +141,7 @@ by_material = belt_2016.judge_materials(sources)
 # %%
 caption = (
     "Claims of the 2016 paper by material and source: what was measured, and whether the claim's "
-    "criterion holds. The paper looked at spheres."
+    "criterion holds. The paper has spheres."
 )
 if is_installed():
     caption += " How fast our spheres move along and across the belt was fitted to the authors'; "

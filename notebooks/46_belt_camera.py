@@ -34,8 +34,8 @@ style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material, as in 42
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
-looked = {
-    name: belt_2016.look(pictures.Pictures(one, pictures.SHAPES[name], seed))
+pictured = {
+    name: belt_2016.track_pictures(pictures.Pictures(one, pictures.SHAPES[name], seed))
     for name, one in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
@@ -55,7 +55,7 @@ print(f"{count} particles of each material, by {engine}")
 
 # %%
 rows = []
-for name, one in looked.items():
+for name, one in pictured.items():
     row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
     row["corner_error_mm"] = one.calibration.error_mm
     row["hidden_corners"] = one.calibration.hidden
@@ -74,7 +74,7 @@ table = pd.DataFrame(rows).fillna(0)
 figures.save("belt16-pictures", table, caption=caption, provenance=origin)
 
 # %%
-spheres = looked["spheres"]
+spheres = pictured["spheres"]
 view = pictures.Pictures(bodies["spheres"], pictures.SHAPES["spheres"], seed)
 busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
 states = spheres.followed.states.query("frame == @busy and valid == 1")

@@ -157,33 +157,33 @@ def test_bad_shapes_and_probabilities_are_refused(associator):
 
 @pytest.mark.parametrize("kind", [PDA, JPDA])
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.1, np.nan, "0.9", None])
-def test_a_detection_probability_that_is_none(kind, value):
+def test_a_detection_probability_outside_0_and_1_is_refused(kind, value):
     with pytest.raises(InputError, match="detection_probability"):
         kind(detection_probability=value)
 
 
 @pytest.mark.parametrize("kind", [NearestNeighbor, GNN, PDA, JPDA])
 @pytest.mark.parametrize("value", [-1.0, np.inf, np.nan, "a", None])
-def test_a_size_weight_that_is_none(kind, value):
+def test_an_invalid_size_weight_is_refused(kind, value):
     with pytest.raises(InputError, match="size_weight"):
         kind(size_weight=value)
 
 
 @pytest.mark.parametrize("kind", [NearestNeighbor, GNN])
 @pytest.mark.parametrize("value", [np.inf, np.nan, "a", None])
-def test_a_cost_that_is_none(kind, value):
+def test_an_invalid_cost_is_refused(kind, value):
     with pytest.raises(InputError, match="nonassignment_cost"):
         kind(nonassignment_cost=value)
 
 
 @pytest.mark.parametrize("kind", [PDA, JPDA])
-def test_a_choice_that_is_none(kind):
+def test_a_choice_that_is_no_bool_is_refused(kind):
     with pytest.raises(InputError, match="printed_determinant: must be a bool, got 'no'"):
         kind(printed_determinant="no")
 
 
 @every
-def test_a_gate_of_nought_leaves_every_track_missed(associator):
+def test_a_gate_of_width_zero_leaves_every_track_missed(associator):
     at = np.zeros((2, 2))
     pairs = Gate(distance=0)(Predicted(at, np.tile(np.eye(2), (2, 1, 1))), Detected(at))
     assert pairs.gate_probability == 0.0
@@ -191,7 +191,7 @@ def test_a_gate_of_nought_leaves_every_track_missed(associator):
 
 
 @every
-def test_what_are_no_pairs(associator):
+def test_arguments_that_are_no_pairs_are_refused(associator):
     with pytest.raises(InputError, match="must be a Pairs"):
         associator(None)
     with pytest.raises(InputError, match="pairs: dimensions"):
@@ -395,12 +395,12 @@ def test_events_are_those_found_by_trying_all(seed):
         (np.ones((12, 13)), "more than 1048576 feasible events"),
     ],
 )
-def test_matrices_that_are_none(matrix, message):
+def test_invalid_matrices_are_refused(matrix, message):
     with pytest.raises(InputError, match=message):
         feasible_events(matrix)
 
 
 @pytest.mark.parametrize("numbers", [(-1, 2), (2, -1), (1.5, 2), ("a", 2), (2, None)])
-def test_numbers_that_are_none(numbers):
+def test_invalid_numbers_are_refused(numbers):
     with pytest.raises(InputError, match="must be a whole number from 0"):
         most_events(*numbers)

@@ -54,6 +54,18 @@ def test_sparse_groups_against_enumeration(seed):
     np.testing.assert_allclose(joint_probabilities(likelihood, missed), expected, atol=1e-12)
 
 
+def test_hundreds_of_random_cases_against_enumeration():
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        size = rng.integers((1, 2), (5, 6))
+        likelihood = rng.exponential(1, size) * (rng.random(size) < rng.uniform(0.2, 1))
+        missed = rng.exponential(rng.choice([0.01, 0.3, 3.0]), size[0])
+        expected = plain_probabilities(likelihood, missed)
+        np.testing.assert_allclose(
+            joint_probabilities(likelihood, missed), expected, rtol=0, atol=1e-12
+        )
+
+
 def chain(tracks, seed=0):
     """Track i shares detection i with the track before and i + 1 with the one after."""
     rng = np.random.default_rng(seed)
@@ -90,7 +102,7 @@ def test_a_chain_of_forty():
     )
     found = joint_probabilities(likelihood, missed)
     found = np.column_stack([found[:, 0], found[index, 1 + index], found[index, 2 + index]])
-    np.testing.assert_allclose(found, expected / total, rtol=1e-9)
+    np.testing.assert_allclose(found, expected / total, rtol=1e-9, atol=1e-12)
 
 
 def test_a_chain_of_any_length_fits():
@@ -164,13 +176,13 @@ def test_a_track_that_must_have_a_detection():
         ([["a"]], [1.0], "not made of numbers"),
     ],
 )
-def test_what_cannot_be_used(likelihood, missed, message):
+def test_invalid_input_is_refused(likelihood, missed, message):
     with pytest.raises(InputError, match=message):
         joint_probabilities(likelihood, missed)
 
 
 @pytest.mark.parametrize("bad", ["a", None, 3, 4.5])
-def test_a_bound_that_is_none(bad):
+def test_an_invalid_bound_is_refused(bad):
     with pytest.raises(InputError, match="joint probabilities: most_states"):
         joint_probabilities([[1.0]], [1.0], most_states=bad)
 

@@ -77,8 +77,8 @@ class StartsAtLance:
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
         distance = float(np.median(np.linalg.norm(known - fit.exit_point_mm, axis=1)))
         forwards = float(fit.velocity(np.array([fit.t0_s]))[0, 2]) < 0
-        found = self.at_bound or fit.t0_at_bound >= 0
-        return distance <= self.within_mm and found and forwards, distance
+        inside = self.at_bound or fit.t0_at_bound >= 0
+        return distance <= self.within_mm and inside and forwards, distance
 
 
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
@@ -87,9 +87,9 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     Polynomials leave their data fast.
     """
     time = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
-    seen = np.minimum(time, fit.last_s)
-    places = check_finite(fit(seen), "straight_on: the fitted trajectory")
-    return places + (time - seen)[:, None] * fit.velocity(seen)
+    observed = np.minimum(time, fit.last_s)
+    places = check_finite(fit(observed), "straight_on: the fitted trajectory")
+    return places + (time - observed)[:, None] * fit.velocity(observed)
 
 
 class Landed(NamedTuple):
@@ -106,7 +106,7 @@ class Landing:
 
     Landed is, in this order, what (1) reaches the limit between first and last detection, at
     that time; (2) reaches it when it flies straight on from the last detection for at most
-    ``beyond_s``, at that time; (3) is last seen within ``near_mm`` of the limit, at its last
+    ``beyond_s``, at that time; (3) is last detected within ``near_mm`` of the limit, at its last
     detection. Else the flight ends in the air, with the last detection.
 
     Notes
@@ -172,7 +172,7 @@ class View(NamedTuple):
     roi
         (m, 2) corners of the region of interest: row, col in px.
     frames
-        Frames that were looked at.
+        Frames that were searched for particles.
     """
 
     roi: npt.ArrayLike | None = None
@@ -206,7 +206,7 @@ def flights(
     frame_rate_hz
         Of the recording.
     rules
-        `Rules` with their defaults unless told otherwise.
+        None: `Rules` with their defaults.
     view
         Region and frames: what ends at their border was lost, not burnt out.
 
@@ -217,27 +217,29 @@ def flights(
     appendix A.1). It stays in the table as "lost", its dwell time a lower bound. Ignition is
     looked for up to the landing, since the wall ignites all that land (section 5.1.1).
     """
-    use, seen = rules or Rules(), view or View()
-    more = ("background",) if use.above_background else ()
+    rules, view = rules or Rules(), view or View()
+    more = ("background",) if rules.above_background else ()
     check_columns(tracks, (*COLUMNS, *more), "flights: tracks")
     check_positive(frame_rate_hz, "flights: frame_rate_hz")
     if not fits:
         return FLIGHTS.empty()
     particle = check_whole(tracks["particle"], "flights: particle")
-    rows = pd.Series(np.arange(len(tracks))).groupby(particle).indices
-    missing = [name for name in fits if name not in rows]
+    positions = pd.Series(np.arange(len(tracks))).groupby(particle).indices
+    missing = [name for name in fits if name not in positions]
     if missing:
         raise InputError(f"flights: no track of particle {missing[0]}, which has a fit.")
-    found = []
+    rows = []
     for name, fit in fits.items():
-        track = tracks.iloc[rows[name]].sort_values("frame", kind="stable")
+        track = tracks.iloc[positions[name]].sort_values("frame", kind="stable")
         try:
-            found.append({"particle": name} | _flight(track, fit, wall, in_air, frame_rate_hz, use))
+            rows.append(
+                {"particle": name} | _flight(track, fit, wall, in_air, frame_rate_hz, rules)
+            )
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
-        if _cut_off(track, found[-1], frame_rate_hz, use, seen):
-            found[-1]["ending"] = LOST
-    return FLIGHTS.check(pd.DataFrame(found)[FLIGHTS.names])
+        if _cut_off(track, rows[-1], frame_rate_hz, rules, view):
+            rows[-1]["ending"] = LOST
+    return FLIGHTS.check(pd.DataFrame(rows)[FLIGHTS.names])
 
 
 def _flight(
@@ -334,7 +336,7 @@ def space_sliced_velocity(
     says no more; here they are those of slices -1, -2, ... behind the lance, V_n =
     -slice / (t_n - t_(n+1)), of trajectories that go backwards from the exit point.
     (3) What the polynomials pass between t_0 and the first detection counts, as published;
-    a flight first seen beyond a slice has in it the velocity that its polynomials need to get
+    a flight first detected beyond a slice has in it the velocity that its polynomials need to get
     there from the lance, which ``observed`` tells.
     (4) The distance is the difference of depths, not the path.
     """
@@ -446,8 +448,10 @@ def _reached(powers: Array, age: Array, step: float) -> list[float]:
         return np.asarray(np.polyval(np.append(powers[::-1], 0.0), at) / step)
 
     furthest = np.maximum.accumulate(check_finite(far(age), "space_sliced_velocity: fit"))
-    found = []
+    reached = []
     for level in range(1, min(int(furthest[-1]), MOST) + 1):
         k = int(np.searchsorted(furthest, level))  # from 1: the first age is 0, at the lance
-        found.append(brentq(lambda t, level=level: far(t) - level, age[k - 1], age[k], xtol=1e-12))
-    return found
+        reached.append(
+            brentq(lambda t, level=level: far(t) - level, age[k - 1], age[k], xtol=1e-12)
+        )
+    return reached

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -48,28 +48,17 @@ from kilnflight.twin.scenes import cached_scene
 CHUNK = 100  # frames; every chunk reads the median's window, 150 frames, anew
 LONG_CHUNK = 500  # frames, where no differences are stored: the window costs less
 TILE = (384, 512)  # of a stored difference, so that a small box is read fast
-PICTURES = 21  # frames in the median picture that stands for the background; ours
+BACKGROUND_FRAMES = 21  # in the median picture that stands for the background; ours
 
 Vector = tuple[float, float, float]
 
 
-class Source(Protocol):
-    """Where a recording comes from: sent to other processes, each of which opens it.
-
-    Its ``repr`` tells the recording from any other.
-    """
-
-    @property
-    def name(self) -> str:
-        """The name for people."""
-
-    def recording(self) -> PictureRecording:
-        """Open the recording; once in each process."""
-
-
 @dataclass(frozen=True)
 class TwinSource:
-    """A scene of the twin: its name for `kilnflight.twin.scenes.open_scene`, and the seed."""
+    """A scene of the twin: its name for `kilnflight.twin.scenes.open_scene`, and the seed.
+
+    A source is small and sent to other processes, each of which opens its recording once.
+    """
 
     name: str
     seed: int = 0
@@ -92,6 +81,9 @@ class StoredSource:
     def recording(self) -> StoredRecording:
         """Return the recording."""
         return open_recording(self.folder)
+
+
+Source = TwinSource | StoredSource
 
 
 def stored_source(folder: Path | str) -> StoredSource:
@@ -319,8 +311,8 @@ def _make_chunk(piece: tuple[DetectionRun, range, Path]) -> None:
     table = run.table(frames)
     if table.path != expected:
         raise InputError(
-            f"{run.source.name}: this worker has another version of kilnflight than who asks "
-            f"({table.path.name}, expected {expected.name}). Install the same one."
+            f"{run.source.name}: this worker has another version of kilnflight than the "
+            f"caller ({table.path.name}, expected {expected.name}). Install the same one."
         )
     table()
 
@@ -468,9 +460,9 @@ def background_gray(
     recording
         Where they are from; only pictures are used.
     frames
-        Over which the median of `PICTURES` frames is spread.
+        Over which the median of `BACKGROUND_FRAMES` frames is spread.
     """
-    steps = np.linspace(frames.start, frames.stop - 1, PICTURES).round().astype(int)
+    steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
     picture = np.median([recording.gray(int(t)) for t in steps], axis=0)
     return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
 

@@ -251,7 +251,7 @@ def test_an_empty_belt_has_no_tracks():
     assert len(beside.states) == 0
 
 
-def test_what_cannot_be_tracked_is_told():
+def test_what_cannot_be_tracked_is_refused():
     with pytest.raises(InputError, match="missing"):
         BeltTracker()(pd.DataFrame({"frame": [0], "x": [400.0]}))
     with pytest.raises(InputError, match="not finite"):

@@ -177,8 +177,8 @@ def test_who_was_predicted_is_counted():
 
 
 def test_images_give_the_same_to_a_millimetre(bodies):
-    looked = belt_2016.look(Pictures(bodies, SHAPES["spheres"], 0), 40)
-    table = belt_2016.from_images(looked, bodies)
+    pictured = belt_2016.track_pictures(Pictures(bodies, SHAPES["spheres"], 0), 40)
+    table = belt_2016.from_images(pictured, bodies)
     tracked = table[table["approach"] == "Tracking"]
     assert tracked["particle"].nunique() >= 10
     assert tracked["lateral_mm"].abs().median() < 0.5
@@ -219,21 +219,21 @@ def rolling(y, first=0):
 def test_pictures_of_an_empty_belt_give_empty_tables(beside):
     """Nothing was ever fed, or what there is lies beyond the picture."""
     nothing = rolling(400.0) if beside else BELT_TRACKS.empty()
-    looked = belt_2016.look(Pictures(nothing, SHAPES["spheres"], 0), 5)
-    assert looked.calibration.error_mm < 0.1
-    assert looked.spots.columns.tolist() == BELT_SPOTS.names
-    assert len(looked.spots) == len(looked.followed.states) == len(looked.followed.ends) == 0
-    table = belt_2016.from_images(looked, nothing)
+    pictured = belt_2016.track_pictures(Pictures(nothing, SHAPES["spheres"], 0), 5)
+    assert pictured.calibration.error_mm < 0.1
+    assert pictured.spots.columns.tolist() == BELT_SPOTS.names
+    assert len(pictured.spots) == len(pictured.followed.states) == len(pictured.followed.ends) == 0
+    table = belt_2016.from_images(pictured, nothing)
     assert table.columns.tolist() == ["approach", "particle", "lateral_mm", "temporal_ms"]
     assert len(table) == 0
-    assert len(belt_2016.with_acceleration(looked, 5).followed.states) == 0
+    assert len(belt_2016.with_acceleration(pictured, 5).followed.states) == 0
 
 
 def test_one_particle_in_many_pictures_is_enough_to_size_it():
-    """None of the pictures that are looked at first shows it."""
-    looked = belt_2016.look(Pictures(rolling(90.0, first=40), SHAPES["spheres"], 0), 2)
-    assert len(looked.spots) > 20
-    assert (looked.spots["touching"] == 0).all()
+    """None of the pictures that are pictured at first shows it."""
+    pictured = belt_2016.track_pictures(Pictures(rolling(90.0, first=40), SHAPES["spheres"], 0), 2)
+    assert len(pictured.spots) > 20
+    assert (pictured.spots["touching"] == 0).all()
 
 
 SPOTS = pd.DataFrame(
@@ -350,12 +350,12 @@ def test_criteria_by_material_and_shares_of_a_world_as_published():
 
 
 def test_predicted_particles_and_filters_by_material(bodies):
-    looked = {"spheres": belt_2016.look(Pictures(bodies, SHAPES["spheres"], 0), 40)}
+    pictured = {"spheres": belt_2016.track_pictures(Pictures(bodies, SHAPES["spheres"], 0), 40)}
     tracks = {"spheres": bodies}
-    images = belt_2016.from_images(looked["spheres"], bodies).assign(material="spheres")
-    counts = belt_2016.count_predicted(looked, tracks, images)
+    images = belt_2016.from_images(pictured["spheres"], bodies).assign(material="spheres")
+    counts = belt_2016.count_predicted(pictured, tracks, images)
     assert counts["particles"].tolist() == ["all", "seen with another"]
     assert counts["fed"].tolist()[0] == 12
-    filters = belt_2016.compare_filters(looked, tracks)
+    filters = belt_2016.compare_filters(pictured, tracks)
     assert filters["filter"].nunique() == 3
     assert (filters["lateral_mm_median"].abs() < 0.5).all()

@@ -73,7 +73,7 @@ def test_a_later_step_leaves_earlier_tables(package, tables):
     assert kept >= {"detections", "tracks", "trajectories"}
     assert "flights" not in kept
     # the page of all steps is followed name by name
-    change(package, "kiln.py", "PICTURES = 21", "PICTURES = 23")
+    change(package, "kiln.py", "FRAMES = 21", "FRAMES = 23")
     again = tables()
     assert {name for name in after if after[name] == again[name]} == kept
     change(package, "kiln.py", "return postprocess(", "return (0, postprocess)[1](")

@@ -136,9 +136,9 @@ def test_a_notebook_without_claims_concludes_too():
 
 
 def test_a_png_is_small_even_of_noise_and_stays_as_wide_on_the_page():
-    picture, ((axes,),) = style.canvas(width_mm=180, height_mm=120)
-    axes.imshow(np.random.default_rng(0).random((700, 1000)), cmap="gray")
-    small, noisy = save(picture=style.canvas(width_mm=180)[0]), save("fig-2", picture=picture)
+    picture, ((axes,),) = style.canvas()
+    axes.imshow(np.random.default_rng(0).random((700, 1000)), cmap="gray", aspect="auto")
+    small, noisy = save(picture=style.canvas()[0]), save("fig-2", picture=picture)
     assert noisy.path.stat().st_size <= figures.LARGEST_PNG
     widths = [int(re.search(r'width="(\d+)"', one.page)[1]) for one in (small, noisy)]
     assert widths[0] == pytest.approx(widths[1], abs=2)

@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.regression import Regression, regress
+from kilnflight.flight import slices
+from kilnflight.regression import Regression, fits, regress, regress_all
 
 EXIT, RATE = (120.0, 60.0, 6500.0), 330.0
 SCATTER = (7.0, 7.0, 150.0)
@@ -118,3 +120,70 @@ def test_the_weights_of_the_axes_are_the_callers(flight):
     assert same.t0 == pytest.approx(printed.t0, abs=1e-8)
     weighted = regress(track, EXIT, RATE, Regression(scale_mm=SCATTER))
     assert abs(weighted.t0 - printed.t0) > 1e-5
+
+
+EXIT, RATE, T0 = (120.0, 60.0, 6500.0), 330.0, 0.1
+PLAIN, SPREAD = Regression(), (5.0, 5.0, 150.0)  # mm
+WEIGHED = Regression(robust=True, scale_mm=SPREAD)
+
+
+def jumping(track, share, seed):
+    """Let a share of the depths be those of something else, 3 m in front to 1.5 m behind."""
+    draw = np.random.default_rng(seed)
+    at = draw.random(len(track)) < share
+    return track.assign(z=track["z"] + at * draw.uniform(-3000.0, 1500.0, len(track)))
+
+
+def judged(track, parameters):
+    """Return the row of the table and how far in mm the fit is from the true depth (RMS)."""
+    table = regress_all(track, EXIT, RATE, parameters)
+    assert table["outcome"].tolist() == ["fitted"]
+    fit = fits(table)[0]
+    time = np.linspace(fit.first_s, fit.last_s, 50)
+    true = EXIT[2] - 11_000.0 * (time - T0) + 6000.0 * (time - T0) ** 2
+    return table.iloc[0], np.sqrt(np.mean((fit(time)[:, 2] - true) ** 2))
+
+
+def test_a_robust_loss_stays_near_the_truth_where_the_plain_one_does_not(flight):
+    far = []
+    for seed in range(8):
+        track = jumping(flight(t0=T0, points=80, scatter=SPREAD, seed=seed), 0.15, seed)
+        (robust, robust_mm), (plain, plain_mm) = judged(track, WEIGHED), judged(track, PLAIN)
+        far.append((robust_mm, plain_mm))
+        assert robust_mm < min(plain_mm, 80.0)
+        assert abs(robust["t0_s"] - T0) < 0.015
+        for row in (robust, plain):  # both tell it: the measures count every detection
+            assert row["rmse_z_mm"] > 2 * SPREAD[2]
+    assert np.mean(far, axis=0)[1] > 2.5 * np.mean(far, axis=0)[0]
+
+
+@pytest.mark.parametrize("parameters", [PLAIN, WEIGHED])
+def test_without_jumps_the_rmse_is_the_scatter(flight, parameters):
+    row, _ = judged(flight(t0=T0, points=80, scatter=SPREAD), parameters)
+    assert row["rmse_z_mm"] == pytest.approx(SPREAD[2], rel=0.25)
+
+
+def test_half_a_track_at_another_depth_is_told_by_the_rmse(flight):
+    track = flight(t0=T0, points=80, scatter=SPREAD)
+    step = track.assign(z=track["z"] - np.where(track.index >= 40, 2000.0, 0.0))
+    for parameters in (PLAIN, WEIGHED):
+        row, _ = judged(step, parameters)
+        assert row["rmse_z_mm"] > 2 * SPREAD[2]
+
+
+def test_a_speed_that_no_particle_has_fits_well_and_is_told_by_the_velocity(flight):
+    factors = ((400.0, 0.0), (900.0, 0.0), (-150_000.0, 0.0))  # 0.45 m from frame to frame
+    short = Regression(longest_s=0.05)  # as long as it may be unseen; in 1 s it flies 150 m
+    table = regress_all(flight(t0=T0, points=8, lead=1, factors=factors), EXIT, RATE, short)
+    assert table["outcome"].tolist() == ["fitted"]
+    assert table["rmse_z_mm"].iloc[0] < 1e-3
+    told = slices(fits(table))
+    assert len(told) >= 3
+    np.testing.assert_allclose(told["velocity_m_s"], 150.0, rtol=1e-3)
+
+
+def test_one_jump_at_the_start_makes_metres_that_nobody_saw(flight):
+    track = flight(t0=T0, points=60)
+    track.loc[:2, "z"] -= 3000.0  # in front of all that follows
+    found = pd.DataFrame(slices(fits(regress_all(track, EXIT, RATE))))
+    assert not found["observed"].all()

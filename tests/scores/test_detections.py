@@ -1,7 +1,12 @@
+from itertools import permutations
+
 import numpy as np
+import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from kilnflight.checks import InputError
 from kilnflight.scores import (
@@ -9,7 +14,9 @@ from kilnflight.scores import (
     rates,
     score_detections,
     score_in_pixels,
+    total_in_air,
 )
+from kilnflight.scores.detections import pair
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
 places = st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), max_size=12)
@@ -157,3 +164,117 @@ def test_what_cannot_be_scored_is_told(call, message):
 def test_a_score_is_its_counts():
     score = FrameScore(np.zeros((3, 2), np.intp), np.arange(1), np.arange(2), (4, 5))
     assert [score.precision, score.recall, score.f1] == rates(3, 2, 1).loc[0].tolist()
+
+
+numbers = st.integers(0, 10_000)
+
+
+@given(numbers, numbers, numbers)
+def test_rates_are_their_definitions(tp, fp, fn):
+    precision = tp / (tp + fp) if tp + fp else 0.0
+    recall = tp / (tp + fn) if tp + fn else 0.0
+    both = precision + recall
+    f1 = 2 * precision * recall / both if both else 0.0
+    assert rates(tp, fp, fn).loc[0].tolist() == pytest.approx([precision, recall, f1])
+
+
+def test_rates_of_many_stand_one_per_row():
+    table = rates([3256, 0], [76, 5], [1131, 7])
+    assert table["f1"].round(4).tolist() == [0.8436, 0.0]
+
+
+@pytest.mark.parametrize("bad", [-1, np.nan])
+def test_counts_must_be_counts(bad):
+    with pytest.raises(InputError, match="numbers"):
+        rates(bad, 1, 1)
+
+
+def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
+    truth = [(0, 0), (0, 100), (100, 0), (100, 100), (200, 200)]
+    flies = [True, True, True, False, False]
+    itself = score_detections(truth, truth)
+    told = [True, False, True, True, False]
+    assert total_in_air([itself], [flies], [told]).loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
+    found = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
+    table = total_in_air([found, itself], [flies, flies], [[True, False, True, True], told])
+    # Not detected or told to be on the wall: two FN; on the wall and nothing at all: two FP.
+    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [1 + 2, 2 + 1, 2 + 1]
+    assert total_in_air([], [], []).loc[0, "tp"] == 0
+
+
+def test_frames_add_up_and_nothing_adds_nothing():
+    frames = [
+        score_detections([(0, 0), (50, 50)], [(1, 1)]),
+        score_detections([(9, 9)], [(9, 9), (99, 99)]),
+    ]
+    table = total_in_air(frames, [[True, True], [True]], [[True], [True, True]])
+    assert table.columns.tolist() == ["tp", "fp", "fn", "precision", "recall", "f1"]
+    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
+    pd.testing.assert_frame_equal(table[["precision", "recall", "f1"]], rates(2, 1, 1))
+    assert total_in_air([], [], []).loc[0].tolist() == [0, 0, 0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: total_in_air([], [[True]], []), "0 scores, but 1 and 0 frames"),
+        (lambda: total_in_air([score_detections([], [])], [[]], [[True]]), "detected of frame 0"),
+    ],
+)
+def test_what_cannot_be_summed_is_told(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+points = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 60)), max_size=5)
+
+
+def best_of_all(first, second, gate):
+    """Number of pairs and sum of distances of the best of every possible assignment."""
+    if len(first) > len(second):
+        first, second = second, first
+    best = (0, 0.0)
+    for order in permutations(range(len(second)), len(first)):
+        distances = [np.hypot(*np.subtract(first[i], second[j])) for i, j in enumerate(order)]
+        within = [d for d in distances if d <= gate]
+        best = min(best, (-len(within), sum(within)))
+    return -best[0], best[1]
+
+
+@settings(deadline=None)
+@given(points, points, st.integers(1, 80))
+def test_no_other_assignment_is_better(first, second, gate):
+    one, two = (np.array(x, dtype=float).reshape(-1, 2) for x in (first, second))
+    pairs = pair(one, two, gate)
+    distances = np.hypot(*(one[pairs[:, 0]] - two[pairs[:, 1]]).T)
+    assert (distances <= gate).all()
+    assert all(len(np.unique(column)) == len(pairs) for column in pairs.T)
+    count, cost = best_of_all(first, second, gate)
+    assert len(pairs) == count
+    np.testing.assert_allclose(distances.sum(), cost)
+
+
+def test_hundreds_are_assigned_as_the_whole_matrix_of_eq_3_4():
+    generator = np.random.default_rng(0)
+    for size in (50, 300):
+        first = generator.uniform(0, 1000, (size, 2))
+        second = generator.uniform(0, 1000, (size + 70, 2))
+        distance = cdist(first, second)
+        cost = np.where(distance <= 45, distance, 1e6)
+        row, col = linear_sum_assignment(cost)
+        expected = np.stack([row, col], axis=1)[cost[row, col] < 1e6]
+        found = pair(first, second, 45.0)
+        np.testing.assert_array_equal(found[np.argsort(found[:, 0])], expected)
+
+
+def test_equal_places_are_paired_once_each():
+    found = pair(np.zeros((3, 2)), np.zeros((2, 2)), 1.0)
+    assert len(found) == len(np.unique(found[:, 0])) == len(np.unique(found[:, 1])) == 2
+
+
+def test_nothing_pairs_with_nothing():
+    for first, second in ((0, 0), (0, 3), (3, 0)):
+        found = pair(np.zeros((first, 2)), np.zeros((second, 2)), 1.0)
+        assert found.shape == (0, 2)
+        assert found.dtype == np.intp
+    assert pair(np.zeros((1, 2)), np.ones((1, 2)), 1.0).shape == (0, 2)

@@ -144,7 +144,7 @@ def test_a_written_trajectory_names_the_frames_without_it(tmp_path):
         (files.read_napari, "ID,T,Y,X\n" + "1" * 200_000, "after line 1: field larger"),
     ],
 )
-def test_a_file_that_is_none_is_told(tmp_path, read, text, message):
+def test_a_file_that_is_invalid_is_refused(tmp_path, read, text, message):
     with pytest.raises(InputError, match=message) as raised:
         read(write(tmp_path, text))
     assert str(tmp_path / "file") in str(raised.value)
@@ -159,14 +159,14 @@ def test_a_file_that_is_none_is_told(tmp_path, read, text, message):
         ("1.5 2 3", "line 1, column frame: '1.5' is no whole"),
     ],
 )
-def test_a_trajectory_that_is_none_is_told(tmp_path, text, message):
+def test_a_trajectory_that_is_invalid_is_refused(tmp_path, text, message):
     path = write(tmp_path, text, "1.txt")
     with pytest.raises(InputError, match=message) as raised:
         files.read_manual(tmp_path)
     assert str(path) in str(raised.value)
 
 
-def test_what_is_not_there_is_told(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     for read in (files.read_challenge, files.read_trackmate, files.read_trackpy, files.read_napari):
         with pytest.raises(InputError, match="cannot be read"):
             read(tmp_path / "none")
@@ -193,7 +193,7 @@ def test_what_is_not_there_is_told(tmp_path):
         ),
     ],
 )
-def test_a_table_that_is_none_is_told(call, message):
+def test_a_table_that_is_invalid_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
@@ -291,7 +291,7 @@ def test_the_order_of_rows_and_other_columns_do_not_matter(name):
         ({"col": "a"}, "not made of numbers"),
     ],
 )
-def test_what_cannot_be_written_is_told_and_leaves_nothing(name, change, message, tmp_path):
+def test_what_cannot_be_written_is_refused_and_leaves_nothing(name, change, message, tmp_path):
     tracks = table([(0, 0, 1.0, 2.0, 0.0)])
     _, write = FORMATS[name]
     with pytest.raises(InputError, match=message):

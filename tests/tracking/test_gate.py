@@ -80,7 +80,7 @@ def test_the_share_of_a_gaussian_that_passes():
     assert share == pytest.approx(pairs.gate_probability, abs=0.01)
 
 
-def test_a_gate_of_nought_lets_nothing_pass():
+def test_a_gate_of_width_zero_lets_nothing_pass():
     pairs = Gate(0.0)(tracks([[1, 1]]), found([[1, 1]]))
     assert np.isinf(pairs.distance_squared).all()
     assert pairs.gate_probability == 0.0
@@ -88,12 +88,12 @@ def test_a_gate_of_nought_lets_nothing_pass():
 
 @pytest.mark.parametrize("field", ["distance", "depth_mm"])
 @pytest.mark.parametrize("bad", [-1.0, NAN, "4", None, True, [4.0], 1j])
-def test_a_gate_that_is_none_is_told(field, bad):
+def test_a_gate_that_is_invalid_is_refused(field, bad):
     with pytest.raises(InputError, match=f"Gate: {field}: must be 0"):
         Gate(**{field: bad})
 
 
-def test_no_limit_is_none_for_depth_only():
+def test_only_depth_may_have_no_limit():
     for far in (np.inf, 1e200, 10**400):
         with pytest.raises(InputError, match=r"Gate: distance: must be 0 to 1e[+]06"):
             Gate(distance=far)
@@ -101,7 +101,7 @@ def test_no_limit_is_none_for_depth_only():
     assert pairs.distance_squared == pytest.approx(8.1e11)
 
 
-def test_tracks_and_detections_that_cannot_be_are_told():
+def test_tracks_and_detections_that_cannot_be_are_refused():
     with pytest.raises(InputError, match="residual covariance of track 1 is singular"):
         Gate()(tracks([[0, 0], [0, 0]], [np.eye(2), np.ones((2, 2))]), found([]))
     with pytest.raises(InputError, match="residual covariance of track 0 is singular"):

@@ -159,7 +159,7 @@ def test_a_singular_residual_names_its_track():
 
 
 @pytest.mark.parametrize("bad", [[0.5, 0.4], [1.5, -0.5], [np.nan, 1.0]])
-def test_weights_that_are_none_are_told(bad):
+def test_weights_that_are_invalid_are_refused(bad):
     state, covariance = np.zeros((2, 4)), np.tile(np.eye(4), (2, 1, 1))
     weights = np.array([[1.0, 0.0], bad])
     _, _, h, r = of(KILN, 1)

@@ -71,12 +71,12 @@ def test_three_dimensions_and_a_belt():
 @pytest.mark.parametrize(
     "bad", [{"velocity_sd": 0.0}, {"measurement_sd": np.nan}, {"velocity_sd": "a"}]
 )
-def test_what_is_no_noise_is_told(model, bad):
+def test_invalid_noise_is_refused(model, bad):
     with pytest.raises(InputError, match=f"{model.__name__}: {next(iter(bad))}: must be above 0"):
         model(**bad)
 
 
-def test_what_is_no_velocity_is_told():
+def test_an_invalid_velocity_is_refused():
     with pytest.raises(InputError, match="velocity is empty"):
         ConstantVelocity(velocity=())
     with pytest.raises(InputError, match="not finite"):
@@ -93,7 +93,7 @@ def test_what_is_no_velocity_is_told():
 
 @motions
 @pytest.mark.parametrize("bad", [-1, np.nan, "1", None])
-def test_a_time_that_is_none_is_told(motion, bad):
+def test_a_time_that_is_invalid_is_refused(motion, bad):
     with pytest.raises(InputError, match="process_noise: frames: must be 0 or above"):
         motion.process_noise(bad)
     with pytest.raises(InputError, match="transition: frames: must be 0 or above"):

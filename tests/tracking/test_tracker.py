@@ -195,7 +195,7 @@ def test_no_detections_are_no_tracks(table):
     assert not len(found)
 
 
-def test_a_gate_of_nought_makes_every_detection_its_own_track():
+def test_a_gate_of_width_zero_makes_every_detection_its_own_track():
     found = track(flight((100, 200), (0, 0)), gate=Gate(distance=0.0))
     assert found["particle"].tolist() == list(range(20))
 

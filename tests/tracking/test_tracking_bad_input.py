@@ -15,14 +15,14 @@ def table(**columns):
     return pd.DataFrame({"frame": [0, 1, 2], "row": [1.0, 2, 3], "col": [4.0, 5, 6], **columns})
 
 
-def test_a_position_that_is_none_is_told_with_its_row():
+def test_a_position_that_is_invalid_is_refused_with_its_row():
     with pytest.raises(InputError, match="column col is not finite in row 1"):
         track(table(col=[1.0, np.nan, 2.0]))
     with pytest.raises(InputError, match="column row is not finite in row b"):
         track(table(row=[1.0, np.inf, 2.0]).set_index(pd.Index(["a", "b", "c"])))
 
 
-def test_columns_that_are_missing_are_told():
+def test_columns_that_are_missing_are_refused():
     with pytest.raises(InputError, match=r"column\(s\) row, col missing"):
         track(pd.DataFrame({"frame": [1]}))
     with pytest.raises(InputError, match=r"column\(s\) frame missing"):
@@ -43,7 +43,7 @@ def test_columns_that_are_missing_are_told():
         (pd.to_datetime(["2023", "2024", "2025"]), "column frame holds datetime64"),
     ],
 )
-def test_frames_that_are_no_integers_are_told(frames, message):
+def test_frames_that_are_no_integers_are_refused(frames, message):
     with pytest.raises(InputError, match=message):
         track(table(frame=frames))
 
@@ -60,13 +60,13 @@ def test_whole_frames_may_be_held_as_floats():
 
 
 @pytest.mark.parametrize("bad", [None, [1, 2], {"frame": [1]}, "table"])
-def test_what_is_no_table_is_told(bad):
+def test_an_argument_that_is_no_table_is_refused(bad):
     with pytest.raises(InputError, match="is no table"):
         track(bad)
 
 
 @pytest.mark.parametrize("name", ["frame", "row", "z", "points", "particle"])
-def test_a_column_that_is_there_twice_is_told(name):
+def test_a_column_that_is_there_twice_is_refused(name):
     whole = table(z=1.0, points=2, particle=0)
     with pytest.raises(InputError, match=f"more than one column {name}"):
         track(pd.concat([whole, whole[[name]]], axis=1))
@@ -81,7 +81,7 @@ def test_a_column_that_is_there_twice_is_told(name):
         ({"z": [True, False, True]}, "column z is not made of numbers"),
     ],
 )
-def test_what_is_no_real_number_is_told(change, message):
+def test_a_column_without_real_numbers_is_refused(change, message):
     with pytest.raises(InputError, match=message):
         track(table(**change))
 
@@ -98,12 +98,12 @@ def test_what_is_no_real_number_is_told(change, message):
         ((GNN(), ConstantVelocity(), Gate(), Management), "management: Management is a class"),
     ],
 )
-def test_parts_that_are_none_are_told(parts, message):
+def test_parts_that_are_invalid_are_refused(parts, message):
     with pytest.raises(InputError, match=message):
         track(table(), *parts)
 
 
-def test_depth_that_is_none_is_told():
+def test_depth_that_is_invalid_is_refused():
     with pytest.raises(InputError, match="z is infinite in row 2"):
         track(table(z=[1.0, np.nan, np.inf]))
     with pytest.raises(InputError, match="column points is not made of numbers"):
@@ -151,6 +151,6 @@ def test_rows_that_are_in_no_track_stay_out_of_all():
         ({"visibility_age": -1}, "visibility_age: must be a whole number from 0"),
     ],
 )
-def test_management_that_is_none_is_told(bad, message):
+def test_management_that_is_invalid_is_refused(bad, message):
     with pytest.raises(InputError, match=message):
         Management(**bad)

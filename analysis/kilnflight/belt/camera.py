@@ -183,13 +183,13 @@ class FindCorners:
         grid = (middle[:, None, :] + steps[:, None] * inwards).astype(np.float32)
         profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(float)
         depth = _crossing(profile - level, steps)
-        seen = np.isfinite(depth)
-        self._check_seen(seen, side)
+        visible = np.isfinite(depth)
+        self._check_seen(visible, side)
         # A line through the points that agree on one, from the median of slopes on.
         u, v = middle @ along, middle @ inwards + depth
-        slope, offset = theilslopes(v[seen], u[seen])[:2]
+        slope, offset = theilslopes(v[visible], u[visible])[:2]
         for _ in range(5):
-            on = seen & (np.abs(v - offset - slope * u) < self.tolerance_px)
+            on = visible & (np.abs(v - offset - slope * u) < self.tolerance_px)
             self._check_seen(on, side)
             fit = linregress(u[on] - u[on].mean(), v[on])  # errors of both are independent then
             slope, offset = fit.slope, fit.intercept - fit.slope * u[on].mean()
@@ -198,11 +198,11 @@ class FindCorners:
         variance = np.array([fit.intercept_stderr, fit.stderr]) ** 2
         return _Line(point, turned / np.linalg.norm(turned), variance, on)
 
-    def _check_seen(self, seen: Flags, side: str) -> None:
-        if seen.mean() < self.least_seen:
+    def _check_seen(self, visible: Flags, side: str) -> None:
+        if visible.mean() < self.least_seen:
             raise InputError(
-                f"the belt's edge ({side}) is seen over {seen.mean():.0%} of its length only, at "
-                f"least {self.least_seen:.0%} are needed. Clear the view, or light the belt so "
+                f"the belt's edge ({side}) is seen over {visible.mean():.0%} of its length only, "
+                f"at least {self.least_seen:.0%} are needed. Clear the view, or light the belt so "
                 "that its edges stand out."
             )
 
@@ -245,14 +245,14 @@ def _crossing(height: Array, steps: Array) -> Array:
     return steps[first] + share * (steps[1] - steps[0])
 
 
-def _meet(one: _Line, other: _Line) -> tuple[Array, float]:
+def _meet(line: _Line, other: _Line) -> tuple[Array, float]:
     """Return where two lines cross and the standard error of that place in px."""
-    far = np.linalg.solve(np.column_stack([one.along, -other.along]), other.point - one.point)
+    far = np.linalg.solve(np.column_stack([line.along, -other.along]), other.point - line.point)
     variances = [
-        line.variance[0] + distance**2 * line.variance[1]
-        for line, distance in zip((one, other), far, strict=True)
+        edge.variance[0] + distance**2 * edge.variance[1]
+        for edge, distance in zip((line, other), far, strict=True)
     ]
-    return one.point + far[0] * one.along, float(np.sqrt(sum(variances)))
+    return line.point + far[0] * line.along, float(np.sqrt(sum(variances)))
 
 
 class Calibration(NamedTuple):
@@ -308,17 +308,17 @@ def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
     It knows nothing of what is no error of the corners: a particle's centre lies above the
     belt, and a camera at the height h shows what is z higher z / h farther from the middle.
     """
-    found = check_finite(corners.places, "corners")
-    check_shape(found, (4, 2), "corners")
-    for a, b, c in (np.roll(found, k, axis=0)[:3] for k in range(4)):
+    places = check_finite(corners.places, "corners")
+    check_shape(places, (4, 2), "corners")
+    for a, b, c in (np.roll(places, k, axis=0)[:3] for k in range(4)):
         if abs(np.linalg.det([b - a, c - a])) < 1.0:
             raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
     matrix = cv2.getPerspectiveTransform(
-        found[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
+        places[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
     )
     lengths = [
-        np.linalg.norm(np.roll(places, -1, axis=0) - places, axis=1).sum()
-        for places in (belt.corners, found)
+        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1).sum()
+        for ends in (belt.corners, places)
     ]
     scale = float(lengths[0] / lengths[1])
     error = scale * float(corners.spread_px.max())

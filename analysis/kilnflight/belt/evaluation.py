@@ -93,8 +93,8 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
     along, across = (
         pd.DataFrame(
             [
-                np.interp(x_mm, one["x"], one[name], left=np.nan, right=np.nan) / 1000.0
-                for _, one in steps.groupby("particle", sort=False)
+                np.interp(x_mm, track["x"], track[name], left=np.nan, right=np.nan) / 1000.0
+                for _, track in steps.groupby("particle", sort=False)
             ],
             columns=range(len(x_mm)),
             dtype=np.float64,

@@ -301,8 +301,8 @@ def measure(
                 f"frame {frame}: shape {picture.shape}, but the background has "
                 f"{background.shape}. Take both with the same camera."
             )
-        found = spots(picture[window], empty)
-        parts.append(np.column_stack([np.full(len(found), frame), found]))
+        rows = spots(picture[window], empty)
+        parts.append(np.column_stack([np.full(len(rows), frame), rows]))
     every = np.concatenate(parts)
     every[:, 1:3] += window[0].start, window[1].start
     places = calibration.millimetres(every[:, 1:3])

@@ -241,7 +241,7 @@ class BeltTracker:
     false_lost: float = 1e-6  # b: share of particles given up; six misses in a row; assumption
 
     def __post_init__(self) -> None:
-        """Refuse parts that are none."""
+        """Refuse parts that cannot be used."""
         check_parts(self.motion, self.gate, "BeltTracker")
         check_offers(self.appearance, ("new", "gone"), "BeltTracker: appearance")
         check_positive(self.frame_s, "BeltTracker: frame_s")
@@ -290,7 +290,7 @@ class BeltTracker:
             Frame(number, self.frame_s, row, Detected(place))
             for number, (row, place) in zip(numbers.tolist(), parts, strict=True)
         )
-        yield from follow(pictures, self.motion, self.gate, self, NOTES)
+        yield from follow(pictures, self.motion, self.gate, self.associate, self.keeps, NOTES)
 
     @property
     def thresholds(self) -> tuple[float, float]:
@@ -307,7 +307,7 @@ class BeltTracker:
     def associate(
         self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
     ) -> tuple[Array, Noted, Noted]:
-        """Return weights of 0 and 1, and the scores; see `kilnflight.tracking.tracker.Rules`."""
+        """Return weights of 0 and 1, and the scores, `NOTES`, of tracks and of new ones."""
         chances = self.likelihoods(predicted, detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
         detection = chances.detection()

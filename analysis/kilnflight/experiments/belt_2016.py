@@ -69,7 +69,7 @@ def bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
     return replace(fast, steps_per_sample=2)(np.random.default_rng([seed, count]))
 
 
-class Looked(NamedTuple):
+class PictureTracks(NamedTuple):
     """What the camera's pictures gave."""
 
     background: npt.NDArray[np.uint8]
@@ -126,7 +126,7 @@ def sampled(bodies: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def look(pictures: Pictures, background_of: int = 200) -> Looked:
+def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTracks:
     """Return what is measured in pictures and tracked: the whole way of the images (IV.B).
 
     Parameters
@@ -148,13 +148,13 @@ def look(pictures: Pictures, background_of: int = 200) -> Looked:
     calibration = calibrate(FindCorners()(background))
     spots = _sized(pictures, background, 10 * step)
     measured = measure(pictures.frames(range(len(pictures))), background, spots, calibration)
-    return Looked(background, calibration, measured, BeltTracker()(measured, len(pictures)))
+    return PictureTracks(background, calibration, measured, BeltTracker()(measured, len(pictures)))
 
 
 def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
     """Return what finds particles, with the area of one if there is any in the pictures.
 
-    Every ``step``-th picture is looked at, all of them if these show none.
+    Every ``step``-th picture is taken, all of them if these show none.
     """
     usual = Spots()
     for numbers in (range(0, len(pictures), step), range(len(pictures))):
@@ -163,20 +163,22 @@ def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> 
     return usual
 
 
-def from_images(looked: Looked, bodies: pd.DataFrame, when: ArrivalModel = _CV) -> pd.DataFrame:
+def from_images(
+    pictured: PictureTracks, bodies: pd.DataFrame, when: ArrivalModel = _CV
+) -> pd.DataFrame:
     """Return the deviations of both approaches on images, columns as in `noise_free`.
 
     Each track is matched with the particle that it followed; "straight" starts from the last
     measurement itself, not from the filter. ``when`` predicts the time of "tracking".
     """
     arrival = PHASE.observe(bodies).arrival
-    tracked = last_states(looked.followed, BELT_FRAME_S)
-    states = looked.followed.states
+    tracked = last_states(pictured.followed, BELT_FRAME_S)
+    states = pictured.followed.states
     measured = states[states["row"] >= 0]
     pairs = match(measured, at_rate(bodies, 1 / BELT_FRAME_S)).set_index("particle")["truth"]
     tracked["particle"] = tracked["particle"].map(pairs)
     tracked = tracked.dropna(subset="particle").astype({"particle": np.int64})
-    raw = tracked.assign(y=looked.spots["y"].to_numpy()[tracked["row"]])
+    raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
     tables = [
         deviations(TRACKING, tracked, arrival, when=when),
         deviations(STRAIGHT, raw, arrival),
@@ -282,9 +284,9 @@ def rate_1000() -> BeltTracker:
     return BeltTracker(motion, appearance, frame_s=TRUTH_S)
 
 
-def with_acceleration(looked: Looked, frames: int) -> Looked:
+def with_acceleration(pictured: PictureTracks, frames: int) -> PictureTracks:
     """Return the same spots followed by the filter of constant acceleration."""
-    return looked._replace(followed=BeltTracker(constant_acceleration())(looked.spots, frames))
+    return pictured._replace(followed=BeltTracker(constant_acceleration())(pictured.spots, frames))
 
 
 def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
@@ -298,13 +300,13 @@ def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
         From `from_images` or `noise_free`: a row for each track that was predicted.
     """
     times = table.loc[table["approach"] == TRACKING, "particle"].value_counts()
-    fed, found = int(bodies["particle"].nunique()), len(times)
+    fed, known = int(bodies["particle"].nunique()), len(times)
     again = int((times > 1).sum())
-    return {"fed": fed, "predicted": found, "predicted_twice": again, "not_predicted": fed - found}
+    return {"fed": fed, "predicted": known, "predicted_twice": again, "not_predicted": fed - known}
 
 
 def count_predicted(
-    looked: Mapping[str, Looked], tracks: Mapping[str, pd.DataFrame], images: pd.DataFrame
+    pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame], images: pd.DataFrame
 ) -> pd.DataFrame:
     """Return `predicted` by material: of all particles, and of those seen as one with another.
 
@@ -313,16 +315,16 @@ def count_predicted(
     rows = []
     for material, bodies in tracks.items():
         truth = at_rate(bodies, 1 / BELT_FRAME_S)
-        shared = particles_in_shared_spots(looked[material].spots, truth)
+        shared = particles_in_shared_spots(pictured[material].spots, truth)
         table = images[images["material"] == material]
         for label, names in (("all", bodies["particle"]), ("seen with another", shared)):
-            fed, told = (part[part["particle"].isin(names)] for part in (bodies, table))
-            rows.append({"material": material, "particles": label, **predicted(fed, told)})
+            fed, arrived = (part[part["particle"].isin(names)] for part in (bodies, table))
+            rows.append({"material": material, "particles": label, **predicted(fed, arrived)})
     return pd.DataFrame(rows)
 
 
 def compare_filters(
-    looked: Mapping[str, Looked], tracks: Mapping[str, pd.DataFrame]
+    pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame]
 ) -> pd.DataFrame:
     """Return deviations from images by filter: constant velocity, constant acceleration.
 
@@ -332,10 +334,10 @@ def compare_filters(
         ``material``, ``filter``, ``n``; median and interquartile range of both deviations.
     """
     rows = []
-    for material, seen in looked.items():
-        other = with_acceleration(seen, 1 + int(seen.spots["frame"].max()))
+    for material, measured in pictured.items():
+        other = with_acceleration(measured, 1 + int(measured.spots["frame"].max()))
         for name, spots, when in (
-            ("constant velocity", seen, CV()),
+            ("constant velocity", measured, CV()),
             ("constant acceleration, velocity kept", other, CV()),
             ("constant acceleration", other, CA()),
         ):
@@ -395,11 +397,11 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
     values = ["lateral_mm", "temporal_ms"]
     names = [name for name in table.columns if name not in (*values, "particle")]
     rows = []
-    for key, one in table.groupby(names, sort=False):
+    for key, part in table.groupby(names, sort=False):
         for quantity in values:
-            if one[quantity].notna().any():
+            if part[quantity].notna().any():
                 known = dict(zip(names, key, strict=True)) | {"quantity": quantity}
-                rows.append(known | summarise(one[quantity].to_numpy()))
+                rows.append(known | summarise(part[quantity].to_numpy()))
     return pd.DataFrame(rows)
 
 
@@ -486,8 +488,8 @@ def _nearest(table: pd.DataFrame, others: pd.DataFrame) -> npt.NDArray[np.intp]:
     if not len(table):
         return np.empty(0, dtype=np.intp)
     places, known = (
-        one[["frame", "x", "y"]].to_numpy(np.float64) * [APART_MM, 1.0, 1.0]
-        for one in (table, others)
+        part[["frame", "x", "y"]].to_numpy(np.float64) * [APART_MM, 1.0, 1.0]
+        for part in (table, others)
     )
     return np.asarray(KDTree(known).query(places)[1])
 
@@ -510,7 +512,7 @@ def tracking_answers(table: pd.DataFrame) -> dict[str, Answer]:
     answers: dict[str, Answer] = {}
     if ("noise-free", SIM) in there:
         answers["belt16-1"] = pd.Series({"": (off["noise-free", SIM] < 0.2).mean()})
-    if {("noise-free", one) for one in (SIM, TRACKING, STRAIGHT)} <= there:
+    if {("noise-free", name) for name in (SIM, TRACKING, STRAIGHT)} <= there:
         answers["belt16-2"] = _narrower(box["iqr"]["lateral_mm", "noise-free"])
     if ("images", TRACKING) in there:
         answers["belt16-3"] = pd.Series({"": (off["images", TRACKING] < 1.5).mean()})
@@ -523,7 +525,7 @@ def tracking_answers(table: pd.DataFrame) -> dict[str, Answer]:
 
 def _narrower(iqr: pd.Series) -> dict[str, bool]:
     """Return the conditions of belt16-2 from the lateral spread by approach."""
-    sim, free, straight = (float(iqr[one]) for one in (SIM, TRACKING, STRAIGHT))
+    sim, free, straight = (float(iqr[name]) for name in (SIM, TRACKING, STRAIGHT))
     return {
         f"Tracking {free:.3f} mm, Sim {sim:.3f} mm": free < 1.5 * sim,
         f"Straight {straight:.3f} mm": straight > 2 * max(sim, free),
@@ -534,6 +536,6 @@ def _larger(iqr: pd.Series, median: pd.Series) -> dict[str, bool]:
     """Return the conditions of belt16-5 from spread and median by data and approach."""
     larger = {}
     for name, value in (("spread", iqr), ("bias", median.abs())):
-        one, other = value["images", TRACKING], value["noise-free", TRACKING]
-        larger[f"{name} from images {one:.2f}, noise-free {other:.2f} ms"] = bool(one > other)
+        images, free = value["images", TRACKING], value["noise-free", TRACKING]
+        larger[f"{name} from images {images:.2f}, noise-free {free:.2f} ms"] = bool(images > free)
     return larger

@@ -53,7 +53,7 @@ def load_tracks(
     seed
         Of our simulation.
     count
-        Particles of each material in the sorter with contacts; as published unless told. The
+        Particles of each material in the sorter with contacts; None: as published. The
         friction model costs next to nothing and always has as many as published.
     jobs
         Processes of the sorter with contacts.
@@ -97,35 +97,35 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
     if not is_installed():
         known = load_tracks({}, seed)
         return {("friction model", name): known[OWN, name] for name in DATA_SETS}
-    found = calibrated_sorter()
-    along = replace(found, slide=replace(found.slide, yaw_spread_deg=20.0))
-    wanted: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
-    wanted |= {("calibrated", name): found for name in DATA_SETS}
-    wanted["along the belt", "cylinders"] = along
+    fitted = calibrated_sorter()
+    along = replace(fitted, slide=replace(fitted.slide, yaw_spread_deg=20.0))
+    sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
+    sorters |= {("calibrated", name): fitted for name in DATA_SETS}
+    sorters["along the belt", "cylinders"] = along
     return {
-        key: thinned(sorter.tracks(key[1], count, seed, jobs, one), 10)
-        for key, one in wanted.items()
+        key: thinned(sorter.tracks(key[1], count, seed, jobs, used), 10)
+        for key, used in sorters.items()
     }
 
 
-def misfits(profiles: pd.DataFrame, wanted: str) -> pd.DataFrame:
+def misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
     """Return how far velocity profiles are off, root mean square over the belt.
 
     Parameters
     ----------
     profiles
         ``variant``, ``data_set`` and the columns of `kilnflight.belt.evaluation.motion_profile`.
-    wanted
+    reference
         The variant that the others are held against; without it the table is empty.
     """
     quantities = [name for name in profiles.columns if name.endswith("_m_s")]
     keys = ["data_set", "x_mm"]
-    known = profiles.loc[profiles["variant"] == wanted, keys + quantities]
-    others = profiles[profiles["variant"] != wanted]
-    others = others.merge(known, on=keys, suffixes=("", "_wanted"))
+    known = profiles.loc[profiles["variant"] == reference, keys + quantities]
+    others = profiles[profiles["variant"] != reference]
+    others = others.merge(known, on=keys, suffixes=("", "_reference"))
     off = others[["variant", "data_set"]].copy()
     for name in quantities:
-        off[name] = (others[name] - others[f"{name}_wanted"]) ** 2
+        off[name] = (others[name] - others[f"{name}_reference"]) ** 2
     mean = off.groupby(["variant", "data_set"], sort=False)[quantities].mean()
     return mean.pow(0.5).reset_index()
 
@@ -136,12 +136,11 @@ def count_particles(
     """Return how many particles each data set has, how many count, and why others do not."""
     rows = []
     for (source, data_set), table in tracks.items():
-        one = observed[source, data_set]
-        seen = table["particle"].nunique()
-        listed = table.attrs.get("particles", seen)
-        reasons = {"never on the belt": listed - seen, **one.left_out}
+        part, visible = observed[source, data_set], table["particle"].nunique()
+        listed = table.attrs.get("particles", visible)
+        reasons = {"never on the belt": listed - visible, **part.left_out}
         row = {"source": source, "data_set": data_set, "particles": listed}
-        rows.append({**row, "evaluated": len(one.last), **reasons})
+        rows.append({**row, "evaluated": len(part.last), **reasons})
     return pd.DataFrame(rows)
 
 
@@ -160,8 +159,8 @@ def compare(
         Columns ``source``, ``data_set``, and those of `Evaluation`.
     """
     parts = []
-    for (source, data_set), one in tqdm(observed.items(), desc="data sets", disable=None):
-        draws = evaluation(one, phase, deviations, seed)
+    for (source, data_set), part in tqdm(observed.items(), desc="data sets", disable=None):
+        draws = evaluation(part, phase, deviations, seed)
         draws.insert(0, "source", source)
         draws.insert(1, "data_set", data_set)
         parts.append(draws)
@@ -189,7 +188,7 @@ def vary_target(
     parts = []
     for target in targets_mm:
         phase = PredictionPhase(target - length, target)
-        observed = {key: phase.observe(one) for key, one in tracks.items()}
+        observed = {key: phase.observe(table) for key, table in tracks.items()}
         table = over_draws(compare(observed, phase, evaluation, deviations, seed))
         table.insert(0, "target_mm", target)
         parts.append(table)
@@ -367,8 +366,8 @@ def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
         worst[f"{name}: CV {mae['CV'][name]:.2f} ms"] = bool(mae.loc[name].idxmax() == "CV")
         best[f"{name}: IA {mae['IA'][name]:.2f} ms"] = bool(mae.loc[name].idxmin() == "IA")
         ca, cvbc = mae.loc[name, ["CA", "CVBC"]]
-        said = f"{name}: CA {ca:.2f}, CVBC {cvbc:.2f} ms"
-        order[said] = bool((ca > cvbc) == (name != "cuboids"))
+        text = f"{name}: CA {ca:.2f}, CVBC {cvbc:.2f} ms"
+        order[text] = bool((ca > cvbc) == (name != "cuboids"))
     limited = 1 - mae["CALV"] / mae["CA"]
     return {
         "belt20-1": highest,
@@ -434,10 +433,10 @@ def speed_answers(profiles: pd.DataFrame) -> dict[str, Answer]:
         Of one source: ``data_set``, ``x_mm`` and ``mean_m_s``.
     """
     rising = {}
-    for name, one in profiles.groupby("data_set", sort=False):
-        mean = one.sort_values("x_mm")["mean_m_s"]
-        said = f"{name}: up to {mean.max():.2f} m/s"
-        rising[said] = bool(mean.is_monotonic_increasing and mean.max() < 1.5)
+    for name, part in profiles.groupby("data_set", sort=False):
+        mean = part.sort_values("x_mm")["mean_m_s"]
+        text = f"{name}: up to {mean.max():.2f} m/s"
+        rising[text] = bool(mean.is_monotonic_increasing and mean.max() < 1.5)
     return {"belt20-6": rising}
 
 
@@ -454,9 +453,9 @@ def lateral_answers(table: pd.DataFrame) -> dict[str, Answer]:
     straight, better, best = {}, {}, {}
     for name in iqr.index:
         row, position = iqr.loc[name], int(rank.loc[name])
-        said = f"{name}: Straight {row['Straight']:.2f}, CV {row['CV-CV']:.2f} mm"
+        text = f"{name}: Straight {row['Straight']:.2f}, CV {row['CV-CV']:.2f} mm"
         worst = row.idxmax() == "Straight"
-        straight[said] = bool(worst and row["CV-CV"] < 0.8 * row["Straight"])
+        straight[text] = bool(worst and row["CV-CV"] < 0.8 * row["Straight"])
         better[name] = bool(row["CA-CA"] < row["CV-CV"])
         first = position == 1
         best[f"{name}: IA-Ratio has rank {position}"] = bool(first == (name != "cylinders"))

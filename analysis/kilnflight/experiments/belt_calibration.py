@@ -6,7 +6,7 @@ mean and standard deviation along the belt, and the median of the absolute veloc
 deviation of any motion model takes part.
 
 The search ends after `ROUNDS` (57 evaluations), converged or not. So these values are the best that
-were met, no proven optimum, and nothing is said of whether others would do as well. Their cost is
+were met, no proven optimum, and whether others would do as well was not asked. Their cost is
 that of the same 300 particles that they were found with.
 """
 
@@ -121,8 +121,8 @@ def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, in
     start = 1.0 + (np.array(list(asdict(INPUTS_ONLY).values())) - low) / (high - low)
     start = np.clip(start, 1.02, 1.98)  # off the limits, where a search would stick
     steps = np.full(len(start), 0.03)
-    found = least_squares(evaluate, start, bounds=(1.0, 2.0), diff_step=steps, max_nfev=rounds)
-    return values(found.x), int(found.nfev + len(start) * (found.njev or 0))
+    best = least_squares(evaluate, start, bounds=(1.0, 2.0), diff_step=steps, max_nfev=rounds)
+    return values(best.x), int(best.nfev + len(start) * (best.njev or 0))
 
 
 def cost(values: FittedValues, published: pd.DataFrame) -> float:

@@ -51,11 +51,11 @@ def settings(sorter: Sorter) -> dict[str, Setting]:
     known = {REFERENCE: Setting(fine), USUAL: Setting(sorter), OTHERS: Setting(fine, others=True)}
     for name in ("belt_time_s", "slip_time_s", "body_time_s", "body_damping"):
         value = getattr(sorter.contacts, name)
-        known |= {f"{name} {one:g}": _with(fine, name, one) for one in (value / 2, value * 2)}
+        known |= {f"{name} {part:g}": _with(fine, name, part) for part in (value / 2, value * 2)}
     for impedance in (0.95, 0.998):
         known[f"impedance {impedance:g}"] = Setting(fine, impedance)
     for name, ends in ASSUMED.items():
-        known |= {f"{name} {one:g}": _with(fine, name, one) for one in ends}
+        known |= {f"{name} {end:g}": _with(fine, name, end) for end in ends}
     return known
 
 
@@ -112,8 +112,8 @@ def changes(table: pd.DataFrame) -> pd.DataFrame:
     known = table[table["setting"] == REFERENCE].set_index("data_set")
     result = table[["setting", "data_set"]].copy()
     for name in QUANTITIES:
-        wanted = table["data_set"].map(known[name])
-        result[name.replace("_m_s", "_mm_s")] = 1000.0 * (table[name] - wanted)
+        reference = table["data_set"].map(known[name])
+        result[name.replace("_m_s", "_mm_s")] = 1000.0 * (table[name] - reference)
     return result[result["setting"] != REFERENCE].reset_index(drop=True)
 
 

@@ -163,7 +163,7 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
         # figures.save lists what it wrote, so that make sees when a figure goes missing
         os.environ |= {SAVED_LIST: str(saved), PROGRESS: str(progress)}
         try:
-            with _progress_told(stem, progress):
+            with _printed_progress(stem, progress):
                 _execute(notebook, partial, given)
         except PapermillExecutionError:
             write_whole(failed, partial.read_bytes())
@@ -206,7 +206,7 @@ def _execute(notebook: nbformat.NotebookNode, target: Path, given: Mapping[str, 
 
 
 @contextmanager
-def _progress_told(stem: str, progress: Path) -> Iterator[None]:
+def _printed_progress(stem: str, progress: Path) -> Iterator[None]:
     """Print every now and then how far a notebook's long work is."""
     ended = threading.Event()
 

@@ -157,8 +157,8 @@ def score_detections(
     check_positive(gate, "score_detections: gate")
     places = [_places(truth, "truth"), _places(detected, "detected")]
     kept = (_within(roi, places[0]), _within(roi, places[1]))
-    found = pair(places[0][kept[0]], places[1][kept[1]], gate)
-    pairs = np.stack([kept[0][found[:, 0]], kept[1][found[:, 1]]], axis=1)
+    near = pair(places[0][kept[0]], places[1][kept[1]], gate)
+    pairs = np.stack([kept[0][near[:, 0]], kept[1][near[:, 1]]], axis=1)
     return _score(kept, pairs, (len(places[0]), len(places[1])))
 
 
@@ -195,7 +195,7 @@ def score_in_pixels(
 class LabelledPixels:
     """What `score_in_pixels` knows of a frame before any detection; `of` makes it.
 
-    Detectors that are compared on a frame share it: the whole image is looked at once.
+    Detectors that are compared on a frame share it: the whole image is read once.
 
     Parameters
     ----------
@@ -234,9 +234,9 @@ class LabelledPixels:
         usable = kept[1][np.isin(hit[kept[1]], kept[0])]
         distance = np.linalg.norm(place[usable] - self.centroids[hit[usable]], axis=1)
         ranked = usable[np.lexsort((usable, distance, hit[usable]))]
-        found, first = np.unique(hit[ranked], return_index=True)
+        particle, first = np.unique(hit[ranked], return_index=True)
         rows = (len(self.particles), len(place))
-        return _score(kept, np.stack([found, ranked[first]], axis=1), rows)
+        return _score(kept, np.stack([particle, ranked[first]], axis=1), rows)
 
 
 def _centroids(image: npt.NDArray[np.integer], ids: npt.NDArray[np.generic]) -> Array:

@@ -136,8 +136,8 @@ def read_trackmate(path: str | Path) -> pd.DataFrame:
 
     Notes
     -----
-    Positions are in the units of TrackMate's calibration, which the third line below the names
-    tells; they are taken as they are. A track that splits or merges has two spots in one frame;
+    Positions are in the units of TrackMate's calibration (third line below the names) and
+    are taken as they are. A track that splits or merges has two spots in one frame;
     both are returned, and `score_tracks` will refuse them.
     """
     texts = _read_csv(path, TRACKMATE, third=True)
@@ -239,7 +239,7 @@ def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
     if Path(folder).exists():
         raise InputError(f"{folder}: exists already. Delete it or choose another folder.")
     if table.empty:
-        raise InputError("write_manual: tracks holds no track, and a folder without files is none.")
+        raise InputError("write_manual: tracks holds no track; there is nothing to write.")
     frames = pd.RangeIndex(table["frame"].min(), table["frame"].max() + 1)
 
     def write(part: Path) -> None:

@@ -63,7 +63,7 @@ class Gate:
     depth_mm: float = 1500.0  # d_z,eps; not printed, z_eps of Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse a gate that is no distance; no limit at all (inf) is none for depth only."""
+        """Refuse limits that are no distances; only depth may have no limit (inf)."""
         check_between(self.distance, 0, WIDEST, "Gate: distance")
         check_limit(self.depth_mm, "Gate: depth_mm")
 

@@ -97,7 +97,7 @@ def update(
     Eqs 2.52-2.56. Eq. 2.55 is taken as printed, by Cholesky's factor L of S: with
     W' = L^-1 H P, the gain is K = W L^-1 and K S K' = W W'. Eq. 2.56 is computed as the
     scatter of the innovations about their mean, "missed" counting as an innovation of
-    nought: the printed term, as a sum of what cannot be negative.
+    zero: the printed term, as a sum of what cannot be negative.
     """
     sums = weights.sum(axis=1)
     sound = (weights >= 0).all(axis=1) & (np.abs(sums - 1.0) <= ROW_SUM)

@@ -3,7 +3,7 @@
 A motion model hands the Kalman filter its matrices. The state of a particle in d
 dimensions lists all positions first, then all velocities (Eq. 4.1), then all
 accelerations; lengths are in px and times in frames. The control input B u of Eq. 2.42
-is nought throughout: nothing steers the particles.
+is zero throughout: nothing steers the particles.
 
 ======================  =========  ==================================  ==============
 model                   equation   default of the noise                source

@@ -7,9 +7,9 @@ filter decides, but no filtered position is ever handed on (section 5.2.3).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,7 @@ Integers = npt.NDArray[np.integer]
 Booleans = npt.NDArray[np.bool_]
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
-Noted = Mapping[str, npt.NDArray[Any]]  # columns that the rules note
+Noted = Mapping[str, npt.NDArray[Any]]  # columns that a world keeps beside those of `layout`
 
 NEEDED = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
@@ -61,18 +61,6 @@ class Step(NamedTuple):
     weights: Array  # (n, 1 + m)
     particle: Integers  # (m,), the track each detection went to or started
     tracks: Tracks  # the n tracks after the update, then those that started
-
-
-class Rules(Protocol):
-    """What kiln and belt bring to the loop: who takes what, and when tracks end."""
-
-    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
-        """Return which tracks live on when ``frame`` comes."""
-
-    def associate(
-        self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
-    ) -> tuple[Array, Noted, Noted]:
-        """Return weights (n, 1 + m); notes of the tracks, and of each detection that starts one."""
 
 
 @dataclass(frozen=True)
@@ -107,22 +95,10 @@ class Management:
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-@dataclass(frozen=True)
-class _Kiln:
-    """The rules of the kiln: any associator, and Eq. 4.14."""
-
-    associator: Associator
-    management: Management
-
-    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
-        return self.management.keeps(tracks, frame)
-
-    def associate(
-        self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
-    ) -> tuple[Array, Noted, Noted]:
-        return self.associator(pairs), {}, {}
-
-
+# Who takes what: weights (n, 1 + m), what is noted of each track, and of each detection if it
+# starts one. And which tracks live on when a frame comes.
+Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, Noted, Noted]]
+Keeps = Callable[[Tracks, int], Booleans]
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
 
@@ -155,7 +131,7 @@ def track(
     ------
     InputError
         If a column is missing or there twice, a frame is no whole number, a position is not
-        finite, or an associator and the like is none (a class, say); the
+        finite, or a part is not of its kind (a class instead of an instance, say); the
         message names the row.
 
     Notes
@@ -192,19 +168,19 @@ def steps(
     check_offers(associator, ("__call__",), "track: associator")
     check_parts(motion, gate, "track")
     check_offers(management, ("keeps",), "track: management")
-    frames, rows, detected = _read(detections)
+    frames, rows, *known = _read(detections)
     numbers, starts = np.unique(frames, return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
     parts = np.split(np.arange(len(frames)), starts[1:])
-    yield from follow(
-        (
-            Frame(number, span, rows[part], take(detected, part))
-            for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
-        ),
-        motion,
-        gate,
-        _Kiln(associator, management),
+    found = (
+        Frame(number, span, rows[part], Detected(*(values[part] for values in known)))
+        for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
     )
+
+    def associate(tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs) -> Any:
+        return associator(pairs), {}, {}
+
+    yield from follow(found, motion, gate, associate, management.keeps)
 
 
 def check_parts(motion: Motion, gate: Gate, where: str) -> None:
@@ -215,7 +191,7 @@ def check_parts(motion: Motion, gate: Gate, where: str) -> None:
 
 
 def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
-    """Return the columns of `Tracks`; ``notes`` are those that only some rules have."""
+    """Return the columns of `Tracks`; ``notes`` are those that one world alone has."""
     k = motion.measurement().shape[1]
     return np.dtype(
         [
@@ -237,17 +213,19 @@ def follow(
     frames: Iterable[Frame],
     motion: Motion,
     gate: Gate,
-    rules: Rules,
+    associate: Associate,
+    keeps: Keeps,
     notes: Sequence[tuple[str, type]] = (),
 ) -> Iterator[Step]:
     """Yield what happens in each frame: the one loop of kiln and belt.
 
-    ``notes`` are the names and types of what the rules note of each track.
+    ``associate`` and ``keeps`` are what each world brings; ``notes`` are the names and types of
+    what it notes of each track.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
     tracks, started, span = np.zeros(0, layout(motion, notes)), 0, -1.0
     for frame in frames:
-        tracks, detected = tracks[rules.keeps(tracks, frame.number)], frame.detected
+        tracks, detected = tracks[keeps(tracks, frame.number)], frame.detected
         if frame.span != span:
             span = frame.span
             moves = motion.transition(span), motion.process_noise(span)
@@ -257,8 +235,7 @@ def follow(
         last_known = tracks["depth_mm"].copy(), tracks["points"].copy()  # recorded anew below
         predicted = Predicted(expected, residual, *last_known)
         pairs = gate(predicted, detected)
-        weights, noted, first_noted = rules.associate(tracks, predicted, detected, pairs)
-        tracks = tracks.copy()  # the prediction stays as it was
+        weights, noted, first_noted = associate(tracks, predicted, detected, pairs)
         tracks["state"], tracks["covariance"] = kalman.update(
             state, covariance, detected.positions, weights, measurement, noise
         )
@@ -294,8 +271,8 @@ def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
             tracks[name] = np.where(np.isnan(known), tracks[name], known)
 
 
-def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
-    """Return frames, rows by position, and detections, sorted by frame and place."""
+def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]:
+    """Return frames, rows by position, places, depth, points, sorted by frame and place."""
     check_columns(table, NEEDED.names, NEEDED.name)
     frames = check_whole(table["frame"], f"{NEEDED.name}: column frame")
     needed = table[NEEDED.names].assign(frame=frames)
@@ -309,8 +286,7 @@ def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Detected]:
     points = np.where(points > 0, points, np.nan)
     extra = [values for values in (points, depth) if not np.isnan(values).all()]
     rows = np.lexsort((*extra, positions[:, 1], positions[:, 0], frames))
-    found = Detected(np.ascontiguousarray(positions[rows]), depth[rows], points[rows])
-    return frames[rows], rows, found
+    return frames[rows], rows, positions[rows], depth[rows], points[rows]
 
 
 def _optional(table: pd.DataFrame, name: str) -> Array:
@@ -323,12 +299,6 @@ def _optional(table: pd.DataFrame, name: str) -> Array:
         where = table.index[int(np.argmax(np.isinf(values)))]
         raise InputError(f"{NEEDED.name}: {name} is infinite in row {where}; use NaN for unknown.")
     return values
-
-
-def take(detected: Detected, part: Any) -> Detected:
-    """Return some of the detections."""
-    depth, points = (None if known is None else known[part] for known in detected[1:])
-    return Detected(detected.positions[part], depth, points)
 
 
 def record(weights: Array) -> Integers:

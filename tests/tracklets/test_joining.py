@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
 from kilnflight.checks import InputError
-from kilnflight.tracklets import Connection, Costs, Fusion, Hungarian, tracked
+from kilnflight.tracklets import (
+    Connection,
+    Costs,
+    DualNearest,
+    Fusion,
+    Hungarian,
+    Pairs,
+    listed,
+    tracked,
+)
 from kilnflight.tracklets.paths import read_paths
 
 ONLY = dict.fromkeys(Costs.__dataclass_fields__, 0.0)
@@ -166,3 +176,143 @@ def test_a_weight_without_end_is_refused():
 def test_parts_of_another_kind_are_refused(step, wrong, message):
     with pytest.raises(InputError, match=f"{step.__name__}: {message}"):
         step(**wrong)
+
+
+T = np.arange(40)
+
+
+def number_fused(tracks):
+    return tracked(Fusion()(tracks))["particle"].nunique()
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "fused"),
+    [
+        ((T, 5.0 * T, 0.0), (T + 5, 5.0 * T + 25, 8.0), True),  # Fig. 4.15 right
+        ((T, 5.0 * T, 0.0), (T + 5, 5.0 * T + 25, 10.0), True),
+        ((T, 5.0 * T, 0.0), (T + 5, 5.0 * T + 25, 11.0), False),
+        ((T, 5.0 * T, 0.0), (T, 5.0 * T, 3.0), True),  # the same frames
+        ((T, 5.0 * T, 0.0), (T[9:20], 5.0 * T[9:20], 3.0), True),  # within
+        ((T, 5.0 * T, 0.0), (T + 40, 5.0 * T + 200, 0.0), False),  # no overlap
+        ((T[::2], 5.0 * T[::2], 0.0), (T[1::2], 5.0 * T[1::2], 0.0), False),  # none in common
+    ],
+)
+def test_what_runs_side_by_side_is_fused(table, one, other, fused):
+    assert number_fused(table(one, other)) == (1 if fused else 2)
+
+
+def test_fused_places_are_means_and_three_become_one(table):
+    result = Fusion()(table(*((T, 5.0 * T, col) for col in (0.0, 2.0, 7.0))))
+    assert (tracked(result)["col"] == (1.0 + 7.0) / 2).all()  # of the cheapest pair, then the third
+    assert (result["particle"] == -1).sum() == 80
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_fusion_is_the_plain_definition(table, plain, same_tracks, seed):
+    rng = np.random.default_rng(seed)
+    tracklets = []
+    for _ in range(6):
+        frame = np.arange(*np.sort(rng.choice(30, 2, replace=False)))
+        row, col = 6.0 * frame + rng.normal(0, 4, (2, len(frame)))
+        tracklets.append((frame, row, col, rng.normal(3000, 500, len(frame))))
+    tracks = table(*tracklets)
+    same_tracks(Fusion()(tracks), plain.join(plain.tracklets_of(tracks), fusion=True))
+
+
+def test_what_is_no_limit_of_fusion_is_refused():
+    for bad in (-1.0, np.nan, "a", None):
+        with pytest.raises(InputError, match="Fusion: distance: must be 0 or above"):
+            Fusion(distance=bad)
+
+
+C = np.inf
+MATCHINGS = (DualNearest(), Hungarian())
+
+
+def chosen(matching, matrix):
+    pairs = listed(matrix)
+    found = matching(pairs)
+    return sorted(zip(pairs.one[found].tolist(), pairs.other[found].tolist(), strict=True))
+
+
+def test_munkres_gives_up_the_nearest_pair_and_dnn_does_not():
+    """As in Fig. 4.14, whose numbers the text does not give: 1-2 is best, Munkres takes 1-3."""
+    matrix = np.full((4, 4), C)
+    matrix[0, 1], matrix[0, 2], matrix[3, 1] = 1.0, 5.0, 4.0
+    assert chosen(DualNearest(), matrix) == [(0, 1)]
+    assert chosen(Hungarian(), matrix) == [(0, 2), (3, 1)]
+
+
+def test_a_tracklet_has_one_nearest_neighbour_on_either_side():
+    matrix = np.full((3, 3), C)
+    matrix[0, 1], matrix[1, 2] = 2.0, 1.0
+    assert chosen(DualNearest(), matrix) == [(1, 2)]
+    assert chosen(Hungarian(), matrix) == [(0, 1), (1, 2)]
+
+
+@pytest.mark.parametrize("matching", MATCHINGS)
+def test_nothing_possible_is_nothing(matching):
+    for size in (0, 3):
+        found = matching(listed(np.full((size, size), C)))
+        assert found.shape == (0,)
+        assert found.dtype == np.int64
+    assert chosen(matching, [[C, 0.0], [C, C]]) == [(0, 1)]
+
+
+def random_matrix(seed, size, levels):
+    rng = np.random.default_rng(seed)
+    matrix = rng.integers(0, levels, (size, size)).astype(float)
+    matrix[rng.random((size, size)) < 0.6] = C
+    return np.triu(matrix, 1) + np.tril(np.full((size, size), C))
+
+
+matrices = st.builds(
+    random_matrix, st.integers(0, 2**32 - 1), st.integers(1, 9), st.sampled_from([3, 10**6])
+)
+
+
+@given(matrices)
+def test_dual_nearest_is_mutual_and_holds_the_cheapest(matrix):
+    either = np.minimum(matrix, matrix.T)
+    nearest = either.argmin(axis=1)
+    expected = [
+        (i, int(k))
+        for i, k in enumerate(nearest)
+        if i < k and nearest[k] == i and np.isfinite(either[i, k])
+    ]
+    assert chosen(DualNearest(), matrix) == expected
+    if np.isfinite(matrix).any():
+        assert min(matrix[i, k] for i, k in expected) == matrix.min()
+
+
+@given(matrices)
+def test_hungarian_costs_what_scipy_costs(matrix):
+    one, other = linear_sum_assignment(np.where(np.isfinite(matrix), matrix, 1e9))
+    costs = matrix[one, other]
+    found = chosen(Hungarian(), matrix)
+    assert len(found) == np.isfinite(costs).sum()
+    assert sum(matrix[i, k] for i, k in found) == pytest.approx(costs[np.isfinite(costs)].sum())
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([1, 2], "cost matrix: shape"),
+        (np.zeros((2, 3)), "cost matrix: shape"),
+        ([["a"]], "cost matrix: it holds"),
+        ([[C, -1.0], [C, C]], "tracklets 0 and 1 cost -1.0"),
+        ([[C, np.nan], [C, C]], "tracklets 0 and 1 cost nan"),
+        (-np.ones((2, 2)) * C, "cost -inf"),
+    ],
+)
+def test_costs_that_are_none(matrix, message):
+    with pytest.raises(InputError, match=message):
+        listed(matrix)
+
+
+@pytest.mark.parametrize("matching", MATCHINGS)
+@pytest.mark.parametrize("cost", [-1.0, np.nan, C])
+def test_a_list_with_costs_that_are_none(matching, cost):
+    with pytest.raises(InputError, match="tracklets 3 and 4 cost"):
+        matching(Pairs(np.array([3]), np.array([4]), np.array([cost])))
