@@ -26,9 +26,9 @@ style.use_style()
 # %%
 from kilnflight import camera
 from kilnflight.detection import DoG, combination
-from kilnflight.detection.correspondence import potential_particles, summarise
-from kilnflight.detection.evidence import Evidence
+from kilnflight.detection.combination import potential_particles, summarise
 from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.peaks import Evidence
 from kilnflight.experiments import detection, detection_methods, detection_pictures
 
 frames = frames or detection.FRAMES[scale]

@@ -198,7 +198,7 @@ def flights(
     tracks
         Detections with ``particle``; those of -1 and tracks without a fit are left out. A
         column ``background``, if the rules ask for it, holds the grey value behind each
-        (`kilnflight.detection.correspondence.mean_gray` of ``Median().backgrounds``).
+        (`kilnflight.detection.combination.mean_gray` of ``Median().backgrounds``).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air

@@ -29,8 +29,7 @@ from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
-from kilnflight.detection.combination import Combination, View
-from kilnflight.detection.correspondence import mean_gray
+from kilnflight.detection.combination import Combination, View, mean_gray
 from kilnflight.detection.flame import segment_flame
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths

@@ -5,10 +5,17 @@ the thesis does not say what counts as one. Here a peak counts when it stands ou
 saddle to any higher peak (or, the highest one, from the median of the area's border) by at
 least a given prominence, and when it lies inside the area and not on its border, where the
 highest pixel is merely the foot of something outside.
+
+The thesis looks for peaks or troughs on the frame and on the absolute difference to the frame
+before. Here both pictures are smoothed a little and a peak must stand out from the noise, which
+is measured on the frame itself; so nothing depends on the exposure.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import cv2
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +26,9 @@ Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
 NEAR_PX = 48  # how far a higher pixel is looked for before the whole area is sorted
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
+SMOOTHING_PX = 1.0  # standard deviation of the Gaussian; smaller than any visible particle
+SAMPLES = 140_000  # pixels that measure the noise, to 0.3 % of it
+LEAST_NOISE = 0.5  # grey values; rounding to whole ones leaves so much
 NO, UNSURE, SURE = 0, 1, 2  # whether a peak is there, as far as a look around its pixel says
 
 
@@ -248,3 +258,78 @@ def _kept(
             kept[count, 2] = stands_out[pixel]
             count += 1
     return kept[:count].copy()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The two pictures and what stands out in them."""
+
+    gray: Float32  # (rows, cols), smoothed
+    change: Float32  # (rows, cols), absolute difference to the frame before, smoothed
+    threshold: float  # grey values by which a peak stands out in `gray`
+    change_threshold: float  # and in `change`
+    share: float  # of the highest peak, for the second
+
+    @classmethod
+    def of(
+        cls,
+        gray: npt.NDArray[np.generic],
+        previous: npt.NDArray[np.generic],
+        prominence: float,
+        share: float,
+    ) -> Evidence:
+        """Return the evidence of a frame.
+
+        Parameters
+        ----------
+        gray, previous
+            (rows, cols) of the frame and of the one before.
+        prominence
+            By how many times the noise a peak must stand out.
+        share
+            By which share of the highest peak of an area a second one must stand out.
+
+        Notes
+        -----
+        Noise is the median absolute deviation of the smoothed difference of the two frames,
+        times 1.4826; that of one frame is smaller by the square root of 2. The difference is
+        smoothed before its absolute value is taken, so that noise averages out.
+        """
+        if gray.shape != previous.shape:
+            raise InputError(
+                f"frame of {gray.shape} after one of {previous.shape}: all frames of a "
+                "recording have one size."
+            )
+        now, before = _smoothed(gray), _smoothed(previous)
+        flat = slice(None, None, max(now.size // SAMPLES, 1) | 1)  # odd: no column twice
+        some = now.reshape(-1)[flat] - before.reshape(-1)[flat]
+        spread = float(np.median(np.abs(some - np.median(some))))
+        noise = max(1.4826 * spread, LEAST_NOISE)
+        needed = prominence * noise
+        moved = np.asarray(cv2.absdiff(now, before), dtype=np.float32)
+        return cls(now, moved, needed / np.sqrt(2.0), needed, share)
+
+    def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
+        """Return the peaks (k, 3) of the frame in an area (4,), highest first."""
+        _, found = find_peaks(self.gray, area[None], self.threshold)
+        return found[found[:, 2] >= self.share * found[:, 2].max(initial=0.0)]
+
+    def moved(self, areas: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+        """Return in which areas (n, 4) something has changed; nothing else can be `real`."""
+        return have_peaks(self.change, areas, self.change_threshold)
+
+    def real(self, area: npt.NDArray[np.integer]) -> bool:
+        """Return whether something stands out in the frame and has changed there."""
+        if not self.moved(area[None]).any():
+            return False
+        top, bottom, left, right = np.maximum(area, 0).tolist()
+        inside = self.gray[top:bottom, left:right]
+        whole = np.array([[0, inside.shape[0], 0, inside.shape[1]]])
+        return any(len(find_peaks(sign * inside, whole, self.threshold)[1]) for sign in (1, -1))
+
+
+def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
+    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`, cut at four of it."""
+    taps = cv2.getGaussianKernel(2 * round(4 * SMOOTHING_PX) + 1, SMOOTHING_PX, cv2.CV_32F)
+    blurred = cv2.sepFilter2D(image.astype(np.float32), cv2.CV_32F, taps, taps)
+    return np.asarray(blurred, dtype=np.float32)

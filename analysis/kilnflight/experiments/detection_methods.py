@@ -22,8 +22,7 @@ from kilnflight.detection import (
     Otsu,
     QuasiClusterCenters,
 )
-from kilnflight.detection.combination import Combination, Polygon, View, second_pass
-from kilnflight.detection.correspondence import summarise
+from kilnflight.detection.combination import Combination, Polygon, View, second_pass, summarise
 
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).

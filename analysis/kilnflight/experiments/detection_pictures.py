@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from kilnflight.detection import wall as cylinder
-from kilnflight.detection.correspondence import Clusters
+from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.plots import bars
 from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, circles, frame
 

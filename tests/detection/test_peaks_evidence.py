@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.detection.evidence import Evidence
+from kilnflight.detection.peaks import Evidence
 
 ROW, COL = np.indices((120, 160))
 AREA = np.array([40, 61, 60, 81])

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.detection.correspondence import mean_gray, potential_particles, summarise
+from kilnflight.detection.combination import mean_gray, potential_particles, summarise
 
 SHAPE = (60, 80)
 
