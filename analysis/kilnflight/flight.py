@@ -160,7 +160,7 @@ class Rules:
     edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
 
     def __post_init__(self) -> None:
-        """Refuse a margin that is none."""
+        """Raise an error for an invalid margin."""
         check_limit(self.edge_px, "Rules: edge_px")
 
 

@@ -1,4 +1,4 @@
-"""The columns, units and checks of every table that is handed on.
+"""The columns, units and checks of every table that passes from step to step.
 
 Conventions: one row is one particle in one frame; millimetres are ``x``, ``y``,
 ``z``; pixels are ``row``, ``col``; a track is ``particle``; other columns carry

@@ -108,7 +108,7 @@ def test_shares_are_told_apart_likewise():
     counts = {("confetti", 4.5): (100, 400), ("confetti", 5.0): (140, 400)}
     table = confidence.resolved_share_differences(counts, [tuple(counts)])
     assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, False]]
-    assert "shares told apart: confetti 4.5 < confetti 5.0" in confidence.in_words(table, "shares")
+    assert "shares resolved: confetti 4.5 < confetti 5.0" in confidence.in_words(table, "shares")
 
 
 def test_a_quantity_that_nobody_has_is_not_told_apart():

@@ -98,6 +98,6 @@ def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict():
     flights = pd.concat([every.flights.assign(particle=k) for k in range(results.LEAST_FLIGHTS)])
     many, given = every._replace(flights=flights), {"dwell-1": 0.4, "dwell-2": {"first": True}}
     plain = results.judge_all(many, given, "a note")
-    told = results.judge_all(many, given, "a note", {"dwell-2": "medians told apart: none"})
+    told = results.judge_all(many, given, "a note", {"dwell-2": "medians resolved: none"})
     assert [one.verdict for one in told] == [one.verdict for one in plain]
-    assert [one.reason for one in told] == ["a note", "a note; medians told apart: none"]
+    assert [one.reason for one in told] == ["a note", "a note; medians resolved: none"]

@@ -1,6 +1,6 @@
 r"""Background subtraction: what moves stays (thesis, section 2.2.1; values of Table 5.4).
 
-    stack of gray frames -> model(frames, indices) -> one foreground per frame asked for
+    stack of gray frames -> model(frames, indices) -> one foreground per requested frame
 
 =================  ================  ============================================  =========
 model              equation          default                                       source
@@ -32,7 +32,7 @@ class BackgroundModel(Protocol):
     """What every background model offers."""
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32."""
+        """Yield the foreground of each requested frame, (rows, cols) float32."""
         ...
 
 

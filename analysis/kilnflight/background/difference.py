@@ -163,7 +163,7 @@ class TwoFrame:
         check_count(self.interval, "TwoFrame: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
         return _mean_difference(frames, indices, (-self.interval,))
 
 
@@ -184,7 +184,7 @@ class ThreeFrame:
         check_count(self.interval, "ThreeFrame: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
         return _mean_difference(frames, indices, (-self.interval, self.interval))
 
 

@@ -31,7 +31,7 @@ class Adaptive:
     Notes
     -----
     The thesis leaves open how many times Eq. 2.8 is applied. Table 5.4 places the 50
-    frames of the initial mean B_0 (Eq. 2.7) around the frame asked for, 25 previous and 25
+    frames of the initial mean B_0 (Eq. 2.7) around the requested frame, 25 previous and 25
     subsequent; the recursion then runs over the 25 previous frames and the frame itself.
     Thus B_t depends on frames around t only, never on what else is asked for. At the ends
     the mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
@@ -47,11 +47,11 @@ class Adaptive:
         check_between(self.learning_rate, 0, 1, "Adaptive: learning_rate")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
         return differences(*self._learnt(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each frame asked for, (rows, cols), as `__call__` takes it."""
+        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
         return (image for _, image in self._learnt(frames, indices)[1])
 
     def _learnt(
@@ -83,7 +83,7 @@ class RunningGaussian:
     Eq. 2.9 gives alpha to the current frame; with the 0.99 of Table 5.4 the background
     would be the current frame. The text says that the first image dominates it, so 0.99
     is read as the weight of the previous average, here ``memory``. The recursion runs
-    over the 10 frames that end with the frame asked for. It starts with the first of them
+    over the 10 frames that end with the requested frame. It starts with the first of them
     and a standard deviation of 0, which follows by the same recursion of squared deviations;
     near the start of a recording there are fewer, and frame 0 has no foreground. Section
     5.1.2 subtracts this background too, so the selected pixels keep their difference.
@@ -94,17 +94,17 @@ class RunningGaussian:
     k: float = 0.4  # standard deviations, Table 5.4
 
     def __post_init__(self) -> None:
-        """Refuse a window that holds nothing, a weight that is none, a negative threshold."""
+        """Raise an error for an empty window, an invalid weight or a negative threshold."""
         check_count(self.window, "RunningGaussian: window")
         check_between(self.memory, 0, 1, "RunningGaussian: memory")
         check_at_least(self.k, 0, "RunningGaussian: k")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32; see `Mean`."""
+        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the average of each frame asked for, (rows, cols)."""
+        """Yield the average of each requested frame, (rows, cols)."""
         return (mean for mean, _ in self._averaged(frames, indices))
 
     def _averaged(

@@ -1,7 +1,7 @@
 """The median of the frames around a frame, for a chunk of neighbouring frames at a time.
 
 All windows of a chunk share most of their frames. The shared frames are sorted once and
-the windows told apart by halving: each half of the windows shares more frames, which are
+the windows separated by halving: each half of the windows shares more frames, which are
 merged in as sorted runs (Batcher's odd-even merge). A rank that can no longer become one
 of the middle ranks of any window is dropped, and with it every comparison that only served
 it. The program of minima and maxima is the same for every pixel; compiled code runs it

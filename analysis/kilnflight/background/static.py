@@ -70,7 +70,7 @@ class Mean:
         check_count(self.window, "Mean: window")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for, (rows, cols) float32.
+        """Yield the foreground of each requested frame, (rows, cols) float32.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Mean:
         return differences(*self._means(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each frame asked for, (rows, cols), as `__call__` takes it."""
+        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
         return (image for _, image in self._means(frames, indices)[1])
 
     def _means(
@@ -118,11 +118,11 @@ class Median:
         check_count(self.window, "Median: window")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each frame asked for; see `Mean`."""
+        """Yield the foreground of each requested frame; see `Mean`."""
         return differences(*self._medians(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each frame asked for, (rows, cols), as `__call__` takes it."""
+        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
         return (image.copy() for _, image in self._medians(frames, indices)[1])
 
     def _medians(

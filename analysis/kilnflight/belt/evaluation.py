@@ -189,7 +189,7 @@ class Evaluation:
     """Compare all models on one bulk material, calibrated with a few of its particles.
 
     The paper uses "at most 1 % of all particles available (37 to 44)" once; here the draw
-    is repeated, so that its effect can be told from the models'. Each draw is evaluated on
+    is repeated, so that its effect can be separated from the models'. Each draw is evaluated on
     the particles that it did not use.
     """
 

@@ -72,7 +72,7 @@ class Pictures:
     soft_px: float = 1.0  # width of an edge
 
     def __post_init__(self) -> None:
-        """Refuse tracks that are none, and pictures without edges or contrast."""
+        """Raise an error for invalid tracks and for pictures without edges or contrast."""
         BELT_TRACKS.check(self.tracks)
         check_at_least(self.noise_gray, 0, "Pictures: noise_gray")
         check_positive(self.soft_px, "Pictures: soft_px")
@@ -88,7 +88,7 @@ class Pictures:
         return next(self.frames([frame]))
 
     def frames(self, numbers: Iterable[int]) -> Iterator[Picture]:
-        """Yield the pictures of the frames asked for, in that order."""
+        """Yield the pictures of the requested frames, in that order."""
         visible = at_rate(self.tracks, self.view.frames_per_s)
         visible = visible.sort_values("frame", kind="stable")
         frame, outlines, empty = visible["frame"].to_numpy(), self._outlines(visible), self._empty()

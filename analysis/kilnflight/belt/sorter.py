@@ -86,13 +86,13 @@ def targets() -> dict[str, object]:
 
 
 def fitted_record(path: Path = FILE) -> dict[str, Any]:
-    """Return the file of fitted values; `cache.read_calibration` says what is refused."""
+    """Return the file of fitted values; see `cache.read_calibration` for errors."""
     return cache.read_calibration(path, targets(), "kilnflight.experiments.belt_calibration")
 
 
 @lru_cache(maxsize=8)
 def fitted_values(path: Path = FILE) -> FittedValues:
-    """Return the fitted values; `cache.read_calibration` says what is refused."""
+    """Return the fitted values; see `cache.read_calibration` for errors."""
     return cache.calibrated(FittedValues, path, fitted_record(path))
 
 

@@ -325,7 +325,7 @@ def account_flights(measured: FlightTables, true: pd.DataFrame) -> dict[str, int
 def error_budget(
     campaigns: Sequence[Campaign], measured: Measurement, jobs: int = 1
 ) -> pd.DataFrame:
-    """Return `errors` of every campaign and way of `replace_steps`, in so many processes."""
+    """Return `errors` of every campaign and way of `replace_steps`, in `jobs` processes."""
     rows = joblib.Parallel(n_jobs=jobs)(
         joblib.delayed(_campaign_budget)(
             campaign, *(of_campaign(table, campaign.key) for table in measured[:2])

@@ -41,7 +41,7 @@ Answer = dict[str, bool] | pd.Series  # conditions for `kilnflight.project.claim
 def load_tracks(
     files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
 ) -> dict[Key, pd.DataFrame]:
-    """Return the tracks of every source and data set: what there is, and our simulation.
+    """Return the tracks of every source and data set: the available ones and our simulation.
 
     Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.belt.sorter`)
     where MuJoCo is installed, otherwise the friction model at 100 Hz.

@@ -1,4 +1,4 @@
-"""Confidence intervals of what campaigns come to, and which differences are beyond chance.
+"""Confidence intervals of campaign results, and which differences are beyond chance.
 
 95 % intervals: medians and quartiles by bootstrap over particles, shares by Wilson
 (`kilnflight.scores.intervals` says what they leave out). A velocity is that of the particles that
@@ -399,7 +399,7 @@ def in_words(table: pd.DataFrame, what: str) -> str:
     >>> pairs = {"first": [("a", 4.5), ("a", 4.5)], "second": [("b", 4.5), ("c", 4.5)]}
     >>> found = pd.DataFrame({**pairs, "estimate": [0.2, 0.1], "resolved": [True, False]})
     >>> in_words(found.assign(resolved_with_table_5_15=False), "medians")
-    'medians told apart: a 4.5 > b 4.5; not: a 4.5, c 4.5; with the numbers of Table 5.15: 0 of 2'
+    'medians resolved: a 4.5 > b 4.5; not: a 4.5, c 4.5; with the numbers of Table 5.15: 0 of 2'
     """
     if table.empty:
         return ""
@@ -410,7 +410,7 @@ def in_words(table: pd.DataFrame, what: str) -> str:
             apart.append(f"{first} {'>' if row['estimate'] > 0 else '<'} {second}")
         else:
             close.append(f"{first}, {second}")
-    parts = [f"{what} told apart: {' / '.join(apart) or 'none'}"]
+    parts = [f"{what} resolved: {' / '.join(apart) or 'none'}"]
     parts += [f"not: {' / '.join(close)}"] if close else []
     few = int(table["resolved_with_table_5_15"].sum())
     return "; ".join([*parts, f"with the numbers of Table 5.15: {few} of {len(table)}"])

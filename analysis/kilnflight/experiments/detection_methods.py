@@ -150,7 +150,7 @@ class Unsigned:
     model: TwoFrame | Median
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
-        """Yield the foreground (rows, cols) of each frame asked for."""
+        """Yield the foreground (rows, cols) of each requested frame."""
         indices = list(indices)
         behind: Iterable[npt.NDArray[Any]]
         if isinstance(self.model, TwoFrame):

@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--optional", action="store_true")
     optional = parser.parse_args(arguments).optional
-    # a folder that the user names has what there is in it
+    # a folder that the user sets is used as it is
     recordings = () if any(map(os.environ.get, FOLDERS)) else RECORDINGS
     try:
         for name in (*BELT_DEM.values(), *recordings):

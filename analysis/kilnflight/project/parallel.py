@@ -52,7 +52,7 @@ class Workers:
     into_logs: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a number of processes that is none."""
+        """Raise an error for an invalid number of processes."""
         check_count(self.jobs, "workers: jobs")
 
     def __call__(

@@ -35,7 +35,7 @@ structured NPY by name, in other arrays (n, 5) by position. ``columns = ["v", "u
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning
 on the wall. Coordinates are those of the camera as captured, before Eq. 2.4.
 
-A format is told by the ending of a file:
+The ending of a file names its format:
 
 =====================  =====================================================
 TIFF, PNG              the image

@@ -110,7 +110,7 @@ class StoredRecording:
                 digest.update(file.read_bytes() if file.is_file() else b"")
         for name in ("gray", "pixels", "xyz"):
             for t in range(len(self)):
-                here = self.path / name / "c" / str(t)  # a missing one is told when it is read
+                here = self.path / name / "c" / str(t)  # a missing one is reported when it is read
                 for path in sorted(file for file in here.rglob("*") if file.is_file()):
                     with path.open("rb") as opened:
                         end = opened.seek(0, os.SEEK_END)

@@ -82,7 +82,7 @@ class FrameScore:
         (fp,) rows of detected without a particle. What lies outside the region of interest
         is in none of the three.
     rows
-        Number of particles and of detections handed in.
+        Number of particles and of detections passed.
     """
 
     pairs: Indices
@@ -323,11 +323,11 @@ def total_in_air(
     truth_in_air: Sequence[npt.ArrayLike],
     detected_in_air: Sequence[npt.ArrayLike],
 ) -> pd.DataFrame:
-    """Return how well detections were told to be in the air, summed over frames.
+    """Return how well detections were classified as in the air, summed over frames.
 
-    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is told to be there;
-    FP any other detection told to be in the air, be it on the wall or nothing; FN any other
-    particle in the air, be it told to be on the wall or not detected. For Table 5.13 hand in
+    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is classified as such;
+    FP any other detection classified as in the air, be it on the wall or nothing; FN any other
+    particle in the air, classified as on the wall or not detected. For Table 5.13 hand in
     the score of the truth against itself.
 
     Parameters

@@ -83,7 +83,7 @@ class Management:
     visibility_age: int = 4  # frames of life from which visibility is tested; not printed
 
     def __post_init__(self) -> None:
-        """Refuse what is no share and no number of frames."""
+        """Raise an error for an invalid share or number of frames."""
         check_between(self.visibility, 0, 1, "Management: visibility")
         check_count(self.invisible, "Management: invisible", least=0)
         check_count(self.visibility_age, "Management: visibility_age", least=0)
@@ -184,7 +184,7 @@ def steps(
 
 
 def check_parts(motion: Motion, gate: Gate, where: str) -> None:
-    """Refuse what is no motion and no gate, such as a class in place of its instance."""
+    """Raise an error unless motion and gate are instances with their methods."""
     moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
     check_offers(motion, moves, f"{where}: motion")
     check_offers(gate, ("__call__",), f"{where}: gate")
