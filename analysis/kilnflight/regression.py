@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from numpy.polynomial import legendre
+from numpy.polynomial import chebyshev, legendre
 from scipy.linalg import block_diag
-from scipy.optimize import least_squares, minimize_scalar
+from scipy.optimize import least_squares
 
 from kilnflight.checks import (
     InputError,
@@ -56,7 +56,7 @@ GRID = 65  # values of t0 on the grid that finds the valley
 ZOOMS = 10  # times that the grid of the random points is refined, each time by 8
 DENSE = 0.1  # of the track's duration; the grid's steps grow with the distance from here
 SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
-SETTLED = 1e-8  # of the range of t0; where the search for t0 ends
+DEGREE = 12  # of the cost as a polynomial in t0 between three values of the grid
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class Regression:
     Notes
     -----
     Readings. (1) For a given t0 the best coefficients are linear and solved for, so one
-    unknown is left, t0: a grid and `scipy.optimize.minimize_scalar`. The ranges that the thesis
+    unknown is left, t0: a grid, then the cost as a polynomial in t0. The ranges that the thesis
     sets for the coefficients keep its solver in bounds; here they are not needed. A robust
     loss goes to `scipy.optimize.least_squares` with all unknowns. (2) The range of t0 and its
     first guess come from `draws` times three random points (`range_of_start`); where depth
@@ -329,29 +329,29 @@ def least_squares_solver(
     grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
     on_grid = costs(grid)
 
-    def solve(orders: Orders) -> Solution:
-        def per_axis(every: Array) -> Array:
-            return every[..., range(3), np.array(orders) - 1]
+    @cache
+    def between(low: float, high: float) -> Array:
+        """Return Chebyshev coefficients (degree, axis, order - 1) of the costs from low to high."""
+        at = chebyshev.chebpts1(DEGREE + 1)
+        values = costs(low + (at + 1) * (high - low) / 2).reshape(len(at), -1)
+        every = chebyshev.chebfit(at, values, DEGREE)
+        return np.asarray(every.reshape(-1, 3, highest))
 
-        total = per_axis(on_grid).sum(axis=1)
+    def solve(orders: Orders) -> Solution:
+        axes, at_order = range(3), np.array(orders) - 1
+        total = on_grid[:, axes, at_order].sum(axis=1)
         at = int(np.argmin(np.abs(grid - first)))
         before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         while total[at] > min(total[before], total[after]):  # downhill
             at = before if total[before] < total[after] else after
             before, after = max(at - 1, 0), min(at + 1, GRID - 1)
-        low, middle, high = grid[[before, at, after]]
-
-        def total_at(start: float) -> float:
-            return float(per_axis(costs(np.array([start]))).sum())
-
-        settled = minimize_scalar(
-            lambda shift: total_at(middle + shift),
-            bounds=(low - middle, high - middle),
-            method="bounded",
-            options={"xatol": SETTLED * (limits[1] - limits[0])},
-        )
-        start = min((middle + float(settled.x), low, high), key=total_at)
-        return Solution(start, per_axis(costs(np.array([start])))[0], places)
+        low, high = float(grid[before]), float(grid[after])
+        curve = between(low, high)[:, axes, at_order].sum(axis=1)
+        flat = chebyshev.chebroots(chebyshev.chebder(curve))
+        flat = np.append(flat.real[(flat.imag == 0) & (np.abs(flat) < 1)], [-1.0, 1.0])
+        best = flat[np.argmin(chebyshev.chebval(flat, curve))]
+        start = float(np.clip(low + (best + 1) * (high - low) / 2, low, high))
+        return Solution(start, costs(np.array([start]))[0, axes, at_order], places)
 
     return solve
 
