@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -167,19 +167,17 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, BLOCK * spacing)
         kernels = tuple(taps(sigma) for sigma in sigmas)
-        padded = mirrored(image, WALK + reach(sigmas[-1]))
-        starts, patches = [np.empty((0, 3), np.intp)], []
-        side, around = np.arange(-WALK, WALK + 1), reach(sigmas[-1]) + np.array([0, 2, 0, 2]) * WALK
+        found = [np.empty((0, 7))]
         for box in _boxes(live, image.shape):
-            stack = differences(padded, tuple((box + around).tolist()), kernels)
-            places = maxima(stack, self.threshold / 2)
-            rows, cols = (places[:, axis, None, None] for axis in (1, 2))
-            patches.append(stack[:, rows + side[:, None], cols + side].swapaxes(0, 1))
-            starts.append(places + np.array([0, box[0] - WALK, box[2] - WALK]))
-        start = np.concatenate(starts)
-        if not len(start):
-            return np.empty((0, 4))
-        points = fitted(np.concatenate(patches), start, image.shape, self.threshold, self.edge)
+            top, bottom, left, right = box
+            around = top - WALK, bottom + WALK, left - WALK, right + WALK
+            ends = WALK + 1 - top, WALK + image.shape[0] - 1 - top
+            sides = WALK + 1 - left, WALK + image.shape[1] - 1 - left
+            stack = differences(image, around, kernels)
+            points = keypoints(stack, ends + sides, self.threshold, self.edge)
+            points[:, 1:3] += around[0], around[2]
+            found.append(points)
+        points = np.concatenate(found)
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
@@ -216,68 +214,102 @@ def taps(sigma: float) -> Image:
     return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
 
 
-def mirrored(image: Image, margin: int) -> Image:
-    """Return an image with a margin, mirrored about its outermost pixels."""
-    border = cv2.copyMakeBorder(image, margin, margin, margin, margin, cv2.BORDER_REFLECT_101)
-    return np.asarray(border, dtype=np.float32)
+@njit(cache=True)
+def _inward(i: int, length: int) -> int:
+    """Return the sample that stands for one beyond the border, mirrored as often as needed."""
+    period = max(2 * (length - 1), 1)
+    i %= period
+    return period - i if i >= length else i
 
 
 @njit(cache=True)
-def _pass(source: Any, begin: int, stride: int, weights: Any, target: Any) -> None:
-    """Blur the line of a flat array at ``begin`` with its neighbours ``stride`` apart.
+def _neighbours(begin: int, stride: int, count: int) -> Any:
+    """Return where a line's neighbours begin, ``stride`` apart before it and behind it."""
+    away = stride * np.arange(count)
+    return begin - away, begin + away
+
+
+@njit(cache=True)
+def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
+    """Blur a line of a flat array with its neighbours, which begin at ``low`` and ``high``.
 
     Three pairs at a time, because reading and writing the sum costs more than adding to it.
     """
     size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
+    centre, weight = source[low[0] : low[0] + size], weights[0]
     for x in range(size):
-        target[x] = weights[0] * source[begin + x]
+        target[x] = weight * centre[x]
     for j in range(1, full, 3):
-        u, v, w = weights[j], weights[j + 1], weights[j + 2]
-        i, k = begin - j * stride, begin + j * stride
-        a, b = source[i : i + size], source[k : k + size]
-        i, k = i - stride, k + stride
-        c, d = source[i : i + size], source[k : k + size]
-        i, k = i - stride, k + stride
-        e, f = source[i : i + size], source[k : k + size]
+        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], weights[j]
+        k = j + 1
+        c, d, v = source[low[k] : low[k] + size], source[high[k] : high[k] + size], weights[k]
+        k = j + 2
+        e, f, w = source[low[k] : low[k] + size], source[high[k] : high[k] + size], weights[k]
         for x in range(size):
             target[x] += u * (a[x] + b[x]) + v * (c[x] + d[x]) + w * (e[x] + f[x])
     for j in range(full, len(weights)):
-        i, k, u = begin - j * stride, begin + j * stride, weights[j]
-        a, b = source[i : i + size], source[k : k + size]
+        a, b, u = source[low[j] : low[j] + size], source[high[j] : high[j] + size], weights[j]
         for x in range(size):
             target[x] += u * (a[x] + b[x])
 
 
 def blurred(image: Image, sigma: float, step: int = 1) -> Image:
     """Return every ``step``-th pixel of an image blurred by a Gaussian (Eq. 2.21)."""
-    out = np.empty([-(-length // step) for length in image.shape], np.float32)
-    _blur(mirrored(image, reach(sigma) + step), taps(sigma), step, out)
+    return np.asarray(_blur(np.ascontiguousarray(image), taps(sigma), step))
+
+
+@njit(cache=True)
+def _blur(image: Any, weights: Any, step: int) -> Any:
+    """Blur an image row by row, first down, then across; mirror it beyond its border."""
+    radius, (rows, cols) = len(weights) - 1, image.shape
+    down, across = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
+    inner, flat = down[radius : radius + cols], image.ravel()
+    low, high = _neighbours(0, 1, radius + 1)
+    left, right = _neighbours(radius, 1, radius + 1)
+    out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
+    for i in range(len(out)):
+        for j in range(radius + 1):
+            low[j] = _inward(step * i - j, rows) * cols
+            high[j] = _inward(step * i + j, rows) * cols
+        _pass(flat, low, high, weights, inner)
+        for x in range(1, radius + 1):
+            down[radius - x] = inner[_inward(-x, cols)]
+            down[radius + cols - 1 + x] = inner[_inward(cols - 1 + x, cols)]
+        _pass(down, left, right, weights, across)
+        target = out[i]
+        for x in range(len(target)):  # a slice assigned is slow to compile
+            target[x] = across[step * x]
     return out
 
 
 @njit(cache=True)
-def _blur(padded: Any, weights: Any, step: int, out: Any) -> None:
-    """Blur an image with a margin row by row, first down, then across."""
-    radius, cols, stride = len(weights) - 1, step * out.shape[1], padded.shape[1]
-    down, across = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
-    flat = padded.reshape(-1)
-    for i in range(len(out)):
-        _pass(flat, (radius + step + step * i) * stride + step, stride, weights, down)
-        _pass(down, radius, 1, weights, across)
-        for x in range(out.shape[1]):
-            out[i, x] = across[step * x]
+def _patch(image: Any, box: Box) -> Any:
+    """Return the rows of a box one after the other, mirrored beyond the image's border."""
+    (rows, cols), (top, bottom, left, right) = image.shape, box
+    out = np.empty((bottom - top) * (right - left), dtype=np.float32)
+    inner, end = max(left, 0), min(right, cols)
+    for i in range(top, bottom):
+        line, begin = image[_inward(i, rows)], (i - top) * (right - left) - left
+        source, target = line[inner:end], out[begin + inner : begin + end]
+        for x in range(len(target)):
+            target[x] = source[x]
+        for j in range(left, inner):
+            out[begin + j] = line[_inward(j, cols)]
+        for j in range(end, right):
+            out[begin + j] = line[_inward(j, cols)]
+    return out
 
 
 @njit(cache=True)
-def differences(padded: Any, box: Box, kernels: Any) -> Any:
+def differences(image: Any, box: Box, kernels: Any) -> Any:
     """Return the differences of neighbouring Gaussians in a box of an image.
 
     Parameters
     ----------
-    padded
-        Image with a margin of the widest kernel.
+    image
+        (rows, cols), mirrored about its outermost pixels.
     box
-        First row, end row, first column, end column of the box in it.
+        First row, end row, first column, end column; may reach beyond the border.
     kernels
         `taps` of each Gaussian, from narrow to wide, all relative to the image.
 
@@ -294,14 +326,16 @@ def differences(padded: Any, box: Box, kernels: Any) -> Any:
     rows, cols = bottom - top, right - left
     out = np.empty((len(kernels) - 1, rows, cols), dtype=np.float32)
     for index in range(len(kernels)):
-        radius = len(kernels[index]) - 1
-        stride = cols + 2 * radius
-        patch = padded[top - radius : bottom + radius, left - radius : right + radius].copy()
+        size = len(kernels[index])
+        radius, stride = size - 1, cols + 2 * size - 2
+        patch = _patch(image, (top - radius, bottom + radius, left - radius, right + radius))
         # The ends of the lines are blurred across, too; they are cut off below.
         down = np.empty((rows + 2) * stride, dtype=np.float32)
-        _pass(patch.reshape(-1), radius * stride, stride, kernels[index], down[stride:-stride])
+        low, high = _neighbours(radius * stride, stride, size)
+        _pass(patch, low, high, kernels[index], down[stride:-stride])
         across = np.empty(rows * stride, dtype=np.float32)
-        _pass(down, stride, 1, kernels[index], across)
+        low, high = _neighbours(stride, 1, size)
+        _pass(down, low, high, kernels[index], across)
         gaussian = across.reshape(rows, stride)[:, radius : radius + cols]
         for row in range(rows):
             line = gaussian[row]
@@ -344,68 +378,83 @@ def maxima(stack: Any, level: float) -> Any:
     return found[:count].copy()
 
 
-def fitted(
-    patches: Image,
-    start: npt.NDArray[np.intp],
-    shape: tuple[int, ...],
-    threshold: float,
-    edge: float,
-) -> Array:
-    """Return the keypoints of samples, from quadratics through their neighbours (Eqs 2.25-2.28).
+@njit(cache=True)
+def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
+    """Return the keypoints of a stack, from quadratics through its maxima (Eqs 2.25-2.28).
 
     The fit moves by one pixel at a time; in scale it stays with the largest layer.
 
     Parameters
     ----------
-    patches
-        (n, layers + 2, 2 `WALK` + 1, 2 `WALK` + 1) differences around the samples.
-    start
-        (n, 3) layer, row, col of the samples.
-    shape
-        Of the octave; its outermost pixels are not visited.
+    stack
+        (layers + 2, rows, cols) differences of Gaussians.
+    visit
+        First row, end row, first column, end column to which a fit may move.
     threshold, edge
         As of `DoG`.
 
     Returns
     -------
     ndarray
-        (m, 7) as `DoG._keypoints`.
+        (n, 7): layer, row, col of the sample, the offset of the extremum from it, and the
+        largest threshold with which the same keypoint is found from the same maximum.
+
+    Notes
+    -----
+    Compiled: most boxes hold one maximum or none, too few for numpy.
     """
-    each, around = np.arange(len(start))[:, None, None, None], np.arange(-1, 2)
-    layers = start[:, 0, None, None, None] + around[:, None, None]
-    last, moved = np.array(shape) - 1, np.zeros((len(start), 2), dtype=np.intp)
-    for fit in range(FITS):
-        rows, cols = (WALK + moved[:, axis, None, None, None] for axis in (0, 1))
-        cubes = patches[each, layers, rows + around[:, None], cols + around].astype(np.float64)
-        gradient, hessian = derivatives(cubes)
-        hessian[np.linalg.det(hessian) == 0] = np.nan
-        offset = -np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
-        if fit < FITS - 1:
-            step = np.where(np.abs(offset[:, 1:]) > MOVE, np.copysign(1, offset[:, 1:]), 0)
-            goal = start[:, 1:] + moved + step
-            moved += np.where((goal >= 1) & (goal < last), step, 0).astype(np.intp)
-    trace = hessian[:, 1, 1] + hessian[:, 2, 2]
-    determinant = hessian[:, 1, 1] * hessian[:, 2, 2] - hessian[:, 1, 2] ** 2
-    blob = (determinant > 0) & (trace**2 * edge < (edge + 1) ** 2 * determinant)
-    peak = cubes[:, 1, 1, 1] + (gradient * offset).sum(axis=1) / 2
-    kept = blob & (np.abs(offset).max(axis=1) < BELIEVED) & (peak >= threshold)
-    place = start + np.pad(moved, ((0, 0), (1, 0)))
-    samples = patches[np.arange(len(start)), start[:, 0], WALK, WALK].astype(np.float64)
-    return np.column_stack([place, offset, np.minimum(peak, 2 * samples)])[kept]
+    places = maxima(stack, threshold / 2)
+    found, count = np.empty((len(places), 7)), 0
+    for layer, row, col in places:
+        sample = np.float64(stack[layer, row, col])
+        for fit in range(FITS):
+            cube = stack[layer - 1 : layer + 2, row - 1 : row + 2, col - 1 : col + 2]
+            value, gradient, hessian = derivatives(cube.astype(np.float64))
+            offset = extremum(gradient, hessian)
+            down = int(offset[1] > MOVE) - int(offset[1] < -MOVE)
+            right = int(offset[2] > MOVE) - int(offset[2] < -MOVE)
+            if fit < FITS - 1:
+                row += down if visit[0] <= row + down < visit[1] else 0
+                col += right if visit[2] <= col + right < visit[3] else 0
+        trace = hessian[1, 1] + hessian[2, 2]
+        determinant = hessian[1, 1] * hessian[2, 2] - hessian[1, 2] ** 2
+        blob = determinant > 0 and trace**2 * edge < (edge + 1) ** 2 * determinant
+        peak = value + np.dot(gradient, offset) / 2
+        if blob and np.abs(offset).max() < BELIEVED and peak >= threshold:
+            found[count, 0], found[count, 1], found[count, 2] = layer, row, col
+            found[count, 3], found[count, 4], found[count, 5] = offset
+            found[count, 6] = min(peak, 2 * sample)
+            count += 1
+    return found[:count].copy()
 
 
-def derivatives(cubes: Array) -> tuple[Array, Array]:
-    """Return gradients (n, 3) and Hessians (n, 3, 3) of cubes (n, 3, 3, 3), central differences."""
-    gradient, hessian = np.empty((len(cubes), 3)), np.empty((len(cubes), 3, 3))
-    for i in range(3):
-        along = np.moveaxis(cubes, i + 1, 1)
-        low, middle, high = along[:, 0], along[:, 1], along[:, 2]
-        gradient[:, i] = (high[:, 1, 1] - low[:, 1, 1]) / 2
-        hessian[:, i, i] = high[:, 1, 1] + low[:, 1, 1] - 2 * middle[:, 1, 1]
-        for j in range(i + 1, 3):
-            slope = np.moveaxis(high - low, j, 1)  # axis i is gone, so j comes one earlier
-            hessian[:, i, j] = hessian[:, j, i] = (slope[:, 2, 1] - slope[:, 0, 1]) / 4
-    return gradient, hessian
+@njit(cache=True)
+def derivatives(cube: Any) -> Any:
+    """Return value, gradient and Hessian in the middle of a cube by central differences."""
+    gradient, hessian = np.empty(3), np.empty((3, 3))
+    gradient[0] = (cube[2, 1, 1] - cube[0, 1, 1]) / 2
+    gradient[1] = (cube[1, 2, 1] - cube[1, 0, 1]) / 2
+    gradient[2] = (cube[1, 1, 2] - cube[1, 1, 0]) / 2
+    hessian[0, 0] = cube[2, 1, 1] + cube[0, 1, 1] - 2 * cube[1, 1, 1]
+    hessian[1, 1] = cube[1, 2, 1] + cube[1, 0, 1] - 2 * cube[1, 1, 1]
+    hessian[2, 2] = cube[1, 1, 2] + cube[1, 1, 0] - 2 * cube[1, 1, 1]
+    hessian[0, 1] = (cube[2, 2, 1] - cube[2, 0, 1] - cube[0, 2, 1] + cube[0, 0, 1]) / 4
+    hessian[0, 2] = (cube[2, 1, 2] - cube[2, 1, 0] - cube[0, 1, 2] + cube[0, 1, 0]) / 4
+    hessian[1, 2] = (cube[1, 2, 2] - cube[1, 2, 0] - cube[1, 0, 2] + cube[1, 0, 0]) / 4
+    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
+    return cube[1, 1, 1], gradient, hessian
+
+
+@njit(cache=True)
+def extremum(gradient: Any, hessian: Any) -> Any:
+    """Return Eq. 2.26, the extremum of the quadratic, from its sample; NaN if there is none."""
+    first = np.cross(hessian[1], hessian[2])
+    determinant = np.dot(hessian[0], first)
+    if determinant == 0:
+        return np.full(3, np.nan)
+    second, third = np.cross(hessian[2], hessian[0]), np.cross(hessian[0], hessian[1])
+    solution = first * gradient[0] + second * gradient[1] + third * gradient[2]
+    return -solution / determinant
 
 
 @lru_cache(maxsize=64)
@@ -422,19 +471,35 @@ def _positive(narrow: float, wide: float) -> tuple[int, float]:
     return radius, float(weight[weight > 0].sum(dtype=np.float64))
 
 
+@njit(cache=True)
+def block_ranges(image: Any) -> Any:
+    """Return smallest and largest value of each block."""
+    rows, cols = image.shape
+    out = np.empty((2, -(-rows // BLOCK), -(-cols // BLOCK)), np.float32)
+    low, high = np.empty(cols, np.float32), np.empty(cols, np.float32)
+    for i in range(out.shape[1]):
+        low[:] = image[i * BLOCK]
+        high[:] = image[i * BLOCK]
+        for row in range(i * BLOCK + 1, min(rows, (i + 1) * BLOCK)):
+            line = image[row]
+            for x in range(cols):
+                low[x] = min(low[x], line[x])
+                high[x] = max(high[x], line[x])
+        for j in range(out.shape[2]):
+            least, most = low[j * BLOCK], high[j * BLOCK]
+            for x in range(j * BLOCK + 1, min(cols, (j + 1) * BLOCK)):
+                least, most = min(least, low[x]), max(most, high[x])
+            out[0, i, j], out[1, i, j] = least, most
+    return out
+
+
 def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDArray[np.bool_]:
     """Return the blocks in which an inner difference of Gaussians can reach ``level``.
 
     A bound, never an estimate: in a block left out, no sample of the inner differences
     (those with a neighbour on both sides) is as large as ``level``.
     """
-    end = [-length % BLOCK for length in image.shape]
-    if any(end):
-        image = np.pad(image, ((0, end[0]), (0, end[1])), mode="edge")
-    rows = [image[k::BLOCK] for k in range(BLOCK)]
-    low, high = reduce(np.minimum, rows), reduce(np.maximum, rows)
-    low = reduce(np.minimum, [low[:, k::BLOCK] for k in range(BLOCK)])
-    high = reduce(np.maximum, [high[:, k::BLOCK] for k in range(BLOCK)])
+    low, high = block_ranges(image)
     # A sum of products of float32 is off by less than this; the bound must not be.
     rounding = 1e-5 * max(abs(float(low.min())), abs(float(high.max())))
     live = np.zeros(low.shape, dtype=np.bool_)
@@ -456,7 +521,7 @@ def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[
     return np.asarray(cv2.dilate(drawn, np.ones((5, 5), dtype=np.uint8)) > 0)
 
 
-def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[npt.NDArray[np.intp]]:
+def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[Box]:
     """Return boxes around connected live blocks, cut to tiles, without the image's border."""
     boxes = []
     for rows, cols in find_objects(label(live)[0]):
@@ -469,5 +534,5 @@ def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[npt.NDAr
                         min(blocks * BLOCK, length - 1)
                         for blocks, length in zip(end, shape, strict=True)
                     )
-                    boxes.append(np.array([top, max(top, bottom), left, max(left, right)]))
+                    boxes.append((top, max(top, bottom), left, max(left, right)))
     return boxes
