@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from kilnflight.camera import calibrate_depth
 from kilnflight.checks import InputError
-from kilnflight.detection import DBSCAN, k_distances
+from kilnflight.detection import DBSCAN, ScikitDBSCAN, k_distances
 from kilnflight.twin.scenes import open_scene
 
 
@@ -72,6 +72,15 @@ def window():
 @pytest.mark.parametrize(("eps", "min_points"), [(50.0, 10), (15.0, 10), (70.0, 15), (10.0, 6)])
 def test_a_window_of_a_frame(window, eps, min_points):
     same_as_scikit_learn(window, eps, min_points)
+
+
+def test_the_clusterer_of_scikit_learn_gives_the_same_labels(window):
+    for eps, min_points in ((50.0, 10), (15, 10)):
+        peer = ScikitDBSCAN(eps, min_points)(window)
+        np.testing.assert_array_equal(peer, DBSCAN(eps, min_points)(window))
+    assert ScikitDBSCAN()(np.empty((0, 3))).shape == (0,)
+    with pytest.raises(InputError, match="eps"):
+        ScikitDBSCAN(eps=0.0)
 
 
 def test_a_cloud_too_long_for_its_cells_is_told():

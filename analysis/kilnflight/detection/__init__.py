@@ -28,7 +28,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.detection.dbscan import DBSCAN, k_distances
+from kilnflight.detection.dbscan import DBSCAN, ScikitDBSCAN, k_distances
 from kilnflight.detection.morphology import MorphologicalClustering
 from kilnflight.detection.otsu import Otsu, otsu_threshold
 from kilnflight.detection.quasi_centers import QuasiClusterCenters
@@ -67,6 +67,7 @@ __all__ = [
     "MorphologicalClustering",
     "Otsu",
     "QuasiClusterCenters",
+    "ScikitDBSCAN",
     "k_distances",
     "otsu_threshold",
 ]

@@ -110,6 +110,25 @@ class DBSCAN:
         return _labels(cells, steps, core, parents, limit)
 
 
+@dataclass(frozen=True)
+class ScikitDBSCAN(DBSCAN):
+    """Clusters as of `DBSCAN`, by scikit-learn: the same parameters and the same labels.
+
+    It holds the neighbours of all points at once and is far slower on the cloud of a frame;
+    it is there to check `DBSCAN` on other data.
+    """
+
+    def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
+        """Return the cluster of each of (n, 3) points in mm; arguments and errors as `DBSCAN`."""
+        from sklearn import cluster  # slow to import, and seldom needed
+
+        cloud = check_points(points, "DBSCAN: points")
+        if len(cloud) == 0:
+            return np.empty(0, dtype=np.intp)
+        peer = cluster.DBSCAN(eps=float(self.eps), min_samples=int(self.min_points))
+        return np.asarray(peer.fit_predict(cloud), dtype=np.intp)
+
+
 def k_distances(points: npt.ArrayLike, k: int = 6) -> npt.NDArray[np.float64]:
     """Return the distance of each point to its k-th neighbour, descending (Fig. 2.19, thesis).
 
