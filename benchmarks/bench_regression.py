@@ -11,7 +11,7 @@ import plain_regression
 from measure import Row, compare
 
 from kilnflight.project import figures
-from kilnflight.regression import least_squares_solver, range_of_start, regress_all
+from kilnflight.regression import range_of_start, regress_all, trajectory_solver
 
 EXIT, RATE = np.array([120.0, 60.0, 6500.0]), 330.0
 SCATTER = np.array([7.0, 7.0, 150.0])
@@ -50,7 +50,7 @@ def prepared(track: pd.DataFrame) -> tuple:
 def check(data: list[tuple]) -> None:
     """Raise unless both find the same minimum."""
     for unit, moved, limits, first in data:
-        solve = least_squares_solver(unit, moved, 6, limits, first)
+        solve = trajectory_solver(unit, moved, 6, limits, first)
         for orders in TRIED:
             peer = plain_regression.solve(unit, moved.T, np.zeros(3), orders, first, limits)
             np.testing.assert_allclose(solve(orders).costs.sum(), 2 * peer.cost, rtol=1e-6)
@@ -60,7 +60,7 @@ def check(data: list[tuple]) -> None:
 def every(data: list[tuple]) -> None:
     """Solve all combinations of orders; a track that is regressed asks for some of them only."""
     for unit, moved, limits, first in data:
-        solve = least_squares_solver(unit, moved, 6, limits, first)
+        solve = trajectory_solver(unit, moved, 6, limits, first)
         for orders in product(range(2, 7), repeat=3):
             solve(orders)
 

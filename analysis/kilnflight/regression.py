@@ -26,8 +26,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from numpy.polynomial import chebyshev, legendre
-from scipy.linalg import block_diag
-from scipy.optimize import least_squares
 
 from kilnflight.checks import (
     InputError,
@@ -56,6 +54,10 @@ GRID = 65  # values of t0 on the grid that finds the valley
 ZOOMS = 10  # times that the grid of the random points is refined, each time by 8
 DENSE = 0.1  # of the track's duration; the grid's steps grow with the distance from here
 SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
+CLOSE = 1e-11  # of the robust cost; farther from the polynomial, its interval is halved
+HALVINGS = 20  # at most
+STEPS = 50  # of the robust fit at most
+SETTLED = 1e-12  # of the cost; a step of the robust fit that gains less is the last
 DEGREE = 12  # of the cost as a polynomial in t0 between three values of the grid
 
 
@@ -133,14 +135,14 @@ class Regression:
     -----
     Readings. (1) For a given t0 the best coefficients are linear and solved for, so one
     unknown is left, t0: a grid, then the cost as a polynomial in t0. The ranges that the thesis
-    sets for the coefficients keep its solver in bounds; here they are not needed. A robust
-    loss goes to `scipy.optimize.least_squares` with all unknowns. (2) The range of t0 and its
-    first guess come from `draws` times three random points (`range_of_start`); where depth
-    scatters the range is all that `longest_s` allows. The minimum found is the one downhill
-    of the first guess; it need not be the least of all. `Fit.t0_at_bound` tells a t0 at an
-    end of its range: at the latest end the first detection is as near the exit as its scatter
-    can tell, which is common for particles detected from the exit on; at the earliest end
-    the track does not lead back to the exit.
+    sets for the coefficients keep its solver in bounds; here they are not needed. Under a
+    robust loss the best coefficients for a given t0 are those of a convex problem. (2) The
+    range of t0 and its first guess come from `draws` times three random points
+    (`range_of_start`); where depth scatters the range is all that `longest_s` allows. The
+    minimum found is the one downhill of the first guess; it need not be the least of all.
+    `Fit.t0_at_bound` tells a t0 at an end of its range. At the latest end the first detection
+    is as near the exit as its scatter can tell, which is common for particles detected from
+    the exit on. At the earliest end the track does not lead back to the exit.
     (3) "Stopped if the optimization of the measures is less than 1% for each order of
     enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
     counts the coefficients) falls most by one order more gets it, until none falls by 1 %.
@@ -223,8 +225,7 @@ class Regression:
             unit, scaled, self.draws, self.longest_s / duration, generator
         )
         highest = min(self.highest, len(time) - 2)
-        solver = robust_solver if self.robust else least_squares_solver
-        solve = cache(solver(unit, scaled, highest, limits, first))
+        solve = cache(trajectory_solver(unit, scaled, highest, limits, first, self.robust))
         orders = self.choose(lambda orders: solve(orders).costs, highest, len(time))
         start, _, target = solve(orders)
         near = 1e-9 * (limits[1] - limits[0])
@@ -306,98 +307,103 @@ def range_of_start(
     return limits, float(np.median(solved))
 
 
-def least_squares_solver(
-    time: Array, places: Array, highest: int, limits: Array, first: float
+def trajectory_solver(
+    time: Array, places: Array, highest: int, limits: Array, first: float, robust: bool = False
 ) -> Callable[[Orders], Solution]:
-    """Return what solves a combination of orders by least squares.
+    """Return what solves a combination of orders, by least squares or under the robust loss.
 
     A polynomial through the exit at t0 is the time u since t0 times a polynomial of one order
     less. Its orthogonal basis serves all orders at once, and t0 is the only unknown left.
+    The cost is a smooth curve over t0: between two steps of the grid a polynomial.
     """
     powers = legendre.legvander(2 * time - 1, highest - 1)
+    nodes = chebyshev.chebpts1(DEGREE + 1)
+    to_curve = np.linalg.inv(chebyshev.chebvander(nodes, DEGREE))
+    residuals = robust_residuals if robust else plain_residuals
+    cost = robust_cost if robust else plain_cost
 
-    def costs(start: Array) -> Array:
-        """Return the squares (t0, axis, order - 1) that the best polynomials leave."""
-        basis = np.linalg.qr((time - start[:, None])[:, :, None] * powers)[0]
-        along = places @ basis
-        left = places - along @ basis.swapaxes(1, 2)
-        squares = np.concatenate([along[..., 1:] ** 2, (left**2).sum(axis=2)[..., None]], axis=2)
-        # From the highest order down: the reverse would cancel.
-        return np.cumsum(squares[..., ::-1], axis=2)[..., ::-1]
+    def bases(start: Array) -> Array:
+        return np.linalg.qr((time - start[:, None])[:, :, None] * powers)[0]
 
     # Denser towards the first detection, where the cost changes faster with t0.
     grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
-    on_grid = costs(grid)
+    on_grid = bases(grid)
 
     @cache
-    def between(low: float, high: float) -> Array:
-        """Return Chebyshev coefficients (degree, axis, order - 1) of the costs from low to high."""
-        at = chebyshev.chebpts1(DEGREE + 1)
-        values = costs(low + (at + 1) * (high - low) / 2).reshape(len(at), -1)
-        every = chebyshev.chebfit(at, values, DEGREE)
-        return np.asarray(every.reshape(-1, 3, highest))
+    def bases_between(low: float, high: float) -> Array:
+        return bases(low + (nodes + 1) * (high - low) / 2)
+
+    @cache
+    def costs(axis: int, order: int, *ends: float) -> Array:
+        """Return the costs on the grid, or at the nodes between two ends."""
+        basis = bases_between(*ends) if ends else on_grid
+        return cost(residuals(basis[:, :, :order], places[axis]))
 
     def solve(orders: Orders) -> Solution:
-        axes, at_order = range(3), np.array(orders) - 1
-        total = on_grid[:, axes, at_order].sum(axis=1)
+        total = np.sum([costs(*of) for of in enumerate(orders)], axis=0)
         at = int(np.argmin(np.abs(grid - first)))
         before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         while total[at] > min(total[before], total[after]):  # downhill
             at = before if total[before] < total[after] else after
             before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         low, high = float(grid[before]), float(grid[after])
-        curve = between(low, high)[:, axes, at_order].sum(axis=1)
-        flat = chebyshev.chebroots(chebyshev.chebder(curve))
-        flat = np.append(flat.real[(flat.imag == 0) & (np.abs(flat) < 1)], [-1.0, 1.0])
-        best = flat[np.argmin(chebyshev.chebval(flat, curve))]
-        start = float(np.clip(low + (best + 1) * (high - low) / 2, low, high))
-        return Solution(start, costs(np.array([start]))[0, axes, at_order], places)
+        for _ in range(HALVINGS if robust else 1):
+            total = np.sum([costs(*of, low, high) for of in enumerate(orders)], axis=0)
+            curve = to_curve @ total
+            flat = chebyshev.chebroots(chebyshev.chebder(curve))
+            flat = np.append(flat.real[(flat.imag == 0) & (np.abs(flat) < 1)], [-1.0, 1.0])
+            values = chebyshev.chebval(flat, curve)
+            start = low + (flat[np.argmin(values)] + 1) * (high - low) / 2
+            start = float(np.clip(start, low, high))
+            basis = bases(np.array([start]))
+            left = np.concatenate(
+                [residuals(basis[:, :, :k], p) for k, p in zip(orders, places, strict=True)]
+            )
+            if abs(cost(left).sum() - values.min()) <= CLOSE * total.max():
+                break
+            reach = (high - low) / 4
+            low, high = max(low, start - reach), min(high, start + reach)
+        return Solution(start, cost(left), places - left if robust else places)
 
     return solve
 
 
-def robust_solver(
-    time: Array, places: Array, highest: int, limits: Array, first: float
-) -> Callable[[Orders], Solution]:
-    """Return what solves a combination of orders under the loss 2 (sqrt(1 + r^2) - 1)."""
-    powers = legendre.legvander(2 * time - 1, highest - 1)
-    basis_first = (time - first)[:, None] * powers
+def plain_cost(left: Array) -> Array:
+    """Return the sum of squares over the last axis."""
+    return np.asarray((left**2).sum(axis=-1))
 
-    def solve(orders: Orders) -> Solution:
-        def curves(unknown: Array) -> Array:
-            factors = np.split(unknown[1:], np.cumsum(orders)[:-1])
-            return np.stack([powers[:, :k] @ f for k, f in zip(orders, factors, strict=True)])
 
-        def residuals(unknown: Array) -> Array:
-            return np.asarray(((time - unknown[0]) * curves(unknown) - places).ravel())
+def robust_cost(left: Array) -> Array:
+    """Return the sum of 2 (sqrt(1 + r^2) - 1), written so that small residuals do not cancel."""
+    return np.asarray((2 * left**2 / (1 + np.sqrt(1 + left**2))).sum(axis=-1))
 
-        def jacobian(unknown: Array) -> Array:
-            basis = (time - unknown[0])[:, None] * powers
-            linear = block_diag(*(basis[:, :k] for k in orders))
-            return np.column_stack([-curves(unknown).ravel(), linear])
 
-        factors = [
-            np.linalg.lstsq(basis_first[:, :k], p)[0] for k, p in zip(orders, places, strict=True)
-        ]
-        bounds = np.full((2, 1 + sum(orders)), [[-np.inf], [np.inf]])
-        bounds[:, 0] = limits
-        settled = least_squares(
-            residuals,
-            np.concatenate([[first], *factors]),
-            jacobian,
-            (bounds[0], bounds[1]),
-            method="dogbox",
-            loss="soft_l1",
-            x_scale="jac",
-            xtol=1e-10,
-            ftol=1e-12,
-            gtol=1e-12,
-        )
-        left = settled.fun.reshape(3, -1)
-        costs = (2 * (np.sqrt(1 + left**2) - 1)).sum(axis=1)
-        return Solution(float(settled.x[0]), costs, places + left)
+def plain_residuals(basis: Array, places: Array) -> Array:
+    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n)."""
+    return np.asarray(places - (basis @ (places @ basis)[..., None])[..., 0])
 
-    return solve
+
+def robust_residuals(basis: Array, places: Array) -> Array:
+    """Return the same under the loss 2 (sqrt(1 + r^2) - 1), by damped Newton steps.
+
+    The problem is convex. With a damping of 1 or more the weights are at least those of
+    reweighted least squares, whose steps never raise the cost.
+    """
+    left = plain_residuals(basis, places)
+    cost, damping = robust_cost(left), np.ones(len(basis))
+    for _ in range(STEPS):
+        root = np.sqrt(1 + left**2)
+        weights = root**-3 + damping[:, None] / root
+        matrix = basis.swapaxes(1, 2) @ (weights[:, :, None] * basis)
+        pull = (left / root)[:, None] @ basis
+        tried = left - (basis @ np.linalg.solve(matrix, pull.swapaxes(1, 2)))[..., 0]
+        gain = cost - robust_cost(tried)
+        left = np.where(gain[:, None] > 0, tried, left)
+        damping = np.where(gain > 0, damping / 10, np.maximum(10 * damping, 1.0))
+        if (np.abs(gain) <= SETTLED * (cost + EXACT)).all():
+            break
+        cost = np.minimum(cost, cost - gain)
+    return left
 
 
 def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, float, float]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kilnflight.regression import Regression, least_squares_solver, range_of_start, robust_solver
+from kilnflight.regression import Regression, range_of_start, trajectory_solver
 
 EXIT, SCATTER = np.array([120.0, 60.0, 6500.0]), np.array([2.0, 2.0, 30.0])
 
@@ -16,8 +16,7 @@ def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
     time = np.linspace(0, 1, 60)
     moved = ((track[list("xyz")].to_numpy() - EXIT) / SCATTER).T
     limits, first = range_of_start(time, moved, 20, 5.0, np.random.default_rng(0))
-    solver = robust_solver if loss == "soft_l1" else least_squares_solver
-    solution = solver(time, moved, 6, limits, first)(orders)
+    solution = trajectory_solver(time, moved, 6, limits, first, loss == "soft_l1")(orders)
     peer = plain.solve(time, moved.T, np.zeros(3), orders, first, limits, loss=loss)
     assert solution.costs.sum() == pytest.approx(2 * peer.cost, rel=1e-9)
     assert solution.start == pytest.approx(peer.x[-1], abs=1e-4)
@@ -26,7 +25,7 @@ def test_scipy_over_all_unknowns_finds_the_same(flight, plain, loss, orders):
 def test_the_cost_of_every_order_is_that_of_its_own_fit(flight):
     track = flight(scatter=SCATTER, seed=4)
     time, moved = np.linspace(0, 1, 60), (track[list("xyz")].to_numpy() - EXIT).T
-    solve = least_squares_solver(time, moved, 6, np.array([-1.0, -0.1]), -0.2)
+    solve = trajectory_solver(time, moved, 6, np.array([-1.0, -0.1]), -0.2)
     for order in range(1, 7):
         solution = solve((order,) * 3)
         powers = (time - solution.start)[:, None] ** np.arange(1, order + 1)
