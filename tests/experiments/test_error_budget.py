@@ -28,7 +28,7 @@ def flights(campaign, tracks):
     found = dict(error_budget.replace_steps(campaign, tracks))
     assert tuple(found) == error_budget.STEPS
     for one in found.values():
-        assert set(one.flights["particle"]) <= set(one.owners.index)
+        assert set(one.flights["particle"]) <= set(one.particles.index)
     return {name: one.flights.reset_index(drop=True) for name, one in found.items()}
 
 

@@ -51,7 +51,7 @@ def change(package, name, old="", new="\n# changed\n"):
 
 def test_a_change_deep_in_the_closure_makes_every_table_anew(package, tables):
     before = tables()
-    for deep in ("detection/correspondence.py", "camera.py", "twin/gas.py", "twin/calibrated.json"):
+    for deep in ("detection/combination.py", "camera.py", "twin/gas.py", "twin/calibrated.json"):
         change(package, deep)
         after = tables()
         assert not set(before.values()) & set(after.values()), deep
@@ -96,7 +96,7 @@ def test_the_table_itself_is_made_anew_and_kept(package):
     table()
     table()
     assert made == [0]
-    change(package, "detection/evidence.py")
+    change(package, "detection/peaks.py")
     forget()
     table()
     assert made == [0, 1]
