@@ -87,14 +87,22 @@ def test_an_invalid_velocity_is_refused():
     for bad in ("ab", ("1", "2"), None, (1j, 0)):
         with pytest.raises(InputError, match="velocity"):
             ConstantVelocity(velocity=bad)
+    with pytest.raises(InputError, match=r"is beyond 1e[+]30"):
+        ConstantVelocity(velocity=(1e200, 0.0))
     with pytest.raises(InputError, match=r"shape \(1, 3\), expected \(n, 2\)"):
         ConstantVelocity().initial(np.zeros((1, 3)))
 
 
+@pytest.mark.parametrize("model", [ConstantVelocity, ConstantAcceleration])
+def test_noise_whose_powers_are_no_numbers_is_refused(model):
+    with pytest.raises(InputError, match=r"measurement_sd: must be 0 to 1e[+]30"):
+        model(measurement_sd=1e200)
+
+
 @motions
-@pytest.mark.parametrize("bad", [-1, np.nan, "1", None])
+@pytest.mark.parametrize("bad", [-1, np.nan, 1e200, "1", None])
 def test_a_time_that_is_invalid_is_refused(motion, bad):
-    with pytest.raises(InputError, match="process_noise: frames: must be 0 or above"):
+    with pytest.raises(InputError, match="process_noise: frames: must be 0 to"):
         motion.process_noise(bad)
-    with pytest.raises(InputError, match="transition: frames: must be 0 or above"):
+    with pytest.raises(InputError, match="transition: frames: must be 0 to"):
         motion.transition(bad)

@@ -1,6 +1,6 @@
 """The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
 
-`View` is the camera that makes pictures. Whoever measures in them does not know it: the belt's
+`View` is the camera that makes pictures. Measuring does not use it: the belt's
 four corners are found in a picture (`FindCorners`) and give the mapping (`calibrate`).
 """
 

@@ -48,12 +48,12 @@ class Blown(NamedTuple):
 
     @property
     def hit_share(self) -> float:
-        """Share of the particles to be blown out that are; NaN if there is none."""
+        """Share of blown-out particles among those to be blown out; NaN without any."""
         return float(self.hit[self.chosen].mean()) if self.chosen.any() else np.nan
 
     @property
     def inadvertent_share(self) -> float:
-        """Share of the others that are blown out with them; NaN if there is none."""
+        """Share of blown-out particles among the others; NaN without any others."""
         return float(self.hit[~self.chosen].mean()) if not self.chosen.all() else np.nan
 
 
@@ -63,7 +63,7 @@ class ValveBar:
 
     For each particle to be blown out, the valve nearest to its predicted place opens for
     ``open_s`` around its predicted time. A particle is hit if its centre passes an open valve,
-    whoever that was opened for; its size and the air's way are neglected.
+    for whichever particle that was opened; its size and the air's way are neglected.
     """
 
     valves: int = 32  # a pitch of 5.6 mm, about one particle; not printed

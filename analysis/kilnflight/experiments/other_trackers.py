@@ -19,6 +19,7 @@ was not seen for some frames, as `kilnflight.tracking.tracker` does.
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -261,7 +262,7 @@ def followed(table: pd.DataFrame, settings: Any, associate: Callable[..., Iterat
 
 
 @dataclass(frozen=True)
-class _StoneSoup:
+class _StoneSoup(ABC):
     """A filter, a gate and the loop over frames, for an associator of Stone Soup."""
 
     distance: float = 4.0  # standard deviations: gate, and cost of a miss
@@ -282,9 +283,9 @@ class _StoneSoup:
         need("stonesoup")
         return with_particle(detections, lambda table: followed(table, self, self._associated))
 
+    @abstractmethod
     def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
         """Yield each track, its new state and its detection or None."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,9 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
         names the particle and its detection.
     """
     try:
-        root = ElementTree.parse(path).getroot()
+        root = ElementTree.parse(path, ElementTree.XMLParser(target=_Plain(path))).getroot()
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}).") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter: its encoding
@@ -77,6 +79,12 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
     contest = next(root.iter(CONTEST), None)
     if contest is None:
         raise InputError(f"{path}: has no element {CONTEST}; it is no file of the challenge.")
+    for name, inside in (("particle", [contest]), ("detection", contest.findall("particle"))):
+        placed = sum(len(element.findall(name)) for element in inside)
+        if sum(1 for _ in root.iter(name)) != placed:
+            raise InputError(
+                f"{path}: a {name} stands where the format has none. Move or remove it."
+            )
     rows = {
         f"{path}, particle {k}, detection {n}": {**detection.attrib, "particle": str(k)}
         for k, particle in enumerate(contest.iter("particle"))
@@ -84,6 +92,20 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
     }
     texts = pd.DataFrame.from_dict(rows, orient="index", dtype=str)
     return _tracks(texts.reindex(columns=list(CHALLENGE.values())).fillna(""), CHALLENGE)
+
+
+class _Plain(ElementTree.TreeBuilder):
+    """Elements of a file without a document type, whose entities could be of any size."""
+
+    def __init__(self, path: str | Path) -> None:
+        super().__init__()
+        self.path = path
+
+    def doctype(self, *_: object) -> None:
+        """Refuse the file before an entity is read."""
+        raise InputError(
+            f"{self.path}: has a document type; files of the challenge have none. Remove it."
+        )
 
 
 def write_challenge(tracks: pd.DataFrame, path: str | Path) -> None:

@@ -33,9 +33,12 @@ import numpy.typing as npt
 from filterpy.common import Q_continuous_white_noise
 from scipy.linalg import toeplitz
 
-from kilnflight.checks import InputError, check_at_least, check_finite, check_positive, check_shape
+from kilnflight.checks import InputError, check_between, check_finite, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]
+
+LARGEST = 1e30  # px and frames; squares stay numbers, and no particle comes near
+LONGEST = 2.0**64  # frames, more than lie between any two whole numbers of 8 bytes
 
 
 class Motion(Protocol):
@@ -83,19 +86,24 @@ class _Steady(ABC):
         check_shape(numbers, (None,), f"{where}: velocity, one number per dimension")
         if not len(numbers):
             raise InputError(f"{where}: velocity is empty; give one number per dimension.")
+        if np.abs(numbers).max() > LARGEST:
+            raise InputError(
+                f"{where}: velocity {self.velocity!r} is beyond {LARGEST:g} px/frame. Correct it."
+            )
         for field in fields(self)[1:]:  # type: ignore[arg-type]
             check_positive(getattr(self, field.name), f"{where}: {field.name}")
+            check_between(getattr(self, field.name), 0, LARGEST, f"{where}: {field.name}")
 
     def transition(self, frames: float) -> Array:
         """Return F over a number of frames, (k, k); Eq. 4.4."""
-        check_at_least(frames, 0, "transition: frames")
+        check_between(frames, 0, LONGEST, "transition: frames")
         powers = [frames**k / factorial(k) for k in range(len(self._spreads))]
         block = toeplitz(np.eye(1, len(powers))[0], powers)
         return np.asarray(np.kron(block, np.eye(len(self.velocity))), dtype=np.float64)
 
     def process_noise(self, frames: float) -> Array:
         """Return Q, the white noise integrated over a number of frames, (k, k)."""
-        check_at_least(frames, 0, "process_noise: frames")
+        check_between(frames, 0, LONGEST, "process_noise: frames")
         order, axes, density = len(self._spreads), len(self.velocity), self._noise**2
         noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
         return np.asarray(noise, dtype=np.float64)
