@@ -8,15 +8,10 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
+from kilnflight import scores
 from kilnflight.checks import InputError
-from kilnflight.scores import (
-    FrameScore,
-    rates,
-    score_detections,
-    score_in_pixels,
-    total_in_air,
-)
-from kilnflight.scores.detections import pair
+from kilnflight.scores import rates, score_detections, total_in_air
+from kilnflight.scores.detections import FrameScore, pair, particle_centroids
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
 places = st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), max_size=12)
@@ -89,6 +84,10 @@ def labelled():
     return image
 
 
+def score_in_pixels(image, particles, detected, roi=None):
+    return scores.score_in_pixels(image, particle_centroids(image, particles), detected, roi)
+
+
 def test_a_detection_in_the_pixels_of_a_particle_counts_once():
     detected = [(2, 2), (3.4, 2.6), (10.4, 21.4), (10.6, 21), (15, 15), (-1, 0), (1e30, 3), (2, 5)]
     score = score_in_pixels(labelled(), [4, 7], detected)
@@ -148,7 +147,7 @@ def test_nothing_scores_nothing():
         (lambda: score_detections([], [], gate=0.0), "gate"),
         (lambda: score_detections([], [], gate=np.nan), "gate"),
         (lambda: score_detections([], [], roi=[(0, 0), (1, 1)]), "2 different corner"),
-        (lambda: score_in_pixels(np.zeros(4, int), [], []), "particle_of_pixel"),
+        (lambda: score_in_pixels(np.zeros(4, int), [], []), "image: shape"),
         (lambda: score_in_pixels(np.zeros((4, 4)), [], []), "float64, expected whole"),
         (lambda: score_in_pixels(labelled(), [4, 4], []), "each once"),
         (lambda: score_in_pixels(labelled(), [4.5], []), "whole numbers"),

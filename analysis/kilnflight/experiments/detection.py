@@ -23,13 +23,8 @@ from kilnflight.checks import InputError, check_columns
 from kilnflight.detection.combination import Combination, Polygon, View
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording
-from kilnflight.scores import (
-    FrameScore,
-    LabelledPixels,
-    rates,
-    score_detections,
-    total_in_air,
-)
+from kilnflight.scores import rates, score_detections, score_in_pixels, total_in_air
+from kilnflight.scores.detections import FrameScore, particle_centroids
 from kilnflight.twin import scenes, truth
 
 WARM_UP_POINTS = 2000  # of the untimed first call
@@ -128,30 +123,30 @@ def _frame_rows(
     image, roi = subset.instances(t), subset.recording.attributes.roi
     # the particles that have a pixel; most pixels show none
     shown = here["particle"][here["particle"].isin(np.unique(image[image >= 0]))].to_numpy()
-    labelled = LabelledPixels.of(image, shown)
+    centroids = particle_centroids(image, shown)
     rows = []
     for name, method in methods.items():
         begin = time.perf_counter()
         spots = method(view)[:, :2]
         seconds = time.perf_counter() - begin
         row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-        rows.append(row | _counts(here, labelled, spots, roi))
+        pixels = score_in_pixels(image, centroids, spots, roi)
+        rows.append(row | _counts(here, pixels, spots, roi))
     return rows
 
 
 def _counts(
     here: pd.DataFrame,
-    labelled: LabelledPixels,
+    pixels: FrameScore,
     spots: npt.NDArray[np.float64],
     roi: Polygon | None,
 ) -> dict[str, int]:
-    """Return the counts of a frame; ``labelled`` are its particles that have a pixel."""
+    """Return the counts of a frame; ``pixels`` is the score by the pixels of its particles."""
     gated = score_detections(here[["row", "col"]].to_numpy(), spots, roi=roi)
-    within = labelled.score(spots, roi)
     label = here["label"].to_numpy()
     found, marked = label[gated.pairs[:, 0]], label[_counted(gated)]
     counts = {"tp": gated.tp, "fp": gated.fp, "fn": gated.fn}
-    counts |= {f"{name}_pixels": getattr(within, name) for name in ("tp", "fp", "fn")}
+    counts |= {f"{name}_pixels": getattr(pixels, name) for name in ("tp", "fp", "fn")}
     for kind in truth.CLASSES:
         counts[f"found_{kind}"] = int((found == kind).sum())
         counts[f"marked_{kind}"] = int((marked == kind).sum())

@@ -1,4 +1,4 @@
-"""Hold detections, who flies and tracks against the truth.
+"""Score detections, tracks and flights against the truth; confidence intervals.
 
 ==================  ==============  ==========================================  =============
 call                equation        what it answers                             source
@@ -14,27 +14,7 @@ call                equation        what it answers                             
 ==================  ==============  ==========================================  =============
 """
 
-from kilnflight.scores.detections import (
-    GATE_PX,
-    FrameScore,
-    LabelledPixels,
-    pair,
-    rates,
-    score_detections,
-    score_in_pixels,
-    total_in_air,
-)
-from kilnflight.scores.tracks import TrackScore, score_tracks
+from kilnflight.scores.detections import rates, score_detections, score_in_pixels, total_in_air
+from kilnflight.scores.tracks import score_tracks
 
-__all__ = [
-    "GATE_PX",
-    "FrameScore",
-    "LabelledPixels",
-    "TrackScore",
-    "pair",
-    "rates",
-    "score_detections",
-    "score_in_pixels",
-    "score_tracks",
-    "total_in_air",
-]
+__all__ = ["rates", "score_detections", "score_in_pixels", "score_tracks", "total_in_air"]

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
 from kilnflight.camera import inside
@@ -22,6 +21,7 @@ from kilnflight.checks import InputError, check_finite, check_positive, check_sh
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+Labels = npt.NDArray[np.integer]
 GATE_PX = 45.0  # three times the largest radius of 15 px, sec. 3.3
 
 
@@ -55,17 +55,8 @@ def rates(
     )
     if not all((counts >= 0).all() for counts in (tp, fp, fn)):
         raise InputError("counts of detections must be numbers not below 0.")
-
-    def ratio(above: npt.NDArray[np.float64], below: npt.NDArray[np.float64]) -> npt.ArrayLike:
-        return np.divide(above, below, out=np.zeros_like(below), where=below > 0)
-
-    return pd.DataFrame(
-        {
-            "precision": ratio(tp, tp + fp),
-            "recall": ratio(tp, tp + fn),
-            "f1": ratio(2 * tp, 2 * tp + fp + fn),
-        }
-    )
+    below = {"precision": tp + fp, "recall": tp + fn, "f1": tp + (fp + fn) / 2}
+    return pd.DataFrame({name: tp / np.where(n > 0, n, 1.0) for name, n in below.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,20 +99,17 @@ class FrameScore:
     @property
     def precision(self) -> float:
         """Eq. 3.1."""
-        return self._rate("precision")
+        return self.tp / max(self.tp + self.fp, 1)
 
     @property
     def recall(self) -> float:
         """Eq. 3.2."""
-        return self._rate("recall")
+        return self.tp / max(self.tp + self.fn, 1)
 
     @property
     def f1(self) -> float:
         """Eq. 3.3."""
-        return self._rate("f1")
-
-    def _rate(self, name: str) -> float:
-        return float(rates(self.tp, self.fp, self.fn)[name].to_numpy()[0])
+        return 2 * self.tp / max(2 * self.tp + self.fp + self.fn, 1)
 
 
 def score_detections(
@@ -156,15 +144,49 @@ def score_detections(
     """
     check_positive(gate, "score_detections: gate")
     places = [_places(truth, "truth"), _places(detected, "detected")]
-    kept = (_within(roi, places[0]), _within(roi, places[1]))
-    near = pair(places[0][kept[0]], places[1][kept[1]], gate)
-    pairs = np.stack([kept[0][near[:, 0]], kept[1][near[:, 1]]], axis=1)
-    return _score(kept, pairs, (len(places[0]), len(places[1])))
+    counted = (_within(roi, places[0]), _within(roi, places[1]))
+    near = pair(places[0][counted[0]], places[1][counted[1]], gate)
+    pairs = np.stack([counted[0][near[:, 0]], counted[1][near[:, 1]]], axis=1)
+    return _score(counted, pairs, (len(places[0]), len(places[1])))
+
+
+def particle_centroids(image: Labels, particles: npt.ArrayLike) -> pd.DataFrame:
+    """Return the mean ``row``, ``col`` of each particle's pixels; the index is the particle.
+
+    Parameters
+    ----------
+    image
+        (rows, cols) integers: which particle was labelled in each pixel; anything that is not
+        in ``particles`` is background.
+    particles
+        (n,) the particles of the truth, each once.
+
+    Raises
+    ------
+    InputError
+        If numbers are not whole, or a particle is named twice or has no pixel.
+    """
+    ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
+    check_shape(np.asarray(image), (None, None), "particle_centroids: image")
+    if len(np.unique(ids)) < len(ids) or not np.issubdtype(ids.dtype, np.integer):
+        raise InputError("particle_centroids: particles must be whole numbers, each once.")
+    if not np.issubdtype(image.dtype, np.integer):
+        raise InputError(f"particle_centroids: image is {image.dtype}, expected whole numbers.")
+    row, col = np.nonzero(np.isin(image, ids))
+    pixels = pd.DataFrame({"row": row, "col": col}, dtype=np.float64)
+    centroids = pixels.groupby(image[row, col]).mean().reindex(ids)
+    without = ids[centroids["row"].isna()]
+    if len(without):
+        raise InputError(
+            f"particle_centroids: {len(without)} particle(s) have no pixel, the first is "
+            f"{without[0]}. Leave out of the truth what was not labelled."
+        )
+    return centroids
 
 
 def score_in_pixels(
-    particle_of_pixel: npt.NDArray[np.integer],
-    particles: npt.ArrayLike,
+    image: Labels,
+    centroids: pd.DataFrame,
     detected: npt.ArrayLike,
     roi: npt.ArrayLike | None = None,
 ) -> FrameScore:
@@ -172,11 +194,11 @@ def score_in_pixels(
 
     Parameters
     ----------
-    particle_of_pixel
-        (rows, cols) integers: which particle was labelled there; anything that is not in
-        ``particles`` is background.
-    particles
-        (n,) the particles of the truth, each once.
+    image
+        (rows, cols) integers, the particle of each pixel.
+    centroids
+        Of `particle_centroids`: the particles of the truth. Detectors that are compared on a
+        frame share it.
     detected
         (m, 2) row, col; a detection belongs to the nearest pixel, and to none outside.
     roi
@@ -188,84 +210,27 @@ def score_in_pixels(
     others in the same particle are false positives. The thesis does not say which counts.
     A detection inside the region of a particle whose centroid is outside is false as well.
     """
-    return LabelledPixels.of(particle_of_pixel, particles).score(detected, roi)
+    places, middle = _places(detected, "detected"), centroids.to_numpy()
+    counted = (_within(roi, middle), _within(roi, places))
+    nearest = np.floor(places + 0.5)
+    on_image = np.flatnonzero(((nearest >= 0) & (nearest < image.shape)).all(axis=1))
+    row, col = nearest[on_image].astype(np.intp).T
+    hit = np.full(len(places), -1)
+    hit[on_image] = centroids.index.get_indexer(image[row, col])
+    usable = counted[1][np.isin(hit[counted[1]], counted[0])]
+    distance = np.linalg.norm(places[usable] - middle[hit[usable]], axis=1)
+    ranked = usable[np.lexsort((usable, distance, hit[usable]))]
+    particle, first = np.unique(hit[ranked], return_index=True)
+    pairs = np.stack([particle, ranked[first]], axis=1)
+    return _score(counted, pairs, (len(middle), len(places)))
 
 
-@dataclass(frozen=True, eq=False)
-class LabelledPixels:
-    """What `score_in_pixels` knows of a frame before any detection; `of` makes it.
-
-    Detectors that are compared on a frame share it: the whole image is read once.
-
-    Parameters
-    ----------
-    image
-        (rows, cols) integers, particle of each pixel.
-    particles
-        (n,) the particles of the truth.
-    centroids
-        (n, 2) mean row, col of each particle's pixels.
-    """
-
-    image: npt.NDArray[np.integer]
-    particles: npt.NDArray[np.generic]
-    centroids: Array
-
-    @classmethod
-    def of(
-        cls, particle_of_pixel: npt.NDArray[np.integer], particles: npt.ArrayLike
-    ) -> LabelledPixels:
-        """Return the labelled pixels of a frame; arguments and errors of `score_in_pixels`."""
-        image = np.asarray(particle_of_pixel)
-        ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
-        check_shape(image, (None, None), "score_in_pixels: particle_of_pixel")
-        return cls(image, ids, _centroids(image, ids))
-
-    def score(self, detected: npt.ArrayLike, roi: npt.ArrayLike | None = None) -> FrameScore:
-        """Return the score of detections (m, 2), as `score_in_pixels`."""
-        place = _places(detected, "detected")
-        kept = (_within(roi, self.centroids), _within(roi, place))
-        nearest = np.floor(place + 0.5)
-        at = np.flatnonzero(((nearest >= 0) & (nearest < self.image.shape)).all(axis=1))
-        row, col = nearest[at].astype(np.intp).T
-        row_of_id = pd.Series(np.arange(len(self.particles)), index=self.particles)
-        hit = np.full(len(place), -1)
-        hit[at] = row_of_id.reindex(self.image[row, col], fill_value=-1)
-        usable = kept[1][np.isin(hit[kept[1]], kept[0])]
-        distance = np.linalg.norm(place[usable] - self.centroids[hit[usable]], axis=1)
-        ranked = usable[np.lexsort((usable, distance, hit[usable]))]
-        particle, first = np.unique(hit[ranked], return_index=True)
-        rows = (len(self.particles), len(place))
-        return _score(kept, np.stack([particle, ranked[first]], axis=1), rows)
-
-
-def _centroids(image: npt.NDArray[np.integer], ids: npt.NDArray[np.generic]) -> Array:
-    """Return the mean row, col (n, 2) of each particle's pixels, or raise an `InputError`."""
-    unique, row_of = np.unique(ids, return_index=True)
-    if len(unique) < len(ids) or not np.issubdtype(ids.dtype, np.integer):
-        raise InputError("score_in_pixels: particles must be whole numbers, each once.")
-    if not np.issubdtype(image.dtype, np.integer):
-        raise InputError(
-            f"score_in_pixels: particle_of_pixel is {image.dtype}, expected whole numbers."
-        )
-    row, col = np.nonzero(np.isin(image, unique))
-    which = row_of[np.searchsorted(unique, image[row, col])] if len(unique) else row
-    size = np.bincount(which, minlength=len(ids))
-    if len(ids) and not size.all():
-        raise InputError(
-            f"score_in_pixels: {np.count_nonzero(size == 0)} particle(s) have no pixel, the first "
-            f"is {ids[np.argmin(size)]}. Leave out of the truth what was not labelled."
-        )
-    sums = [np.bincount(which, weights=axis, minlength=len(ids)) for axis in (row, col)]
-    return np.stack(sums, axis=1)[: len(ids)] / np.maximum(size, 1)[: len(ids), None]
-
-
-def _places(values: npt.ArrayLike, what: str) -> Array:
+def _places(values: npt.ArrayLike, name: str) -> Array:
     """Return row, col as (n, 2), or raise an `InputError`; nothing has the shape (0, 2)."""
-    array = check_finite(values, what)
+    array = check_finite(values, name)
     if array.size == 0:
         return np.empty((0, 2))
-    check_shape(array, (None, 2), what)
+    check_shape(array, (None, 2), name)
     return array
 
 
@@ -276,9 +241,9 @@ def _within(roi: npt.ArrayLike | None, places: Array) -> Indices:
     return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))
 
 
-def _score(kept: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int]) -> FrameScore:
-    """Return the score of pairs among the rows that take part."""
-    missed, spurious = (np.setdiff1d(one, pairs[:, k]) for k, one in enumerate(kept))
+def _score(counted: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int]) -> FrameScore:
+    """Return the score of pairs among the rows of particles and of detections that count."""
+    missed, spurious = (np.setdiff1d(*sides) for sides in zip(counted, pairs.T, strict=True))
     return FrameScore(pairs[np.argsort(pairs[:, 0])], missed, spurious, rows)
 
 
@@ -286,36 +251,20 @@ def pair(first: Array, second: Array, gate: float) -> Indices:
     """Return the rows (k, 2) of ``first`` (n, d) and ``second`` (m, d) that belong together.
 
     As many pairs as possible that are no farther apart than ``gate``; of these assignments
-    the one with the smallest sum of distances. Clusters that no gate connects are assigned
-    one by one: the best of the whole is the best of each.
+    the one with the smallest sum of distances (Eq. 3.4).
     """
     if not len(first) or not len(second):
         return np.empty((0, 2), dtype=np.intp)
     near = KDTree(first).sparse_distance_matrix(KDTree(second), gate, output_type="ndarray")
-    one, other, cost = near["i"].astype(np.intp), near["j"].astype(np.intp), near["v"]
-    size = len(first) + len(second)
-    links = coo_array((np.ones(len(one)), (one, other + len(first))), shape=(size, size))
-    cluster = connected_components(links, directed=False)[1][one]
-    lonely = np.bincount(cluster, minlength=size)[cluster] == 1
-    pairs = [np.stack([one[lonely], other[lonely]], axis=1)]
-    crowded = np.flatnonzero(~lonely)
-    crowded = crowded[np.argsort(cluster[crowded], kind="stable")]
-    cuts = np.flatnonzero(np.diff(cluster[crowded])) + 1
-    pairs += [_hungarian(one[k], other[k], cost[k]) for k in np.split(crowded, cuts) if len(k)]
-    return np.concatenate(pairs)
-
-
-def _hungarian(one: Indices, other: Indices, cost: Array) -> Indices:
-    """Return the best assignment of one cluster of allowed pairs."""
-    rows, row = np.unique(one, return_inverse=True)
-    columns, column = np.unique(other, return_inverse=True)
-    # C_max: more than all allowed distances together, so that no pair is given up for them.
-    forbidden = 1.0 + cost.max() * min(len(rows), len(columns))
-    matrix = np.full((len(rows), len(columns)), forbidden)
-    matrix[row, column] = cost
-    row, column = linear_sum_assignment(matrix)
-    allowed = matrix[row, column] < forbidden
-    return np.stack([rows[row[allowed]], columns[column[allowed]]], axis=1)
+    rows, shape = np.arange(len(first)), (len(first), len(second) + len(first))
+    # Each row has a dummy of its own, so that everyone can be assigned. It costs C_max: more
+    # than all distances together, so that no pair is given up for them. The 1 that every cost
+    # holds tells a distance of 0 from no entry.
+    missed = np.full(len(first), 2.0 + gate * min(len(first), len(second)))
+    cost = np.concatenate([near["v"] + 1.0, missed])
+    index = np.append(near["i"], rows), np.append(near["j"], len(second) + rows)
+    row, col = min_weight_full_bipartite_matching(coo_array((cost, index), shape=shape).tocsr())
+    return np.stack([row, col], axis=1)[col < len(second)].astype(np.intp)
 
 
 def total_in_air(
@@ -344,17 +293,14 @@ def total_in_air(
             "truth and detections; give one of each per frame."
         )
     counts = []
-    frames = zip(scores, truth_in_air, detected_in_air, strict=True)
-    for frame, (score, *both) in enumerate(frames):
-        flying = [np.asarray(one, dtype=bool) for one in both]
-        for side in range(2):
-            where = f"total_in_air: {('truth', 'detected')[side]} of frame {frame}"
-            check_shape(flying[side], (score.rows[side],), where)
-        there = [flying[side][score.pairs[:, side]] for side in range(2)]
-        tp = int(np.count_nonzero(there[0] & there[1]))
-        fp = int(there[1].sum() + flying[1][score.spurious].sum()) - tp
-        fn = int(there[0].sum() + flying[0][score.missed].sum()) - tp
-        counts.append((tp, fp, fn))
+    for frame, score in enumerate(scores):
+        flying = [np.asarray(side[frame], dtype=bool) for side in (truth_in_air, detected_in_air)]
+        for name, mask, length in zip(("truth", "detected"), flying, score.rows, strict=True):
+            check_shape(mask, (length,), f"total_in_air: {name} of frame {frame}")
+        true, classified = (mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True))
+        tp = np.count_nonzero(true & classified)
+        fp = classified.sum() + flying[1][score.spurious].sum() - tp
+        counts.append((tp, fp, true.sum() + flying[0][score.missed].sum() - tp))
     tp, fp, fn = np.array(counts, dtype=np.intp).reshape(-1, 3).sum(axis=0)
     summed = pd.DataFrame({"tp": [tp], "fp": [fp], "fn": [fn]})
     return pd.concat([summed, rates(tp, fp, fn)], axis=1)

@@ -8,25 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import KDTree
 
-from kilnflight.checks import (
-    InputError,
-    check_columns,
-    check_finite,
-    check_positive,
-    check_whole,
-)
+from kilnflight.checks import InputError, check_columns, check_finite, check_positive, check_whole
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
-Indices = npt.NDArray[np.intp]
 # Frames. A pair that is better than the dummy by rounding only is a tie, and ties go to the dummy.
 TIE = 1e-9
 
@@ -129,17 +121,37 @@ def score_tracks(
     axes = _axes(columns)
     true = read_tracks(truth, axes, "score_tracks: truth")
     other = read_tracks(candidate, axes, "score_tracks: candidate")
-    if not len(true.particles):
+    if not true:
         raise InputError(
             "score_tracks: truth holds no track, so alpha is 0 / 0. Score only sequences in "
             "which a particle was followed."
         )
-    gain, matched = gains(true, other, gate)
+    gain, matched, false = compare_pairs(true, other, gate)
     worth = np.where(gain > TIE, gain, 0.0)  # 0: as good as the dummy, which is taken then
     row, col = linear_sum_assignment(worth, maximize=True)
     better = worth[row, col] > 0
     row, col = row[better], col[better]
-    return _score(true, other, (row, col), gain[row, col], matched[row, col], gate)
+    lengths = np.array([track.length for track in true])
+    spurious = [track for k, track in enumerate(other) if k not in set(col.tolist())]
+    of_spurious = sum(len(track.frames) for track in spurious)
+    tp, total = int(matched[row, col].sum()), float(gain[row, col].sum())
+    pairs = {
+        "truth": np.array([track.particle for track in true], dtype=np.int64)[row],
+        "candidate": np.array([track.particle for track in other], dtype=np.int64)[col],
+        "distance": gate * np.maximum(lengths[row] - gain[row, col], 0.0),
+    }
+    return TrackScore(
+        alpha=total / lengths.sum(),
+        beta=total / (lengths.sum() + sum(track.length for track in spurious)),
+        tp=tp,
+        fn=int(lengths.sum()) - tp,
+        fp=int(false[row, col].sum()) + of_spurious,
+        fp_spurious_only=of_spurious,
+        tp_tracks=len(row),
+        fn_tracks=len(true) - len(row),
+        fp_tracks=len(spurious),
+        pairs=pd.DataFrame(pairs).sort_values("truth", ignore_index=True),
+    )
 
 
 def _axes(columns: Sequence[str]) -> tuple[str, ...]:
@@ -154,78 +166,24 @@ def _axes(columns: Sequence[str]) -> tuple[str, ...]:
     return axes
 
 
-def _score(
-    true: Tracks,
-    other: Tracks,
-    pair: tuple[Indices, Indices],
-    gain: Array,
-    matched: Integers,
-    gate: float,
-) -> TrackScore:
-    """Count; ``gain`` is (dummy's distance - pair's distance) / gate, one per pair."""
-    row, col = pair
-    spurious = np.setdiff1d(np.arange(len(other.particles)), col)
-    length = int(true.lengths.sum())
-    tp = int(matched.sum())
-    sizes = np.diff(other.bounds)
-    begin, end = np.full(len(sizes), 0), np.full(len(sizes), -1)  # of the partner; none: empty
-    begin[col], end[col] = true.first[row], true.last[row]
-    after, before = np.repeat(begin, sizes) <= other.frames, other.frames <= np.repeat(end, sizes)
-    inside = int((after & before).sum())
-    of_spurious = int(sizes[spurious].sum())
-    by_truth = np.argsort(true.particles[row])
-    distance = gate * np.maximum(true.lengths[row] - gain, 0.0)
-    names = {"truth": true.particles[row], "candidate": other.particles[col], "distance": distance}
-    total = float(gain.sum())
-    return TrackScore(
-        alpha=total / length,
-        beta=total / (length + int(other.lengths[spurious].sum())),
-        tp=tp,
-        fn=length - tp,
-        fp=inside - tp + int(true.beyond(row, other, col).sum()) + of_spurious,
-        fp_spurious_only=of_spurious,
-        tp_tracks=len(row),
-        fn_tracks=len(true.particles) - len(row),
-        fp_tracks=len(spurious),
-        pairs=pd.DataFrame({name: values[by_truth] for name, values in names.items()}),
-    )
+class Track(NamedTuple):
+    """The positions of one particle by ascending frame."""
 
-
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """Tracks one after the other: ``bounds[k]`` to ``bounds[k + 1]`` are the rows of track k."""
-
-    particles: Integers  # (n,)
-    bounds: Integers  # (n + 1,)
-    frames: Integers  # (rows,)
-    points: Array  # (rows, dimensions)
+    particle: int
+    frames: Integers  # (n,)
+    points: Array  # (n, dimensions)
 
     @property
-    def first(self) -> Integers:
-        """First frame of each track."""
-        return self.frames[self.bounds[:-1]]
-
-    @property
-    def last(self) -> Integers:
-        """Last frame of each track."""
-        return self.frames[self.bounds[1:] - 1]
-
-    @property
-    def lengths(self) -> Integers:
+    def length(self) -> int:
         """Frames from first to last, with those in which there is no row."""
-        return self.last - self.first + 1
-
-    def beyond(self, row: Indices, other: Tracks, col: Indices) -> Integers:
-        """Return in how many frames tracks ``col`` of another set lie before or after ``row``.
-
-        The tracks of a pair must have a frame in common.
-        """
-        before = np.maximum(self.first[row] - other.first[col], 0)
-        return before + np.maximum(other.last[col] - self.last[row], 0)
+        return int(self.frames[-1] - self.frames[0]) + 1
 
 
-def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Tracks:
-    """Return the tracks of a table; rows of particle -1 are in none."""
+def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list[Track]:
+    """Return the tracks of a table, in an order that frames and positions alone decide.
+
+    Rows of particle -1 are in no track.
+    """
     check_columns(table, ["frame", "particle", *columns], where)
     particle = check_whole(table["particle"], f"{where}: column particle")
     if (particle < -1).any():
@@ -238,75 +196,45 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> Trac
     particle, frame = particle[order], frame[order]
     axes = [check_finite(table[name].to_numpy()[order], f"{where}, {name}") for name in columns]
     points = np.column_stack(axes) + 0.0  # no -0.0
-    twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
-    if len(twice):
+    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
+    if len(repeated):
+        row = repeated[0]
         raise InputError(
-            f"{where}: particle {particle[twice[0]]} has two rows in frame {frame[twice[0]]}. A "
-            "track is at one place at a time; keep one of them."
+            f"{where}: particle {particle[row]} has two rows in frame {frame[row]}. A track is at "
+            "one place at a time; keep one of them."
         )
-    bounds = np.append(np.flatnonzero(np.diff(particle, prepend=-1)), len(particle))
-    return _ordered(Tracks(particle[bounds[:-1]], bounds, frame, points))
+    names, starts = np.unique(particle, return_index=True)
+    frames, places = np.split(frame, starts[1:]), np.split(points, starts[1:])
+    tracks = map(Track, names.tolist(), frames, places)
+    return sorted(tracks, key=lambda track: (track.frames.tobytes(), track.points.tobytes()))
 
 
-def _ordered(tracks: Tracks) -> Tracks:
-    """Return the tracks in an order that depends on nothing but their frames and positions."""
-    ends = list(pairwise(tracks.bounds.tolist()))
-    keys = [(tracks.frames[a:b].tobytes(), tracks.points[a:b].tobytes()) for a, b in ends]
-    order = sorted(range(len(ends)), key=keys.__getitem__)
-    taken = np.concatenate([np.empty(0, np.intp), *(np.arange(*ends[k]) for k in order)])
-    return Tracks(
-        tracks.particles[order],
-        np.append(0, np.diff(tracks.bounds)[order].cumsum()).astype(np.int64),
-        tracks.frames[taken],
-        tracks.points[taken],
-    )
+def compare_pairs(
+    true: Sequence[Track], other: Sequence[Track], gate: float
+) -> tuple[Array, Integers, Integers]:
+    """Return what each pair saves against the dummy, its matches and its false positions.
 
-
-def gains(true: Tracks, candidate: Tracks, gate: float) -> tuple[Array, Integers]:
-    """Return what each pair saves against the dummy, in gates, and its matches, both (n, m).
-
-    The dummy costs the gate per true frame. A match saves gate - distance of it, a frame of the
-    candidate beyond the ends of the true track costs a gate more, all else costs the same. So
-    only positions that match need to be visited.
+    Three arrays (n true, m other), the first in gates. The dummy costs the gate per true frame.
+    A match saves gate - distance of it, a frame of the candidate beyond the ends of the true
+    track costs a gate more, all else costs the same.
     """
-    shape = len(true.particles), len(candidate.particles)
-    if not shape[1]:
-        return np.zeros(shape), np.zeros(shape, dtype=np.int64)
-    frames = np.unique(candidate.frames)
-    place, track, points = _filled(true, frames)
-    # Frames as one coordinate more, farther apart than the gate.
-    trees = [
-        KDTree(np.column_stack([2 * gate * frame, points]))
-        for frame, points in (
-            (place, points),
-            (np.searchsorted(frames, candidate.frames), candidate.points),
-        )
-    ]
-    near = trees[0].sparse_distance_matrix(trees[1], gate, output_type="ndarray")
-    near = near[near["v"] < gate]
-    other = np.repeat(np.arange(shape[1]), np.diff(candidate.bounds))
-    pair = track[near["i"]] * shape[1] + other[near["j"]]
-    size = shape[0] * shape[1]
-    saved: Array = np.bincount(pair, 1.0 - near["v"] / gate, minlength=size).astype(np.float64)
-    saved = saved.reshape(shape)
-    matched: Integers = np.bincount(pair, minlength=size).astype(np.int64).reshape(shape)
-    row, col = np.nonzero(matched)
-    saved[row, col] -= true.beyond(row, candidate, col)
-    return saved, matched
-
-
-def _filled(tracks: Tracks, frames: Integers) -> tuple[Integers, Integers, Array]:
-    """Return the tracks in these frames between their ends, gaps filled by straight lines.
-
-    Position in ``frames`` (k,), number of the track (k,) and coordinates (k, dimensions).
-    """
-    begin = np.searchsorted(frames, tracks.first)
-    end = np.searchsorted(frames, tracks.last, side="right")
-    place, points = [np.empty(0, np.int64)], [np.empty((0, tracks.points.shape[1]))]
-    for k, (a, b) in enumerate(pairwise(tracks.bounds.tolist())):
-        at = np.arange(begin[k], end[k])
-        line = [np.interp(frames[at], tracks.frames[a:b], axis) for axis in tracks.points[a:b].T]
-        place.append(at)
-        points.append(np.column_stack(line))
-    track = np.repeat(np.arange(len(begin)), end - begin)
-    return np.concatenate(place), track, np.concatenate(points)
+    shape = len(true), len(other)
+    saved, matched, false = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)
+    if not other:
+        return saved, matched, false
+    frames = np.concatenate([track.frames for track in other])
+    order = np.argsort(frames, kind="stable")
+    frames, points = frames[order], np.concatenate([track.points for track in other])[order]
+    number = np.repeat(np.arange(shape[1]), [len(track.frames) for track in other])[order]
+    first, last = (np.array([track.frames[end] for track in other]) for end in (0, -1))
+    for k, (_, at, places) in enumerate(true):
+        rows = slice(*np.searchsorted(frames, [at[0], at[-1] + 1]))
+        line = [np.interp(frames[rows], at, axis) for axis in places.T]  # gaps are straight
+        distance = np.linalg.norm(points[rows] - np.column_stack(line), axis=1)
+        near, tracks = distance < gate, number[rows]
+        matched[k] = np.bincount(tracks[near], minlength=shape[1])
+        beyond = np.maximum(at[0] - first, 0) + np.maximum(last - at[-1], 0)
+        false[k] = np.bincount(tracks, minlength=shape[1]) - matched[k] + beyond
+        gain = np.bincount(tracks[near], 1.0 - distance[near] / gate, minlength=shape[1])
+        saved[k] = gain - np.where(matched[k] > 0, beyond, 0)
+    return saved, matched, false
