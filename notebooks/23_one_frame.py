@@ -66,7 +66,7 @@ keypoints = DoG(threshold[some.name])(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = summarise(view.pixels, view.xyz, labels)
 clusters = clusters.take(clusters.extent <= combination.Combination().largest_px)
-clusters = clusters.take(camera.inside(known.roi, clusters.row, clusters.col))
+clusters = clusters.take(camera.inside(known.roi, *clusters.centers.T))
 cases = list(potential_particles(keypoints, clusters, view.gray.shape))
 print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} potential particles")
 
@@ -91,10 +91,10 @@ figures.save("fig-3-5-both", found, picture=picture, caption=caption, provenance
 # %%
 rule = combination.Combination()
 evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
-examples = {case: [] for case in combination.CASES}
+examples = {case: [] for case in range(1, 6)}
 for case, spots, groups in cases:
     given = (keypoints[spots], clusters.take(groups))
-    decided = combination.CASES[case](*given, evidence, rule.margin_px)
+    decided = combination.decide_case(case, *given, evidence, rule.margin_px)
     examples[case].append((*given, decided))
 picture = detection_pictures.cases(view.gray, examples)
 

@@ -55,7 +55,7 @@ def test_several_of_both_are_case_2():
 def test_nothing_is_no_particle():
     assert found([], clusters_at()) == []
     assert len(clusters_at()) == 0
-    assert clusters_at().row.shape == (0,)
+    assert clusters_at().centers.shape == (0, 2)
 
 
 def test_a_cluster_knows_its_rectangle_center_and_place():
@@ -78,7 +78,7 @@ def test_noise_belongs_to_no_cluster_and_labels_need_not_be_sorted():
     pixels = np.array([[1, 1], [5, 5], [1, 2], [9, 9]])
     clusters = summarise(pixels, np.zeros((4, 3)), np.array([7, -1, 7, 3]))
     assert len(clusters) == 2
-    assert clusters.row.tolist() == [9.0, 1.0]
+    assert clusters.centers[:, 0].tolist() == [9.0, 1.0]
     assert clusters.total == 3
 
 

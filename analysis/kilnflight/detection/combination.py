@@ -24,7 +24,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -49,6 +48,9 @@ Index = npt.NDArray[np.intp]
 Polygon = tuple[tuple[float, float], ...]
 SHORT = 1 << 16  # labels of 16 bits
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
+DISCS = 1000  # at a time, to save memory
+# By how many keypoints and clusters share pixels, 2 for several. The last is not in the thesis.
+CASES = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
 
 
 @dataclass(frozen=True)
@@ -69,35 +71,24 @@ class Clusters:
         return len(self.pixels)
 
     @property
-    def row(self) -> Array:
-        """Mean row of each cluster."""
-        return self._means(self.pixels[:, 0])
+    def centers(self) -> Array:
+        """Mean row and column (clusters, 2) of each cluster."""
+        sums = np.add.reduceat(self.pixels.astype(np.float64), self.start[:-1], axis=0)
+        return np.asarray(sums / np.diff(self.start)[:, None])
 
     @property
-    def col(self) -> Array:
-        """Mean column of each cluster."""
-        return self._means(self.pixels[:, 1])
-
-    def _means(self, values: npt.NDArray[np.integer]) -> Array:
-        if not len(self):
-            return np.empty(0)
-        return np.add.reduceat(values.astype(np.float64), self.start[:-1]) / np.diff(self.start)
+    def rectangles(self) -> Index:
+        """Rectangle (clusters, 4) of each cluster, as `rectangle` has it of all."""
+        low, high = (
+            edge.reduceat(self.pixels, self.start[:-1], axis=0) for edge in (np.minimum, np.maximum)
+        )
+        return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
 
     @property
     def extent(self) -> Index:
         """Larger side of each cluster's rectangle in pixels."""
         top, bottom, left, right = self.rectangles.T
         return np.maximum(bottom - top, right - left)
-
-    @property
-    def rectangles(self) -> Index:
-        """Rectangle (clusters, 4) of each cluster, as `rectangle` has it of all."""
-        if not len(self):
-            return np.empty((0, 4), dtype=np.intp)
-        low, high = (
-            edge.reduceat(self.pixels, self.start[:-1], axis=0) for edge in (np.minimum, np.maximum)
-        )
-        return np.stack([low[:, 0], high[:, 0] + 1, low[:, 1], high[:, 1] + 1], axis=1)
 
     def take(self, which: npt.NDArray[np.generic]) -> Clusters:
         """Return some of the clusters (indices or a mask)."""
@@ -183,52 +174,46 @@ def potential_particles(
     if not spots + groups:
         return
     owner = np.full(shape, -1, dtype=np.int32)
-    cluster = np.repeat(np.arange(groups, dtype=np.int32), np.diff(clusters.start))
-    owner[clusters.pixels[:, 0], clusters.pixels[:, 1]] = cluster
-    spot, group = _overlaps(owner, np.ascontiguousarray(keypoints, dtype=np.float64))
-    nodes = spots + groups
-    links = coo_array((np.ones(len(spot)), (spot, spots + group)), shape=(nodes, nodes))
+    owner[tuple(clusters.pixels.T)] = np.repeat(np.arange(groups), np.diff(clusters.start))
+    spot, row, col = disc_pixels(keypoints, SMALLEST_DISC_PX, shape)
+    group = owner[row, col]
+    ends = (spot[group >= 0], spots + group[group >= 0])
+    links = coo_array((np.ones(len(ends[0])), ends), shape=2 * (spots + groups,))
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
-    end = np.cumsum(np.bincount(part))
-    middle = np.concatenate([[0], end[:-1]]) + np.bincount(part[:spots], minlength=len(end))
-    begin, group_of = 0, order - spots
-    for halfway, stop in zip(middle.tolist(), end.tolist(), strict=True):
-        of_spots, of_groups = order[begin:halfway], group_of[halfway:stop]
-        yield _case(len(of_spots), len(of_groups)), of_spots, of_groups
-        begin = stop
+    for nodes in np.split(order, np.cumsum(np.bincount(part))[:-1]):
+        first = int(np.searchsorted(nodes, spots))
+        of_spots, of_groups = nodes[:first], nodes[first:] - spots
+        yield CASES[min(first, 2), min(len(of_groups), 2)], of_spots, of_groups
 
 
-def _case(spots: int, groups: int) -> int:
-    """Return the case of chapter 3.1."""
-    if spots == 0:
-        return 4
-    if groups == 0:
-        return 5
-    if spots > 1:
-        return 2
-    return 1 if groups == 1 else 3
+def disc_pixels(
+    discs: Array, smallest: float, shape: tuple[int, ...]
+) -> tuple[Index, Index, Index]:
+    """Return disc, row and column (m,) of every pixel of an image within discs.
 
-
-@numba.njit(cache=True)
-def _overlaps(owner: npt.NDArray[np.int32], keypoints: Array) -> tuple[Index, Index]:
-    """Return pairs of keypoint and cluster that share a pixel (some pairs more than once)."""
-    spots, groups = [np.int64(0) for _ in range(0)], [np.int64(0) for _ in range(0)]
-    rows, columns = owner.shape
-    for k in range(len(keypoints)):
-        row, column = keypoints[k, 0], keypoints[k, 1]
-        radius = max(keypoints[k, 2], SMALLEST_DISC_PX)
-        last = np.int32(-1)
-        for r in range(max(int(np.ceil(row - radius)), 0), min(int(row + radius) + 1, rows)):
-            half = np.sqrt(max(radius * radius - (r - row) ** 2, 0.0))
-            left, right = int(np.ceil(column - half)), int(np.floor(column + half))
-            for c in range(max(left, 0), min(right + 1, columns)):
-                here = owner[r, c]
-                if here >= 0 and here != last:
-                    spots.append(np.int64(k))
-                    groups.append(np.int64(here))
-                    last = here
-    return np.array(spots, dtype=np.int64), np.array(groups, dtype=np.int64)
+    Parameters
+    ----------
+    discs
+        (n, 3) row, column and radius.
+    smallest
+        Radius of discs that are smaller.
+    shape
+        Rows and columns of the image.
+    """
+    center, radius = discs[:, :2], np.maximum(discs[:, 2:], smallest)
+    low = np.maximum(np.ceil(center - radius), 0).astype(np.intp)
+    high = np.minimum(np.floor(center + radius) + 1, shape).astype(np.intp)
+    height, width = np.maximum(high - low, 0).T
+    disc = np.repeat(np.arange(len(discs)), height * width)
+    inner = np.arange(len(disc)) - np.repeat(
+        np.cumsum(height * width) - height * width, height * width
+    )
+    row, col = np.divmod(inner, width[disc])
+    row, col = row + low[disc, 0], col + low[disc, 1]
+    squares = (row - center[disc, 0]) ** 2 + (col - center[disc, 1]) ** 2
+    within = squares <= (radius**2)[disc, 0]
+    return disc[within], row[within], col[within]
 
 
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
@@ -237,28 +222,13 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     A disc covers at least the pixel nearest to its centre; pixels outside the image do not
     count.
     """
-    return _mean_gray(gray, np.ascontiguousarray(discs, dtype=np.float64).reshape(-1, 3))
-
-
-@numba.njit(cache=True)
-def _mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
-    rows, columns = gray.shape
-    means = np.empty(len(discs))
-    for k in range(len(discs)):
-        row, column, radius = discs[k]
-        total, count = 0.0, 0
-        for r in range(max(int(np.ceil(row - radius)), 0), min(int(row + radius) + 1, rows)):
-            for c in range(
-                max(int(np.ceil(column - radius)), 0), min(int(column + radius) + 1, columns)
-            ):
-                if (r - row) ** 2 + (c - column) ** 2 <= radius * radius:
-                    total += gray[r, c]
-                    count += 1
-        if count == 0:
-            r = min(max(int(np.rint(row)), 0), rows - 1)
-            c = min(max(int(np.rint(column)), 0), columns - 1)
-            total, count = float(gray[r, c]), 1
-        means[k] = total / count
+    nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
+    means = gray[tuple(nearest.T)].astype(np.float64)
+    for begin in range(0, len(discs), DISCS):
+        disc, row, col = disc_pixels(discs[begin : begin + DISCS], 0.0, gray.shape)
+        count, total = np.bincount(disc), np.bincount(disc, gray[row, col])
+        covered = np.flatnonzero(count)
+        means[begin + covered] = total[covered] / count[covered]
     return means
 
 
@@ -353,16 +323,17 @@ class Combination:
         small = clusters.extent <= self.largest_px
         if roi is not None:
             keypoints = keypoints[inside(roi, keypoints[:, 0], keypoints[:, 1])]
-            small &= inside(roi, clusters.row, clusters.col)
+            small &= inside(roi, *clusters.centers.T)
         clusters = clusters.take(small)
         evidence = Evidence.of(view.gray, view.previous, self.prominence, self.share)
         moved = evidence.moved(widened(clusters.rectangles, self.margin_px))
-        found: list[Particle] = []
-        for kind, spots, groups in potential_particles(keypoints, clusters, view.gray.shape):
-            if kind == 4 and not moved[groups[0]]:  # most are; asked of all at once for speed
+        particles: list[Particle] = []
+        for case, spots, groups in potential_particles(keypoints, clusters, view.gray.shape):
+            if case == 4 and not moved[groups[0]]:  # most are; asked of all at once for speed
                 continue
-            found += CASES[kind](keypoints[spots], clusters.take(groups), evidence, self.margin_px)
-        table = pd.DataFrame(found, columns=list(Particle._fields))
+            parts = keypoints[spots], clusters.take(groups)
+            particles += decide_case(case, *parts, evidence, self.margin_px)
+        table = pd.DataFrame(particles, columns=list(Particle._fields))
         disc = table[["row", "col", "radius_px"]].to_numpy(dtype=np.float64)
         table = table.assign(frame=frame, gray=mean_gray(view.gray, disc))
         return table.astype({c.name: c.kind for c in DETECTIONS.columns})[DETECTIONS.names]
@@ -418,45 +389,35 @@ def _particle(spot: Iterable[float], place: Place, case: int) -> Particle:
     return Particle(float(row), float(col), float(radius), *place, case)
 
 
-def case_1(spots: Array, clusters: Clusters, _: Evidence, __: int) -> list[Particle]:
-    """Return one particle: where the keypoint is, as deep as the cluster."""
-    return [_particle(spots[0], clusters.place(), 1)]
+def decide_case(
+    case: int, spots: Array, clusters: Clusters, evidence: Evidence, margin: int
+) -> list[Particle]:
+    """Return the particles of a potential particle by its case (table at the top).
 
-
-def case_2(spots: Array, clusters: Clusters, evidence: Evidence, margin: int) -> list[Particle]:
-    """Return as many particles as the clusters' rectangle has peaks; at least one."""
-    peaks = evidence.peaks(widened(clusters.rectangle(), margin))
-    if len(peaks) < 2:
-        return [_particle(clusters.center(), clusters.place(), 2)]
-    return list(_shared(peaks, clusters, spots, 2))
-
-
-def case_3(spots: Array, clusters: Clusters, evidence: Evidence, margin: int) -> list[Particle]:
-    """Return as many particles as there are peaks where the disc overlaps the clusters."""
-    overlap = clusters.rectangle(disc=spots[0])
-    peaks = evidence.peaks(widened(overlap, margin))
-    if len(peaks) < 2:
-        return [_particle(spots[0], clusters.place(), 3)]
-    return list(_shared(peaks, clusters, spots, 3))
-
-
-def case_4(_: Array, clusters: Clusters, evidence: Evidence, margin: int) -> list[Particle]:
-    """Return the cluster as a particle if it stands out in the frame and has moved."""
-    if not evidence.real(widened(clusters.rectangle(), margin)):
-        return []
-    return [_particle(clusters.center(), clusters.place(), 4)]
-
-
-def case_5(spots: Array, _: Clusters, evidence: Evidence, margin: int) -> list[Particle]:
-    """Return the keypoint as a particle if it stands out in the frame and has moved."""
-    row, col, radius = spots[0]
-    around = np.array([row - radius, row + radius + 1, col - radius, col + radius + 1])
-    if not evidence.real(widened(np.round(around).astype(np.intp), margin)):
-        return []
-    return [_particle(spots[0], NOWHERE, 5)]
-
-
-CASES = {1: case_1, 2: case_2, 3: case_3, 4: case_4, 5: case_5}
+    Parameters
+    ----------
+    case, spots, clusters
+        Its case, its keypoints (k, 3) and its clusters.
+    evidence
+        What the grey values say.
+    margin
+        Widens every area, in px.
+    """
+    if case == 1:
+        return [_particle(spots[0], clusters.place(), 1)]
+    if case in (2, 3):
+        area = clusters.rectangle() if case == 2 else clusters.rectangle(disc=spots[0])
+        peaks = evidence.peaks(widened(area, margin))
+        if len(peaks) > 1:
+            return list(_shared(peaks, clusters, spots, case))
+        return [_particle(clusters.center() if case == 2 else spots[0], clusters.place(), case)]
+    if case == 4:
+        area, spot, place = clusters.rectangle(), clusters.center(), clusters.place()
+    else:
+        row, col, radius = spot = spots[0]
+        around = np.array([row - radius, row + radius + 1, col - radius, col + radius + 1])
+        area, place = np.round(around).astype(np.intp), NOWHERE
+    return [_particle(spot, place, case)] if evidence.real(widened(area, margin)) else []
 
 
 def widened(area: Index, margin: int) -> Index:

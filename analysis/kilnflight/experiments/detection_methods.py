@@ -75,7 +75,7 @@ def from_cloud(clusterer: Clusterer) -> Method:
 
     def centers(view: View) -> npt.NDArray[np.float64]:
         clusters = summarise(view.pixels, view.xyz, clusterer(view.xyz))
-        return np.column_stack([clusters.row, clusters.col])
+        return clusters.centers
 
     return centers
 
