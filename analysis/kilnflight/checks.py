@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from numbers import Real
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +13,9 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:  # notebooks start faster without it
     import pandas as pd
+
+
+LARGEST_WHOLE = 2.0**53  # above it a float no longer holds every whole number
 
 
 class InputError(ValueError):
@@ -52,10 +57,9 @@ def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
         array = given.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = np.argwhere(~finite)
-        index = tuple(int(i) for i in bad[0])
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        index = tuple(bad[0].tolist())
         raise InputError(
             f"{where}: {len(bad)} value(s) are not finite, the first ({array[index]}) at "
             f"index {index}. Remove invalid points before the call."
@@ -83,7 +87,7 @@ def check_whole(values: pd.Series, where: str) -> npt.NDArray[np.int64]:
             "whole numbers without gaps. Convert it first."
         )
     numbers = check_finite(values.to_numpy(np.float64), where)
-    bad = np.flatnonzero((numbers != np.floor(numbers)) | (np.abs(numbers) > 2**53))
+    bad = np.flatnonzero((numbers % 1 != 0) | (np.abs(numbers) > LARGEST_WHOLE))
     if len(bad):
         raise InputError(
             f"{where}: {numbers[bad[0]]} in row {values.index[bad[0]]} is no whole number."
@@ -108,30 +112,31 @@ def is_real(values: pd.Series) -> bool:
 
 def is_number(value: object) -> bool:
     """Return whether ``value`` is one finite real number; a truth value is none."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        return False
     try:
-        return bool(np.isfinite(float(value)))
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # a whole number that no float holds
         return False
 
 
+def _check(holds: bool, rule: str, value: object, where: str) -> None:
+    if not holds:
+        raise InputError(f"{where}: must be {rule}, got {value!r}.")
+
+
 def check_positive(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number, finite and above zero."""
-    if not (is_number(value) and value > 0):
-        raise InputError(f"{where}: must be above 0, got {value!r}.")
+    _check(is_number(value) and value > 0, "above 0", value, where)
 
 
 def check_at_least(value: float, least: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a finite number, ``least`` or above."""
-    if not (is_number(value) and value >= least):
-        raise InputError(f"{where}: must be {least} or above, got {value!r}.")
+    _check(is_number(value) and value >= least, f"{least} or above", value, where)
 
 
 def check_between(value: float, least: float, most: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number from ``least`` to ``most``."""
-    if not (is_number(value) and least <= value <= most):
-        raise InputError(f"{where}: must be {least:g} to {most:g}, got {value!r}.")
+    holds = is_number(value) and least <= value <= most
+    _check(holds, f"{least:g} to {most:g}", value, where)
 
 
 def check_limit(value: float, where: str) -> None:
@@ -142,14 +147,13 @@ def check_limit(value: float, where: str) -> None:
 
 def check_count(count: float, where: str, least: int = 1) -> None:
     """Raise an `InputError` unless ``count`` is a whole number, ``least`` or above."""
-    if not (is_number(count) and count == int(count) and count >= least):
-        raise InputError(f"{where}: must be a whole number from {least}, got {count!r}.")
+    holds = is_number(count) and count == int(count) and count >= least
+    _check(holds, f"a whole number from {least}", count, where)
 
 
 def check_kind(value: object, kind: type, where: str) -> None:
     """Raise an `InputError` unless ``value`` is of a kind."""
-    if not isinstance(value, kind):
-        raise InputError(f"{where}: must be a {kind.__name__}, got {value!r}.")
+    _check(isinstance(value, kind), f"a {kind.__name__}", value, where)
 
 
 def check_offers(value: object, methods: Sequence[str], where: str) -> None:
@@ -161,3 +165,9 @@ def check_offers(value: object, methods: Sequence[str], where: str) -> None:
     missing = [name for name in methods if not callable(getattr(value, name, None))]
     if missing:
         raise InputError(f"{where}: {value!r} cannot be used; it has no {', '.join(missing)}.")
+
+
+def check_new(path: Path) -> None:
+    """Raise an `InputError` if there is a file or folder of this name already."""
+    if path.exists():
+        raise InputError(f"{path}: exists already. Delete it or choose another target.")

@@ -190,7 +190,7 @@ def test_a_frame_that_is_not_there(small, target, t):
         write_recording(small, target).frame(t)
 
 
-@pytest.mark.parametrize("name", store.ARRAYS)
+@pytest.mark.parametrize("name", store.KINDS)
 @pytest.mark.parametrize("fault", ["missing", "damaged"])
 def test_a_damaged_frame_is_told(small, target, name, fault):
     stored = write_recording(small, target)

@@ -85,41 +85,45 @@ class Attributes:
     flame_roi: tuple[int, int, int, int] | None = None
 
     def __post_init__(self) -> None:
-        where = f"recording {self.name}"
+        """Refuse what no recording has, with the name of the recording."""
         if not self.name.strip():
             raise InputError("recording: its name is empty. Name it; every error refers to it.")
+        where = f"recording {self.name}"
         for key in ("frame_rate_hz", "rows", "columns", "pressure_bar"):
-            value = getattr(self, key)
-            if value is not None:
-                check_positive(value, f"{where}, {key}")
-        if self.fraction not in (None, *FRACTIONS):
-            raise InputError(
-                f"{where}: unknown fraction {self.fraction!r}; use one of {', '.join(FRACTIONS)}, "
-                "or leave it out."
-            )
+            if getattr(self, key) is not None:
+                check_positive(getattr(self, key), f"{where}, {key}")
         lance, roi, flame = self.lance_mm, self.roi, self.flame_roi
-        if lance is not None and not (len(lance) == 3 and all(map(math.isfinite, lance))):
-            raise InputError(f"{where}: lance_mm is {lance}, expected x, y, z in mm.")
         size = f"inside the image of {self.rows} x {self.columns}"
-        if roi is not None and not (
-            len(roi) >= 3 and all(len(vertex) == 2 and self._holds(*vertex) for vertex in roi)
-        ):
-            raise InputError(
-                f"{where}: roi needs three or more vertices (row, col) {size}, got {roi}."
-            )
-        if flame is not None and not (
+        lance_fits = lance is None or (len(lance) == 3 and all(map(math.isfinite, lance)))
+        roi_fits = roi is None or (len(roi) >= 3 and self._hold(*roi))
+        flame_fits = flame is None or (
             len(flame) == 4
             and flame[0] < flame[1]
             and flame[2] < flame[3]
-            and self._holds(*flame[::2])
-            and self._holds(*flame[1::2])
+            and self._hold(flame[::2], flame[1::2])
+        )
+        for fits, fault in (
+            (
+                self.fraction in (None, *FRACTIONS),
+                f"unknown fraction {self.fraction!r}; use one of {', '.join(FRACTIONS)}, or leave "
+                "it out",
+            ),
+            (lance_fits, f"lance_mm is {lance}, expected x, y, z in mm"),
+            (roi_fits, f"roi needs three or more vertices (row, col) {size}, got {roi}"),
+            (flame_fits, f"flame_roi is {flame}, expected row0 < row1 and col0 < col1 {size}"),
         ):
-            raise InputError(
-                f"{where}: flame_roi is {flame}, expected row0 < row1 and col0 < col1 {size}."
-            )
+            if not fits:
+                raise InputError(f"{where}: {fault}.")
 
-    def _holds(self, row: float, col: float) -> bool:
-        return 0 <= row <= self.rows and 0 <= col <= self.columns
+    def _hold(self, *corners: tuple[float, ...]) -> bool:
+        """Return whether corners are (row, col) in the image."""
+        rows, columns = self.size
+        return all(len(c) == 2 and 0 <= c[0] <= rows and 0 <= c[1] <= columns for c in corners)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Rows and columns of a frame."""
+        return self.rows, self.columns
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON keeps them."""
@@ -162,6 +166,62 @@ class PictureRecording(Recording, Protocol):
         """Return the grey values (rows, cols) of frame ``t``, as `frame` has them."""
 
 
+@dataclass(frozen=True, eq=False)
+class ArrayRecording:
+    """Frames in memory, without depth.
+
+    Parameters
+    ----------
+    attributes
+        Name, frame rate and size.
+    images
+        (n, rows, cols) uint16.
+    """
+
+    attributes: Attributes
+    images: npt.NDArray[np.uint16]
+
+    def __post_init__(self) -> None:
+        """Refuse images of another size or type."""
+        size = (None, self.attributes.rows, self.attributes.columns)
+        check_array(self.images, "uint16", size, f"recording {self.attributes.name}: gray")
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values (rows, cols) of frame ``t``."""
+        check_position(t, len(self), self.attributes.name)
+        return self.images[t]
+
+    def frame(self, t: int) -> Frame:
+        """Return frame ``t``, counted from 0."""
+        return Frame(t, t / self.attributes.frame_rate_hz, self.gray(t), *NO_POINTS)
+
+
+NO_POINTS = (np.empty((0, 2), np.int32), np.empty((0, 3), np.float32))  # pixels, xyz
+REMEDIES = {
+    "gray": " Give the camera's 16-bit frames; stretched 8-bit or rescaled frames have lost the "
+    "gray values that thresholds mean.",
+    "labels": " Give the numbers of the classes of Table 5.1.",
+}
+
+
+def check_array(
+    array: npt.NDArray[Any], kind: str, shape: tuple[int | None, ...], where: str
+) -> None:
+    """Raise an `InputError` unless an array of a frame has its type and shape.
+
+    The last word of ``where`` is the name of the array.
+    """
+    if array.dtype != kind:
+        name = where.split()[-1]
+        verb = "are" if name.endswith("s") else "is"
+        remedy = REMEDIES.get(name, "")
+        raise InputError(f"{where} {verb} {array.dtype}, expected {kind}.{remedy}")
+    check_shape(array, shape, where)
+
+
 def check_position(t: int, length: int, name: str) -> None:
     """Raise an `InputError` unless a recording of that length has a frame ``t``."""
     if not 0 <= t < length:
@@ -170,34 +230,16 @@ def check_position(t: int, length: int, name: str) -> None:
         )
 
 
-def check_gray(gray: npt.NDArray[Any], attributes: Attributes, where: str) -> None:
-    """Raise an `InputError` unless ``gray`` is a 16-bit image of the recording's size."""
-    if gray.dtype != np.uint16:
-        raise InputError(
-            f"{where}: gray is {gray.dtype}, expected uint16. Give the camera's 16-bit frames; "
-            "stretched 8-bit or rescaled frames have lost the gray values that thresholds mean."
-        )
-    check_shape(gray, (attributes.rows, attributes.columns), f"{where}: gray")
-
-
 def check_cloud(
-    pixels: npt.NDArray[Any],
-    xyz: npt.NDArray[Any],
-    attributes: Attributes,
-    where: str,
+    pixels: npt.NDArray[Any], xyz: npt.NDArray[Any], size: tuple[int, int], where: str
 ) -> None:
     """Raise an `InputError` unless each point is finite and has a pixel of its own."""
-    check_shape(pixels, (None, 2), f"{where}: pixels")
-    check_shape(xyz, (None, 3), f"{where}: xyz")
-    if pixels.dtype != np.int32 or xyz.dtype != np.float32:
-        raise InputError(
-            f"{where}: pixels are {pixels.dtype} and xyz {xyz.dtype}, expected int32 and float32."
-        )
+    check_array(pixels, "int32", (None, 2), f"{where}: pixels")
+    check_array(xyz, "float32", (None, 3), f"{where}: xyz")
     if len(pixels) != len(xyz):
         raise InputError(
             f"{where}: {len(pixels)} pixels but {len(xyz)} positions. Give one of each per point."
         )
-    size = np.array([attributes.rows, attributes.columns])
     outside = np.flatnonzero(((pixels < 0) | (pixels >= size)).any(axis=1))
     if len(outside):
         row, col = pixels[outside[0]]
@@ -206,43 +248,36 @@ def check_cloud(
             f"first at row {row}, col {col} (point {outside[0]}). Pixels are counted from 0, "
             "rows first."
         )
-    bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
-    if len(bad):
-        share = "all" if len(bad) == len(xyz) else f"{len(bad)} of"
+    broken = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
+    if len(broken):
+        row, col = pixels[broken[0]]
+        share = "all" if len(broken) == len(xyz) else f"{len(broken)} of"
         raise InputError(
-            f"{where}: {share} {len(xyz)} points are not finite, the first at row "
-            f"{pixels[bad[0], 0]}, col {pixels[bad[0], 1]}. A pixel without depth is left out, "
-            "not marked."
+            f"{where}: {share} {len(xyz)} points are not finite, the first at row {row}, col "
+            f"{col}. A pixel without depth is left out, not marked."
         )
-    taken = np.zeros(tuple(size), bool)
+    taken = np.zeros(size, bool)
     taken[pixels[:, 0], pixels[:, 1]] = True
     twice = len(pixels) - np.count_nonzero(taken)
     if twice:
         raise InputError(f"{where}: {twice} point(s) share a pixel with another. Give each once.")
 
 
-def check_labels(labels: npt.NDArray[Any], attributes: Attributes, where: str) -> None:
-    """Raise an `InputError` unless ``labels`` holds classes of Table 5.1 for every pixel."""
-    if labels.dtype != np.uint8:
-        raise InputError(f"{where}: labels are {labels.dtype}, expected uint8 (Table 5.1).")
-    check_shape(labels, (attributes.rows, attributes.columns), f"{where}: labels")
-    if labels.size and int(labels.max()) >= len(LABELS):
-        raise InputError(
-            f"{where}: label {labels.max()} is no class; 0 to {len(LABELS) - 1} stand for "
-            f"{', '.join(LABELS)}."
-        )
-
-
-def check_frame(frame: Frame, attributes: Attributes, where: str = "") -> Frame:
+def check_frame(frame: Frame, attributes: Attributes) -> Frame:
     """Return the frame, or raise an `InputError` naming the recording and the frame."""
-    where = where or f"recording {attributes.name}, frame {frame.index}"
+    where, size = f"recording {attributes.name}, frame {frame.index}", attributes.size
     if frame.index < 0 or not math.isfinite(frame.time_s):
         raise InputError(
             f"{where}: index {frame.index} and time {frame.time_s} s; expected a number from 0 "
             "up and a finite time."
         )
-    check_gray(frame.gray, attributes, where)
-    check_cloud(frame.pixels, frame.xyz, attributes, where)
+    check_array(frame.gray, "uint16", size, f"{where}: gray")
+    check_cloud(frame.pixels, frame.xyz, size, where)
     if frame.labels is not None:
-        check_labels(frame.labels, attributes, where)
+        check_array(frame.labels, "uint8", size, f"{where}: labels")
+        if frame.labels.size and int(frame.labels.max()) >= len(LABELS):
+            raise InputError(
+                f"{where}: label {frame.labels.max()} is no class; 0 to {len(LABELS) - 1} stand "
+                f"for {', '.join(LABELS)}."
+            )
     return frame

@@ -62,10 +62,10 @@ import struct
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -77,170 +77,167 @@ import tifffile
 from PIL import Image
 from scipy.io.matlab import MatReadError
 
-from kilnflight.checks import InputError, check_shape
+from kilnflight.checks import InputError, check_new, check_shape, is_number
 from kilnflight.recording.frames import (
     LABELS,
+    NO_POINTS,
     Attributes,
     Frame,
+    check_array,
     check_cloud,
-    check_gray,
     check_position,
 )
 from kilnflight.recording.store import write_recording
 from kilnflight.recording.summary import Report, summarise
 
-# What the libraries raise on files that are cut, damaged or of another kind.
-UNREADABLE = (
-    EOFError,
-    IndexError,
-    KeyError,
-    MatReadError,
-    MemoryError,  # a damaged header may announce any size
-    OSError,
-    SyntaxError,  # Pillow, on a broken PNG
-    TypeError,
-    ValueError,  # among them those of pandas, tifffile and numpy
-    plyfile.PlyParseError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+# What the libraries raise on files that are cut, damaged or of another kind. SyntaxError: Pillow,
+# on a broken PNG; MemoryError: a damaged header may announce any size.
+UNREADABLE = (EOFError, LookupError, MemoryError, OSError, SyntaxError, TypeError, ValueError)
+DAMAGED = (MatReadError, plyfile.PlyParseError, struct.error, zipfile.BadZipFile, zlib.error)
+NEEDED = object()  # in place of a default
+FORMS, UNITS = ("grid", "points"), ("mm", "m")
+INT32 = np.iinfo(np.int32)
 
-Section = TypeVar("Section", "Gray", "Coordinates", "Labels")
 Points = tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]
+Section = Mapping[str, Any]  # a table of the manifest, complete with defaults
 
 
-@dataclass(frozen=True)
-class Gray:
-    """The manifest's ``[gray]``."""
+class Key(NamedTuple):
+    """A key of a table in the manifest: what it may be, what else is said, its default."""
 
-    pattern: str
-    key: str | None = None
-
-    def read(self, path: Path, where: str) -> npt.NDArray[np.uint16]:
-        """Return the image of one file."""
-        image = read_array(path, self.key, where)
-        if image.ndim != 2:
-            raise InputError(f"{where}: {path} has shape {image.shape}, expected (rows, cols).")
-        return image
+    name: str
+    fits: Callable[[Any], bool]
+    fault: str
+    default: Any = None
 
 
-@dataclass(frozen=True)
-class Coordinates:
-    """The manifest's ``[coordinates]``."""
-
-    pattern: str
-    form: Literal["grid", "points"]
-    key: str | None = None
-    invalid: float | str = "nan"
-    unit: Literal["mm", "m"] = "mm"
-    columns: tuple[str, ...] = ("row", "col", "x", "y", "z")
-    origin: int = 0
-
-    def __post_init__(self) -> None:
-        for name, allowed in (("form", ("grid", "points")), ("unit", ("mm", "m"))):
-            if getattr(self, name) not in allowed:
-                raise InputError(f"{name} is {getattr(self, name)!r}, expected one of {allowed}")
-        number = isinstance(self.invalid, int | float) and not isinstance(self.invalid, bool)
-        if self.invalid != "nan" and not number:
-            raise InputError(f"invalid is {self.invalid!r}, expected a number or 'nan'")
-        if len(self.columns) != 5 or self.origin not in (0, 1):
-            raise InputError("columns must be five names, origin 0 or 1")
-
-    def read(self, path: Path, size: tuple[int, int], where: str) -> Points:
-        """Return the pixels and positions of one file, those without depth left out."""
-        pixels: npt.NDArray[Any]
-        if self.form == "grid":
-            grid = read_array(path, self.key, where)
-            check_shape(grid, (*size, 3), f"{where}: coordinates of {path}")
-            xyz = grid.reshape(-1, 3)
-        else:
-            table = read_points(path, self.key, self.columns, where)
-            xyz = table[:, 2:]
-        if np.isnan(float(self.invalid)):
-            valid = ~np.isnan(xyz).any(axis=1)
-            if len(xyz) and not valid.any():
-                raise InputError(f"{where}: {path} holds no position, every one is NaN.")
-        else:
-            valid = xyz[:, 2].astype(np.float32) != np.float32(self.invalid)
-        grid_form = self.form == "grid"
-        pixels = np.argwhere(valid.reshape(size)) if grid_form else table[valid, :2] - self.origin
-        xyz = xyz[valid]
-        broken = np.flatnonzero((pixels != np.round(pixels)).any(axis=1))  # NaN is not equal
-        if len(broken):
-            row, col = pixels[broken[0]]
-            raise InputError(
-                f"{where}: {path}: row {row:g}, col {col:g} is no pixel; whole numbers expected."
-            )
-        limits = np.iinfo(np.int32)
-        with np.errstate(over="ignore"):  # what is too large becomes infinite, which is refused
-            positions = (xyz * (1000.0 if self.unit == "m" else 1.0)).astype(np.float32)
-        return np.clip(pixels, limits.min, limits.max).astype(np.int32), positions
-
-
-@dataclass(frozen=True)
-class Labels:
-    """The manifest's ``[labels]``."""
-
-    pattern: str
-    classes: Mapping[str, int]
-    key: str | None = None
-
-    def __post_init__(self) -> None:
-        for theirs, ours in self.classes.items():
-            if not re.fullmatch(r"-?\d+", theirs) or ours not in range(len(LABELS)):
-                raise InputError(
-                    f"classes has {theirs} = {ours!r}, expected their number = 0 to "
-                    f"{len(LABELS) - 1} ({', '.join(LABELS)})"
-                )
-
-    def read(self, path: Path, size: tuple[int, int], where: str) -> npt.NDArray[np.uint8]:
-        """Return the classes of Table 5.1 of one file."""
-        image = read_array(path, self.key, where)
-        check_shape(image, size, f"{where}: labels of {path}")
-        labels = np.full(size, len(LABELS), np.uint8)
-        for theirs, ours in self.classes.items():
-            labels[image == int(theirs)] = ours
-        unknown = np.argwhere(labels == len(LABELS))
-        if len(unknown):
-            row, col = unknown[0]
-            raise InputError(
-                f"{where}: {path} has the unknown class {image[row, col]} in {len(unknown)} "
-                f"pixel(s), the first at row {row}, col {col}. Add it to classes."
-            )
-        return labels
+PATTERN = Key("pattern", lambda v: isinstance(v, str), "pattern is {!r}, expected str", NEEDED)
+KEY = Key("key", lambda v: isinstance(v, str), "key is {!r}, expected str")
+SECTIONS = {
+    "gray": (PATTERN, KEY),
+    "coordinates": (
+        PATTERN,
+        Key("form", FORMS.__contains__, f"form is {{!r}}, expected one of {FORMS}", NEEDED),
+        KEY,
+        Key(
+            "invalid",
+            lambda v: v == "nan" or is_number(v),
+            "invalid is {!r}, expected a number or 'nan'",
+            "nan",
+        ),
+        Key("unit", UNITS.__contains__, f"unit is {{!r}}, expected one of {UNITS}", "mm"),
+        Key(
+            "columns",
+            lambda v: isinstance(v, list) and len(v) == 5,
+            "columns must be five names",
+            ("row", "col", "x", "y", "z"),
+        ),
+        Key("origin", (0, 1).__contains__, "origin must be 0 or 1", 0),
+    ),
+    "labels": (
+        PATTERN,
+        Key("classes", lambda v: isinstance(v, dict), "classes is {!r}, expected dict", NEEDED),
+        KEY,
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class FileRecording:
-    """A recording in the files of others; `read_manifest` gives it."""
+    """A recording in the files of others; `read_manifest` gives it.
+
+    ``sections`` are the tables of the manifest, ``files`` their files by number of the frame.
+    """
 
     attributes: Attributes
-    gray: Gray
-    coordinates: Coordinates | None
-    labels: Labels | None
-    files: tuple[tuple[int, Path, Path | None, Path | None], ...]  # number, gray, xyz, labels
+    sections: Mapping[str, Section]
+    files: Mapping[str, Mapping[int, Path]]
 
     def __len__(self) -> int:
-        return len(self.files)
+        return len(self.files["gray"])
+
+    def gray(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values (rows, cols) of frame ``t``; errors name its file."""
+        check_position(t, len(self), self.attributes.name)
+        number, path = list(self.files["gray"].items())[t]
+        where = _where(self.attributes.name, number)
+        gray = _image(self.sections["gray"], path, where)
+        check_array(gray, "uint16", self.attributes.size, f"{where}: {path}: gray")
+        return gray
 
     def frame(self, t: int) -> Frame:
         """Return frame ``t``, counted from 0, read from its files; errors name them."""
-        attributes = self.attributes
-        check_position(t, len(self), attributes.name)
-        number, gray_file, xyz_file, labels_file = self.files[t]
-        where, size = _where(attributes.name, number), (attributes.rows, attributes.columns)
-        gray = self.gray.read(gray_file, where)
-        check_gray(gray, attributes, f"{where}: {gray_file}")
-        points: Points = (np.empty((0, 2), np.int32), np.empty((0, 3), np.float32))
-        if self.coordinates and xyz_file:
-            points = self.coordinates.read(xyz_file, size, where)
-            check_cloud(*points, attributes, f"{where}: {xyz_file}")
-        labels = None
-        if self.labels and labels_file:
-            labels = self.labels.read(labels_file, size, where)
-        time_s = (number - self.files[0][0]) / attributes.frame_rate_hz
+        gray = self.gray(t)
+        numbers = list(self.files["gray"])
+        number, attributes = numbers[t], self.attributes
+        where, points, labels = _where(attributes.name, number), NO_POINTS, None
+        if number in self.files["coordinates"]:
+            path = self.files["coordinates"][number]
+            points = _points(self.sections["coordinates"], path, attributes.size, where)
+            check_cloud(*points, attributes.size, f"{where}: {path}")
+        if number in self.files["labels"]:
+            path = self.files["labels"][number]
+            labels = _labels(self.sections["labels"], path, attributes.size, where)
+        time_s = (number - numbers[0]) / attributes.frame_rate_hz
         return Frame(number, time_s, gray, *points, labels)
+
+
+def _where(name: str, number: int) -> str:
+    return f"recording {name}, frame {number}"
+
+
+def _image(section: Section, path: Path, where: str) -> npt.NDArray[Any]:
+    """Return the gray image of one file."""
+    image = read_array(path, section["key"], where)
+    if image.ndim != 2:
+        raise InputError(f"{where}: {path} has shape {image.shape}, expected (rows, cols).")
+    return image
+
+
+def _points(section: Section, path: Path, size: tuple[int, int], where: str) -> Points:
+    """Return pixels and positions of one file, those without depth left out."""
+    if section["form"] == "grid":
+        xyz = read_array(path, section["key"], where)
+        check_shape(xyz, (*size, 3), f"{where}: coordinates of {path}")
+        pixels, xyz = np.indices(size).reshape(2, -1).T, xyz.reshape(-1, 3)
+    else:
+        table = read_points(path, section["key"], section["columns"], where)
+        pixels, xyz = table[:, :2] - section["origin"], table[:, 2:]
+    if section["invalid"] == "nan":
+        valid = ~np.isnan(xyz).any(axis=1)
+        if len(xyz) and not valid.any():
+            raise InputError(f"{where}: {path} holds no position, every one is NaN.")
+    else:
+        valid = xyz[:, 2].astype(np.float32) != np.float32(section["invalid"])
+    pixels, xyz = pixels[valid], xyz[valid]
+    broken = np.flatnonzero((pixels != np.round(pixels)).any(axis=1))  # NaN is not equal
+    if len(broken):
+        row, col = pixels[broken[0]]
+        raise InputError(
+            f"{where}: {path}: row {row:g}, col {col:g} is no pixel; whole numbers expected."
+        )
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, which is refused
+        positions = (xyz * (1000.0 if section["unit"] == "m" else 1.0)).astype(np.float32)
+    return np.clip(pixels, INT32.min, INT32.max).astype(np.int32), positions
+
+
+def _labels(
+    section: Section, path: Path, size: tuple[int, int], where: str
+) -> npt.NDArray[np.uint8]:
+    """Return the classes of Table 5.1 of one file."""
+    image = read_array(path, section["key"], where)
+    check_shape(image, size, f"{where}: labels of {path}")
+    labels = np.full(size, len(LABELS), np.uint8)
+    for theirs, ours in section["classes"].items():
+        labels[image == int(theirs)] = ours
+    unknown = np.argwhere(labels == len(LABELS))
+    if len(unknown):
+        row, col = unknown[0]
+        raise InputError(
+            f"{where}: {path} has the unknown class {image[row, col]} in {len(unknown)} "
+            f"pixel(s), the first at row {row}, col {col}. Add it to classes."
+        )
+    return labels
 
 
 def import_recording(manifest: Path | str, target: Path | str) -> Report:
@@ -260,8 +257,7 @@ def import_recording(manifest: Path | str, target: Path | str) -> Report:
         One for the first thing that is wrong, naming file and frame; nothing is left then.
     """
     target = Path(target)
-    if target.exists():
-        raise InputError(f"{target}: exists already. Delete it or choose another target.")
+    check_new(target)
     recording = read_manifest(manifest)
     work = target.with_name(f".{target.name}.import")
     shutil.rmtree(work, ignore_errors=True)  # of an import that was killed
@@ -276,7 +272,7 @@ def import_recording(manifest: Path | str, target: Path | str) -> Report:
 
 
 def read_manifest(manifest: Path | str) -> FileRecording:
-    """Return what a manifest describes: all files found, the first frame's size known."""
+    """Return the recording of a manifest, whose files are there; the first one gives the size."""
     manifest = Path(manifest)
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))
@@ -286,79 +282,77 @@ def read_manifest(manifest: Path | str) -> FileRecording:
         raise InputError(f"{manifest}: is not TOML ({error}).") from error
     if "gray" not in table:
         raise InputError(f"{manifest}: there is no [gray]; give it at least a pattern.")
-    gray, images = _section(Gray, table, manifest, None)
-    coordinates, clouds = _section(Coordinates, table, manifest, images)
-    labels, classes = _section(Labels, table, manifest, images)
-    files = tuple((k, file, clouds.get(k), classes.get(k)) for k, file in images.items())
-    attributes = _attributes(table, gray, files[0], manifest)
-    return FileRecording(attributes, gray, coordinates, labels, files)
+    sections: dict[str, Section] = {}
+    files: dict[str, dict[int, Path]] = {name: {} for name in SECTIONS}
+    for name in SECTIONS:
+        if name in table:
+            where = f"{manifest}, [{name}]"
+            sections[name] = _section(name, table.pop(name), where)
+            files[name] = _find(manifest.parent, sections[name]["pattern"], where)
+            _check_numbers(files[name], files["gray"], name, sections[name]["pattern"], where)
+    attributes = _attributes(table, sections["gray"], next(iter(files["gray"].items())), manifest)
+    return FileRecording(attributes, sections, files)
 
 
-def _section(
-    kind: type[Section], table: dict[str, Any], manifest: Path, images: dict[int, Path] | None
-) -> tuple[Any, dict[int, Path]]:
-    """Return a section of the manifest, taken out of it, and its files by frame number.
-
-    None without files where there is no such section. ``images`` are those of ``[gray]``.
-    """
-    name = kind.__name__.lower()
-    where = f"{manifest}, [{name}]"
-    if name not in table:
-        return None, {}
-    section = _filled(kind, table.pop(name), where)
-    files = _find(manifest.parent, section.pattern, where)
-    images = files if images is None else images
-    every = range(min(images), max(images) + 1)
-    missing = [number for number in every if number not in files]
-    if missing and kind is not Labels:
-        raise InputError(
-            f"{where}: frame {missing[0]} is missing ({section.pattern.format(frame=missing[0])}), "
-            f"{len(missing)} in all of {every[0]} to {every[-1]}. Every frame between the first "
-            "and the last is needed; parts without gaps can be imported one by one."
-        )
-    extra = [number for number in files if number not in images]
-    if extra:
-        raise InputError(f"{where}: {files[extra[0]]} is of frame {extra[0]}, which has no gray.")
-    return section, files
-
-
-def _filled(kind: type[Section], table: object, where: str) -> Section:
-    """Return a section from its table in the manifest, or raise an `InputError`."""
+def _section(name: str, table: object, where: str) -> Section:
+    """Return a table of the manifest with its defaults, or raise an `InputError`."""
     if not isinstance(table, dict):
         raise InputError(f"{where} is {table!r}, expected a table with a pattern.")
-    known = {item.name: item for item in fields(kind)}
-    needed = [name for name, item in known.items() if item.default is MISSING]
-    _check_keys(table, needed, known, f"{where}", f"its keys are {', '.join(known)}")
-    for name, expected in (("pattern", str), ("key", str), ("columns", list), ("classes", dict)):
-        if name in table and not isinstance(table[name], expected):
-            raise InputError(f"{where}: {name} is {table[name]!r}, expected {expected.__name__}.")
-    try:
-        return kind(**table)
-    except InputError as error:
-        raise InputError(f"{where}: {error}.") from error
+    keys = SECTIONS[name]
+    known = [key.name for key in keys]
+    needed = [key.name for key in keys if key.default is NEEDED]
+    _check_keys(table, needed, known, where, f"its keys are {', '.join(known)}")
+    for key in keys:
+        if key.name in table and not key.fits(table[key.name]):
+            raise InputError(f"{where}: {key.fault.format(table[key.name])}.")
+    for theirs, ours in table.get("classes", {}).items():
+        if not re.fullmatch(r"-?\d+", theirs) or ours not in range(len(LABELS)):
+            raise InputError(
+                f"{where}: classes has {theirs} = {ours!r}, expected their number = 0 to "
+                f"{len(LABELS) - 1} ({', '.join(LABELS)})."
+            )
+    return {key.name: key.default for key in keys} | table
 
 
 def _check_keys(
-    table: Mapping[str, Any], needed: Sequence[str], known: Iterable[str], where: str, rule: str
+    table: Section, needed: Sequence[str], known: Sequence[str], where: str, rule: str
 ) -> None:
     """Raise an `InputError` if a table lacks keys or has others than those known."""
     unknown = [name for name in table if name not in known]
     missing = [name for name in needed if name not in table]
-    if unknown or missing:
-        faults = [f"unknown: {', '.join(unknown)}"] if unknown else []
-        faults += [f"missing: {', '.join(missing)}"] if missing else []
-        raise InputError(f"{where}: {'; '.join(faults)}; {rule}.")
+    faults = {"unknown": unknown, "missing": missing}
+    parts = [f"{fault}: {', '.join(names)}" for fault, names in faults.items() if names]
+    if parts:
+        raise InputError(f"{where}: {'; '.join(parts)}; {rule}.")
+
+
+def _check_numbers(
+    files: Mapping[int, Path], images: Mapping[int, Path], name: str, pattern: str, where: str
+) -> None:
+    """Raise an `InputError` unless files are of all frames; labels may be of some."""
+    first, last = min(images), max(images)
+    missing = [number for number in range(first, last + 1) if number not in files]
+    if missing and name != "labels":
+        raise InputError(
+            f"{where}: frame {missing[0]} is missing ({pattern.format(frame=missing[0])}), "
+            f"{len(missing)} in all of {first} to {last}. Every frame between the first and the "
+            "last is needed; parts without gaps can be imported one by one."
+        )
+    extra = [number for number in files if number not in images]
+    if extra:
+        raise InputError(f"{where}: {files[extra[0]]} is of frame {extra[0]}, which has no gray.")
 
 
 def _attributes(
-    table: dict[str, Any], gray: Gray, first: tuple[int, Path, Any, Any], manifest: Path
+    table: dict[str, Any], gray: Section, first: tuple[int, Path], manifest: Path
 ) -> Attributes:
+    """Return the attributes in a manifest; the first image gives rows and columns."""
     known = [item.name for item in fields(Attributes) if item.name not in ("rows", "columns")]
     rule = f"it takes {', '.join(known)}, and the tables gray, coordinates and labels"
     _check_keys(table, ("name", "frame_rate_hz"), known, f"{manifest}", rule)
     if not isinstance(table["name"], str):
         raise InputError(f"{manifest}: name is {table['name']!r}, expected text in quotes.")
-    rows, columns = gray.read(first[1], _where(table["name"], first[0])).shape
+    rows, columns = _image(gray, first[1], _where(table["name"], first[0])).shape
     try:
         return Attributes.from_json({**table, "rows": rows, "columns": columns})
     except InputError as error:
@@ -367,32 +361,28 @@ def _attributes(
         raise InputError(f"{manifest}: a value has the wrong type ({error}).") from error
 
 
-def _where(name: str, number: int) -> str:
-    return f"recording {name}, frame {number}"
-
-
 def _find(folder: Path, pattern: str, where: str) -> dict[int, Path]:
     """Return the files of a pattern by the number of their frame, in order."""
-    parts = re.split(r"\{frame(?::0(\d+)d)?\}", pattern)
-    texts, widths = parts[::2], parts[1::2]
+    texts = re.split(r"\{frame(?::0\d+d)?\}", pattern)
+    widths = [int(width or 1) for width in re.findall(r"\{frame(?::0(\d+)d)?\}", pattern)]
     if not widths or any("{" in text or "}" in text for text in texts):
         raise InputError(
             f"{where}: pattern {pattern!r} needs {{frame}}, or {{frame:04d}} for 0001, where the "
             "number of the frame stands."
         )
-    expression = re.escape(texts[0])
-    for width, text in zip(widths, texts[1:], strict=True):
-        expression += rf"(\d{{{int(width or 1)},}})" + re.escape(text)
+    digits = [rf"(\d{{{width},}})" for width in widths]
+    parts = zip(map(re.escape, texts), [*digits, ""], strict=True)
+    expression = "".join(text + number for text, number in parts)
     files: dict[int, Path] = {}
     for name in glob.glob("*".join(map(glob.escape, texts)), root_dir=folder):
         match = re.fullmatch(expression, name)
         numbers = {int(group) for group in match.groups()} if match else set()
-        if len(numbers) != 1:
-            continue
-        number = numbers.pop()
-        if number in files:
-            raise InputError(f"{where}: {files[number].name} and {name} are both frame {number}.")
-        files[number] = folder / name
+        if len(numbers) == 1:
+            number = numbers.pop()
+            if number in files:
+                both = f"{files[number].name} and {name}"
+                raise InputError(f"{where}: {both} are both frame {number}.")
+            files[number] = folder / name
     if not files:
         raise InputError(f"{where}: no file in {folder} fits the pattern {pattern!r}.")
     return dict(sorted(files.items()))
@@ -433,9 +423,9 @@ def read_points(
 
     CSV, PLY and structured arrays are read by name, plain arrays by position.
     """
-    if path.suffix.lower() in (".csv", ".ply"):
-        reader = _csv if path.suffix.lower() == ".csv" else _ply
-        return _guarded(lambda: reader(path, columns), path, where)
+    ending = path.suffix.lower()
+    if ending in TABLES:
+        return _guarded(lambda: _by_name(TABLES[ending](path), columns), path, where)
     array = read_array(path, key, where)
     if array.dtype.names is not None:
         return _guarded(lambda: _by_name(pd.DataFrame(array), columns), path, where)
@@ -450,9 +440,7 @@ def read_points(
 def _guarded(read: Callable[[], npt.NDArray[Any]], path: Path, where: str) -> npt.NDArray[Any]:
     try:
         return read()
-    except InputError:
-        raise
-    except UNREADABLE as error:
+    except (*UNREADABLE, *DAMAGED) as error:
         reason = " ".join(str(error).split()) or "cut off"
         raise InputError(
             f"{where}: {path} cannot be read ({type(error).__name__}: {reason}). It is cut off, "
@@ -477,21 +465,17 @@ def _picture(path: Path, key: str | None) -> npt.NDArray[Any]:
         return array.astype(np.uint16) if image.mode == "I" else array
 
 
-def _npy(path: Path, key: str | None) -> npt.NDArray[Any]:
+def _numpy(path: Path, key: str | None) -> npt.NDArray[Any]:
     with path.open("rb") as file:
-        return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
-
-
-def _npz(path: Path, key: str | None) -> npt.NDArray[Any]:
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return np.asarray(archive[_chosen(key, archive.files)])
+        content = np.load(file, allow_pickle=False)
+        archived = isinstance(content, np.lib.npyio.NpzFile)
+        return np.asarray(content[_chosen(key, content.files)] if archived else content)
 
 
 def _mat(path: Path, key: str | None) -> npt.NDArray[Any]:
     if h5py.is_hdf5(path):  # v7.3 keeps MATLAB's order of axes, the last one first
         return _hdf5(path, key).T
-    names = [name for name, _, _ in scipy.io.whosmat(path)]
-    name = _chosen(key, names)
+    name = _chosen(key, [name for name, _, _ in scipy.io.whosmat(path)])
     return np.asarray(scipy.io.loadmat(path, variable_names=[name])[name])
 
 
@@ -513,15 +497,15 @@ def _chosen(key: str | None, names: Sequence[str]) -> str:
     return key
 
 
-def _csv(path: Path, columns: Sequence[str]) -> npt.NDArray[np.float64]:
+def _csv(path: Path) -> pd.DataFrame:
     lines = path.read_bytes().rstrip().split(b"\n")
     if lines[-1].count(b",") != lines[0].count(b","):
         raise ValueError("its last line has fewer columns than its first")
-    return _by_name(pd.read_csv(path, skipinitialspace=True), columns)
+    return pd.read_csv(path, skipinitialspace=True)
 
 
-def _ply(path: Path, columns: Sequence[str]) -> npt.NDArray[np.float64]:
-    return _by_name(pd.DataFrame(plyfile.PlyData.read(path)["vertex"].data), columns)
+def _ply(path: Path) -> pd.DataFrame:
+    return pd.DataFrame(plyfile.PlyData.read(path)["vertex"].data)
 
 
 def _by_name(table: pd.DataFrame, columns: Sequence[str]) -> npt.NDArray[np.float64]:
@@ -531,13 +515,11 @@ def _by_name(table: pd.DataFrame, columns: Sequence[str]) -> npt.NDArray[np.floa
     return table[list(columns)].to_numpy(np.float64)
 
 
+TABLES = {".csv": _csv, ".ply": _ply}
 ARRAYS: dict[str, Callable[[Path, str | None], npt.NDArray[Any]]] = {
-    ".tif": _tiff,
-    ".tiff": _tiff,
+    **dict.fromkeys((".tif", ".tiff"), _tiff),
+    **dict.fromkeys((".npy", ".npz"), _numpy),
+    **dict.fromkeys((".h5", ".hdf5"), _hdf5),
     ".png": _picture,
-    ".npy": _npy,
-    ".npz": _npz,
     ".mat": _mat,
-    ".h5": _hdf5,
-    ".hdf5": _hdf5,
 }

@@ -21,7 +21,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,16 +34,16 @@ import zarr
 from tqdm import tqdm
 from zarr.codecs import ZstdCodec
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_new
 from kilnflight.recording.frames import Attributes, Frame, Recording, check_frame, check_position
 
 FORMAT = "kilnflight recording 1"
 JOURNAL = "journal.txt"
 POINTS_PER_CHUNK = 65_536
-ARRAYS = ("gray", "pixels", "xyz", "labels")
+KINDS = {"gray": "uint16", "pixels": "int32", "xyz": "float32", "labels": "uint8"}
 PER_FRAME = {"index": "int64", "time_s": "float64", "points": "int64", "labelled": "bool"}
 
-Line = list[Any]  # of the journal: the values of PER_FRAME for one frame
+Line = list[Any]  # of the journal: the values of PER_FRAME for one frame, and its checksum
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +105,16 @@ class StoredRecording:
 
         Every chunk ends in the checksum of its values (zstd), so four bytes of each are read.
         """
-        digest = hashlib.sha256((self.path / "zarr.json").read_bytes())
-        for name in PER_FRAME:
-            for file in sorted((self.path / name).rglob("*")):
-                digest.update(file.read_bytes() if file.is_file() else b"")
-        for name in ("gray", "pixels", "xyz"):
-            for t in range(len(self)):
-                here = self.path / name / "c" / str(t)  # a missing one is reported when it is read
-                for path in sorted(file for file in here.rglob("*") if file.is_file()):
-                    with path.open("rb") as opened:
-                        end = opened.seek(0, os.SEEK_END)
-                        opened.seek(max(end - 4, 0))
-                        label = f"{path.relative_to(self.path).as_posix()} {end} "
-                        digest.update(label.encode() + opened.read())
+        digest = hashlib.sha256(json.dumps(self.attributes.to_json()).encode())
+        for values in self.per_frame.values():
+            digest.update(values.tobytes())
+        for name in ("gray", "pixels", "xyz"):  # a missing chunk is reported when it is read
+            for path in sorted(p for p in (self.path / name / "c").rglob("*") if p.is_file()):
+                with path.open("rb") as file:
+                    end = file.seek(0, os.SEEK_END)
+                    file.seek(max(end - 4, 0))
+                    label = f"{path.relative_to(self.path).as_posix()} {end} "
+                    digest.update(label.encode() + file.read())
         return digest.hexdigest()[:12]
 
 
@@ -129,7 +127,7 @@ def open_recording(path: Path | str) -> StoredRecording:
         If there is none, its writing was cut off, or it is damaged.
     """
     path = Path(path)
-    for folder in [path] if path.exists() else [path, part_of(path)]:
+    for folder in [path] if path.exists() else [path, _part_of(path)]:
         if (folder / JOURNAL).is_file():
             begun, done = _read_journal(folder)
             total = len(range(*begun["frames"])) if begun else "some"
@@ -144,9 +142,8 @@ def open_recording(path: Path | str) -> StoredRecording:
         attributes = dict(group.attrs)
         if attributes.pop("format", None) != FORMAT:
             raise InputError(f"{path}: a Zarr group, but not a {FORMAT}. Import it first.")
-        columns: dict[str, Any] = {name: group[name] for name in PER_FRAME}
-        arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
-        per_frame = {name: np.asarray(array[:]) for name, array in columns.items()}
+        per_frame = {name: np.asarray(_array(group, name)[:]) for name in PER_FRAME}
+        arrays = {name: _array(group, name) for name in KINDS}
         return StoredRecording(path, Attributes.from_json(attributes), arrays, per_frame)
     except InputError:
         raise
@@ -188,13 +185,12 @@ def write_recording(
     path = Path(path)
     frames = range(len(recording)) if frames is None else frames
     name = recording.attributes.name
-    if path.exists():
-        raise InputError(f"{path}: exists already. Delete it or choose another target.")
+    check_new(path)
     if not frames:
         raise InputError(f"recording {name}: no frames to write.")
     for t in (frames[0], frames[-1]):
         check_position(t, len(recording), name)
-    part = part_of(path)
+    part = _part_of(path)
     group, done = _begin(recording, part, frames)
     with (part / JOURNAL).open("a") as journal:
         # disable=None: a bar in a terminal, nothing in logs and notebooks
@@ -206,10 +202,12 @@ def write_recording(
                     f"recording {name}, frame {frame.index} at {frame.time_s} s follows frame "
                     f"{index} at {time_s} s. Number and time must grow from frame to frame."
                 )
-            done.append(_write_frame(group, len(done), frame))
+            _write_frame(group, len(done), frame)
+            done.append(_line(frame))
             journal.write(json.dumps(done[-1]) + "\n")
             journal.flush()
-    for (column, kind), values in zip(PER_FRAME.items(), zip(*done, strict=True), strict=True):
+    *columns, _ = zip(*done, strict=True)
+    for (column, kind), values in zip(PER_FRAME.items(), columns, strict=True):
         group.create_array(column, data=np.array(values, kind), overwrite=True)
     for table_name, table in (truth or {}).items():
         (part / "truth").mkdir(exist_ok=True)
@@ -219,7 +217,7 @@ def write_recording(
     return open_recording(path)
 
 
-def part_of(path: Path) -> Path:
+def _part_of(path: Path) -> Path:
     """Return the folder in which a recording grows before it gets its name."""
     return path.with_name(path.name + ".part")
 
@@ -237,15 +235,13 @@ def _read_journal(folder: Path) -> tuple[dict[str, Any], list[Line]]:
 
 def _begin(recording: Recording, part: Path, frames: range) -> tuple[zarr.Group, list[Line]]:
     """Return the group to write into and the frames it already has."""
-    begin = {
-        "frames": [frames.start, frames.stop, frames.step],
-        "attributes": recording.attributes.to_json(),
-    }
+    span = [frames.start, frames.stop, frames.step]
+    begin = {"frames": span, "attributes": recording.attributes.to_json()}
     begun, done = _read_journal(part) if (part / JOURNAL).is_file() else ({}, [])
     if begun:
         group = zarr.open_group(part, mode="r+")
         same = begun == json.loads(json.dumps(begin))
-        if not same or not _same_last_frame(recording, frames, group, done):
+        if not same or (done and done[-1] != _line(recording.frame(frames[len(done) - 1]))):
             raise InputError(
                 f"{part}: begun with another recording than {recording.attributes.name} is now "
                 "(attributes, frames or content differ). Delete it to start again."
@@ -259,58 +255,46 @@ def _begin(recording: Recording, part: Path, frames: range) -> tuple[zarr.Group,
 
 def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
     """Return a new, empty group; what was in the folder is gone."""
-    rows, columns = attributes.rows, attributes.columns
-    points = min(POINTS_PER_CHUNK, rows * columns)
+    pixels = attributes.rows * attributes.columns
+    points = min(POINTS_PER_CHUNK, pixels)
     group = zarr.open_group(
         folder, mode="w", zarr_format=3, attributes={"format": FORMAT, **attributes.to_json()}
     )
-    for name, kind, shape, chunk in (
-        ("gray", "uint16", (rows, columns), (rows, columns)),
-        ("pixels", "int32", (rows * columns, 2), (points, 2)),
-        ("xyz", "float32", (rows * columns, 3), (points, 3)),
-        ("labels", "uint8", (rows, columns), (rows, columns)),
-    ):
+    for name, kind in KINDS.items():
+        width = {"pixels": 2, "xyz": 3}.get(name)
         group.create_array(
             name,
-            shape=(length, *shape),
-            chunks=(1, *chunk),
+            shape=(length, pixels, width) if width else (length, *attributes.size),
+            chunks=(1, points, width) if width else (1, *attributes.size),
             dtype=kind,
             compressors=ZstdCodec(level=1, checksum=True),
         )
     return group
 
 
-def _write_frame(group: zarr.Group, position: int, frame: Frame) -> Line:
-    """Write one frame and return its line of the journal."""
-    n = len(frame.xyz)
+def _write_frame(group: zarr.Group, position: int, frame: Frame) -> None:
     with zarr.config.set({"array.write_empty_chunks": True}):  # no file then means damage
-        arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
+        arrays = {name: _array(group, name) for name in KINDS}
+    n = len(frame.xyz)
     arrays["gray"][position] = frame.gray
     for name in ("pixels", "xyz") if n else ():
         points, chunk = getattr(frame, name), arrays[name].chunks[1]
         # whole chunks, so that nothing a kill left behind is read and merged
         length = min(-(-n // chunk) * chunk, arrays[name].shape[1])
-        padded = np.zeros((length, points.shape[1]), points.dtype)
-        padded[:n] = points
-        arrays[name][position, :length] = padded
+        arrays[name][position, :length] = np.pad(points, ((0, length - n), (0, 0)))
     if frame.labels is not None:
         arrays["labels"][position] = frame.labels
-    return [int(frame.index), float(frame.time_s), n, frame.labels is not None]
 
 
-def _same_last_frame(
-    recording: Recording, frames: range, group: zarr.Group, done: Sequence[Line]
-) -> bool:
-    """Return whether the last finished frame is what the recording gives today."""
-    if not done:
-        return True
-    last = len(done) - 1
-    frame = recording.frame(frames[last])
-    if done[last] != [frame.index, frame.time_s, len(frame.xyz), frame.labels is not None]:
-        return False
-    parts = {name: getattr(frame, name) for name in ARRAYS}
-    arrays: dict[str, Any] = {name: group[name] for name in ARRAYS}
-    return all(
-        part is None or np.array_equal(arrays[name][last, : len(part)], part)
-        for name, part in parts.items()
-    )
+def _line(frame: Frame) -> Line:
+    """Return the line of a frame in the journal."""
+    checksum = 0
+    for name in KINDS:
+        array = getattr(frame, name)
+        checksum = zlib.crc32(b"" if array is None else array.tobytes(), checksum)
+    labelled = frame.labels is not None
+    return [int(frame.index), float(frame.time_s), len(frame.xyz), labelled, checksum]
+
+
+def _array(group: zarr.Group, name: str) -> Any:
+    return group[name]
