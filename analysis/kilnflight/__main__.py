@@ -80,7 +80,7 @@ def _track(options: argparse.Namespace) -> None:
 
     from kilnflight.association import GNN, JPDA
     from kilnflight.project.cache import write_whole
-    from kilnflight.tracking import files
+    from kilnflight.recording import track_files
     from kilnflight.tracking.tracker import track
     from kilnflight.tracklets import postprocess, tracked
 
@@ -97,7 +97,7 @@ def _track(options: argparse.Namespace) -> None:
     if options.format == "csv":
         write_whole(options.tracks, tracks.to_csv(index=False).encode())
     else:
-        getattr(files, f"write_{options.format}")(tracks, options.tracks)
+        getattr(track_files, f"write_{options.format}")(tracks, options.tracks)
     linked = tracked(tracks)
     print(
         f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)} detections: "

@@ -36,13 +36,21 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_finite, check_whole
+from kilnflight.checks import (
+    LARGEST_WHOLE,
+    InputError,
+    check_columns,
+    check_finite,
+    check_new,
+    check_whole,
+)
 from kilnflight.project.cache import make_whole
 
 NAMES = ("frame", "particle", "row", "col", "plane")
-TRACKPY = dict(zip(NAMES, ("frame", "particle", "y", "x", "z"), strict=True))
-NAPARI = dict(zip(NAMES, ("T", "ID", "Y", "X", "Z"), strict=True))
-CHALLENGE = dict(zip(NAMES, ("t", "particle", "y", "x", "z"), strict=True))
+# The names of other programs for the same columns, and their order there.
+TRACKPY = {"plane": "z", "row": "y", "col": "x", "frame": "frame", "particle": "particle"}
+NAPARI = {"particle": "ID", "frame": "T", "plane": "Z", "row": "Y", "col": "X"}
+CHALLENGE = {"particle": "particle", "frame": "t", "col": "x", "row": "y", "plane": "z"}
 TRACKMATE = dict(
     zip(NAMES, ("FRAME", "TRACK_ID", "POSITION_Y", "POSITION_X", "POSITION_Z"), strict=True)
 )
@@ -111,13 +119,13 @@ class _Plain(ElementTree.TreeBuilder):
 def write_challenge(tracks: pd.DataFrame, path: str | Path) -> None:
     """Write tracks as a file of the challenge; without ``plane``, z is 0."""
     table = in_tracks(tracks, "write_challenge: tracks")
+    table = table.assign(plane=table.get("plane", 0.0)).rename(columns=CHALLENGE)
     root = ElementTree.Element("root")
     contest = ElementTree.SubElement(root, CONTEST, snr="", density="", scenario="")
-    for _, track in table.assign(plane=table.get("plane", 0.0)).groupby("particle"):
+    for _, track in table.groupby("particle"):
         particle = ElementTree.SubElement(contest, "particle")
-        columns = [track[name].tolist() for name in ("frame", "col", "row", "plane")]
-        for t, x, y, z in zip(*columns, strict=True):
-            fields = {"t": repr(t), "x": repr(x), "y": repr(y), "z": repr(z)}
+        for detection in track[["t", "x", "y", "z"]].to_dict("records"):
+            fields = {str(name): repr(number) for name, number in detection.items()}
             ElementTree.SubElement(particle, "detection", fields)
     ElementTree.indent(root)
     _write(path, ElementTree.tostring(root, "unicode", xml_declaration=True))
@@ -132,15 +140,15 @@ def from_trackpy(table: pd.DataFrame) -> pd.DataFrame:
     >>> from_trackpy(table).to_dict("records")
     [{'frame': 3, 'particle': 0, 'row': 2.5, 'col': 7.0}]
     """
-    check_columns(table, [TRACKPY[name] for name in NAMES[:4]], "from_trackpy: table")
+    where = "from_trackpy: table"
+    check_columns(table, [TRACKPY[name] for name in NAMES[:4]], where)
     ours = {theirs: name for name, theirs in TRACKPY.items()}
-    return check_tracks(table.rename(columns=ours), "from_trackpy: table")
+    return check_tracks(table.rename(columns=ours), where)
 
 
 def to_trackpy(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return tracks as trackpy has them, sorted by particle and frame."""
-    table = in_tracks(tracks, "to_trackpy: tracks").rename(columns=TRACKPY)
-    return table[[name for name in ("z", "y", "x", "frame", "particle") if name in table]]
+    return _as(TRACKPY, tracks, "to_trackpy: tracks")
 
 
 def read_trackpy(path: str | Path) -> pd.DataFrame:
@@ -196,13 +204,13 @@ def from_napari(data: npt.ArrayLike) -> pd.DataFrame:
     array = check_finite(data, "from_napari: data")
     if array.ndim != 2 or array.shape[1] not in (4, 5):
         raise InputError(f"from_napari: data has shape {array.shape}, expected (n, 4) or (n, 5).")
-    names = ["particle", "frame", *(("plane",) if array.shape[1] == 5 else ()), "row", "col"]
+    names = [name for name in NAPARI if name != "plane" or array.shape[1] == 5]
     return check_tracks(pd.DataFrame(array, columns=names), "from_napari: data")
 
 
 def to_napari(tracks: pd.DataFrame) -> npt.NDArray[np.float64]:
     """Return the data of a layer, (n, 4) or, with ``plane``, (n, 5), sorted by ID and T."""
-    return _layer(tracks, "to_napari: tracks").to_numpy(dtype=np.float64)
+    return _as(NAPARI, tracks, "to_napari: tracks").to_numpy(dtype=np.float64)
 
 
 def read_napari(path: str | Path) -> pd.DataFrame:
@@ -212,13 +220,14 @@ def read_napari(path: str | Path) -> pd.DataFrame:
 
 def write_napari(tracks: pd.DataFrame, path: str | Path) -> None:
     """Write tracks as a CSV with the columns ID, T, (Z,) Y, X."""
-    table = _layer(tracks, "write_napari: tracks")
+    table = _as(NAPARI, tracks, "write_napari: tracks")
     _write(path, table.to_csv(index=False, lineterminator="\n"))
 
 
-def _layer(tracks: pd.DataFrame, where: str) -> pd.DataFrame:
-    table = in_tracks(tracks, where).rename(columns=NAPARI)
-    return table[[name for name in ("ID", "T", "Z", "Y", "X") if name in table]]
+def _as(names: Mapping[str, str], tracks: pd.DataFrame, where: str) -> pd.DataFrame:
+    """Return the rows in tracks with the names and the order of another program."""
+    table = in_tracks(tracks, where).rename(columns=names)
+    return table[[name for name in names.values() if name in table]]
 
 
 def read_manual(folder: str | Path) -> pd.DataFrame:
@@ -230,7 +239,7 @@ def read_manual(folder: str | Path) -> pd.DataFrame:
     NaN says that the particle "does not appear in this frame, or it is simply invisible": there
     is no row for it. A file of such lines alone keeps its number and has no rows.
     """
-    paths = sorted(Path(folder).glob("*.txt"), key=lambda path: _natural(path.name))
+    paths = sorted(Path(folder).glob("*.txt"), key=_natural)
     if not paths:
         raise InputError(f"{folder}: is no folder with .txt files, one per trajectory.")
     rows = {}
@@ -247,9 +256,9 @@ def read_manual(folder: str | Path) -> pd.DataFrame:
     return _tracks(texts, {name: name for name in NAMES})
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
+def _natural(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts numbers in names by their size."""
-    return [(int(part or -1), text) for text, part in re.findall(r"(\D*)(\d*)", name)]
+    return [(int(part or -1), text) for text, part in re.findall(r"(\D*)(\d*)", path.name)]
 
 
 def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
@@ -258,8 +267,7 @@ def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
     Frames in which a trajectory has no row hold NaN; ``plane`` has no place in this format.
     """
     table = in_tracks(tracks, "write_manual: tracks")
-    if Path(folder).exists():
-        raise InputError(f"{folder}: exists already. Delete it or choose another folder.")
+    check_new(Path(folder))
     if table.empty:
         raise InputError("write_manual: tracks holds no track; there is nothing to write.")
     frames = pd.RangeIndex(table["frame"].min(), table["frame"].max() + 1)
@@ -299,17 +307,18 @@ def _tracks(texts: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
     for name, theirs in names.items():
         if theirs in texts:
             numbers = np.array([_number(text) for text in texts[theirs]], dtype=np.float64)
-            kind, bad = "finite", ~np.isfinite(numbers)
-            if name in NAMES[:2] and not bad.any():
-                kind, bad = "whole", (numbers % 1 != 0) | (np.abs(numbers) > 2**53)
-            if bad.any():
-                row = int(bad.argmax())
+            fits = np.isfinite(numbers)
+            whole = name in NAMES[:2] and bool(fits.all())
+            if whole:
+                fits = (numbers % 1 == 0) & (np.abs(numbers) <= LARGEST_WHOLE)
+            if not fits.all():
+                row = int(fits.argmin())
                 raise InputError(
                     f"{texts.index[row]}, column {theirs}: {texts[theirs].iloc[row]!r} is no "
-                    f"{kind} number. Correct or remove the line."
+                    f"{'whole' if whole else 'finite'} number. Correct or remove the line."
                 )
-            columns[name] = numbers.astype(np.int64) if name in NAMES[:2] else numbers
-    table = pd.DataFrame(columns)
+            columns[name] = numbers.astype(np.int64) if whole else numbers
+    table = pd.DataFrame(columns)[[name for name in NAMES if name in columns]]
     return table.sort_values(["particle", "frame"], kind="stable", ignore_index=True)
 
 
@@ -336,7 +345,7 @@ def _read_csv(path: str | Path, names: Mapping[str, str], third: bool = False) -
         rows = {f"{path}, line {k}": fields for k, fields in enumerate(lines, start=2) if fields}
     except csv.Error as error:
         raise InputError(f"{path}, after line {lines.line_num - 1}: {error}.") from error
-    needed = list(names.values())[: 5 if third else 4]
+    needed = [names[name] for name in NAMES[: 5 if third else 4]]
     missing = [name for name in needed if name not in header]
     if missing:
         raise InputError(

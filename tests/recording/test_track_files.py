@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
+from kilnflight.recording import track_files as files
 from kilnflight.scores import score_tracks
-from kilnflight.tracking import files
 
 CHALLENGE = """<?xml version="1.0" encoding="ISO-8859-1" standalone="no"?>
 <root>
