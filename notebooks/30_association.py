@@ -17,15 +17,14 @@ seed = 0  # of the scatter of the flight in the last figure
 import numpy as np
 import pandas as pd
 
-from kilnflight import association
-from kilnflight.experiments import association_pictures
+from kilnflight.association import joint_probabilities
+from kilnflight.experiments import association_cases as cases
 from kilnflight.project import figures, style
-from kilnflight.tracking import tracker as tracking
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 style.use_style()
 origin = figures.trace("30_association", {"scale": scale}, seed=seed)
-names, gate = ["NN", "GNN", "PDA", "JPDA"], Gate(distance=3.0)
+gate = Gate(distance=3.0)
 
 # %% [markdown]
 # ## Three situations, four associators
@@ -35,31 +34,24 @@ names, gate = ["NN", "GNN", "PDA", "JPDA"], Gate(distance=3.0)
 # track 2, and N1 is clutter.
 
 # %%
-spread = np.tile(np.diag([16.0, 36.0]), (2, 1, 1))
 situations = {  # predictions of T1 and T2; D1, D2 and N1
     "apart": ([[0.0, 0], [26, 0]], [[-4.0, 8], [30, -7]]),
     "crowded": ([[0.0, 0], [12, 0]], [[-5.0, 9], [5, -7]]),
     "clutter": ([[0.0, 0], [26, 0]], [[-5.0, 9], [30, -7], [5, -6]]),
 }
-
-
-def gated(tracks, seen):
-    return gate(Predicted(np.array(tracks), spread), Detected(np.array(seen)))
-
-
-# %%
-weights, rows = {}, []
-for situation, (tracks, seen) in situations.items():
-    for name, associator in zip(names, association.ASSOCIATORS, strict=True):
-        beta = weights[situation, name] = associator(gated(tracks, seen))
-        for (i, j), weight in np.ndenumerate(beta):
-            rows.append((situation, name, f"T{i + 1}", ["none", "D1", "D2", "N1"][j], weight))
-table = pd.DataFrame(rows, columns=["situation", "associator", "track", "detection", "weight"])
-
-
-# %%
 places = {name: tuple(map(np.array, both)) for name, both in situations.items()}
-picture = association_pictures.associations(places, weights, spread[0], gate.distance)
+spread = np.diag([16.0, 36.0])
+
+
+def gated(places, spread):
+    return gate(Predicted(places[0], np.stack([spread, spread])), Detected(places[1]))
+
+
+# %%
+weights, table = cases.weigh({name: gated(both, spread) for name, both in places.items()})
+
+# %%
+picture = cases.draw_associations(places, weights, spread, gate.distance)
 caption = (
     "Two tracks (T1, T2) with their gates in three situations, after Figs 2.20 to 2.22, and what "
     "four associators make of them. Lines are as wide as their weights; diamonds mark the "
@@ -74,8 +66,9 @@ figures.save("fig-2-20-associations", table, picture=picture, caption=caption, p
 # laid out to show this; it says what can happen, not how often.
 
 # %%
-cases = (np.stack([weights[s, name] for name in names]) for s in situations)
-apart, crowd, mixed = cases  # (associator, track, none and detections)
+apart, crowd, mixed = (  # (associator, track, none and detections)
+    np.stack([weights[situation, name] for name in cases.NAMES]) for situation in situations
+)
 sketches = {
     "apart: all mostly take their own": (apart[:, [0, 1], [1, 2]] > 0.5).all(),
     "crowded: NN takes D2 for T1, none for T2": crowd[0, [0, 1], [2, 0]].all(),
@@ -94,37 +87,16 @@ pd.Series(sketches, name="comes out").to_frame()
 # equal likelihoods each of them is equally probable, and $\beta$ (Eq. 2.64) is their mean.
 
 # %%
-spread = np.tile(16.0 * np.eye(2), (2, 1, 1))
+spread = 16.0 * np.eye(2)
 places = np.array([[0.0, 0], [14, 0]]), np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
-gates = np.isfinite(gated(*places).distance_squared).T
+gates = np.isfinite(gated(places, spread).distance_squared).T
 omega = np.column_stack([np.ones(len(gates)), gates]).astype(np.uint8)  # Eq. 2.57
-events = association.feasible_events(omega)
-bound = association.most_events(2, 4)
-missed = 1 - events[:, :, 1:].sum(axis=1, keepdims=True)
-of_tracks = np.concatenate([missed, events[:, :, 1:]], axis=1)  # (events, none and D, T)
-summed, inside = of_tracks.mean(axis=0), omega[:, 1:].T
-joint = association.joint_probabilities(inside, np.ones(2)).T
-alone = [association.joint_probabilities(inside[[i]], [1.0])[0] for i in range(2)]
-apart_by = np.abs(joint - summed).max()
-print(omega, f"{len(events)} events of at most {bound}; beta differs by {apart_by:.0e}", sep="\n")
+events, bound = cases.feasible_events(omega), cases.most_events(2, 4)
+table = cases.event_table(omega)
+print(omega, f"beta differs by {(table['joint'] - table['sum_over_events']).abs().max():.0e}")
 
 # %%
-table = pd.DataFrame({"track": np.tile(["T1", "T2"], 5)})
-table["detection"] = np.repeat(["none", "D1", "D2", "D3", "D4"], 2)
-shares = {"joint": joint, "sum_over_events": summed, "each_track_alone": np.transpose(alone)}
-shares |= {f"event_{k}": event for k, event in enumerate(of_tracks, 1)}
-table = table.assign(**{name: np.ravel(values) for name, values in shares.items()})
-
-
-# %%
-matrices = {"Ω": omega} | {f"Ω{k}": event for k, event in enumerate(events, 1)}
-betas = {"β, joint": joint, "β, each alone": np.transpose(alone)}
-title = f"{len(events)} joint events of at most {bound} (Eq. 2.62)"
-picture = association_pictures.joint_events(
-    places, spread[0], gate.distance, matrices, betas, title
-)
-
-# %%
+picture = cases.draw_events(places, spread, gate.distance, omega, table)
 printed = [[0, 1, 0], [0, 0, 1], [1, 0, 0], [1, 0, 0]]  # D1 to P1, D2 to P2
 third = 1 + int((events == printed).all(axis=(1, 2)).argmax())
 caption = (
@@ -146,15 +118,11 @@ count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
 while len(count) < 41:  # missed, right, left if free: count[-2] events have taken the left one
     count.append(3 * count[-1] - count[-2])
 chain = np.eye(40, 41) + np.eye(40, 41, 1)
-beta = association.joint_probabilities(chain, np.ones(40))
+beta = joint_probabilities(chain, np.ones(40))
 exact = [count[k] * count[39 - k] / count[40] for k in range(40)]  # track k missed
-wrong = {
-    "rows sum to 1": np.abs(beta.sum(axis=1) - 1).max(),
-    "the same from either end": np.abs(beta[:, 1:] - beta[::-1, :0:-1]).max(),
-    "missed, against counting": np.abs(beta[:, 0] - exact).max(),
-}
-print(f"{count[40]:.3e} events")
-pd.Series(wrong, name="largest error of a probability").to_frame()
+rows, ends = beta.sum(axis=1) - 1, beta[:, 1:] - beta[::-1, :0:-1]  # the same from either end
+error = max(np.abs(part).max() for part in (rows, ends, beta[:, 0] - exact))
+print(f"{count[40]:.3e} events, largest error of a probability {error:.0e}")
 
 # %% [markdown]
 # ## The gate in flight
@@ -171,31 +139,19 @@ flight["z"] = 5000.0 + 60 * frames + random.normal(0, 200, 12)
 flight.loc[10, "z"] = np.nan
 other = flight.assign(row=flight["row"] + 500, z=5000.0, what="other particle")
 clutter = flight[frames == 3] + [0, 6, -7, -2600]
-found = flight.drop(index=[5, 6, 7]).assign(what="particle")
-found = pd.concat([found, other, clutter.assign(what="clutter")], ignore_index=True)
+flight = flight.drop(index=[5, 6, 7]).assign(what="particle")
+detections = pd.concat([flight, other, clutter.assign(what="clutter")], ignore_index=True)
+table = cases.gate_table(detections)
 
 # %%
-parts, open_gate = [], Gate(depth_mm=np.inf)
-for step in list(tracking.steps(found))[1:]:
-    row, col = step.predicted.positions[0]  # of the first track, born in frame 0
-    here, depth = found.iloc[step.rows], step.predicted.depth_mm[:1]
-    inside = np.isfinite(open_gate(step.predicted, step.detected).distance_squared[0])
-    part = here.assign(expected_row=row, expected_col=col, expected_z=depth[0], in_ellipse=inside)
-    spread = np.sqrt(step.predicted.residual_covariance[0].diagonal())
-    part[["reach_row_px", "reach_col_px"]] = Gate().distance * spread
-    parts.append(part.assign(in_gate=np.isfinite(step.pairs.distance_squared[0])))
-table = pd.concat(parts, ignore_index=True)
-table.query("what != 'other particle'").round(1)
-
-# %%
-gates = table.drop_duplicates("frame").set_index("frame").loc[2:]
-picture = association_pictures.gate_in_flight(table, (5, 6, 7), Gate().depth_mm)
-widest, least = (gates["reach_row_px"].agg(one) for one in ("max", "min"))
+picture = cases.draw_gate(table, (5, 6, 7), Gate().depth_mm)
+reach = table.loc[table["frame"] > 1, "reach_row_px"]
 caption = (
     "The gate of a track from frame 2 on, after Fig. 4.2. Above, by frame: the ellipse about the "
-    f"prediction (+; a circle, as noise is the same both ways), reach {least:.0f} px when seen, "
-    f"{widest:.0f} px in frame 8 after three frames unseen (dashed). Below: the limit of depth, "
-    "1.5 m about the last known one; a detection without depth is drawn there."
+    "prediction (+; a circle, as noise is the same both ways), reach "
+    f"{reach.min():.0f} px when seen, {reach.max():.0f} px in frame 8 after three frames unseen "
+    "(dashed). Below: the limit of depth, 1.5 m about the last known one; a detection without "
+    "depth is drawn there."
 )
 figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=origin)
 
@@ -203,12 +159,11 @@ figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance
 # ## Result
 
 # %%
-verdicts = []  # what the thesis says of associators on recordings is asked elsewhere
-own = ", ".join(f"{share:.2f} ({name})" for share, name in zip(crowd[:, 0, 1], names, strict=True))
+own = ", ".join(f"{weights['crowded', name][0, 1]:.2f} ({name})" for name in cases.NAMES)
 result = (
     f"{sum(map(bool, sketches.values()))} of {len(sketches)} sketched outcomes come out; in the "
     f"crowd track 1 gives its own detection {own}. Fig. 2.23 has {len(events)} joint "
     f"events of at most {bound}; a chain of 40 tracks has {count[40]:.1e}, and its "
-    f"probabilities are right to {max(1e-12, *wrong.values()):.0e}."
+    f"probabilities are right to {max(1e-12, error):.0e}."
 )
-figures.conclude(result, verdicts, origin)
+figures.conclude(result, [], origin)  # what recordings say of associators is asked elsewhere

@@ -17,15 +17,12 @@ from kilnflight.association import (
     NearestNeighbor,
     Pairs,
     assign,
-    feasible_events,
-    most_events,
 )
 from kilnflight.checks import InputError
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 every = pytest.mark.parametrize("associator", ASSOCIATORS, ids=lambda a: type(a).__name__)
 SHARING = (PDA,)  # PDA alone lets tracks share a detection
-FIGURE_2_23 = [[1, 1, 0], [1, 1, 1], [1, 0, 1], [1, 0, 1]]
 GATE = 16.0  # squared Mahalanobis distance
 
 
@@ -176,12 +173,6 @@ def test_an_invalid_cost_is_refused(kind, value):
         kind(nonassignment_cost=value)
 
 
-@pytest.mark.parametrize("kind", [PDA, JPDA])
-def test_a_choice_that_is_no_bool_is_refused(kind):
-    with pytest.raises(InputError, match="printed_determinant: must be a bool, got 'no'"):
-        kind(printed_determinant="no")
-
-
 @every
 def test_a_gate_of_width_zero_leaves_every_track_missed(associator):
     at = np.zeros((2, 2))
@@ -285,11 +276,10 @@ def test_the_penalty_of_an_uncertain_track():
     assert GNN()(lost).tolist() == [[0, 1], [1, 0]]
 
 
-def equations_in_plain_code(distance, size, sigma, area, p_g, p_d, a_0, printed):
+def equations_in_plain_code(distance, size, sigma, area, p_g, p_d, a_0):
     """Weights of one track of a round gate: [beta_0, beta_1, ...]."""
     determinant = sigma**4
-    power = [d + a_0 * n + (math.log(determinant) if printed else 0.0) for d, n in
-             zip(distance, size, strict=True)]  # fmt: skip
+    power = [d + a_0 * n for d, n in zip(distance, size, strict=True)]
     e = [math.exp(-0.5 * c) for c in power]
     density = len(e) / area
     spread = math.sqrt((2 * math.pi) ** 2 * determinant)  # |2 pi S|^(1/2) of a 2 x 2 matrix
@@ -297,26 +287,23 @@ def equations_in_plain_code(distance, size, sigma, area, p_g, p_d, a_0, printed)
     return np.array([b, *e]) / (b + sum(e))
 
 
-@pytest.mark.parametrize("printed", [False, True])
-def test_the_equations(printed):
+def test_the_equations():
     size = [[120.0, 30.0, 0.0]]
     pairs = make_pairs([[0, 0]], [[0, 3], [4, 0], [900, 0]], size=size)
-    beta = PDA(detection_probability=0.8, size_weight=0.02, printed_determinant=printed)(pairs)
+    beta = PDA(detection_probability=0.8, size_weight=0.02)(pairs)
     expected = equations_in_plain_code(
         [9 / 25, 16 / 25], size[0][:2], 5.0, float(pairs.gate_area[0]), pairs.gate_probability,
-        0.8, 0.02, printed,
+        0.8, 0.02,
     )  # fmt: skip
     np.testing.assert_allclose(beta[0], [*expected, 0.0], rtol=1e-12)
 
 
-def test_units_do_not_matter_but_in_the_printed_form():
+def test_units_do_not_matter():
     """The same scene in pixels half as wide."""
     scene = [np.array([[0.0, 0.0]]), np.array([[0.0, 3.0], [4.0, 0.0]])]
-    for printed, same in ((False, True), (True, False)):
-        pda = PDA(printed_determinant=printed)
-        coarse = pda(make_pairs(*scene))
-        fine = pda(make_pairs(*(2 * places for places in scene), sigma=10.0))
-        assert np.allclose(coarse, fine, rtol=1e-12) == same
+    coarse = PDA()(make_pairs(*scene))
+    fine = PDA()(make_pairs(*(2 * places for places in scene), sigma=10.0))
+    np.testing.assert_allclose(coarse, fine, rtol=1e-12)
 
 
 def test_tracks_do_not_see_each_other():
@@ -353,54 +340,3 @@ def test_jpda_keeps_two_close_tracks_apart():
     pairs = make_pairs([[0, 0], [0, 6]], [[0, 0], [0, 6]])
     one, joint = PDA()(pairs), JPDA()(pairs)
     assert joint[0, 1] > one[0, 1] > one[0, 2] > joint[0, 2]
-
-
-def test_figure_2_23_has_eleven_matrices():
-    matrices = feasible_events(FIGURE_2_23)
-    assert matrices.shape == (11, 4, 3)
-    assert len(np.unique(matrices.reshape(11, -1), axis=0)) == 11
-    assert (matrices.sum(axis=2) == 1).all()  # Eq. 2.60: each detection once
-    assert (matrices[:, :, 1:].sum(axis=1) <= 1).all()  # Eq. 2.61: each track at most once
-    assert (matrices <= np.array(FIGURE_2_23)).all()
-    assert matrices[0].tolist() == [[1, 0, 0]] * 4  # Omega_1
-    omega_3 = [[0, 1, 0], [0, 0, 1], [1, 0, 0], [1, 0, 0]]
-    assert (matrices == omega_3).all(axis=(1, 2)).any()
-
-
-@given(st.integers(0, 4), st.integers(0, 4))
-def test_the_bound_is_reached_by_a_matrix_of_ones(tracks, detections):
-    matrices = feasible_events(np.ones((detections, 1 + tracks)))
-    assert len(matrices) == most_events(tracks, detections)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_events_are_those_found_by_trying_all(seed):
-    gates = np.random.default_rng(seed).random((3, 4)) < 0.6  # tracks, detections
-    matrices = feasible_events(np.column_stack([np.ones(4), gates.T]))
-    inside = [
-        event
-        for event in joint_events(3, 4)
-        if all(detection < 0 or gates[track, detection] for track, detection in enumerate(event))
-    ]
-    assert len(matrices) == len(inside)
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        ([[0, 1]], "column 0"),
-        ([[1, 2]], "of 0 and 1"),
-        ([1, 1], "of 0 and 1"),
-        ([[1.0, np.nan]], "of 0 and 1"),
-        (np.ones((12, 13)), "more than 1048576 feasible events"),
-    ],
-)
-def test_invalid_matrices_are_refused(matrix, message):
-    with pytest.raises(InputError, match=message):
-        feasible_events(matrix)
-
-
-@pytest.mark.parametrize("numbers", [(-1, 2), (2, -1), (1.5, 2), ("a", 2), (2, None)])
-def test_invalid_numbers_are_refused(numbers):
-    with pytest.raises(InputError, match="must be a whole number from 0"):
-        most_events(*numbers)

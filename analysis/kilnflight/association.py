@@ -2,34 +2,32 @@ r"""Data association: which detection continues which track (thesis, sections 2.
 
     gated pairs of n tracks and m detections -> associator -> weights (n, 1 + m)
 
-=================  ======================  ============================  ==================
-associator         equation                default                       source
-=================  ======================  ============================  ==================
-`NearestNeighbor`  sec. 2.3.2, Fig. 2.20   a_0 0, C_NA 50                not printed
-`GNN`              2.49, 2.50, 4.9         a_0 0.01 per point, C_NA 50   not printed
-`PDA`              2.51 to 2.53, 4.10      P_D 0.9, a_0 0.01             not printed
-                   to 4.13
-`JPDA`             2.57 to 2.64, 4.10      P_D 0.9, a_0 0.01             not printed
-                   to 4.13
-=================  ======================  ============================  ==================
+=================  ==========================  ==================================
+associator         equation                    default, none of them printed
+=================  ==========================  ==================================
+`NearestNeighbor`  sec. 2.3.2, Fig. 2.20       a_0 0, C_NA 50
+`GNN`              2.49, 2.50, 4.9             a_0 0.01 per 3D point, C_NA 50
+`PDA`              2.51 to 2.53, 4.10 to 4.13  P_D 0.9, a_0 0.01
+`JPDA`             2.57 to 2.64, 4.10 to 4.13  P_D 0.9, a_0 0.01
+=================  ==========================  ==================================
 
-Column 0 is "missed", rows sum to 1. `NearestNeighbor` and `GNN` give rows of 0 and 1, `PDA`
-and `JPDA` probabilities; one Kalman update serves all. A track with an empty gate, and every
-track of a frame without detections, is missed with weight 1.
+Column 0 is "missed". Rows sum to 1, of 0 and 1 (`NearestNeighbor`, `GNN`) or of probabilities.
+A track with an empty gate is missed with weight 1.
 """
 
 from __future__ import annotations
 
 import warnings
 from bisect import bisect_left
-from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import comb, perm
-from typing import Any, NamedTuple, Protocol
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
+from scipy.special import softmax
 
 from kilnflight.checks import (
     InputError,
@@ -44,75 +42,73 @@ from kilnflight.checks import (
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
-Graph = dict[int, dict[int, float]]  # neighbours of each vertex, and the weights of the pairs
 
-# States of the tables of one group, 8 bytes each: 256 MiB. 20 tracks that share 20 detections fit.
-MOST_STATES = 2**25
+MOST_STATES = 2**25  # of the tables of one group, 8 bytes each: 20 tracks sharing 20 detections fit
 MOST_STATES_JPDA = 2**20  # in a frame of a recording, for the sake of time
-SMALL = 2**12  # states; summing them costs less than looking for a better order
-TRIALS = 8
-MOST_EVENTS = 2**20
+SMALL = 2**12  # states; summing them costs less than trying other orders
 
 
 class Pairs(NamedTuple):
     """All pairs of n tracks and m detections of one frame, after the gate (section 4.1.2)."""
 
-    distance_squared: Array
-    """(n, m) squared Mahalanobis distance; inf outside the gate."""
-    log_determinant: Array
-    """(n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)."""
-    size_difference: Array
-    """(n, m) |N_d - N_p|, number of 3D points (Eq. 4.9); 0 where unknown."""
-    gate_area: Array
-    """(n,) V(i), area of the elliptical gate in px^2 (Eq. 4.13)."""
-    gate_probability: float
-    """P_G, probability that a particle's detection lies in its elliptical gate; 0: gate of 0."""
-    dimensions: int = 2
-    """d, of the positions; S is (d, d) and V(i) a volume where d is 3."""
+    distance_squared: Array  # (n, m) squared Mahalanobis distance; inf outside the gate
+    log_determinant: Array  # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
+    size_difference: Array  # (n, m) |N_d - N_p|, 3D points (Eq. 4.9); 0 where unknown
+    gate_area: Array  # (n,) V(i), of the elliptical gate in px^2 (Eq. 4.13); a volume if d is 3
+    gate_probability: float  # P_G, that a particle's detection lies in the ellipse
+    dimensions: int = 2  # d, of the positions; S is (d, d)
 
 
-class Associator(Protocol):
-    """Turn gated pairs into weights."""
-
-    def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (tracks, 1 + detections); column 0 = missed."""
+Associator = Callable[[Pairs], Array]  # weights (tracks, 1 + detections); column 0 = missed
 
 
 @dataclass(frozen=True)
-class NearestNeighbor:
-    """Give each track its nearest detection, whatever the others do.
+class _ByCost:
+    """Costs of Eq. 4.9 with the threshold C_NA, for one detection or none per track."""
 
-    If two tracks have the same nearest detection, the nearer one takes it and the other goes
-    without, even if another detection is in its gate (Fig. 2.20, middle). At equal cost
-    the first track and the first detection win.
-
-    Parameters
-    ----------
-    size_weight
-        a_0 of Eq. 4.9; 0 asks for distance alone, as section 2.3.2 does.
-    nonassignment_cost
-        C_NA; a pair that costs more is impossible.
-
-    Notes
-    -----
-    "Nearest" is the least cost of Eq. 4.9. Within one track ln |S| is the same for all its
-    detections; between tracks it keeps one with a wide gate from taking everything.
-    """
-
-    size_weight: float = 0.0  # per 3D point; section 2.3.2 knows no size
-    nonassignment_cost: float = 50.0  # not printed; see GNN
+    # a_0, per 3D point: 100 points weigh as one unit of squared distance. In the twin half of the
+    # particles change by 7 points or less from frame to frame, one in twenty by more than 200.
+    size_weight: float = 0.01
+    # C_NA, cost of a missed track; dearer pairs are impossible. Above the gate's d^2 (16) + ln|S|
+    # of a track lost for some frames (18) + a_0 times some hundred points: the gate decides.
+    nonassignment_cost: float = 50.0
 
     def __post_init__(self) -> None:
         """Refuse parameters that are no costs."""
-        _check_costs(self)
+        where, cost = type(self).__name__, self.nonassignment_cost
+        check_at_least(self.size_weight, 0, f"{where}: size_weight")
+        if not is_number(cost):
+            raise InputError(f"{where}: nonassignment_cost is {cost!r}, expected a finite number.")
+
+    def _costs(self, pairs: Pairs) -> Array:
+        """Return the cost of each pair by Eq. 4.9, (n, m); inf outside the gate and above C_NA.
+
+        Eq. 4.9 prints ln |P|; taken is S of section 2.3.2 (Eq. 2.50), which scales d^2.
+        """
+        pairs = _checked(pairs)
+        costs = pairs.distance_squared + pairs.log_determinant[:, None]
+        costs += self.size_weight * pairs.size_difference
+        return np.where(costs > self.nonassignment_cost, np.inf, costs)
+
+
+@dataclass(frozen=True)
+class NearestNeighbor(_ByCost):
+    """Give each track its nearest detection, whatever the others do.
+
+    Of two tracks with the same nearest detection the nearer one takes it and the other goes
+    without (Fig. 2.20, middle). At equal cost the first track and the first detection win.
+    "Nearest" is the least cost of Eq. 4.9; its ln |S| keeps a wide gate from taking everything.
+    """
+
+    size_weight: float = 0.0  # section 2.3.2 knows no size
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return weights (n, 1 + m) of 0 and 1; column 0 = missed."""
-        costs = _costs(pairs, self)
+        costs = self._costs(pairs)
         detection = np.full(len(costs), -1)
         if costs.size:
             nearest, least = costs.argmin(axis=1), costs.min(axis=1)
-            order = np.argsort(least, kind="stable")  # the first to name a detection has it
+            order = np.argsort(least, kind="stable")  # the nearest track comes first
             order = order[np.isfinite(least[order])]
             winners = order[np.unique(nearest[order], return_index=True)[1]]
             detection[winners] = nearest[winners]
@@ -120,117 +116,82 @@ class NearestNeighbor:
 
 
 @dataclass(frozen=True)
-class GNN:
+class GNN(_ByCost):
     """Find the assignment of least global cost, Eqs 2.49 and 4.9 with the threshold C_NA.
 
-    Parameters
-    ----------
-    size_weight
-        a_0 of Eq. 4.9, cost of one 3D point of difference.
-    nonassignment_cost
-        C_NA: what a track without a detection costs, and above which a pair is impossible.
-
-    Notes
-    -----
-    The thesis sets pairs outside the gate to a large C and pairs above C_NA to C_NA, then
-    solves the square problem. An assigned C_NA is a track without detection, so one column of
-    its own per track gives the same optimum without C. A pair of exactly C_NA is taken.
+    A column of its own per track, which costs C_NA, gives the optimum of the thesis's square
+    problem without a large C. A pair of exactly C_NA is taken.
     """
-
-    # Not printed. Between frames of the twin half of the particles change by 7 points or less,
-    # one in twenty by more than 200 (particles of 60 points): 100 points weigh as one unit of
-    # squared distance, so size settles near ties and overexposure does not end a track.
-    size_weight: float = 0.01
-    # Not printed. Above the gate's d^2 (about 16) + ln|S| of a track lost for some frames
-    # (100 px on both axes: 18) + a_0 times some hundred points: the gate decides, not C_NA.
-    nonassignment_cost: float = 50.0
-
-    def __post_init__(self) -> None:
-        """Refuse parameters that are no costs."""
-        _check_costs(self)
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return weights (n, 1 + m) of 0 and 1; column 0 = missed."""
-        costs = _costs(pairs, self)
+        costs = self._costs(pairs)
         missed = np.full(len(costs), float(self.nonassignment_cost))
         return one_hot(assign(costs, missed), costs.shape[1])
 
 
 @dataclass(frozen=True)
-class PDA:
-    """Weight all detections in a track's gate as if it were alone, Eqs 4.10 to 4.13.
+class _ByLikelihood:
+    """Likelihoods of Eqs 4.11 to 4.13, for probabilities of all detections in a gate."""
 
-    Parameters
-    ----------
-    detection_probability
-        P_D of Eq. 4.12.
-    size_weight
-        a_0 of Eq. 4.9, as in `GNN`.
-    printed_determinant
-        Whether Eq. 4.11 keeps the ln |S| of Eq. 4.9.
-
-    Notes
-    -----
-    Eq. 4.11 takes c_ij of Eq. 4.9, whose ln |P| divides e_j by |P|^(1/2), while Eq. 4.12
-    multiplies b by the same: the determinant enters twice, and e_j against b is not free
-    of units. By default e_j = exp(-(d^2 + a_0 |N_d - N_p|) / 2), the source's form [47];
-    ``printed_determinant=True`` computes what is printed (with S in px^2).
-
-    The second line of Eq. 4.10 prints "i = 0"; it is the weight of no detection, j = 0.
-    m(i) counts the candidates of the whole gate, depth included, V(i) is the ellipse.
-    """
-
-    # Not printed, but "appropriately large": a little above the detector's recall of 0.86
-    # (Table 5.11, SIFT and DBSCAN combined).
+    # P_D, "appropriately large": a little above the detector's recall of 0.86 (Table 5.11).
     detection_probability: float = 0.9
-    size_weight: float = 0.01  # per 3D point, not printed; see GNN
-    printed_determinant: bool = False
+    size_weight: float = 0.01  # a_0 per 3D point, as of GNN
 
     def __post_init__(self) -> None:
         """Refuse parameters that are no probabilities."""
-        _check_probabilities(self)
+        where, share = type(self).__name__, self.detection_probability
+        check_at_least(self.size_weight, 0, f"{where}: size_weight")
+        if not (is_number(share) and 0 < share < 1):
+            raise InputError(
+                f"{where}: detection_probability must lie between 0 and 1, not at either, got "
+                f"{share!r}. A track can always be missed, and never only missed."
+            )
 
-    def __call__(self, pairs: Pairs) -> Array:
-        """Return weights (n, 1 + m); rows sum to 1, column 0 = missed."""
-        log_e, log_b = _log_likelihoods(pairs, self)
-        logs = np.column_stack([log_b, log_e])
-        return _per_row(np.exp(logs - logs.max(axis=1, keepdims=True)))
+    def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
+        """Return ln e_j (n, m), -inf outside the gate, and ln b (n,): Eqs 4.11 to 4.13.
+
+        A track with an empty gate is missed for certain; its ln b is set to 0.
+        """
+        pairs = _checked(pairs)
+        log_e = -0.5 * (pairs.distance_squared + self.size_weight * pairs.size_difference)
+        p_d, p_g = self.detection_probability, pairs.gate_probability
+        # ln |2 pi S|^(1/2)
+        log_spread = 0.5 * (pairs.dimensions * np.log(2 * np.pi) + pairs.log_determinant)
+        count = np.isfinite(pairs.distance_squared).sum(axis=1)
+        density = np.where(count > 0, count, 1) / pairs.gate_area
+        log_b = np.log(density) + log_spread + np.log((1 - p_d * p_g) / p_d)
+        return log_e, np.where(count > 0, log_b, 0.0)
 
 
 @dataclass(frozen=True)
-class JPDA:
-    """Weight detections jointly: each belongs to at most one track.
+class PDA(_ByLikelihood):
+    """Weight all detections in a track's gate as if it were alone, Eqs 4.10 to 4.13.
 
-    The likelihoods and parameters are those of `PDA`; Eq. 2.64 sums them over all joint
-    events, exactly (`joint_probabilities`).
-
-    Warns
-    -----
-    UserWarning
-        If a group of tracks is too dense to be exact and pairs were left out.
-
-    Notes
-    -----
-    "The probability regarding the joint events are computed following definitions in
-    Chapter 2.3.4" without saying from what: the weight of a joint event is taken as the
-    product of e_j of its pairs and b of its tracks without detection, so that a track that
-    shares no detection gets the probabilities of `PDA`.
-
-    A group may have 2^20 states (15 tracks that all share 31 detections), fewer than in
-    `joint_probabilities`: they cost about 0.1 s per frame.
+    Taken is e_j = exp(-(d^2 + a_0 |N_d - N_p|) / 2), the source's form [47]: as printed, the
+    determinant enters twice, and e_j against b is not free of units. The second line of Eq. 4.10
+    prints "i = 0" for no detection, j = 0. m(i) counts the whole gate, depth included.
     """
-
-    detection_probability: float = 0.9  # as in PDA
-    size_weight: float = 0.01
-    printed_determinant: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse parameters that are no probabilities."""
-        _check_probabilities(self)
 
     def __call__(self, pairs: Pairs) -> Array:
         """Return weights (n, 1 + m); rows sum to 1, column 0 = missed."""
-        return _marginals(*_log_likelihoods(pairs, self), MOST_STATES_JPDA)
+        log_e, log_b = self._logs(pairs)
+        return softmax(np.column_stack([log_b, log_e]), axis=1)
+
+
+@dataclass(frozen=True)
+class JPDA(_ByLikelihood):
+    """Weight detections jointly: each belongs to at most one track.
+
+    `joint_probabilities` sums over all joint events, Eq. 2.64, and warns where a group is too
+    dense: more than 2^20 states (15 tracks that all share 31 detections; 0.1 s per frame).
+    The weight of an event, open in section 4.1.3, is the product of e_j of its pairs and b of
+    its missed tracks: `PDA` where nothing is shared.
+    """
+
+    def __call__(self, pairs: Pairs) -> Array:
+        """Return weights (n, 1 + m); rows sum to 1, column 0 = missed."""
+        return _marginals(*self._logs(pairs), MOST_STATES_JPDA)
 
 
 def one_hot(detection: Integers, detections: int) -> Array:
@@ -243,9 +204,8 @@ def one_hot(detection: Integers, detections: int) -> Array:
 def assign(cost: Array, missed: Array) -> Integers:
     """Return the detection (n,) of each track, -1: none, in the assignment of least cost.
 
-    ``cost`` is (n, m), inf where a pair is impossible, ``missed`` (n,) that of a track without
-    detection. At equal cost a track takes a detection rather than none, and the first one
-    (Kuhn-Munkres, section 2.3.2).
+    ``cost`` is (n, m), inf where a pair is impossible, ``missed`` (n,) that of a missed track.
+    At equal cost a track takes the first detection rather than none (section 2.3.2).
     """
     tracks, detections = cost.shape
     alone = np.full((tracks, tracks), np.inf)
@@ -260,20 +220,17 @@ def joint_probabilities(
     """Return the probability of each track's detection over all joint events, Eq. 2.64, thesis.
 
     The weight of a joint event is the product of the likelihoods of its pairs and of the
-    nonassignment of its tracks without detection; each detection is in at most one pair.
-    Events are summed, not listed: the cost grows with the number of tracks and, for each
-    group, with 2 to the number of detections that its early and late tracks share.
+    nonassignment of its missed tracks; each detection is in at most one pair.
 
     Parameters
     ----------
     likelihood
-        (tracks, detections), 0 outside the gate. Any scale: a factor common to a track's
-        likelihoods and nonassignment changes nothing.
+        (tracks, detections), 0 outside the gate, on any scale common to a track's row.
     nonassignment
         (tracks,) weight of a track without detection; 0 if it must have one.
     most_states
-        States of the tables of one group that are summed exactly (the default suffices for
-        20 tracks sharing all of 20 detections, or chains of any length).
+        Limit of the tables of one group; above, the pairs whose events weigh least are left
+        out, with a warning.
 
     Returns
     -------
@@ -285,15 +242,6 @@ def joint_probabilities(
     InputError
         If shapes do not fit, a number is negative or not finite, or no event is possible.
 
-    Warns
-    -----
-    UserWarning
-        If a group needs more than ``most_states``. Pairs are then left out, those first
-        whose every event weighs least against the best event of all, until it fits; the
-        pairs of the best event stay, and the rest is exact for the pairs that are left.
-
-    Examples
-    --------
     >>> joint_probabilities([[1.0], [1.0]], [1.0, 1.0]).round(3).tolist()
     [[0.667, 0.333], [0.667, 0.333]]
     """
@@ -314,23 +262,28 @@ def joint_probabilities(
 
 
 def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int) -> Array:
-    """Return `joint_probabilities` of logarithms (-inf for 0)."""
+    """Return `joint_probabilities` of logarithms (-inf for 0).
+
+    Tracks and, after them, detections are vertices of a graph. ``weights`` holds its edges, the
+    pairs whose detection several tracks can have, and on the diagonal the vertices alone.
+    """
     pairs, missed, unused, best = _scaled(log_likelihood, log_nonassignment)
-    plans = _plans(pairs, unused)
-    if any(plan.states > most_states for plan in plans):
-        for plan in plans:
-            if plan.states > most_states:
-                _thin(pairs, unused, best, plan, most_states)
-        plans = _plans(pairs, unused)
-    unshared = np.column_stack([missed, np.where(_shared(pairs, unused), 0.0, pairs)])
-    alone = unshared.sum(axis=1)  # weight of a track without a detection that others can have
-    unshared /= np.where(alone > 0, alone, 1.0)[:, None]
-    left, matched = np.ones(sum(pairs.shape)), np.zeros_like(pairs)
-    for plan in plans:
-        _sum_events(plan, [*alone.tolist(), *unused.tolist()], left, matched)
-    unshared *= left[: len(pairs), None]
-    unshared[:, 1:] += matched
-    return _per_row(unshared)
+    orders = _orders(pairs, unused)
+    dense = [order for order, states in orders if states > most_states]
+    for order in dense:
+        _thin(pairs, unused, best, order, most_states)
+    shared, tracks = _shared(pairs, unused), len(pairs)
+    alone = np.column_stack([missed, np.where(shared, 0.0, pairs)])
+    weights = np.diag(np.concatenate([alone.sum(axis=1), unused]))
+    weights[:tracks, tracks:] = np.where(shared, pairs, 0.0)
+    weights[tracks:, :tracks] = weights[:tracks, tracks:].T
+    chances = np.eye(len(weights))
+    for order, _ in _orders(pairs, unused) if dense else orders:
+        _sum_events(order, weights, chances)
+    total = np.maximum(alone.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    probabilities: Array = alone * chances.diagonal()[:tracks, None] / total
+    probabilities[:, 1:] += chances[:tracks, tracks:]
+    return probabilities / probabilities.sum(axis=1, keepdims=True)
 
 
 def _scaled(
@@ -338,10 +291,8 @@ def _scaled(
 ) -> tuple[Array, Array, Array, Integers]:
     """Return weights of pairs, of tracks and of detections left alone, and the best event.
 
-    Tracks and detections get the dual prices of the best event as factors. All events change
-    by the same factor, the best is a product of ones, and no weight is above 1: nothing
-    overflows, and what underflows does not count. A price of a detection is 0 or below, 0 if
-    one track alone can have it (shortest paths from the unused, by Bellman and Ford).
+    Factors are the dual prices of the best event (Bellman and Ford). It becomes a product of
+    ones, and no weight is above 1: nothing overflows, and what underflows does not count.
     """
     try:
         best = assign(-log_likelihood, -log_nonassignment)
@@ -367,14 +318,6 @@ def _scaled(
     return pairs, missed, np.exp(column_price), best
 
 
-class _Plan(NamedTuple):
-    """The order in which tracks and detections of one group leave the graph of shared pairs."""
-
-    vertices: list[int]  # track i is i, detection j is tracks + j
-    graph: Graph
-    states: float  # of all tables together
-
-
 def _shared(pairs: Array, unused: Array) -> npt.NDArray[np.bool_]:
     """Return the pairs (n, m) whose detection several tracks can have.
 
@@ -384,226 +327,102 @@ def _shared(pairs: Array, unused: Array) -> npt.NDArray[np.bool_]:
     return inside & ((inside.sum(axis=0) > 1) | (unused < 1.0))
 
 
-def _plans(pairs: Array, unused: Array) -> list[_Plan]:
-    """Return a plan for each group of tracks that share detections.
+def _orders(pairs: Array, unused: Array) -> list[tuple[list[int], float]]:
+    """Return an order of elimination, and its states, for each group that shares detections."""
+    near: dict[int, set[int]] = {}
+    for track, detection in np.argwhere(_shared(pairs, unused)).tolist():
+        near.setdefault(track, set()).add(len(pairs) + detection)
+        near.setdefault(len(pairs) + detection, set()).add(track)
+    orders, ordered = list[tuple[list[int], float]](), set[int]()
+    for vertex in near:
+        if vertex not in ordered:
+            order, states = _order(near, vertex)
+            if states > SMALL:  # the best of some beginnings
+                begin = np.linspace(0, len(order) - 1, 8, dtype=int)
+                trials = [(order, states), *(_order(near, order[k]) for k in begin)]
+                order, states = min(trials, key=itemgetter(1))
+            orders.append((order, states))
+            ordered.update(order)
+    return orders
 
-    Where tables would be large, the best of some beginnings is taken.
+
+def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
+    """Return a group's vertices in the order in which they leave, and the states of all tables.
+
+    Next leaves the vertex that lets the frontier, those that have lost a neighbour, grow least.
     """
-    graph: Graph = defaultdict(dict)
-    tracks, detections = np.nonzero(_shared(pairs, unused))
-    for i, j in zip(tracks.tolist(), detections.tolist(), strict=True):
-        graph[i][len(pairs) + j] = graph[len(pairs) + j][i] = float(pairs[i, j])
-    plans, planned = list[_Plan](), set[int]()
-    for vertex in graph:
-        if vertex not in planned:
-            plan = _planned(graph, vertex)
-            if plan.states > SMALL:
-                begin = np.linspace(0, len(plan.vertices) - 1, TRIALS, dtype=int)
-                others = [_planned(graph, plan.vertices[k]) for k in begin]
-                plan = min([plan, *others], key=lambda trial: trial.states)
-            plans.append(plan)
-            planned.update(plan.vertices)
-    return plans
-
-
-def _planned(graph: Graph, vertex: int) -> _Plan:
-    """Return the plan of a vertex's group that begins with it.
-
-    The frontier are vertices that have lost a neighbour. Next comes the vertex, of the frontier
-    or beside it, whose leaving lets the frontier grow least.
-    """
-    touched, frontier, beside = set[int](), set[int](), {vertex}
-    vertices, states = list[int](), 0.0
-    while frontier or beside:
-        growth = {other: len(graph[other].keys() - touched) - 1.0 for other in frontier}
-        growth |= {other: len(graph[other].keys() - touched) + 0.5 for other in beside}
-        vertex = min(growth, key=lambda other: (growth[other], other))
-        vertices.append(vertex)
-        opened = graph[vertex].keys() - touched
-        touched |= opened | {vertex}
-        frontier = (frontier | opened) - {vertex}
-        beside = beside.union(graph[vertex], *(graph[other] for other in opened)) - touched
+    order, frontier, candidates, states = list[int](), set[int](), {start}, 0.0
+    while candidates:
+        touched = frontier.union(order)
+        growth = {v: len(near[v] - touched) - (v in frontier) for v in candidates}
+        order.append(min(growth, key=lambda v: (growth[v], v not in frontier, v)))
+        frontier = (frontier | near[order[-1]]).difference(order)
+        candidates = frontier.union(*(near[v] for v in frontier)).difference(order)
         states += 2.0 ** len(frontier)
-    return _Plan(vertices, graph, states)
+    return order, states
 
 
-def _sum_events(plan: _Plan, alone: list[float], left: Array, matched: Array) -> None:
-    """Write the probabilities of a group's vertices alone to ``left``, of pairs to ``matched``.
+def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
+    """Write the probabilities of a group's pairs, and on the diagonal of vertices without one.
 
     Vertices leave the graph one by one: alone, or matched with a neighbour that is still there.
-    A table holds, for each set of frontier vertices that are already matched, the summed weight
-    of the events so far; a bit is a vertex. A second pass, backwards, has the weight of all that
-    can follow a set. No number is ever subtracted.
+    A table has an axis for each frontier vertex (0: free, 1: matched) and holds the summed weight
+    of the events so far. A second pass, backwards, has the weight of all that can follow.
     """
-    table, bits, steps = np.ones(1), list[int](), list[Any]()
-    for k, vertex in enumerate(plan.vertices):
-        near = {other: plan.graph[vertex].get(other, 0.0) for other in plan.vertices[k + 1 :]}
-        near = {other: weight for other, weight in near.items() if weight}
-        bit, free, taken = -1, table, np.zeros(1)
-        if vertex in bits:
-            bit = bits.index(vertex)
-            free, taken = np.moveaxis(_halves(table, bit), 1, 0).reshape(2, -1)
-        kept = [other for other in bits if other != vertex]
-        bits = kept + [other for other in near if other not in kept]
-        size = len(free)
-        free = np.concatenate([free, np.zeros((size << (len(bits) - len(kept))) - size)])
-        table = alone[vertex] * free
-        table[:size] += taken
-        for other, weight in near.items():
-            place = bits.index(other)
-            _halves(table, place)[:, 1] += weight * _halves(free, place)[:, 0]
+    table, frontier, steps = np.ones(()), list[int](), list[Any]()
+    for k, vertex in enumerate(order):
+        near = [other for other in order[k + 1 :] if weights[vertex, other] > 0]
+        new = [other for other in near if other not in frontier]
+        wide = np.zeros((2,) * (len(frontier) + len(new)))
+        unmatched: Any = (..., *[0] * len(new))
+        wide[unmatched] = table
+        axis = frontier.index(vertex) if vertex in frontier else None
+        free, taken = (wide, np.zeros(())) if axis is None else np.moveaxis(wide, axis, 0)
+        frontier = [other for other in frontier + new if other != vertex]
+        table = weights[vertex, vertex] * free + taken
+        halves: Any = {other: (slice(None),) * frontier.index(other) for other in near}
+        for other, half in halves.items():
+            table[*half, 1] += weights[vertex, other] * free[*half, 0]
         table /= table.max()
-        steps.append((vertex, near, bits, bit, size, free, taken))
-    follows = np.ones(1)
-    for vertex, near, bits, bit, size, free, taken in reversed(steps):
-        before = alone[vertex] * follows
-        chances = [free @ before, taken @ follows[: len(taken)]]
-        for other, weight in near.items():
-            place = bits.index(other)
-            ahead = weight * _halves(follows, place)[:, 1]
-            _halves(before, place)[:, 0] += ahead
-            chances.append((_halves(free, place)[:, 0] * ahead).sum())
-        total = sum(chances)
-        left[vertex] = chances[0] / total
-        for other, chance in zip(near, chances[2:], strict=True):
-            matched[min(vertex, other), max(vertex, other) - len(matched)] = chance / total
-        if bit < 0:
-            follows = before[:size]
-        else:
-            pieces = [part[:size].reshape(-1, 1 << bit) for part in (before, follows)]
-            follows = np.stack(pieces, axis=1).ravel()
+        steps.append((vertex, halves, axis, unmatched, free, taken))
+    follows = np.ones(())
+    for vertex, halves, axis, unmatched, free, taken in reversed(steps):
+        before = weights[vertex, vertex] * follows
+        shares = {vertex: (free * before).sum()}
+        for other, half in halves.items():
+            ahead = weights[vertex, other] * follows[*half, 1]
+            shares[other] = (free[*half, 0] * ahead).sum()
+            before[*half, 0] += ahead
+        total = sum(shares.values()) + (taken * follows).sum()
+        for other, share in shares.items():
+            chances[vertex, other] = chances[other, vertex] = share / total
+        follows = (before if axis is None else np.stack([before, follows], axis=axis))[unmatched]
         follows = follows / follows.max()
 
 
-def _halves(table: Array, bit: int) -> Array:
-    """Return a view (..., 2, ...) of a table, without and with a bit."""
-    return table.reshape(-1, 2, 1 << bit)
-
-
-def _thin(pairs: Array, unused: Array, best: Integers, plan: _Plan, most_states: int) -> None:
+def _thin(pairs: Array, unused: Array, best: Integers, group: list[int], most_states: int) -> None:
     """Set the weakest pairs of a group that does not fit to 0, those of the best event last."""
-    group = np.isin(np.arange(len(pairs)), plan.vertices)
-    tracks, detections = np.nonzero(pairs * group[:, None])
-    strongest = np.lexsort((-pairs[tracks, detections], best[tracks] != detections))
+    inside = np.isin(np.arange(len(pairs)), group)
+    tracks, detections = np.nonzero(pairs * inside[:, None])
+    weakness = -pairs[tracks, detections] - (best[tracks] == detections)
+    strongest = np.argsort(weakness, kind="stable")
     tracks, detections = tracks[strongest], detections[strongest]
     weights = pairs[tracks, detections]
 
     def is_dense(count: int) -> bool:
         thinned = np.zeros_like(pairs)
         thinned[tracks[:count], detections[:count]] = weights[:count]
-        return any(part.states > most_states for part in _plans(thinned, unused))
+        return any(states > most_states for _, states in _orders(thinned, unused))
 
     count = bisect_left(range(1, len(tracks) + 1), True, key=is_dense)
     pairs[tracks[count:], detections[count:]] = 0.0
     warnings.warn(
-        f"joint probabilities: {group.sum()} tracks share detections too densely to be summed "
+        f"joint probabilities: {inside.sum()} tracks share detections too densely to be summed "
         f"exactly; {len(tracks) - count} of {len(tracks)} pairs left out, whose events weigh at "
         f"most {weights[count]:.1e} of the best. Narrow the gate or raise most_states.",
         UserWarning,
         stacklevel=4,
     )
-
-
-def feasible_events(validation: npt.ArrayLike) -> npt.NDArray[np.uint8]:
-    """Return every feasibility matrix of a validation matrix, Eqs 2.58 to 2.61, thesis.
-
-    For figures and for counting; `joint_probabilities` never lists events.
-
-    Parameters
-    ----------
-    validation
-        (m, 1 + n) of 0 and 1: which detection lies in the gate of which track. Column 0
-        is "no track" and holds ones (Eq. 2.57).
-
-    Returns
-    -------
-    ndarray
-        (events, m, 1 + n) uint8: one 1 per row, at most one per column but column 0. The
-        first is the event without any pair; the order is that of the detections' tracks.
-
-    Raises
-    ------
-    InputError
-        If the matrix is not as described or has more than 2^20 events.
-
-    Examples
-    --------
-    >>> len(feasible_events([[1, 1, 0], [1, 1, 1], [1, 0, 1], [1, 0, 1]]))  # Fig. 2.23
-    11
-    """
-    omega = np.asarray(validation)
-    if omega.ndim != 2 or not (np.isin(omega, (0, 1)).all() and (omega[:, :1] == 1).all()):
-        raise InputError(
-            f"validation matrix: shape {omega.shape}, expected (detections, 1 + tracks) of 0 and "
-            "1, column 0 ('no track') of ones."
-        )
-    tracks = np.zeros((1, 0), dtype=np.intp)  # (events so far, detections so far)
-    for row in omega:
-        choices = np.flatnonzero(row)
-        before = np.repeat(tracks, len(choices), axis=0)
-        choice = np.tile(choices, len(tracks))
-        taken = (before == choice[:, None]).any(axis=1) & (choice > 0)
-        tracks = np.column_stack([before, choice])[~taken]
-        if len(tracks) > MOST_EVENTS:
-            raise InputError(
-                f"validation matrix {omega.shape}: more than {MOST_EVENTS} feasible events; list "
-                "those of a smaller group (joint_probabilities needs no list)."
-            )
-    return (tracks[:, :, None] == np.arange(omega.shape[1])).astype(np.uint8)
-
-
-def most_events(tracks: int, detections: int) -> int:
-    """Return the number of feasible events if all detections are in all gates, Eq. 2.62, thesis.
-
-    Notes
-    -----
-    With fewer detections than tracks, the factorials of negative numbers that Eq. 2.62 then
-    contains stand for no event.
-
-    Examples
-    --------
-    >>> most_events(2, 4)
-    21
-    """
-    check_count(tracks, "most_events: tracks", least=0)
-    check_count(detections, "most_events: detections", least=0)
-    return 1 + sum(comb(tracks, i) * perm(detections, tracks - i) for i in range(tracks))
-
-
-def _per_row(weights: Array) -> Array:
-    """Return weights divided by the sum of their row."""
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float64)
-
-
-def _costs(pairs: Pairs, associator: NearestNeighbor | GNN) -> Array:
-    """Return the cost of each pair by Eq. 4.9, (n, m); inf outside the gate and above C_NA.
-
-    Eq. 4.9 prints ln |P|; section 2.3.2, from which the term is "directly adopted", calls
-    it the residual covariance S (Eq. 2.50), and S is what scales d^2. S is taken.
-    """
-    pairs = _checked(pairs)
-    costs = pairs.distance_squared + pairs.log_determinant[:, None]
-    costs += associator.size_weight * pairs.size_difference
-    return np.where(costs > associator.nonassignment_cost, np.inf, costs)
-
-
-def _log_likelihoods(pairs: Pairs, associator: PDA | JPDA) -> tuple[Array, Array]:
-    """Return ln e_j (n, m), -inf outside the gate, and ln b (n,): Eqs 4.11 to 4.13, thesis.
-
-    A track whose gate is empty has no density of detections (Eq. 4.13 gives 0); it is
-    missed for certain, so its ln b is set to 0.
-    """
-    pairs = _checked(pairs)
-    log_e = -0.5 * (pairs.distance_squared + associator.size_weight * pairs.size_difference)
-    if associator.printed_determinant:
-        log_e -= 0.5 * pairs.log_determinant[:, None]
-    p_d, p_g = associator.detection_probability, pairs.gate_probability
-    m = np.isfinite(pairs.distance_squared).sum(axis=1)
-    log_spread = 0.5 * (pairs.dimensions * np.log(2 * np.pi) + pairs.log_determinant)
-    log_b = np.zeros(len(m))  # log_spread: ln |2 pi S|^(1/2)
-    log_density = np.log(m[m > 0] / pairs.gate_area[m > 0])
-    log_b[m > 0] = log_density + log_spread[m > 0] + np.log((1 - p_d * p_g) / p_d)
-    return log_e, log_b
 
 
 def _checked(pairs: Pairs) -> Pairs:
@@ -626,26 +445,6 @@ def _checked(pairs: Pairs) -> Pairs:
     check_between(pairs.gate_probability, 0, 1, "pairs: gate_probability")
     check_count(pairs.dimensions, "pairs: dimensions")
     return Pairs(distance, determinant, size, area, pairs.gate_probability, pairs.dimensions)
-
-
-def _check_costs(associator: NearestNeighbor | GNN) -> None:
-    """Raise an `InputError` unless the parameters of Eq. 4.9 and C_NA can be used."""
-    where, cost = type(associator).__name__, associator.nonassignment_cost
-    check_at_least(associator.size_weight, 0, f"{where}: size_weight")
-    if not is_number(cost):
-        raise InputError(f"{where}: nonassignment_cost is {cost!r}, expected a finite number.")
-
-
-def _check_probabilities(associator: PDA | JPDA) -> None:
-    """Raise an `InputError` unless P_D lies between 0 and 1 and a_0 is a weight."""
-    where, share = type(associator).__name__, associator.detection_probability
-    check_at_least(associator.size_weight, 0, f"{where}: size_weight")
-    check_kind(associator.printed_determinant, bool, f"{where}: printed_determinant")
-    if not (is_number(share) and 0 < share < 1):
-        raise InputError(
-            f"{where}: detection_probability is {share!r}, expected between 0 and 1, both "
-            "excluded: a track can always be missed, and never only missed."
-        )
 
 
 ASSOCIATORS: tuple[Associator, ...] = (NearestNeighbor(), GNN(), PDA(), JPDA())
