@@ -1,7 +1,7 @@
 """The simulated sorter: what a simulated second costs, and what the time step changes.
 
 It needs MuJoCo (the extra ``sorter``); without it, or with an older one, `save` says so and saves
-nothing. What the contacts change is in notebook 43 (`kilnflight.experiments.belt_contacts`).
+nothing. What the contacts change is in notebook 43 (`kilnflight.experiments.belt_sorter`).
 
 Beside it the usual way to a conveyor, a heavy body that moves: it costs less, because its
 particles hop and are in contact for a part of the time only.

@@ -9,7 +9,7 @@ from IPython.display import Markdown
 from kilnflight.belt import pictures, tracker
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
-from kilnflight.experiments import belt_2016
+from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import figures, style
 
 engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction model"
@@ -35,8 +35,8 @@ count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per mat
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
 pictured = {
-    name: belt_2016.track_pictures(pictures.Pictures(one, pictures.SHAPES[name], seed))
-    for name, one in bodies.items()
+    name: belt_camera.track_pictures(pictures.Pictures(tracks, pictures.SHAPES[name], seed))
+    for name, tracks in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
 
@@ -52,17 +52,8 @@ print(f"{count} particles of each material, by {engine}")
 # The background is the plain mean, as published: a particle that rests in a part of the pictures
 # is not found while it lies (if in most of them), or leaves a ghost where it lay, which is followed
 # as a track at rest and never predicted to arrive.
-
-# %%
-rows = []
-for name, one in pictured.items():
-    row = {"material": name, "mm_per_px": one.calibration.mm_per_px}
-    row["corner_error_mm"] = one.calibration.error_mm
-    row["hidden_corners"] = one.calibration.hidden
-    row |= belt_2016.place_errors(one.spots, pictures.at_rate(bodies[name], 200.0))
-    row |= {"spots": len(one.spots), "touching_percent": 100 * one.spots["touching"].mean()}
-    ends = one.followed.ends.query("valid == 1")["reason"].value_counts()
-    rows.append(row | {"never_valid": (one.followed.ends["valid"] == 0).sum()} | dict(ends))
+#
+# The table is ours: neither paper says how well places are measured, and notebook 42 rests on it.
 
 # %%
 caption = (
@@ -70,8 +61,8 @@ caption = (
     "truth (bias, root mean square); spots found in the pictures, share of spots that are larger "
     "than one particle, tracks that never became valid, and how the valid ones ended."
 )
-table = pd.DataFrame(rows).fillna(0)
-figures.save("belt16-pictures", table, caption=caption, provenance=origin)
+places = belt_camera.describe_pictures(pictured, bodies)
+figures.save("belt16-pictures", places, caption=caption, provenance=origin)
 
 # %%
 spheres = pictured["spheres"]
@@ -134,28 +125,19 @@ caption = (
 figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-follower = tracker.BeltTracker()
-steps = follower.steps(spheres.spots)
-step = next(one for one in steps if min(one.pairs.distance_squared.shape) >= 5)
-likelihoods = follower.likelihoods(step.predicted, step.detected, step.pairs)
-whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
-names = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
-seen = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
-table = pd.DataFrame(np.where(np.isinf(whole), np.nan, whole).round(2))
-table.columns = [f"{name}_{k}" for k, name in enumerate(seen)]
-
-# %% tags=["hide-input"]
+whole, taken = belt_camera.matrix_of_frame(spheres.spots)
+n, m = len(taken), len(whole) - len(taken)  # tracks and measurements
 picture, ((axes,),) = style.canvas(width_mm=110, height_mm=95)
-axes.imshow(np.where(np.isinf(whole), np.nan, whole), cmap="Greys", vmin=-5, vmax=40)
+axes.imshow(whole, cmap="Greys", vmin=-5, vmax=40)
 for (i, j), value in np.ndenumerate(whole):
     if np.isfinite(value):
         axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-for i, j in enumerate(likelihoods.detection()):
+for i, j in enumerate(taken):
     axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
 axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
-axes.set_xticks(range(n + m), seen, rotation=90)
-_ = axes.set_yticks(range(n + m), names)
+axes.set_xticks(range(n + m), whole.columns, rotation=90)
+_ = axes.set_yticks(range(n + m), whole.index)
 
 # %%
 caption = (
@@ -163,13 +145,15 @@ caption = (
     "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
     "what each track takes in the likeliest association."
 )
+table = whole.round(2).reset_index(drop=True)
+table.columns = [f"{name}_{k}" for k, name in enumerate(whole.columns)]
 figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-table = pd.DataFrame(rows).set_index("material")
-corners, spheres_off = table["corner_error_mm"].max(), table.loc["spheres", "rms_along_mm"]
+corners, along = places["corner_error_mm"].max(), places.set_index("material")["rms_along_mm"]
 result = (
-    f"The belt's corners are found to {corners:.3f} mm, places of spheres to {spheres_off:.2f} mm "
+    f"The belt's corners are found to {corners:.3f} mm, places of spheres to "
+    f"{along['spheres']:.2f} mm "
     f"along the belt ({engine}). No claim is tested."
 )
 figures.conclude(result, [], origin)

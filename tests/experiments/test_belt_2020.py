@@ -9,15 +9,9 @@ import pytest
 
 from kilnflight.belt import PredictionPhase
 from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations, thinned
-from kilnflight.experiments import belt_2020
-from kilnflight.experiments.belt_2020 import (
-    arrival_answers,
-    by_data_set,
-    intervals,
-    lateral_answers,
-    over_draws,
-    speed_answers,
-)
+from kilnflight.experiments import belt_2020, belt_sorter
+from kilnflight.experiments.belt_2020 import over_draws
+from kilnflight.experiments.belt_claims import arrival_answers, lateral_answers, speed_answers
 from kilnflight.project import claims
 
 
@@ -88,12 +82,12 @@ def test_with_mujoco_our_simulation_has_contacts_and_1000_hz():
 
 def test_without_mujoco_it_says_so_and_has_one_variant(small):
     assert "friction model" in belt_2020.describe_own()
-    assert {key[0] for key in belt_2020.variants(5, 1)} == {"friction model"}
+    assert {key[0] for key in belt_sorter.variants(5, 1)} == {"friction model"}
 
 
 def test_variants_are_at_100_hz_and_before_the_fit_there_are_spheres_only():
     pytest.importorskip("mujoco")
-    tracks = belt_2020.variants(2, 1)
+    tracks = belt_sorter.variants(2, 1)
     assert ("inputs only", "spheres") in tracks
     assert ("inputs only", "cuboids") not in tracks
     for one in tracks.values():
@@ -131,10 +125,10 @@ def test_the_same_particles_count_at_every_rate():
 def test_misfits_are_root_mean_squares_over_the_belt():
     rows = [("a", 0.0, 1.0), ("a", 1.0, 2.0), ("b", 0.0, 4.0), ("b", 1.0, 6.0)]
     table = pd.DataFrame(rows, columns=["variant", "x_mm", "mean_m_s"]).assign(data_set="spheres")
-    off = belt_2020.misfits(table, "a")
+    off = belt_sorter.misfits(table, "a")
     assert off[["variant", "data_set"]].to_numpy().tolist() == [["b", "spheres"]]
     assert off["mean_m_s"][0] == pytest.approx(12.5**0.5)
-    assert belt_2020.misfits(table, "c").empty
+    assert belt_sorter.misfits(table, "c").empty
 
 
 def test_draws_are_summed_up_per_model_and_data_set():
@@ -147,10 +141,8 @@ def test_draws_are_summed_up_per_model_and_data_set():
     )
     table = over_draws(draws)
     assert table[["data_set", "mae"]].to_numpy().tolist() == [["s", 2.0], ["c", 5.0]]
-    between = intervals(draws)
-    assert between["mae"].tolist() == [2.0, 5.0]
-    assert between["iqr_low"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.025), 5.0])
-    assert between["mae_high"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.975), 5.0])
+    assert table["iqr_low"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.025), 5.0])
+    assert table["mae_high"].tolist() == pytest.approx([np.quantile([1, 2, 9], 0.975), 5.0])
 
 
 SETS = ("spheres", "cuboids", "cylinders")
@@ -181,17 +173,6 @@ def test_the_opposite_reproduces_none():
     assert set(verdicts(arrival_answers(said)).values()) == {claims.NOT_REPRODUCED}
 
 
-def test_an_answer_has_a_part_for_each_data_set_or_stays_whole():
-    said = arrival_answers(
-        table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 2})
-    )
-    assert all(list(by_data_set(one)) == list(SETS) for one in said.values())
-    assert list(by_data_set(said["belt20-3"])["cuboids"].values()) == [False]
-    assert by_data_set(said["belt20-4"])["spheres"].to_dict() == said["belt20-4"][:1].to_dict()
-    counted = {"CA-CA below CV-CV for none": False}
-    assert by_data_set(counted) == {"all": counted}
-
-
 @pytest.mark.parametrize(("last", "holds"), [(1.4, True), (1.05, False), (1.51, False)])
 def test_speed_must_rise_and_stay_below_the_belt(last, holds):
     means = [1.0, 1.1, last]
@@ -210,7 +191,7 @@ def test_a_world_as_published_reproduces_every_claim_about_the_position():
     assert opposite["belt20-7"] == opposite["belt20-8"] == claims.NOT_REPRODUCED
 
 
-def test_verdicts_by_rate_name_what_changes_and_by_source_leave_our_rates_apart():
+def test_what_the_rate_changes_is_described_and_by_source_our_rates_stay_apart():
     """At 1000 Hz the spheres' IV is no longer the widest; nothing else differs."""
     models = {"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5}
     slow = table(models).assign(sampling_hz=100.0, source=belt_2020.OWN)
@@ -218,16 +199,14 @@ def test_verdicts_by_rate_name_what_changes_and_by_source_leave_our_rates_apart(
     spheres = (fast["data_set"] == "spheres") & (fast["model"] == "IV")
     fast.loc[spheres, "iqr"] = 0.1
     rated = pd.concat([slow, fast], ignore_index=True)
-    verdicts = belt_2020.verdicts_by_rate(rated, arrival_answers)
-    differs = verdicts[verdicts["differs"] == "yes"]
-    assert differs[["id", "data_set"]].to_numpy().tolist() == [
-        ["belt20-1", "all"],
-        ["belt20-1", "spheres"],
-    ]
-    text = belt_2020.describe_changes(rated, verdicts)
+    text = belt_2020.describe_changes(rated, arrival_answers)
     assert text.startswith("From 100 to 1000 Hz belt20-1 changes its verdict")
     assert text.endswith("single data sets belt20-1 for spheres")
-    assert "One rate only" in belt_2020.describe_changes(slow, verdicts)
+    assert "One rate only" in belt_2020.describe_changes(slow, arrival_answers)
+    lowest = belt_2020.describe_lowest(rated)
+    assert lowest == (
+        "1000 Hz the lowest mean absolute error has: spheres IA, cuboids IA, cylinders IA"
+    )
     others = table(models).assign(source=belt_2020.AUTHORS)
     own = others.assign(source=belt_2020.OWN)
     by_source = belt_2020.verdicts_by_source(pd.concat([others, own]), rated, arrival_answers)
@@ -236,3 +215,27 @@ def test_verdicts_by_rate_name_what_changes_and_by_source_leave_our_rates_apart(
         (belt_2020.OWN, 100.0): 5,
         (belt_2020.OWN, 1000.0): 5,
     }
+
+
+def test_without_a_simulation_of_contacts_shapes_decide_nothing(small):
+    """The friction model assumes how each shape moves: claims that hang on it stay open."""
+    study = belt_2020.LATERAL
+    evaluation = Evaluation(draws=1, share=0.05)
+    varied, rated = study.vary(small, evaluation, 1)
+    assert varied["target_mm"].unique().tolist() == [733.0, 743.0, 753.0, 763.0, 773.0, 788.0]
+    assert rated["sampling_hz"].unique().tolist() == [100.0]
+    at = varied[varied["target_mm"] == 773.0]
+    verdicts = {one.id: one for one in study.judge(study.answers(at), varied, 100.0)}
+    assert list(verdicts) == [f"belt20-{k}" for k in range(7, 11)]
+    for name in study.shapes:
+        assert verdicts[name].verdict == claims.NOT_DECIDABLE
+    assert "decided by own-simulation at 100 Hz" in verdicts["belt20-7"].reason
+
+
+def test_tables_and_captions_carry_the_unit_of_the_study():
+    for study, unit in ((belt_2020.ARRIVAL, "ms"), (belt_2020.LATERAL, "mm")):
+        draws = table({"A": 1.0}, SUMMARY).assign(source="s", draw=0)
+        columns = study.table(over_draws(draws)).columns.tolist()
+        values = [f"{name}_{unit}" for name in ("median", "q25", "q75", "mae")]
+        assert columns == ["source", "data_set", "model", "n", *values]
+        assert all(study.quantity in caption for caption in study.captions.values())

@@ -1,41 +1,62 @@
 """The experiment of the 2020 paper: from tracks to deviations to verdicts.
 
-tracks -> observe -> (count) -> compare the models -> answers to the claims
+tracks -> observe -> compare the models -> summaries over the draws -> answers to the claims
 
-Notebook 40 asks for the time of arrival, notebook 41 for the lateral position; both do the same.
+Notebook 40 asks for the time of arrival (`ARRIVAL`), notebook 41 for the lateral position
+(`LATERAL`); a `Study` holds what differs between them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from tqdm import tqdm
 
 from kilnflight.belt import sorter
 from kilnflight.belt.bodies import is_installed
-from kilnflight.belt.evaluation import SUMMARY, Deviations, Evaluation, thinned
+from kilnflight.belt.evaluation import (
+    SUMMARY,
+    Deviations,
+    Evaluation,
+    arrival_deviations,
+    lateral_deviations,
+    motion_profile,
+    thinned,
+    velocities,
+)
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.recordings import read_dem
-from kilnflight.belt.sorter import Sorter, calibrated_sorter
+from kilnflight.experiments.belt_claims import (
+    DATA_SETS,
+    Answer,
+    arrival_answers,
+    arrival_notes,
+    lateral_answers,
+    lateral_notes,
+)
 from kilnflight.project import claims
+from kilnflight.project.style import MARKERS, PAGE_MM, boxes, canvas
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
-DATA_SETS = tuple(MATERIALS)
 # Particles of each material in the simulated sorter, by scale; None: as many as published.
 PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
+DRAWS = {"quick": 5, "standard": 200, "full": 1000}  # of calibration particles, by scale
+PHASE = PredictionPhase()
 # The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
 AT_EDGE = PredictionPhase(638.0, 788.0)
 
-PLOTTED = ["IV", "CVBC", "CA", "CALV", "IA"]  # Fig. 9 leaves CV out for its bias
 
 Key = tuple[str, str]  # source, data set
-Answer = dict[str, bool] | pd.Series  # conditions for `kilnflight.project.claims.judge`
+Answers = Callable[[pd.DataFrame], dict[str, Answer]]
 
 
 def load_tracks(
@@ -83,51 +104,12 @@ def describe_input(files: Mapping[str, Path]) -> str:
     return f"**Own simulation**, {own}. The authors' tracks are not here; `make data` gets them."
 
 
-def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFrame]:
-    """Return our simulation before and after its free values were found, at 100 Hz.
-
-    Returns
-    -------
-    dict
-        Tracks by variant and data set: ``inputs only`` (spheres), ``calibrated`` (all; the
-        values were found with spheres), ``along the belt`` (cylinders whose axes are within
-        some 20 degrees of the belt's direction instead of any). Without MuJoCo the
-        ``friction model`` alone.
-    """
-    if not is_installed():
-        known = load_tracks({}, seed)
-        return {("friction model", name): known[OWN, name] for name in DATA_SETS}
-    fitted = calibrated_sorter()
-    along = replace(fitted, slide=replace(fitted.slide, yaw_spread_deg=20.0))
-    sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
-    sorters |= {("calibrated", name): fitted for name in DATA_SETS}
-    sorters["along the belt", "cylinders"] = along
-    return {
-        key: thinned(sorter.tracks(key[1], count, seed, jobs, used), 10)
-        for key, used in sorters.items()
-    }
-
-
-def misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
-    """Return how far velocity profiles are off, root mean square over the belt.
-
-    Parameters
-    ----------
-    profiles
-        ``variant``, ``data_set`` and the columns of `kilnflight.belt.evaluation.motion_profile`.
-    reference
-        The variant that the others are held against; without it the table is empty.
-    """
-    quantities = [name for name in profiles.columns if name.endswith("_m_s")]
-    keys = ["data_set", "x_mm"]
-    known = profiles.loc[profiles["variant"] == reference, keys + quantities]
-    others = profiles[profiles["variant"] != reference]
-    others = others.merge(known, on=keys, suffixes=("", "_reference"))
-    off = others[["variant", "data_set"]].copy()
-    for name in quantities:
-        off[name] = (others[name] - others[f"{name}_reference"]) ** 2
-    mean = off.groupby(["variant", "data_set"], sort=False)[quantities].mean()
-    return mean.pow(0.5).reset_index()
+def profiles(
+    tracks: Mapping[Key, pd.DataFrame], x_mm: npt.NDArray[np.float64], name: str = "source"
+) -> pd.DataFrame:
+    """Return `motion_profile` of all tracks; columns ``name`` and ``data_set`` before its own."""
+    parts = {key: motion_profile(velocities(table), x_mm) for key, table in tracks.items()}
+    return pd.concat(parts, names=[name, "data_set"]).droplevel(-1).reset_index()
 
 
 def count_particles(
@@ -138,9 +120,9 @@ def count_particles(
     for (source, data_set), table in tracks.items():
         part, visible = observed[source, data_set], table["particle"].nunique()
         listed = table.attrs.get("particles", visible)
-        reasons = {"never on the belt": listed - visible, **part.left_out}
         row = {"source": source, "data_set": data_set, "particles": listed}
-        rows.append({**row, "evaluated": len(part.last), **reasons})
+        row |= {"evaluated": len(part.last), "never on the belt": listed - visible}
+        rows.append(row | part.left_out)
     return pd.DataFrame(rows)
 
 
@@ -158,13 +140,26 @@ def compare(
     DataFrame
         Columns ``source``, ``data_set``, and those of `Evaluation`.
     """
-    parts = []
-    for (source, data_set), part in tqdm(observed.items(), desc="data sets", disable=None):
-        draws = evaluation(part, phase, deviations, seed)
-        draws.insert(0, "source", source)
-        draws.insert(1, "data_set", data_set)
-        parts.append(draws)
-    return pd.concat(parts, ignore_index=True)
+    parts = {
+        key: evaluation(part, phase, deviations, seed)
+        for key, part in tqdm(observed.items(), desc="data sets", disable=None)
+    }
+    table = pd.concat(parts, names=["source", "data_set"]).droplevel(-1)
+    return table.reset_index()
+
+
+def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
+    """Return the median over the draws of every summary, one row per model.
+
+    Columns other than ``draw`` and `SUMMARY` (model, data set, source) identify a row. Between
+    ``iqr_low`` and ``iqr_high``, ``mae_low`` and ``mae_high`` lie 95 % of the draws.
+    """
+    rows = [name for name in draws.columns if name != "draw" and name not in SUMMARY]
+    grouped = draws.groupby(rows, sort=False)
+    table = grouped[SUMMARY].median().astype({"n": int, "unpredicted": int})
+    for end, share in (("low", 0.025), ("high", 0.975)):
+        table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
+    return table.reset_index()
 
 
 def vary_target(
@@ -184,15 +179,12 @@ def vary_target(
     DataFrame
         ``target_mm`` and the columns of `over_draws`.
     """
-    length = PredictionPhase().target_mm - PredictionPhase().start_mm
-    parts = []
+    parts = {}
     for target in targets_mm:
-        phase = PredictionPhase(target - length, target)
+        phase = PredictionPhase(target - (PHASE.target_mm - PHASE.start_mm), target)
         observed = {key: phase.observe(table) for key, table in tracks.items()}
-        table = over_draws(compare(observed, phase, evaluation, deviations, seed))
-        table.insert(0, "target_mm", target)
-        parts.append(table)
-    return pd.concat(parts, ignore_index=True)
+        parts[target] = over_draws(compare(observed, phase, evaluation, deviations, seed))
+    return pd.concat(parts, names=["target_mm"]).droplevel(-1).reset_index()
 
 
 def vary_rate(
@@ -201,9 +193,8 @@ def vary_rate(
     evaluation: Evaluation,
     deviations: Deviations,
     seed: int,
-    phase: PredictionPhase = AT_EDGE,
 ) -> pd.DataFrame:
-    """Return the deviations for tracks of which only every n-th frame is kept.
+    """Return the deviations at the edge for tracks of which only every n-th frame is kept.
 
     Only particles that are observed at every rate count, the same ones in the same draws: the
     slower the rate, the more have no observation between the edge and the end of the tracks.
@@ -213,73 +204,25 @@ def vary_rate(
     DataFrame
         ``sampling_hz`` and the columns of `over_draws`.
     """
-    slower = {n: {key: thinned(table, n) for key, table in tracks.items()} for n in every}
+    later = pd.concat(tracks.values()).query("frame > 0")
+    hertz = float(np.round((later["frame"] / later["time_s"]).median(), 6))
     observed = {
-        n: {key: phase.observe(table) for key, table in tables.items()}
-        for n, tables in slower.items()
+        hertz / n: {key: AT_EDGE.observe(thinned(table, n)) for key, table in tracks.items()}
+        for n in every
     }
-    parts = []
-    for n, at_rate in observed.items():
-        shared = {
-            key: _only(part, [observed[other][key].last["particle"] for other in observed])
-            for key, part in at_rate.items()
-        }
-        table = over_draws(compare(shared, phase, evaluation, deviations, seed))
-        rates = {source: _rate(part) for (source, _), part in slower[n].items()}
-        table.insert(0, "sampling_hz", table["source"].map(rates))
-        parts.append(table)
-    return pd.concat(parts, ignore_index=True)
+    parts = {}
+    for rate, at_rate in observed.items():
+        shared = {}
+        for key, part in at_rate.items():
+            names = [other[key].last["particle"] for other in observed.values()]
+            kept = np.all([part.last["particle"].isin(known) for known in names], axis=0)
+            shared[key] = Observed(part.last[kept], part.arrival[kept], part.left_out)
+        parts[rate] = over_draws(compare(shared, AT_EDGE, evaluation, deviations, seed))
+    return pd.concat(parts, names=["sampling_hz"]).droplevel(-1).reset_index()
 
 
-def _only(observed: Observed, names: Iterable[pd.Series]) -> Observed:
-    """Keep the particles that are in all series of names."""
-    last = observed.last["particle"]
-    kept = np.all([last.isin(known) for known in names], axis=0)
-    left_out = {**observed.left_out, "not observed at every rate": int((~kept).sum())}
-    return Observed(observed.last[kept], observed.arrival[kept], left_out)
-
-
-def _rate(tracks: pd.DataFrame) -> float:
-    """Return the frames per second of tracks."""
-    later = tracks[tracks["frame"] > 0]
-    return float(np.round((later["frame"] / later["time_s"]).median(), 6))
-
-
-def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
-    """Return the median over the draws of every summary, one row per model.
-
-    Columns other than ``draw`` and `SUMMARY` (model, data set, source) identify a row.
-    """
-    table = draws.groupby(_identity(draws), sort=False)[SUMMARY].median().reset_index()
-    return table.astype({"n": int, "unpredicted": int})
-
-
-def intervals(draws: pd.DataFrame, quantities: tuple[str, ...] = ("iqr", "mae")) -> pd.DataFrame:
-    """Return between which values 95 % of the draws lie.
-
-    Returns
-    -------
-    DataFrame
-        What identifies a row, and for each quantity ``<quantity>_low``, ``<quantity>``
-        (the median over the draws) and ``<quantity>_high``.
-    """
-    grouped = draws.groupby(_identity(draws), sort=False)
-    parts = [
-        grouped[name].quantile(share).rename(f"{name}{ending}")
-        for name in quantities
-        for share, ending in ((0.025, "_low"), (0.5, ""), (0.975, "_high"))
-    ]
-    return pd.concat(parts, axis=1).reset_index()
-
-
-def _identity(draws: pd.DataFrame) -> list[str]:
-    return [name for name in draws.columns if name != "draw" and name not in SUMMARY]
-
-
-def verdicts_by_rate(
-    rated: pd.DataFrame, answers: Callable[[pd.DataFrame], dict[str, Answer]]
-) -> pd.DataFrame:
-    """Return the verdicts on claims at each sampling rate, as a whole and by data set.
+def describe_changes(rated: pd.DataFrame, answers: Answers) -> str:
+    """Return in words which verdicts the sampling rate changes, as a whole and by data set.
 
     Parameters
     ----------
@@ -287,43 +230,37 @@ def verdicts_by_rate(
         From `vary_rate`.
     answers
         `arrival_answers` or `lateral_answers`.
-
-    Returns
-    -------
-    DataFrame
-        ``id``, ``data_set`` ("all": as a whole), ``at_100_hz`` and so on, and whether the slowest
-        ``differs`` from the fastest (yes, no).
     """
-    rows = [
-        {"id": claim, "data_set": name, "at": rate, "verdict": claims.judge(claim, part).verdict}
-        for rate, table in rated.groupby("sampling_hz")
-        for claim, answer in answers(table).items()
-        for name, part in {"all": answer, **by_data_set(answer)}.items()
-    ]
-    wide = pd.DataFrame(rows).set_index(["id", "data_set", "at"])["verdict"].unstack()
-    differs = np.where(wide.iloc[:, 0] != wide.iloc[:, -1], "yes", "no")
-    return wide.rename(columns="at_{:g}_hz".format).assign(differs=differs).reset_index()
-
-
-def describe_changes(rated: pd.DataFrame, verdicts: pd.DataFrame) -> str:
-    """Return in words which verdicts of `verdicts_by_rate` the sampling rate changes."""
     slowest, fastest = rated["sampling_hz"].agg(["min", "max"])
     if slowest == fastest:
         return "One rate only, nothing to compare"
-    changed = verdicts[verdicts["differs"] == "yes"]
-    whole = changed.loc[changed["data_set"] == "all", "id"]
-    parts = changed[changed["data_set"] != "all"]
-    alone = [f"{row.id} for {row.data_set}" for row in parts.itertuples()]
+    verdicts: dict[float, dict[Key, str]] = {slowest: {}, fastest: {}}
+    for rate, known in verdicts.items():
+        table = rated[rated["sampling_hz"] == rate]
+        for data_set, part in (("", table), *table.groupby("data_set")):
+            for claim, answer in answers(part).items():
+                known[claim, str(data_set)] = claims.judge(claim, answer).verdict
+    changed = sorted(
+        key for key, verdict in verdicts[slowest].items() if verdict != verdicts[fastest][key]
+    )
+    whole = [claim for claim, data_set in changed if not data_set]
+    alone = [f"{claim} for {data_set}" for claim, data_set in changed if data_set]
     return (
         f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(whole) or 'no claim'} changes its "
         f"verdict on the own simulation, and of single data sets {', '.join(alone) or 'none'}"
     )
 
 
+def describe_lowest(rated: pd.DataFrame) -> str:
+    """Return in words which model has the lowest mean absolute error at the highest rate."""
+    fastest = rated[rated["sampling_hz"] == rated["sampling_hz"].max()]
+    best = fastest.loc[fastest.groupby("data_set")["mae"].idxmin()].set_index("data_set")["model"]
+    models = ", ".join(f"{name} {best[name]}" for name in DATA_SETS)
+    return f"{fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean absolute error has: {models}"
+
+
 def verdicts_by_source(
-    deviations: pd.DataFrame,
-    rated: pd.DataFrame,
-    answers: Callable[[pd.DataFrame], dict[str, Answer]],
+    deviations: pd.DataFrame, rated: pd.DataFrame, answers: Answers
 ) -> pd.DataFrame:
     """Return the verdicts on claims by other sources, and by our simulation at every rate.
 
@@ -341,133 +278,163 @@ def verdicts_by_source(
     """
     others = deviations[deviations["source"] != OWN].assign(sampling_hz=100.0)
     rows = []
-    for parts in (others, rated[rated["source"] == OWN]):
-        for (source, rate), table in parts.groupby(["source", "sampling_hz"]):
-            for claim, answer in answers(table).items():
-                verdict = claims.judge(claim, answer)
-                row = (source, rate, claim, verdict.verdict, verdict.measured)
-                rows.append(row)
+    for (source, rate), table in pd.concat([others, rated]).groupby(["source", "sampling_hz"]):
+        for claim, answer in answers(table).items():
+            verdict = claims.judge(claim, answer)
+            rows.append((source, rate, claim, verdict.verdict, verdict.measured))
     return pd.DataFrame(rows, columns=["source", "sampling_hz", "id", "verdict", "measured"])
 
 
-def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
-    """Return the answers to belt20-1 to belt20-5.
+@dataclass(frozen=True)
+class Study:
+    """What is asked of the models: when particles arrive (`ARRIVAL`), or where (`LATERAL`)."""
+
+    name: str  # of its tables, after "belt-"
+    quantity: str
+    unit: tuple[str, str]  # its sign and its name
+    models: tuple[str, str, str]  # what is compared, what a reader of their boxes must know, Fig.
+    measure: str  # that its claims go by: mae or iqr
+    deviations: Deviations
+    answers: Answers
+    notes: Callable[[pd.DataFrame, str], dict[str, str]]
+    shapes: tuple[str, ...]  # claims on how each shape moves, which the friction model assumes
+
+    @property
+    def captions(self) -> dict[str, str]:
+        """What stands below its table, its box plots, its rates and its verdicts."""
+        (sign, unit), (model, reading, figure) = self.unit, self.models
+        return {
+            "table": f"Deviation of the predicted from the true {self.quantity} in {unit}: "
+            f"median, quartiles and mean absolute error of each {model}, as medians over the "
+            f"calibration draws. Predicted over the 150 mm to {PHASE.target_mm:.0f} mm.",
+            "boxes": f"Deviation of the {self.quantity}, after {figure} of the 2020 paper: box "
+            f"plots without outliers, the numbers are the widths of the boxes ({sign}). {reading} "
+            "Axes differ between panels. The table has the interval that holds 95 % of the "
+            "calibration draws, too.",
+            "rates": f"Deviation of the {self.quantity} in {unit} by sampling rate, own "
+            f"simulation, over the last 150 mm to the edge ({AT_EDGE.target_mm:.0f} mm): "
+            "interquartile range and mean absolute error of the particles that are observed at "
+            "every rate.",
+            "verdicts": f"Verdicts on the claims about the {self.quantity} by source and sampling "
+            "rate; the own simulation predicted to the edge (788 mm), other tracks to 773 mm.",
+        }
+
+    def labelled(self, deviations: pd.DataFrame) -> pd.DataFrame:
+        """Return summaries with the unit in the names of their columns."""
+        names = ("median", "q25", "q75", "mae", "whisker_low", "whisker_high")
+        return deviations.rename(columns={name: f"{name}_{self.unit[0]}" for name in names})
+
+    def table(self, deviations: pd.DataFrame) -> pd.DataFrame:
+        """Return the columns of belt-arrival or belt-lateral."""
+        values = [f"{name}_{self.unit[0]}" for name in ("median", "q25", "q75", "mae")]
+        return self.labelled(deviations)[["source", "data_set", "model", "n", *values]]
+
+    def vary(
+        self, tracks: Mapping[Key, pd.DataFrame], evaluation: Evaluation, seed: int
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Return the deviations by target of what decides, and by sampling rate of our simulation.
+
+        The authors' tracks decide where they are; they end at the edge, ours go on beyond it.
+        """
+        ours = {key: table for key, table in tracks.items() if key[0] == OWN}
+        authors = {key: table for key, table in tracks.items() if key[0] == AUTHORS}
+        targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if authors else (788.0,))
+        every = (1, 2, 5, 10) if is_installed() else (1,)
+        arguments = evaluation, self.deviations, seed
+        varied = vary_target(authors or ours, targets, *arguments)
+        return varied.round(6), vary_rate(ours, every, *arguments).round(6)
+
+    def judge(
+        self, answers: Mapping[str, Answer], varied: pd.DataFrame, hertz: float
+    ) -> list[claims.Verdict]:
+        """Return the verdicts; ``varied`` by `vary`, ``hertz`` the rate of what decides."""
+        source = varied["source"].iloc[0]
+        notes = self.notes(varied, f"decided by {source} at {hertz:.0f} Hz")
+        verdicts = {id: claims.judge(id, answer, note=notes[id]) for id, answer in answers.items()}
+        if source == OWN and not is_installed():
+            reason = "depends on how each shape moves, which our friction simulation only assumes"
+            verdicts |= {id: claims.undecidable(id, reason) for id in self.shapes}
+        return list(verdicts.values())
+
+
+ARRIVAL = Study(
+    "arrival",
+    "arrival time",
+    ("ms", "milliseconds"),
+    ("model", "Positive: the particle came earlier than predicted.", "Fig. 9"),
+    "mae",
+    arrival_deviations,
+    arrival_answers,
+    arrival_notes,
+    ("belt20-3",),
+)
+LATERAL = Study(
+    "lateral",
+    "lateral position",
+    ("mm", "millimetres"),
+    (
+        "combination",
+        "Each combination names its arrival model, then its lateral model.",
+        "Fig. 10",
+    ),
+    "iqr",
+    lateral_deviations,
+    lateral_answers,
+    lateral_notes,
+    ("belt20-8", "belt20-10"),
+)
+
+
+def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Figure:
+    """Draw box plots of deviations on the belt: a row per source, a column per data set.
 
     Parameters
     ----------
-    table
-        Of one source: ``data_set``, ``model``, ``iqr`` and ``mae`` of the arrival in ms.
+    summaries
+        ``source``, ``data_set``, ``model`` and what `style.boxes` takes.
+    label
+        Of the vertical axes, below the source.
+    height_mm
+        Of a row.
     """
-    mae, iqr = _wide(table, "mae"), _wide(table, "iqr")
-    highest, worst, best, order = {}, {}, {}, {}
-    for name in mae.index:
-        plotted = iqr.loc[name, PLOTTED]
-        highest[f"{name}: IV {iqr['IV'][name]:.2f} ms"] = bool(plotted.idxmax() == "IV")
-        worst[f"{name}: CV {mae['CV'][name]:.2f} ms"] = bool(mae.loc[name].idxmax() == "CV")
-        best[f"{name}: IA {mae['IA'][name]:.2f} ms"] = bool(mae.loc[name].idxmin() == "IA")
-        ca, cvbc = mae.loc[name, ["CA", "CVBC"]]
-        text = f"{name}: CA {ca:.2f}, CVBC {cvbc:.2f} ms"
-        order[text] = bool((ca > cvbc) == (name != "cuboids"))
-    limited = 1 - mae["CALV"] / mae["CA"]
-    return {
-        "belt20-1": highest,
-        "belt20-2": worst,
-        "belt20-3": order,
-        "belt20-4": limited,
-        "belt20-5": best,
-    }
+    sources, sets = summaries["source"].unique(), summaries["data_set"].unique()
+    size = {"width_mm": PAGE_MM, "height_mm": height_mm * len(sources)}
+    picture, grid = canvas(len(sources), len(sets), **size)
+    for panels, source in zip(grid, sources, strict=True):
+        panels[0].set_ylabel(f"{source}\n{label}")
+        for axes, data_set in zip(panels, sets, strict=True):
+            table = summaries[(summaries["source"] == source) & (summaries["data_set"] == data_set)]
+            axes.axhline(0, color="0.6", lw=0.6, ls="-")
+            boxes(axes, table)
+            axes.set(title=data_set)
+            turned = 60 if len(table) > 5 else 0
+            axes.set_xticks(range(len(table)), table["model"], rotation=turned)
+    return picture
 
 
-def arrival_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
-    """Return what the answers to belt20-1 to belt20-6 rest on, after a note.
-
-    ``varied`` is from `vary_target`; it says how often IA is first.
-    """
-    first = varied.loc[varied.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
-    everywhere = f"IA is first in {(first == 'IA').sum()} of {len(first)} data sets and targets"
-    known = dict.fromkeys([f"belt20-{k}" for k in range(1, 7)], f"{note}; mean absolute error")
-    known["belt20-1"] = f"{note}; interquartile range"
-    known["belt20-4"] = f"{note}; 1 - MAE CALV / MAE CA"
-    known["belt20-5"] += f"; {everywhere}"
-    known["belt20-6"] = f"{note}; mean velocity"
-    return known
-
-
-def lateral_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
-    """Return what the answers to belt20-7 to belt20-10 rest on, after a note."""
-    targets = varied["target_mm"]
-    iqr = varied.pivot(index=["target_mm", "data_set"], columns="model", values="iqr")
-    shares = (iqr["CV-CV"] / iqr["Straight"]).groupby("target_mm").max()
-    changes = iqr["LV-DSC"] / iqr["CA-CA"] - 1
-    ranks = _wide(varied[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
-    at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
-    by_mae = ", ".join(f"{name} {ranks[name]:.0f}" for name in DATA_SETS)
-    note = f"{note}; interquartile range"
-    return {
-        "belt20-7": f"{note}; {at} the largest share CV / Straight is {shares.min():.2f} to "
-        f"{shares.max():.2f}",
-        "belt20-8": note,
-        "belt20-9": f"{note}, LV-DSC over CA-CA minus 1; {at} the changes lie between "
-        f"{changes.min():.2f} and {changes.max():.2f}",
-        "belt20-10": f"{note}; rank of IA-Ratio by mean absolute error: {by_mae}",
-    }
-
-
-def by_data_set(answer: Answer) -> dict[str, Answer]:
-    """Return an answer data set by data set; one that counts data sets stays whole, as "all"."""
-    if isinstance(answer, pd.Series):
-        return {str(name): answer.loc[[name]] for name in answer.index}
-    parts: dict[str, Answer] = {}
-    for text, holds in answer.items():
-        name, colon, _ = text.partition(":")
-        parts[name if colon else "all"] = {text: holds}
-    return parts
-
-
-def speed_answers(profiles: pd.DataFrame) -> dict[str, Answer]:
-    """Return the answer to belt20-6.
+def lines_by_rate(rated: pd.DataFrame, models: Sequence[str], measure: str, label: str) -> Figure:
+    """Draw deviations over the sampling rate: a panel per data set, a line per model.
 
     Parameters
     ----------
-    profiles
-        Of one source: ``data_set``, ``x_mm`` and ``mean_m_s``.
+    rated
+        From `vary_rate`.
+    models
+        Which are drawn.
+    measure, label
+        Column of the vertical axes, and what they say.
     """
-    rising = {}
-    for name, part in profiles.groupby("data_set", sort=False):
-        mean = part.sort_values("x_mm")["mean_m_s"]
-        text = f"{name}: up to {mean.max():.2f} m/s"
-        rising[text] = bool(mean.is_monotonic_increasing and mean.max() < 1.5)
-    return {"belt20-6": rising}
-
-
-def lateral_answers(table: pd.DataFrame) -> dict[str, Answer]:
-    """Return the answers to belt20-7 to belt20-10.
-
-    Parameters
-    ----------
-    table
-        Of one source: ``data_set``, ``model`` and ``iqr`` of the lateral position in mm.
-    """
-    iqr = _wide(table, "iqr")
-    rank = iqr.rank(axis=1)["IA-Ratio"].astype(int)
-    straight, better, best = {}, {}, {}
-    for name in iqr.index:
-        row, position = iqr.loc[name], int(rank.loc[name])
-        text = f"{name}: Straight {row['Straight']:.2f}, CV {row['CV-CV']:.2f} mm"
-        worst = row.idxmax() == "Straight"
-        straight[text] = bool(worst and row["CV-CV"] < 0.8 * row["Straight"])
-        better[name] = bool(row["CA-CA"] < row["CV-CV"])
-        first = position == 1
-        best[f"{name}: IA-Ratio has rank {position}"] = bool(first == (name != "cylinders"))
-    those = ", ".join(str(name) for name in better if better[name]) or "none"
-    return {
-        "belt20-7": straight,
-        "belt20-8": {f"CA-CA below CV-CV for {those}": sum(better.values()) >= 2},
-        "belt20-9": iqr["LV-DSC"] / iqr["CA-CA"] - 1,
-        "belt20-10": best,
-    }
-
-
-def _wide(table: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    wide = table.pivot(index="data_set", columns="model", values=quantity)
-    return wide.loc[[name for name in DATA_SETS if name in wide.index]]
+    sets = rated["data_set"].unique()
+    picture, (panels,) = canvas(1, len(sets), width_mm=PAGE_MM, height_mm=55)
+    for axes, data_set in zip(panels, sets, strict=True):
+        table = rated[rated["data_set"] == data_set]
+        wide = table.pivot(index="sampling_hz", columns="model", values=measure)
+        for name, mark in zip(models, MARKERS, strict=False):
+            axes.plot(wide[name], marker=mark, label=name)
+        axes.set(title=data_set, xlabel="sampling rate (Hz)", xscale="log", yscale="log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
+        axes.minorticks_off()
+    panels[0].set_ylabel(label)
+    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
+    return picture

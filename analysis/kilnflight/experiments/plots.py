@@ -18,7 +18,7 @@ from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.results import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
-from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, boxes, canvas, frame
+from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
@@ -467,30 +467,3 @@ def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> N
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="best")
-
-
-def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Figure:
-    """Draw box plots of deviations on the belt: a row per source, a column per data set.
-
-    Parameters
-    ----------
-    summaries
-        ``source``, ``data_set``, ``model`` and what `style.boxes` takes.
-    label
-        Of the vertical axes, below the source.
-    height_mm
-        Of a row.
-    """
-    sources, sets = summaries["source"].unique(), summaries["data_set"].unique()
-    size = {"width_mm": PAGE_MM, "height_mm": height_mm * len(sources)}
-    picture, grid = canvas(len(sources), len(sets), **size)
-    for panels, source in zip(grid, sources, strict=True):
-        panels[0].set_ylabel(f"{source}\n{label}")
-        for axes, data_set in zip(panels, sets, strict=True):
-            table = summaries[(summaries["source"] == source) & (summaries["data_set"] == data_set)]
-            axes.axhline(0, color="0.6", lw=0.6, ls="-")
-            boxes(axes, table)
-            axes.set(title=data_set)
-            turned = 60 if len(table) > 5 else 0
-            axes.set_xticks(range(len(table)), table["model"], rotation=turned)
-    return picture

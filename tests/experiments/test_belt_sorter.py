@@ -12,7 +12,7 @@ from kilnflight.belt.bodies import compiled
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor
 from kilnflight.belt.sorter import Sorter
 from kilnflight.checks import InputError
-from kilnflight.experiments import belt_contacts as study
+from kilnflight.experiments import belt_sorter as study
 
 
 def test_each_setting_differs_in_one_value_only():

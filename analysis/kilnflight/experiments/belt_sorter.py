@@ -1,4 +1,6 @@
-"""What the contact parameters of the simulated sorter change, one at a time.
+"""The simulated sorter beside the authors', and what its contact parameters change.
+
+Its variants are held against the authors' velocities (`misfits`).
 
 MuJoCo's contacts are soft: time constants, damping and impedance are numerical settings, of
 which no paper prints any. The same particles are simulated with each of them halved and doubled
@@ -11,15 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from kilnflight.belt.bodies import Batch, compiled, engine
+from kilnflight.belt import sorter as own
+from kilnflight.belt.bodies import Batch, compiled, engine, is_installed
 from kilnflight.belt.evaluation import motion_profile, thinned, velocities
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
-from kilnflight.belt.sorter import PLACES_MM, Sorter
+from kilnflight.belt.sorter import PLACES_MM, Sorter, calibrated_sorter
 from kilnflight.checks import check_between, check_count
+from kilnflight.experiments.belt_2020 import DATA_SETS, Key, load_tracks
+from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas
 from kilnflight.tables import BELT_BODIES
 
 IMPEDANCE = 0.99  # MuJoCo's solimp in `kilnflight.belt.bodies`
@@ -43,6 +50,51 @@ class Setting:
         """Refuse an impedance that MuJoCo would cut off."""
         check_between(self.impedance, 0.0001, 0.9999, "Setting: impedance")
         self.sorter.contacts.check_step(self.sorter.conveyor.step_s)
+
+
+def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFrame]:
+    """Return our simulation before and after its free values were found, at 100 Hz.
+
+    Returns
+    -------
+    dict
+        Tracks by variant and data set: ``inputs only`` (spheres), ``calibrated`` (all; the
+        values were found with spheres), ``along the belt`` (cylinders whose axes are within
+        some 20 degrees of the belt's direction instead of any). Without MuJoCo the
+        ``friction model`` alone.
+    """
+    if not is_installed():
+        return {("friction model", name): one for (_, name), one in load_tracks({}, seed).items()}
+    fitted = calibrated_sorter()
+    sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
+    sorters |= {("calibrated", name): fitted for name in DATA_SETS}
+    along = replace(fitted.slide, yaw_spread_deg=20.0)
+    sorters["along the belt", "cylinders"] = replace(fitted, slide=along)
+    return {
+        key: thinned(own.tracks(key[1], count, seed, jobs, used), 10)
+        for key, used in sorters.items()
+    }
+
+
+def misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
+    """Return how far velocity profiles are off, root mean square over the belt.
+
+    Parameters
+    ----------
+    profiles
+        ``variant``, ``data_set`` and the columns of `kilnflight.belt.evaluation.motion_profile`.
+    reference
+        The variant that the others are held against; without it the table is empty.
+    """
+    quantities = [name for name in profiles.columns if name.endswith("_m_s")]
+    table = profiles.set_index(["data_set", "x_mm"])
+    known = table.loc[table["variant"] == reference, quantities]
+    others = table[table["variant"] != reference]
+    others = others[others.index.isin(known.index)]
+    squares = (others[quantities] - known.reindex(others.index)) ** 2
+    squares.insert(0, "variant", others["variant"])
+    mean = squares.reset_index().groupby(["variant", "data_set"], sort=False)[quantities].mean()
+    return mean.pow(0.5).reset_index()
 
 
 def settings(sorter: Sorter) -> dict[str, Setting]:
@@ -115,6 +167,22 @@ def changes(table: pd.DataFrame) -> pd.DataFrame:
         reference = table["data_set"].map(known[name])
         result[name.replace("_m_s", "_mm_s")] = 1000.0 * (table[name] - reference)
     return result[result["setting"] != REFERENCE].reset_index(drop=True)
+
+
+def plot(changed: pd.DataFrame) -> Figure:
+    """Draw the `changes`: a panel per quantity, a line per setting, a mark per material."""
+    labels = ("mean along", "gain along", "spread along", "median across")
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 95, "sharey": True}
+    picture, (panels,) = canvas(1, len(labels), **size)
+    for axes, name, label in zip(panels, changed.columns[2:], labels, strict=False):
+        for k, (data_set, table) in enumerate(changed.groupby("data_set", sort=False)):
+            look: dict[str, Any] = {"marker": MARKERS[k], "color": COLOURS[k], "ls": "", "ms": 4}
+            axes.plot(table[name], table["setting"], label=data_set, mfc="none", **look)
+        axes.axvline(0, color="0.6", lw=0.8, ls="-")
+        axes.set(title=label, xlabel="change (mm/s)")
+    panels[0].invert_yaxis()
+    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return picture
 
 
 def restitution(setting: Setting, moments: int = 5) -> tuple[float, float]:

@@ -1,0 +1,171 @@
+"""What the belt's camera gives: tracks from pictures, and how good they are (2016 paper, IV.B)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.spatial import KDTree
+
+from kilnflight.belt.camera import TRACKED, Area, Calibration, FindCorners, calibrate
+from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
+from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed
+from kilnflight.checks import check_columns
+
+Integers = npt.NDArray[np.integer]
+APART_MM = 1e6  # what one frame is worth beside a distance: more than any belt is long
+
+
+class PictureTracks(NamedTuple):
+    """What the camera's pictures gave."""
+
+    background: npt.NDArray[np.uint8]
+    calibration: Calibration
+    spots: pd.DataFrame  # kilnflight.tables.BELT_SPOTS
+    followed: Followed
+
+
+def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTracks:
+    """Return what is measured in pictures and tracked: the whole way of the images (IV.B).
+
+    Parameters
+    ----------
+    pictures
+        A recording of the belt.
+    background_of
+        Pictures, evenly spread, that background and the area of one particle come from.
+
+    Notes
+    -----
+    An empty belt gives empty tables. Its corners are found all the same, in a picture of the
+    belt alone if nothing was ever fed. What rests for a part of the recording may leave a ghost
+    or go unseen (`kilnflight.belt.pictures.average`). Either is a track at rest, or none: it never
+    enters the prediction phase and is never predicted; who passes over a ghost is one spot with it.
+    """
+    step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
+    background = average(pictures.frames(range(0, frames, step)))
+    calibration = calibrate(FindCorners()(background))
+    spots = _sized(pictures, background, 10 * step)
+    measured = measure(pictures.frames(range(len(pictures))), background, spots, calibration)
+    return PictureTracks(background, calibration, measured, BeltTracker()(measured, len(pictures)))
+
+
+def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
+    """Return what finds particles, with the area of one if there is any in the pictures.
+
+    Every ``step``-th picture is taken, all of them if these show none.
+    """
+    usual = Spots()
+    for numbers in (range(0, len(pictures), step), range(len(pictures))):
+        if any(len(usual(picture, background)) for picture in pictures.frames(numbers)):
+            return usual.calibrated(pictures.frames(numbers), background)
+    return usual
+
+
+def particles_in_shared_spots(
+    spots: pd.DataFrame, truth: pd.DataFrame, area: Area = TRACKED
+) -> npt.NDArray[np.int64]:
+    """Return the particles whose nearest spot was marked as several, in any frame.
+
+    Two particles that touch are one spot at their common centroid, and nothing tells the
+    tracker so: each measurement goes to one track. What that costs is counted with the truth.
+
+    Parameters
+    ----------
+    spots
+        ``frame``, ``x``, ``y``, ``touching``, as `kilnflight.tables.BELT_SPOTS`.
+    truth
+        ``frame``, ``particle``, ``x``, ``y`` of the particles in the same frames.
+    area
+        Only places in it count.
+
+    Returns
+    -------
+    ndarray
+        Their names, each once, ascending; none where there is no spot.
+    """
+    check_columns(spots, ["frame", "x", "y", "touching"], "spots")
+    check_columns(truth, ["frame", "particle", "x", "y"], "truth")
+    inside = truth[area.holds(truth[["x", "y"]].to_numpy(np.float64))]
+    inside = inside[inside["frame"].isin(spots["frame"])]
+    several = spots["touching"].to_numpy()[_nearest(inside, spots)] == 1
+    return np.unique(inside["particle"].to_numpy(np.int64)[several])
+
+
+def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
+    """Return how far the places of single particles are off, spot minus nearest true centre.
+
+    Parameters
+    ----------
+    spots
+        ``frame``, ``x``, ``y``, ``touching``; those that are marked as several do not count.
+    truth
+        ``frame``, ``x``, ``y`` of the particles; a frame without any does not count.
+
+    Returns
+    -------
+    dict
+        ``bias_along_mm``, ``rms_along_mm``, ``bias_across_mm``, ``rms_across_mm`` (of the error
+        itself, so that the bias is part of it); NaN where no spot counts.
+    """
+    check_columns(spots, ["frame", "x", "y", "touching"], "spots")
+    check_columns(truth, ["frame", "x", "y"], "truth")
+    single = spots[(spots["touching"] == 0) & spots["frame"].isin(truth["frame"])]
+    nearest = truth.iloc[_nearest(single, truth)]
+    errors = {}
+    for name, column in (("along", "x"), ("across", "y")):
+        off = pd.Series(single[column].to_numpy(float) - nearest[column].to_numpy(float))
+        errors[f"bias_{name}_mm"] = float(off.mean())
+        errors[f"rms_{name}_mm"] = float((off**2).mean() ** 0.5)
+    return errors
+
+
+def describe_pictures(
+    pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame]
+) -> pd.DataFrame:
+    """Return by material the calibration, `place_errors`, and how many tracks ended how."""
+    rows = []
+    for material, (_, calibration, spots, followed) in pictured.items():
+        row = {"material": material, "mm_per_px": calibration.mm_per_px}
+        row |= {"corner_error_mm": calibration.error_mm, "hidden_corners": calibration.hidden}
+        row |= place_errors(spots, at_rate(tracks[material], 1 / BELT_FRAME_S))
+        row |= {"spots": len(spots), "touching_percent": 100 * spots["touching"].mean()}
+        ends = followed.ends.query("valid == 1")["reason"].value_counts()
+        rows.append(row | {"never_valid": (followed.ends["valid"] == 0).sum()} | dict(ends))
+    return pd.DataFrame(rows).fillna(0)
+
+
+def matrix_of_frame(spots: pd.DataFrame, least: int = 5) -> tuple[pd.DataFrame, Integers]:
+    """Return Fig. 3 of the first frame with so many tracks and measurements.
+
+    Returns
+    -------
+    DataFrame
+        -ln of the likelihoods, NaN where impossible; index: the tracks, then ``new`` for each
+        measurement; columns: the measurements, then ``gone`` for each track.
+    ndarray
+        The measurement of each track in the likeliest association, -1: none.
+    """
+    tracker = BeltTracker()
+    steps = tracker.steps(spots)
+    step = next(step for step in steps if min(step.pairs.distance_squared.shape) >= least)
+    likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
+    whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
+    rows = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
+    columns = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
+    whole = np.where(np.isinf(whole), np.nan, whole)
+    return pd.DataFrame(whole, rows, columns), likelihoods.detection()
+
+
+def _nearest(table: pd.DataFrame, others: pd.DataFrame) -> npt.NDArray[np.intp]:
+    """Return for each row which row of ``others`` is nearest to it in the same frame."""
+    if not len(table):
+        return np.empty(0, dtype=np.intp)
+    places, known = (
+        part[["frame", "x", "y"]].to_numpy(np.float64) * [APART_MM, 1.0, 1.0]
+        for part in (table, others)
+    )
+    return np.asarray(KDTree(known).query(places)[1])
