@@ -26,7 +26,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from kilnflight.belt.camera import TRACKED, FindCorners, calibrate
-from kilnflight.belt.pictures import SHAPES, Pictures, Spots, average, measure
+from kilnflight.belt.machine import BULKS
+from kilnflight.belt.pictures import Pictures, Spots, average, measure
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
 
@@ -160,7 +161,7 @@ def with_pictures(frames: int = 30) -> Row:
     """Return the comparison from pictures on; the particles found are the same."""
     truth = bodies(frames).assign(particle=lambda one: one["truth"])
     truth["time_s"] = truth["frame"] * BELT_FRAME_S
-    recording = Pictures(truth, SHAPES["spheres"], 0)
+    recording = Pictures(truth, BULKS["spheres"], 0)
     pictures = list(recording.frames(range(frames)))
     background = average(replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0]))
     calibration, spots = calibrate(FindCorners()(background)), Spots()

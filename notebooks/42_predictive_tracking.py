@@ -8,6 +8,7 @@ from IPython.display import Markdown
 from kilnflight.belt import pictures
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.belt.machine import BULKS
 from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import claims, figures, style
 
@@ -41,7 +42,7 @@ setting = {"scale": scale, "count": count}
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=files.values())
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
 pictured = {
-    name: belt_camera.track_pictures(pictures.Pictures(tracks, pictures.SHAPES[name], seed))
+    name: belt_camera.track_pictures(pictures.Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")

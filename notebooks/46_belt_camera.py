@@ -9,6 +9,7 @@ from IPython.display import Markdown
 from kilnflight.belt import pictures, tracker
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
+from kilnflight.belt.machine import BULKS
 from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import figures, style
 
@@ -35,7 +36,7 @@ count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per mat
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
 pictured = {
-    name: belt_camera.track_pictures(pictures.Pictures(tracks, pictures.SHAPES[name], seed))
+    name: belt_camera.track_pictures(pictures.Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()
 }
 print(f"{count} particles of each material, by {engine}")
@@ -66,7 +67,7 @@ figures.save("belt16-pictures", places, caption=caption, provenance=origin)
 
 # %%
 spheres = pictured["spheres"]
-view = pictures.Pictures(bodies["spheres"], pictures.SHAPES["spheres"], seed)
+view = pictures.Pictures(bodies["spheres"], BULKS["spheres"], seed)
 busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
 states = spheres.followed.states.query("frame == @busy and valid == 1")
 at = spheres.calibration.pixels(states[["x", "y"]].to_numpy())

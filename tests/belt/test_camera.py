@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.camera import BELT, TRACKED, Corners, FindCorners, View, calibrate
-from kilnflight.belt.pictures import SHAPES, Pictures
+from kilnflight.belt.machine import BULKS
+from kilnflight.belt.pictures import Pictures
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_TRACKS
 
@@ -16,7 +17,7 @@ def empty_belt(view, seed=0):
     far = BELT_TRACKS.empty()
     far.loc[0] = [0, 0, 0.0, -1e4, 0.0]
     far = far.astype({"frame": int, "particle": int})
-    return Pictures(far, SHAPES["spheres"], seed, view)[0]
+    return Pictures(far, BULKS["spheres"], seed, view)[0]
 
 
 def true_corners(view):

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from kilnflight.belt.camera import BELT, Area, Calibration, View
-from kilnflight.belt.pictures import SHAPES, Pictures, Shape, Spots, at_rate, average, measure
+from kilnflight.belt.machine import BULKS
+from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
@@ -48,39 +49,39 @@ def test_what_is_higher_is_seen_farther_from_the_middle(dx, dy, z):
     np.testing.assert_allclose(high - middle, (flat - middle) * 1000 / (1000 - z), atol=1e-9)
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", BULKS)
 def test_a_particle_has_its_area_and_its_place(name):
-    shape = SHAPES[name]
+    bulk = BULKS[name]
     tracks = one_track(x=520.3, y=60.7).assign(angle_rad=0.6)
-    pictures = Pictures(tracks, shape, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
-    empty = Pictures(one_track(x=10.0), shape, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
+    pictures = Pictures(tracks, bulk, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
+    empty = Pictures(one_track(x=10.0), bulk, 0, LEVEL, belt_gray=0.0, noise_gray=0.0)
     window = np.s_[240:340, 330:430]
     share = (pictures[0].astype(float) - empty[0])[window] / 200.0
-    flat = np.pi * 2.5**2 if name == "spheres" else shape.length_mm * shape.width_mm
+    flat = {"spheres": np.pi * 2.5**2, "cuboids": 6.0 * 5.0, "cylinders": 9.0 * 3.0}[name]
     assert share.sum() * 0.44**2 == pytest.approx(flat, rel=0.02)
     rows, cols = np.mgrid[window]
     place = [(share * rows).sum() / share.sum(), (share * cols).sum() / share.sum()]
-    expected = LEVEL.pixels(np.array([[520.3, 60.7, shape.height_mm]]))[0]
+    expected = LEVEL.pixels(np.array([[520.3, 60.7, bulk.rest_mm]]))[0]
     np.testing.assert_allclose(place, expected, atol=0.1)
 
 
 def test_a_cylinder_lies_in_its_direction():
     for angle in (0.0, np.pi / 2):
         tracks = one_track().assign(angle_rad=angle)
-        picture = Pictures(tracks, SHAPES["cylinders"], 0, LEVEL, noise_gray=0.0)[0] > 150
+        picture = Pictures(tracks, BULKS["cylinders"], 0, LEVEL, noise_gray=0.0)[0] > 150
         rows, cols = np.nonzero(picture[150:560, 80:980])
         assert (np.ptp(cols) > np.ptp(rows)) == (angle == 0.0)
 
 
 def test_frames_do_not_depend_on_which_others_are_asked_for():
-    pictures = Pictures(one_track(frames=4), SHAPES["spheres"], 3)
+    pictures = Pictures(one_track(frames=4), BULKS["spheres"], 3)
     assert len(pictures) == 4
-    assert len(Pictures(BELT_TRACKS.empty(), SHAPES["spheres"], 3)) == 0
+    assert len(Pictures(BELT_TRACKS.empty(), BULKS["spheres"], 3)) == 0
     backwards = list(pictures.frames([2, 0]))
     np.testing.assert_array_equal(backwards[0], pictures[2])
     np.testing.assert_array_equal(backwards[1], pictures[0])
     assert (pictures[0] != pictures[2]).any()
-    other = Pictures(one_track(frames=4), SHAPES["spheres"], 4)
+    other = Pictures(one_track(frames=4), BULKS["spheres"], 4)
     assert (pictures[0] != other[0]).any()
 
 
@@ -100,14 +101,12 @@ def test_what_cannot_be_drawn_is_told():
     slow = one_track(frames=10, step=10)  # 100 Hz
     with pytest.raises(InputError, match="no rows 200 times a second"):
         at_rate(slow, 200.0)
-    with pytest.raises(InputError, match="half a side"):
-        Shape(5.0, 3.0, 2.0, 1.0)
     with pytest.raises(InputError, match="mm_per_px"):
         View(mm_per_px=0.0)
     with pytest.raises(InputError, match="not beyond"):
         Area(start_mm=10.0, end_mm=5.0)
     with pytest.raises(InputError, match="soft_px"):
-        replace(Pictures(one_track(), SHAPES["spheres"], 0), soft_px=0.0)
+        replace(Pictures(one_track(), BULKS["spheres"], 0), soft_px=0.0)
 
 
 EMPTY = np.full((120, 160), 60, dtype=np.uint8)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from kilnflight.belt.camera import Area
 from kilnflight.belt.evaluation import last_states, observe, thinned
 from kilnflight.belt.friction import FrictionBelt
+from kilnflight.belt.machine import BULKS
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.pictures import SHAPES, Pictures
+from kilnflight.belt.pictures import Pictures
 from kilnflight.belt.tracker import BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_2016, belt_camera
@@ -178,7 +179,7 @@ def test_who_was_predicted_is_counted():
 
 
 def test_images_give_the_same_to_a_millimetre(bodies):
-    pictured = belt_camera.track_pictures(Pictures(bodies, SHAPES["spheres"], 0), 40)
+    pictured = belt_camera.track_pictures(Pictures(bodies, BULKS["spheres"], 0), 40)
     table = belt_2016.from_images(pictured, bodies)
     tracked = table[table["approach"] == "Tracking"]
     assert tracked["particle"].nunique() >= 10
@@ -220,7 +221,7 @@ def rolling(y, first=0):
 def test_pictures_of_an_empty_belt_give_empty_tables(beside):
     """Nothing was ever fed, or what there is lies beyond the picture."""
     nothing = rolling(400.0) if beside else BELT_TRACKS.empty()
-    pictured = belt_camera.track_pictures(Pictures(nothing, SHAPES["spheres"], 0), 5)
+    pictured = belt_camera.track_pictures(Pictures(nothing, BULKS["spheres"], 0), 5)
     assert pictured.calibration.error_mm < 0.1
     assert pictured.spots.columns.tolist() == BELT_SPOTS.names
     assert len(pictured.spots) == len(pictured.followed.states) == len(pictured.followed.ends) == 0
@@ -232,9 +233,7 @@ def test_pictures_of_an_empty_belt_give_empty_tables(beside):
 
 def test_one_particle_in_many_pictures_is_enough_to_size_it():
     """None of the pictures that are pictured at first shows it."""
-    pictured = belt_camera.track_pictures(
-        Pictures(rolling(90.0, first=40), SHAPES["spheres"], 0), 2
-    )
+    pictured = belt_camera.track_pictures(Pictures(rolling(90.0, first=40), BULKS["spheres"], 0), 2)
     assert len(pictured.spots) > 20
     assert (pictured.spots["touching"] == 0).all()
 
@@ -349,7 +348,7 @@ def test_criteria_by_material_of_a_world_as_published():
 
 
 def test_predicted_particles_and_filters_by_material(bodies):
-    pictured = {"spheres": belt_camera.track_pictures(Pictures(bodies, SHAPES["spheres"], 0), 40)}
+    pictured = {"spheres": belt_camera.track_pictures(Pictures(bodies, BULKS["spheres"], 0), 40)}
     tracks = {"spheres": bodies}
     images = belt_2016.from_images(pictured["spheres"], bodies).assign(material="spheres")
     counts = belt_2016.count_predicted(pictured, tracks, images)

@@ -87,6 +87,16 @@ class Bulk:
         return self.half_mm[0] if self.shape == "cylinder" else self.half_mm[-1]
 
     @property
+    def outline_mm(self) -> Array:
+        """Half length, half width and radius of the corners of what lies, seen from above."""
+        if self.shape == "sphere":
+            return np.repeat(self.half_mm, 3)
+        along, across = self.half_mm[:2]
+        if self.shape == "cylinder":  # lies along its axis
+            along, across = across, along
+        return np.array([along, across, 0.0])
+
+    @property
     def rolls(self) -> bool:
         """Whether a particle rolls in any direction."""
         return self.shape == "sphere"

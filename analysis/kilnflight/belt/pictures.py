@@ -17,6 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt.camera import TRACKED, Area, Calibration, View
+from kilnflight.belt.machine import Bulk
 from kilnflight.checks import InputError, check_at_least, check_columns, check_positive
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
@@ -28,32 +29,6 @@ _VIEW = View()
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A particle from above: a rectangle with round corners, its centre above the belt."""
-
-    length_mm: float
-    width_mm: float
-    corner_mm: float  # radius of its corners
-    height_mm: float  # of its centre
-
-    def __post_init__(self) -> None:
-        """Refuse what has no outline."""
-        for name in ("length_mm", "width_mm", "height_mm"):
-            check_positive(getattr(self, name), f"Shape: {name}")
-        check_at_least(self.corner_mm, 0, "Shape: corner_mm")
-        if 2 * self.corner_mm > min(self.length_mm, self.width_mm):
-            raise InputError(f"Shape: corner_mm {self.corner_mm} is more than half a side.")
-
-
-# 2020 paper, section 4; cylinders and cuboids lie on their largest side.
-SHAPES = {
-    "spheres": Shape(5.0, 5.0, 2.5, 2.5),
-    "cuboids": Shape(6.0, 5.0, 0.0, 1.0),
-    "cylinders": Shape(9.0, 3.0, 0.0, 1.5),
-}
-
-
-@dataclass(frozen=True)
 class Pictures:
     """Pictures of tracks, one per frame of the camera; ``pictures[k]`` renders frame k.
 
@@ -62,7 +37,7 @@ class Pictures:
     """
 
     tracks: pd.DataFrame  # BELT_TRACKS; z and angle_rad of BELT_BODIES too, if known
-    shape: Shape
+    bulk: Bulk
     seed: int
     view: View = _VIEW
     belt_gray: float = 60.0  # of 255; assumption, as are the next: a dark belt
@@ -106,16 +81,15 @@ class Pictures:
     def _outlines(self, visible: pd.DataFrame) -> Array:
         """Return row, col, direction, half length, half width and corner in px, (n, 6)."""
         x, y, angle = visible["x"].to_numpy(), visible["y"].to_numpy(), self._angles(visible)
-        height = np.full(len(visible), self.shape.height_mm)
+        height = np.full(len(visible), self.bulk.rest_mm)
         if "z" in visible.columns:
             height = visible["z"].to_numpy(np.float64)
         middle = self.view.pixels(np.column_stack([x, y, height]))
         tip = np.column_stack([x + np.cos(angle), y + np.sin(angle), height])  # 1 mm ahead
         along = self.view.pixels(tip) - middle
         scale = np.hypot(along[:, 0], along[:, 1])  # px per mm
-        sizes = [self.shape.length_mm / 2, self.shape.width_mm / 2, self.shape.corner_mm]
         direction = np.arctan2(along[:, 0], along[:, 1])
-        return np.column_stack([middle, direction, scale[:, None] * np.array(sizes)])
+        return np.column_stack([middle, direction, scale[:, None] * self.bulk.outline_mm])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
         """Return the direction of each row; one per particle, drawn, where none is known."""
