@@ -13,7 +13,8 @@ from kilnflight.flight import Rules
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
-from kilnflight.run import doubts, results, settings, summary
+from kilnflight.run import results, settings, summary
+from kilnflight.run.report import doubts
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
 LEVEL = ((0.0, 0.0), (0.0, 0.0), (-8000.0, 0.0))

@@ -1,5 +1,8 @@
 """kilnflight: how to see particles fly, as a package that can be checked.
 
+In Python the steps on a recording of one's own are `kilnflight.open`, `detect`, `track` and
+`plot_tracks` (see `kilnflight.run`), for example ``tracks = kilnflight.track(detections)``.
+
 One particle enters as light on a sensor and leaves as a number in a report::
 
     kiln:  recording -> background -> detection -> combination -> tracking
@@ -25,6 +28,7 @@ ignition         when a particle ignites
 scores           detections, tracks and flights against the truth, with intervals
 camera           depth calibration, Eq. 2.4 of the thesis
 kiln             the whole way from a frame to a flight
+run              a recording of one's own: open, detect, track, plot, all with a report
 twin             a kiln whose truth is known: flights, combustion, camera, scenes
 belt             the sorter of both papers: simulation, pictures, models, valves
 experiments      what only notebooks ask
@@ -33,4 +37,15 @@ tables, checks   columns and units of every table; the one place that words erro
 ===============  ===============================================================
 """
 
+import importlib
+from typing import Any
+
 __version__ = "0.1.0"
+__all__ = ["detect", "open", "plot_tracks", "track"]
+
+
+def __getattr__(name: str) -> Any:
+    """Return a step of `kilnflight.run`, imported on first use: that takes seconds."""
+    if name in __all__:
+        return getattr(importlib.import_module("kilnflight.run"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

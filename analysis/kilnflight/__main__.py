@@ -11,18 +11,18 @@ from typing import Any
 
 from kilnflight.checks import InputError
 
-FORMATS = ("challenge", "napari", "trackmate", "trackpy")
+FORMATS = ("csv", "challenge", "napari", "trackmate", "trackpy")
 
 # The modules of a command are imported when it is asked for: they take time to load.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Import your own recordings, export the twin's, say what one holds, detect, track, or all."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if "--exit-point" in given[:-1]:  # argparse takes -77,250,6828 for an option
-        k = given.index("--exit-point")
-        given[k : k + 2] = [f"--exit-point={given[k + 1]}"]
-    options = _parser().parse_args(given)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if "--exit-point" in words[:-1]:  # argparse takes -77,250,6828 for an option
+        k = words.index("--exit-point")
+        words[k : k + 2] = [f"--exit-point={words[k + 1]}"]
+    options = _parser().parse_args(words)
     try:
         options.function(options)
     except (InputError, OSError) as error:  # OSError: a full disk, a folder without permission
@@ -86,7 +86,7 @@ def _track(options: argparse.Namespace) -> None:
 
     try:
         detections = pd.read_csv(options.detections)
-    except (ValueError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise InputError(f"{options.detections}: is no CSV table ({error}).") from error
     if detections.empty:  # a CSV without rows has columns of no kind
         whole = [name for name in ("frame", "points") if name in detections]
@@ -110,11 +110,9 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.project.parallel import Workers
 
     lance = _point(options.exit_point) if options.exit_point else None
-    chosen = run.Options(
-        options.threshold, lance, options.in_air, options.bright, options.above_background
-    )
+    rules = options.in_air, options.bright, options.above_background
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
-    run.run(options.folder, options.to, chosen, workers)
+    run.run(options.folder, options.to, run.Options(options.threshold, lance, *rules), workers)
 
 
 def _frames(text: str, length: int) -> range:
@@ -166,8 +164,8 @@ def _parser() -> argparse.ArgumentParser:
         return command.add_argument
 
     argument = add("import", _import, "import the files that a manifest names")
-    manual = "TOML; see python -m pydoc kilnflight.recording.importing"
-    argument("manifest", type=Path, help=manual)
+    where = "TOML; see python -m pydoc kilnflight.recording.importing"
+    argument("manifest", type=Path, help=where)
     argument("--to", type=Path, metavar="DIR", help="default: <manifest>.zarr")
 
     argument = add("export", _export, "write a scene of the twin to disk")
@@ -191,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--jpda", action="store_true", help="JPDA in place of GNN")
     raw = "no post-processing (which here lacks its texture term)"
     argument("--raw", action="store_true", help=raw)
-    argument("--format", choices=["csv", *FORMATS], default="csv")
+    argument("--format", choices=FORMATS, default="csv")
 
     argument = add("run", _run, "all steps from a recording to flights, and a report")
     argument("folder", type=Path, metavar="RECORDING")

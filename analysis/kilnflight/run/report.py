@@ -1,0 +1,288 @@
+"""What `kilnflight run` made of a recording: tables, notes, a summary and a page.
+
+`results` -> `doubts`, `summary` -> `page`
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.figure import Figure
+
+from kilnflight import __version__
+from kilnflight.flight import remaining
+from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
+from kilnflight.kiln import KILN_STEPS, KilnRun
+from kilnflight.project import style
+from kilnflight.recording.frames import PictureRecording
+from kilnflight.scores.flights import ignition_histogram
+from kilnflight.scores.intervals import Bootstrap, Interval, median, share
+from kilnflight.tracklets import tracked
+
+SEED = 0  # of the bootstrap
+BIN_S = 0.1  # sec. 5.3.2
+STYLE = """
+body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; }
+th, td { text-align: left; padding: 0.15rem 1rem 0.15rem 0; border-bottom: 1px solid #ccc; }
+figure { margin: 2rem 0; } img { max-width: 100%; } figcaption { font-size: 0.9rem; }
+"""
+
+Row = tuple[str, str]  # what and value
+Captioned = tuple[Figure, str]
+
+
+class Results(NamedTuple):
+    """All tables of one recording, and what the reader is to know."""
+
+    name: str
+    frames: int
+    detections: pd.DataFrame
+    tracks: pd.DataFrame
+    trajectories: pd.DataFrame
+    flights: pd.DataFrame
+    slices: pd.DataFrame
+    notes: tuple[str, ...] = ()
+    settings: tuple[Row, ...] = ()
+
+    @property
+    def counted(self) -> pd.DataFrame:
+        """The flights that start at the lance; only these count (section 5.3.1)."""
+        return self.flights[self.flights["from_lance"]]
+
+
+def results(
+    prepared: KilnRun, notes: tuple[str, ...] = (), settings: tuple[Row, ...] = ()
+) -> Results:
+    """Return the tables of a recording, made where they are not there, with more notes."""
+    name, frames = prepared.detection.source.name, len(prepared.frames)
+    detections = prepared.detection.detections()
+    tracks, trajectories, flights, slices = (prepared.table(step)() for step in KILN_STEPS)
+    outcome = Results(name, frames, detections, tracks, trajectories, flights, slices)
+    notes = (*notes, *doubts(outcome, prepared.rules.above_background))
+    return outcome._replace(notes=notes, settings=settings)
+
+
+def doubts(outcome: Results, above_background: bool = False) -> Iterator[str]:
+    """Yield notes on what is missing, or may not be what it seems."""
+    flights, counted, slices = outcome.flights, outcome.counted, outcome.slices
+    if outcome.detections.empty:
+        yield "Nothing was detected: a lower --threshold may find more."
+    elif tracked(outcome.tracks).empty:
+        yield (
+            f"No tracks: of {len(outcome.detections)} detections {len(outcome.tracks)} are in the "
+            "air or without depth, and none of these follow each other. Do --threshold, --in-air "
+            "and the kiln's wall fit the recording?"
+        )
+    if len(flights) and counted.empty:
+        fitted = outcome.trajectories["particle"].isin(flights["particle"])
+        early = int((outcome.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
+        way = f"; of {early} no way back to it was found (t0 is the earliest that was searched)"
+        yield (
+            f"{len(flights)} trajectories were fitted, but none starts at the lance: the first "
+            f"positions lie {flights['start_mm'].median():.0f} mm from it (median)"
+            f"{way if early else ''}. Is the lance's outlet right (mm, as captured, before Eq. "
+            "2.4)? Dwell times, velocities and ignition are of flights from the lance only."
+        )
+    behind = int((slices["slice_m"] < 0).sum())
+    if 2 * behind > len(slices):
+        yield (
+            f"{behind} of {len(slices)} metres that were passed lie behind the lance. Is its "
+            "outlet right (mm, as captured, before Eq. 2.4)?"
+        )
+    ignited = int((counted["ignition"] == SEEN).sum())
+    if ignited and not above_background:
+        yield (
+            f"Ignition was seen in {ignited} of {len(counted)} flights as a step of the grey "
+            "values as they are, as the thesis does. A particle that flies from before a dark part "
+            "of the kiln to before a bright one shows such a step without burning: compare "
+            "--above-background."
+        )
+
+
+def listed(values: Iterable[float], digits: int) -> str:
+    """Return numbers with so many digits, separated by commas."""
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def summary(outcome: Results) -> pd.DataFrame:
+    """Return the results in rows of ``what`` and ``value``, both texts.
+
+    In brackets: 95 % intervals, by bootstrap over particles and of shares by Wilson; none of
+    fewer than six.
+    """
+    tracks, counted = tracked(outcome.tracks), outcome.counted
+    reasons = outcome.trajectories["outcome"].value_counts().sort_index()
+    endings = counted["ending"].value_counts().sort_index()
+    depth = int(outcome.detections["z"].notna().sum())
+    rows = [
+        ("recording", outcome.name),
+        ("frames", str(outcome.frames)),
+        *outcome.settings,
+        ("detections", f"{len(outcome.detections)}, with depth {depth}"),
+        ("detections in the air or without depth", str(len(outcome.tracks))),
+        ("tracks", f"{tracks['particle'].nunique()} with {len(tracks)} detections"),
+        ("trajectories fitted", str(int(reasons.get("fitted", 0)))),
+        *((f"not fitted: {why}", str(n)) for why, n in reasons.items() if why != "fitted"),
+        ("flights from the lance", str(len(counted))),
+        ("left out: not from the lance", str(len(outcome.flights) - len(counted))),
+        *((f"flights {ending}", str(n)) for ending, n in endings.items()),
+        *(_ignited(counted) if len(counted) else ()),
+        *_velocities(outcome),
+        *_outliers(outcome),
+    ]
+    return pd.DataFrame(rows, columns=["what", "value"])
+
+
+def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
+    """Yield dwell time and share ignited; one row more where some were alight at first."""
+    dwell = Bootstrap()(median, [counted["dwell_s"]], np.random.default_rng(SEED))
+    yield "dwell time, median", f"{_text(dwell, 3)} s"
+    kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
+    if (kinds == BEFORE).any():
+        shares["ignition seen, or alight when first seen"] = [SEEN, BEFORE]
+    for what, which in shares.items():
+        interval = share(int(kinds.isin(which).sum()), len(counted))
+        yield what, f"{_text(interval, 0, 100)} %"
+    few = int((kinds == TOO_FEW).sum())
+    yield "too few points to judge ignition", f"{few} of {len(counted)}"
+
+
+def _text(interval: Interval, digits: int, factor: float = 1.0) -> str:
+    """Return an estimate with its interval, or without one if the sample is too small."""
+    estimate, low, high = (f"{factor * value:.{digits}f}" for value in interval[:3])
+    return f"{estimate} [{low}, {high}]" if np.isfinite(interval[1:3]).all() else estimate
+
+
+def _velocities(outcome: Results) -> Iterator[Row]:
+    """Yield the median velocity in each metre, and which share of the flights passed it."""
+    groups, total = outcome.slices.groupby("slice_m")["velocity_m_s"], len(outcome.counted)
+    for far, number in remaining(outcome.slices, total)[["slice_m", "number"]].to_numpy():
+        middle = Bootstrap()(median, [groups.get_group(far)], np.random.default_rng(SEED))
+        passed = _text(share(int(number), total), 0, 100)
+        value = f"median {_text(middle, 1)} m/s, {passed} % of the flights"
+        yield f"velocity in the metre up to {far:g} m", value
+
+
+def _outliers(outcome: Results) -> Iterator[Row]:
+    """Yield by what a reader sees that depths jumped, or that a flight is too fast to be true.
+
+    Nothing is left out for it. The thesis sets no limit either.
+    """
+    slices, fits = outcome.slices, outcome.trajectories.dropna(subset=["rmse_z_mm"])
+    fits = fits[fits["particle"].isin(outcome.counted["particle"])]
+    if len(fits):
+        rmse = fits[[f"rmse_{axis}_mm" for axis in "xyz"]].median()
+        yield "RMSE of their fits in x, y, z, median", f"{listed(rmse, 0)} mm"
+        worst = fits.iloc[int(np.argmax(fits["rmse_z_mm"]))]
+        value = f"{worst['rmse_z_mm']:.0f} mm (particle {worst['particle']})"
+        yield "largest RMSE in depth", value
+    if len(slices):
+        fast = slices.iloc[int(np.argmax(slices["velocity_m_s"].abs()))]
+        place = f"particle {fast['particle']}, up to {fast['slice_m']:g} m"
+        yield "fastest metre", f"{fast['velocity_m_s']:.1f} m/s ({place})"
+        before = f"{int((~slices['observed']).sum())} of {len(slices)}"
+        yield "metres passed before the particle was first seen", before
+
+
+def page(outcome: Results, recording: PictureRecording) -> str:
+    """Return the report of a recording as one HTML page that needs no network."""
+    name = html.escape(outcome.name)
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in outcome.notes)
+    rows = "".join(
+        f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
+        for what, value in summary(outcome).to_numpy().tolist()
+    )
+    figures = "".join(_embedded(*captioned) for captioned in _figures(outcome, recording))
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1>"
+        + (f"<h2>To know</h2><ul>{notes}</ul>" if notes else "")
+        + f"<h2>Summary</h2><table>{rows}</table>"
+        + "<p>In brackets: 95 % intervals over particles; none of fewer than six.</p>"
+        + f"<h2>Figures</h2>{figures}<p>kilnflight {__version__}</p></body></html>\n"
+    )
+
+
+def _figures(outcome: Results, recording: PictureRecording) -> Iterator[Captioned]:
+    """Yield what can be drawn, each with its caption."""
+    counted, slices = outcome.counted, outcome.slices
+    caption = "Tracks after post-processing over the first frame (dark parts lifted)."
+    yield plot_tracks(recording, outcome.tracks), caption
+    if len(counted):
+        yield _dwell_figure(counted)
+    if len(slices):
+        yield _velocity_figure(slices, len(counted))
+    if len(counted):
+        yield _ignition_figure(counted["ignition_s"].to_numpy(np.float64))
+
+
+def _embedded(figure: Figure, caption: str) -> str:
+    buffer = io.BytesIO()
+    with style.style():
+        figure.savefig(buffer, format="png", dpi=150, metadata={"Software": None})
+    plt.close(figure)
+    data, caption = base64.b64encode(buffer.getvalue()).decode(), html.escape(caption)
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"/>'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _dwell_figure(flights: pd.DataFrame) -> Captioned:
+    """Draw the dwell times, stacked by ending."""
+    groups = dict(list(flights.groupby("ending")["dwell_s"]))
+    edges = np.arange(0.0, flights["dwell_s"].max() + BIN_S, BIN_S / 2)
+    figure, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
+    look = {"color": style.COLOURS[1 : 1 + len(groups)], "hatch": style.HATCHES[: len(groups)]}
+    axes[0, 0].hist(list(groups.values()), edges, stacked=True, label=list(groups), **look)
+    axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
+    axes[0, 0].legend()
+    return figure, "Dwell times of flights from the lance, by their ending."
+
+
+def _velocity_figure(slices: pd.DataFrame, flights: int) -> Captioned:
+    """Draw median and middle half of the velocities, and the remaining share of the flights."""
+    figure, axes = style.canvas(2, width_mm=style.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
+    groups = slices.groupby("slice_m")["velocity_m_s"]
+    low, middle, high = (groups.quantile(part) for part in (0.25, 0.5, 0.75))
+    reach = [middle - low, high - middle]
+    axes[0, 0].errorbar(middle.index, middle, yerr=reach, fmt="o-", color="black", capsize=2)
+    left = remaining(slices, flights)
+    axes[1, 0].bar(left["slice_m"], 100 * left["share"], 0.6, color="0.7", edgecolor="black")
+    axes[0, 0].set(ylabel="velocity (m/s)")
+    axes[1, 0].set(ylabel="flights (%)", xlabel="distance from the lance, end of slice (m)")
+    return figure, (
+        "Velocity towards the camera in each metre from the lance: median, and the middle half "
+        "of the flights; below, the share of flights that get as far."
+    )
+
+
+def _ignition_figure(ignition_s: npt.NDArray[np.float64]) -> Captioned:
+    """Draw when flights ignite, as shares of all of them."""
+    bins = ignition_histogram(ignition_s, BIN_S)
+    figure, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
+    look = {"align": "edge", "color": "0.7", "edgecolor": "black"}
+    axes[0, 0].bar(bins["from_s"], bins["percent"], BIN_S, **look)
+    label = "ignition after leaving the lance (s); the last bin holds all later"
+    axes[0, 0].set(xlabel=label, ylabel="flights (%)")
+    return figure, (
+        f"Ignition after leaving the lance, in bins of {BIN_S:g} s: shares of all "
+        f"{len(ignition_s)} flights; in {np.isfinite(ignition_s).sum()} of them ignition was seen."
+    )
+
+
+def plot_tracks(recording: PictureRecording, tracks: pd.DataFrame) -> Figure:
+    """Return a figure of tracks over the first frame of their recording."""
+    figure, axes = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
+    style.frame(axes[0, 0], recording.gray(0))
+    style.tracks(axes[0, 0], tracked(tracks))
+    return figure
