@@ -48,7 +48,8 @@ pd.Series({key: table["particle"].nunique() for key, table in tracks.items()}, n
 #
 # First what handbooks say ("inputs only"), then what the spheres say. The cost is the mean
 # squared misfit in units of 0.01 m/s (along the belt) and 0.002 m/s (across it). What was not
-# fitted is assumed and says so; cylinders and cuboids lie on the slide in any direction.
+# fitted is assumed and says so where it stands (`kilnflight.belt.machine`); cylinders and cuboids
+# lie on the slide in any direction.
 #
 # The search stopped at its budget, not because it had converged: these are the
 # best values that were met, and whether they are the only ones that fit was not asked. The cost
@@ -58,7 +59,7 @@ pd.Series({key: table["particle"].nunique() for key, table in tracks.items()}, n
 record = sorter.fitted_record()
 print(f"{record['particles']} particles, {record['evaluations']} evaluations")
 print(f"cost {record['cost_inputs_only']:.4g} before, {record['cost_calibrated']:.4g} after")
-belt_calibration.all_values(sorter.fitted_values()).round(4)
+belt_calibration.fitted_table()
 
 # %% [markdown]
 # ## Velocities along and across the belt
@@ -130,16 +131,15 @@ misfit
 # %%
 fed = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
 materials = belt_2020.DATA_SETS[:1] if scale == "quick" else belt_2020.DATA_SETS
-studied, used = pd.DataFrame(), sorter.calibrated_sorter()
+studied = pd.DataFrame()
 if bodies.is_installed():
-    studied = belt_sorter.study(used, fed, seed, materials)
+    studied = belt_sorter.study(sorter.calibrated_sorter(), fed, seed, materials)
 studied.round(4)
 
 # %%
 caption = (
     "Change of the velocity with one contact value changed: mean along the belt, its gain from 425 "
-    "to 750 mm, its standard deviation, median size across. As used is "
-    f"{belt_sorter.described(used)}; {fed} particles of each."
+    f"to 750 mm, its standard deviation, median size across; {fed} particles of each."
 )
 part = {"caption": caption, "provenance": origin}
 if len(studied):

@@ -18,8 +18,8 @@ files = recordings.find_recordings()
 absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded. `make "
 absent += "data` fetches them, or name their folder in `KILNFLIGHT_RECORDINGS` (with `Kugeln`, "
 absent += "`Weizen` or `Zylinder` in it)."
-found = f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
-Markdown(found if files else absent)
+given = f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
+Markdown(given if files else absent)
 
 # %% [markdown]
 # **Published.** Both belt papers evaluate on simulations; their authors also published what they

@@ -36,13 +36,13 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
 seed = 2020  # of who calibrates, who is blown out, and of our own simulation
-wanted = 0.1  # share of the particles to be blown out
+blown = 0.1  # share of the particles to be blown out
 jobs = 2  # processes of our own simulation
 
 # %%
 style.use_style()
 draws = {"quick": 1, "standard": 5, "full": 20}[scale]
-setting = {"scale": scale, "draws": draws, "wanted": wanted}
+setting = {"scale": scale, "draws": draws, "blown": blown}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
 loaded = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
@@ -58,7 +58,7 @@ bars += [replace(usual, valves=count) for count in (8, 16, 64, 128)]
 
 # %%
 parts = {
-    (name, draw): shares(part, phase, bars, seed + draw, wanted)
+    (name, draw): shares(part, phase, bars, seed + draw, blown)
     for name, part in observed.items()
     for draw in range(draws)
 }

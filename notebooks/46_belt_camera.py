@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import pictures, tracker
+from kilnflight.belt import tracker
 from kilnflight.belt.bodies import is_installed, missing
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import BULKS
+from kilnflight.belt.pictures import Pictures
 from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import figures, style
 
@@ -36,10 +37,9 @@ count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per mat
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
 bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
 pictured = {
-    name: belt_camera.track_pictures(pictures.Pictures(tracks, BULKS[name], seed))
+    name: belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()
 }
-print(f"{count} particles of each material, by {engine}")
 
 # %% [markdown]
 # ## What is found of the belt
@@ -62,17 +62,16 @@ caption = (
     "truth (bias, root mean square); spots found in the pictures, share of spots that are larger "
     "than one particle, tracks that never became valid, and how the valid ones ended."
 )
-places = belt_camera.describe_pictures(pictured, bodies)
-figures.save("belt16-pictures", places, caption=caption, provenance=origin)
+errors = belt_camera.describe_pictures(pictured, bodies)
+figures.save("belt16-pictures", errors, caption=caption, provenance=origin)
 
 # %%
-spheres = pictured["spheres"]
-view = pictures.Pictures(bodies["spheres"], BULKS["spheres"], seed)
+spheres, view = pictured["spheres"], Pictures(bodies["spheres"], BULKS["spheres"], seed)
 busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
 states = spheres.followed.states.query("frame == @busy and valid == 1")
 at = spheres.calibration.pixels(states[["x", "y"]].to_numpy())
 edges = np.array([[388.0, 90.0], [688.0, 90.0], [788.0, 90.0]])
-start, phase, end = spheres.calibration.pixels(edges)[:, 1]
+names = ("tracking phase", "prediction phase", "edge")
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=92)
@@ -80,7 +79,7 @@ axes.imshow(view[busy], cmap="gray", vmin=0, vmax=255)
 speed = {"c": states["velocity_x_mm_s"] / 1000, "cmap": "viridis", "edgecolors": "black"}
 dots = axes.scatter(at[:, 1], at[:, 0], s=12, linewidths=0.4, **speed)
 picture.colorbar(dots, ax=axes, label="velocity along the belt (m/s)", shrink=0.8)
-for place, text in ((start, "tracking phase"), (phase, "prediction phase"), (end, "edge")):
+for place, text in zip(spheres.calibration.pixels(edges)[:, 1], names, strict=True):
     axes.axvline(place, color="white", lw=0.8, ls="--")
     axes.text(place + 4, 135, text, color="white", fontsize=7)
 _ = axes.set(xlabel="column (px)", ylabel="row (px)", ylim=(600, 110))
@@ -98,19 +97,17 @@ figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, pr
 # ## Where tracks begin and end
 
 # %%
-usual = tracker.Appearance()
-x = np.arange(380.0, 711.0, 0.5)
+likelihoods, x = tracker.Appearance(), np.arange(388.0, 711.0, 0.5)
 along = np.column_stack([x, np.full(len(x), 90.0)])
-new = usual.new(along) * usual.area.square_mm
-gone, _ = usual.gone(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
+new = likelihoods.new(along) * likelihoods.area.square_mm
+gone, _ = likelihoods.gone(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
 table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": gone})
-table = table[table["x_mm"] >= 388]
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=50)
 panels[0].semilogy(table["x_mm"], table["new_per_frame_and_area"])
-panels[0].set(ylabel="new tracks, relative to one\nspread over the region")
-panels[0].set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+panels[0].set(ylabel="new tracks, relative to one\nspread over the region", yticks=[0.1, 1, 10])
+panels[0].yaxis.set_major_formatter("{x:g}")
 panels[1].plot(table["x_mm"], table["not_observed"])
 panels[1].set(ylabel="likelihood that a track\nis not observed", ylim=(0, 1.05))
 for axes in panels:
@@ -151,7 +148,7 @@ table.columns = [f"{name}_{k}" for k, name in enumerate(whole.columns)]
 figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-corners, along = places["corner_error_mm"].max(), places.set_index("material")["rms_along_mm"]
+corners, along = errors["corner_error_mm"].max(), errors.set_index("material")["rms_along_mm"]
 result = (
     f"The belt's corners are found to {corners:.3f} mm, places of spheres to "
     f"{along['spheres']:.2f} mm "

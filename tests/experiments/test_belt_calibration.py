@@ -1,12 +1,10 @@
 """How the values of the sorter are found."""
 
-from dataclasses import fields
-
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.machine import Contacts, Slide
+from kilnflight.belt.machine import Contacts
 from kilnflight.belt.sorter import FittedValues, fitted_record, fitted_values
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_calibration
@@ -19,16 +17,12 @@ def test_the_frozen_values_lie_within_the_limits_and_cost_less():
     assert fitted_record()["cost_calibrated"] < fitted_record()["cost_inputs_only"] / 2
 
 
-def test_every_value_says_where_it_comes_from():
-    table = belt_calibration.all_values(fitted_values()).set_index("value")
-    names = {field.name for field in fields(Contacts)}
-    slide = {field.name for field in fields(Slide)} - {"yaw_spread_deg"}
-    names |= {name if name in LIMITS else f"slide_{name}" for name in slide}
-    assert set(table.index) == names
-    fitted = table["source"].str.startswith("fitted")
-    assert set(table.index[fitted]) == set(LIMITS)
-    assert (table["inputs_only"] == table["found_with_spheres"])[~fitted].all()
-    assert table.loc["wall_friction", "source"].startswith("assumed")
+def test_the_table_of_fitted_values_has_the_limits_they_were_looked_for_in():
+    table = belt_calibration.fitted_table()
+    assert table.index.tolist() == list(LIMITS)
+    assert (table["found_with_spheres"] > table["low"]).all()
+    assert (table["found_with_spheres"] < table["high"]).all()
+    assert table.loc["belt_friction", "inputs_only"] == Contacts.belt_friction
 
 
 def test_the_search_finds_values_that_made_the_targets(monkeypatch):

@@ -113,7 +113,7 @@ def find_recordings() -> dict[str, list[Path]]:
             f"KILNFLIGHT_RECORDINGS is {named}, which has no recording in "
             f"{', '.join(MATERIALS.values())}. Put them there or unset the variable."
         )
-    return {name: found for name, found in files.items() if found}
+    return {name: paths for name, paths in files.items() if paths}
 
 
 def read_recording(path: Path) -> pd.DataFrame:

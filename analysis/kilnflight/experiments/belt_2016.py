@@ -297,10 +297,10 @@ def compare_sources(
         Tracks of our simulation (1000 Hz) and of the authors (100 Hz); ours are thinned to
         theirs, too.
     """
-    slow = {("own simulation, 100 Hz", name): thinned(one, 10) for name, one in bodies.items()}
-    slow |= {("authors' DEM, 100 Hz", name): one for name, one in authors.items()}
+    slow = {("own simulation, 100 Hz", name): thinned(bodies[name], 10) for name in bodies}
+    slow |= {("authors' DEM, 100 Hz", name): authors[name] for name in authors}
     fast = {("own simulation, 1000 Hz", name): every[every["material"] == name] for name in bodies}
-    return fast | {key: sampled(one).assign(data="noise-free") for key, one in slow.items()}
+    return fast | {key: sampled(tracks).assign(data="noise-free") for key, tracks in slow.items()}
 
 
 def summaries(table: pd.DataFrame) -> pd.DataFrame:

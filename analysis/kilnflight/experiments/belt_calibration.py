@@ -23,9 +23,17 @@ from scipy.optimize import least_squares
 
 from kilnflight import __version__
 from kilnflight.belt.evaluation import motion_profile, thinned, velocities
-from kilnflight.belt.machine import BULKS, Contacts, Slide
+from kilnflight.belt.machine import BULKS
 from kilnflight.belt.recordings import find_dem, read_dem
-from kilnflight.belt.sorter import FILE, PLACES_MM, SCALES, FittedValues, Sorter, targets
+from kilnflight.belt.sorter import (
+    FILE,
+    PLACES_MM,
+    SCALES,
+    FittedValues,
+    Sorter,
+    fitted_values,
+    targets,
+)
 from kilnflight.checks import InputError
 from kilnflight.project import cache
 
@@ -45,38 +53,14 @@ LIMITS = {
     "speed_spread": (0.0, 0.2),
     "lateral_spread_mm_s": (0.0, 100.0),
 }
-# All that is not fitted, and where it comes from; names of the slide begin with ``slide_``.
-_SOFT = "numerical: of a contact, see notebook 43"
-ASSUMED = {
-    "particle_friction": "assumed: wood on wood, handbooks give 0.25 to 0.5",
-    "wall_friction": "assumed: wood on metal, handbooks give 0.2 to 0.6",
-    "spinning_mm": "assumed",
-    "belt_time_s": _SOFT,
-    "slip_time_s": _SOFT,
-    "body_time_s": _SOFT,
-    "body_damping": _SOFT,
-    "slide_angle_deg": "assumed",
-    "slide_friction": "assumed: wood on steel, handbooks give 0.2 to 0.6",
-    "slide_width_mm": "read off the authors' tracks",
-    "slide_rate_1_s": "read off the authors' tracks",
-}
 
 
-def all_values(found: FittedValues) -> pd.DataFrame:
-    """Return every value of contacts and slide: ``value``, before and after the fit, ``source``.
-
-    The direction of what lies on the slide is left out: it is any.
-    """
-    rows = [
-        (name, value, getattr(found, name), "fitted to the authors' spheres")
-        for name, value in asdict(INPUTS_ONLY).items()
-    ]
-    contacts, slide = Contacts(), Slide()
-    for name, source in ASSUMED.items():
-        part = slide if name.startswith("slide_") else contacts
-        value = getattr(part, name.removeprefix("slide_"))
-        rows.append((name, value, value, source))
-    return pd.DataFrame(rows, columns=["value", "inputs_only", "found_with_spheres", "source"])
+def fitted_table() -> pd.DataFrame:
+    """Return each fitted value before (``inputs_only``) and after the fit, and its limits."""
+    columns = {"inputs_only": asdict(INPUTS_ONLY), "found_with_spheres": asdict(fitted_values())}
+    limits = {"low": {name: low for name, (low, _) in LIMITS.items()}}
+    limits |= {"high": {name: high for name, (_, high) in LIMITS.items()}}
+    return pd.DataFrame(columns | limits).rename_axis("value")
 
 
 def profile(values: FittedValues, material: str = "spheres") -> pd.DataFrame:

@@ -25,7 +25,7 @@ from kilnflight.belt.evaluation import motion_profile, thinned, velocities
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
 from kilnflight.belt.sorter import PLACES_MM, Sorter, calibrated_sorter
 from kilnflight.checks import check_between, check_count
-from kilnflight.experiments.belt_2020 import DATA_SETS, Key, load_tracks
+from kilnflight.experiments.belt_2020 import DATA_SETS, OWN, Key, load_tracks
 from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas
 from kilnflight.tables import BELT_BODIES
 
@@ -64,7 +64,7 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
         ``friction model`` alone.
     """
     if not is_installed():
-        return {("friction model", name): one for (_, name), one in load_tracks({}, seed).items()}
+        return {("friction model", name): load_tracks({}, seed)[OWN, name] for name in DATA_SETS}
     fitted = calibrated_sorter()
     sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
     sorters |= {("calibrated", name): fitted for name in DATA_SETS}
@@ -149,14 +149,6 @@ def study(
             row = {"setting": name, "data_set": material, **_moved(setting, material, count, seed)}
             rows.append(row | {"restitution_least": least, "restitution_most": most})
     return pd.DataFrame(rows)
-
-
-def described(sorter: Sorter) -> str:
-    """Return the values that the settings start from, for a caption."""
-    known = sorter.contacts
-    names = ("belt_time_s", "slip_time_s", "body_time_s", "body_damping", *ASSUMED)
-    values = [f"{name} {getattr(known, name):g}" for name in names]
-    return ", ".join([*values, f"impedance {IMPEDANCE:g}"])
 
 
 def changes(table: pd.DataFrame) -> pd.DataFrame:
