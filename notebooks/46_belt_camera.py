@@ -8,7 +8,6 @@ from IPython.display import Markdown
 
 from kilnflight.belt import tracker
 from kilnflight.belt.bodies import is_installed, missing
-from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import BULKS
 from kilnflight.belt.pictures import Pictures
 from kilnflight.experiments import belt_2016, belt_camera
@@ -35,7 +34,7 @@ jobs = 2  # processes of the simulation
 style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material, as in 42
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
-bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in MATERIALS}
+bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in BULKS}
 pictured = {
     name: belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()

@@ -29,7 +29,7 @@ def test_the_search_finds_values_that_made_the_targets(monkeypatch):
     """A world in which a profile is linear in the values: least squares must find them."""
     known = FittedValues(0.2, 0.03, 90.0, 0.8, 10.0, 0.04, 12.0)
 
-    def profile(values, material="spheres"):
+    def profile(values):
         low, high = (np.array(corner) for corner in zip(*LIMITS.values(), strict=True))
         share = (np.array([getattr(values, name) for name in LIMITS]) - low) / (high - low)
         rows = np.random.default_rng(0).normal(size=(9, 7)) @ share

@@ -85,7 +85,6 @@ class View:
     height_mm: float = 1000.0  # above the belt; assumption
     turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
     tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
-    belt: Area = BELT
 
     def __post_init__(self) -> None:
         """Refuse a camera that sees nothing."""
@@ -100,7 +99,7 @@ class View:
         """Return row and col (n, 2) of places (n, 3): x, y and height above the belt in mm."""
         angles = [self.turned_deg, self.tilted_deg]
         turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
-        middle = self.belt.corners.mean(axis=0)
+        middle = BELT.corners.mean(axis=0)
         # From above: x to the right, y down, depth away from the camera.
         away = np.column_stack([places[:, :2] - middle, self.height_mm - places[:, 2]]) @ turn.T
         # The camera is moved sideways so that the tilted axis still meets the belt's middle.
@@ -286,15 +285,13 @@ def _mapped(matrix: Array, places: Array) -> Array:
     return mapped[:, :2] / mapped[:, 2:]
 
 
-def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
+def calibrate(corners: Corners) -> Calibration:
     """Return the mapping of the corners found onto the belt's known corners.
 
     Parameters
     ----------
     corners
-        From `FindCorners`.
-    belt
-        Where these corners are known to lie, in mm.
+        From `FindCorners`; those of `BELT`.
 
     Raises
     ------
@@ -314,11 +311,11 @@ def calibrate(corners: Corners, belt: Area = BELT) -> Calibration:
         if abs(np.linalg.det([b - a, c - a])) < 1.0:
             raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
     matrix = cv2.getPerspectiveTransform(
-        places[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
+        places[:, ::-1].astype(np.float32), BELT.corners.astype(np.float32)
     )
     lengths = [
         np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1).sum()
-        for ends in (belt.corners, places)
+        for ends in (BELT.corners, places)
     ]
     scale = float(lengths[0] / lengths[1])
     error = scale * float(corners.spread_px.max())

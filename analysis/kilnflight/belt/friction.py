@@ -14,12 +14,13 @@ rolling (or standing) on the belt.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.machine import GRAVITY_MM_S2
+from kilnflight.belt.machine import BULKS, GRAVITY_MM_S2
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
 from kilnflight.checks import InputError, check_positive
 from kilnflight.tables import BELT_TRACKS
@@ -139,30 +140,19 @@ class _State:
     across_axis: Array  # unit vectors: the direction in which a cylinder rolls
 
 
-# Moments of inertia over m r^2: solid sphere 2/5, solid cylinder about its axis 1/2. The
-# numbers of particles are the paper's; feed velocities and their spread are read off.
+def _material(
+    name: str, velocity: float, spread: float, lateral_spread: float, **rolling: Any
+) -> FrictionBelt:
+    start: dict[str, Any] = {"velocity_mm_s": velocity, "velocity_spread_mm_s": spread}
+    start |= {"lateral_spread_mm_s": lateral_spread}
+    return FrictionBelt(particles=BULKS[name].count, **start, **rolling)
+
+
+# Feed velocities (mm/s) and their spread along and across the belt are read off. Moments of
+# inertia over m r^2: solid sphere 2/5, solid cylinder about its axis 1/2.
+_CYLINDERS: dict[str, Any] = {"inertia": 0.5, "rolls_across_axis_only": True, "rolling_start": True}
 MATERIALS: dict[str, FrictionBelt] = {
-    "spheres": FrictionBelt(
-        particles=3713,
-        inertia=0.4,
-        rolling_start=True,
-        velocity_mm_s=1045.0,
-        velocity_spread_mm_s=39.0,
-        lateral_spread_mm_s=27.0,
-    ),
-    "cuboids": FrictionBelt(
-        particles=4357,
-        velocity_mm_s=923.0,
-        velocity_spread_mm_s=58.0,
-        lateral_spread_mm_s=49.0,
-    ),
-    "cylinders": FrictionBelt(
-        particles=4427,
-        inertia=0.5,
-        rolls_across_axis_only=True,
-        rolling_start=True,
-        velocity_mm_s=929.0,
-        velocity_spread_mm_s=42.0,
-        lateral_spread_mm_s=47.0,
-    ),
+    "spheres": _material("spheres", 1045.0, 39.0, 27.0, inertia=0.4, rolling_start=True),
+    "cuboids": _material("cuboids", 923.0, 58.0, 49.0),
+    "cylinders": _material("cylinders", 929.0, 42.0, 47.0, **_CYLINDERS),
 }

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -67,10 +67,13 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 
 
 @dataclass(frozen=True)
-class _Model(ABC):
+class _Model:
     """What both families share: a name, and a parameter that is NaN until it is calibrated."""
 
-    name: ClassVar[str]
+    @property
+    def name(self) -> str:
+        """Its name in the paper."""
+        return type(self).__name__.removeprefix("Lateral")
 
     def _check_calibrated(self) -> None:
         if any(np.isnan(value) for value in vars(self).values()):
@@ -90,7 +93,7 @@ class _Model(ABC):
         return before, after
 
 
-class ArrivalModel(_Model):
+class ArrivalModel(_Model, ABC):
     """A model of when a particle reaches a place."""
 
     def __call__(self, last: Given, target_mm: float) -> Array:
@@ -146,7 +149,6 @@ class IV(ArrivalModel):
     """Identical velocity: every particle covers the rest with one velocity (Eq. 1)."""
 
     velocity_mm_s: float = np.nan  # median over the prediction phase (sec. 5)
-    name: ClassVar[str] = "IV"
 
     def __post_init__(self) -> None:
         """Refuse a velocity that never arrives."""
@@ -164,8 +166,6 @@ class IV(ArrivalModel):
 class CV(ArrivalModel):
     """Constant velocity: the particle keeps its last velocity (Eq. 3)."""
 
-    name: ClassVar[str] = "CV"
-
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return time_to_cover(distance, velocity, np.zeros_like(velocity))
 
@@ -175,7 +175,6 @@ class CVBC(CV):
     """Constant velocity, its bias corrected by the median error of calibration particles."""
 
     bias_s: float = np.nan  # t_BC: median of true minus CV time
-    name: ClassVar[str] = "CVBC"
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return super()._duration(distance, velocity, acceleration) + self.bias_s
@@ -190,8 +189,6 @@ class CVBC(CV):
 @dataclass(frozen=True)
 class CA(ArrivalModel):
     """Constant acceleration: the particle keeps its last acceleration (Eqs 5 and 6)."""
-
-    name: ClassVar[str] = "CA"
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         return time_to_cover(distance, velocity, acceleration)
@@ -209,7 +206,6 @@ class CALV(ArrivalModel):
     """
 
     limit_mm_s: float = BELT_VELOCITY_MM_S  # the belt's velocity: known, not calibrated
-    name: ClassVar[str] = "CALV"
 
     def __post_init__(self) -> None:
         """Refuse a limit that is not a velocity."""
@@ -234,7 +230,6 @@ class IA(ArrivalModel):
     """Identical acceleration: own velocity, one acceleration for all particles."""
 
     acceleration_mm_s2: float = np.nan  # median of the optimal ones
-    name: ClassVar[str] = "IA"
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
         shared = np.full_like(velocity, self.acceleration_mm_s2)
@@ -245,7 +240,7 @@ class IA(ArrivalModel):
         return replace(self, acceleration_mm_s2=float(np.median(optimal)))
 
 
-class LateralModel(_Model):
+class LateralModel(_Model, ABC):
     """A model of where across the belt a particle arrives."""
 
     def __call__(self, last: Given, remaining_s: Array) -> Array:
@@ -276,8 +271,6 @@ class LateralModel(_Model):
 class Straight(LateralModel):
     """No lateral movement; what a line-scan sorter assumes."""
 
-    name: ClassVar[str] = "Straight"
-
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return np.zeros_like(velocity)
 
@@ -285,8 +278,6 @@ class Straight(LateralModel):
 @dataclass(frozen=True)
 class LateralCV(LateralModel):
     """Constant lateral velocity."""
-
-    name: ClassVar[str] = "CV"
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return time * velocity
@@ -296,8 +287,6 @@ class LateralCV(LateralModel):
 class LateralCA(LateralModel):
     """Constant lateral acceleration (Eq. 7)."""
 
-    name: ClassVar[str] = "CA"
-
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return time * velocity + time**2 * acceleration / 2
 
@@ -305,8 +294,6 @@ class LateralCA(LateralModel):
 @dataclass(frozen=True)
 class CADSC(LateralCA):
     """Constant acceleration, sign changes disallowed: a particle that has stopped stays."""
-
-    name: ClassVar[str] = "CADSC"
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         stops = np.full_like(velocity, np.inf)
@@ -320,7 +307,6 @@ class Ratio(LateralModel):
     """One share of the lateral velocity stays, lost at a constant rate on the way."""
 
     share: float = np.nan  # r: median of arrival velocity over last velocity
-    name: ClassVar[str] = "Ratio"
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         # The acceleration is -(1 - r) velocity / time; half of it times time squared:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.camera import TRACKED, Area, Calibration, View
+from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, View
 from kilnflight.belt.machine import Bulk
 from kilnflight.checks import InputError, check_at_least, check_columns, check_positive
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
@@ -102,7 +102,7 @@ class Pictures:
         """Return the belt without particles, its edges soft."""
         shape = self.view.rows, self.view.cols
         row, col = np.ogrid[: shape[0], : shape[1]]
-        corners = self.view.pixels(np.column_stack([self.view.belt.corners, np.zeros(4)]))
+        corners = self.view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
         inside = np.full(shape, np.inf)
         for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             down, right = end - start

@@ -91,9 +91,7 @@ def constant_velocity(
     return ConstantVelocity((750.0, 0.0), 433.0, float(noise), spread_mm)
 
 
-def constant_acceleration(
-    frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127
-) -> ConstantAcceleration:
+def constant_acceleration() -> ConstantAcceleration:
     """Return the same with a constant acceleration, disturbed by white noise of the jerk.
 
     Notes
@@ -102,7 +100,7 @@ def constant_acceleration(
     with the belt, after some 0.2 s: the noise changes it by its size in that time.
     """
     noise = 2000.0 / np.sqrt(0.2)
-    return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), spread_mm)
+    return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), 0.127)
 
 
 @dataclass(frozen=True)

@@ -180,20 +180,11 @@ def shares(
         )
     arrival = observed.arrival[~calibration]
     true = arrival["time_s"].to_numpy(), arrival["y"].to_numpy()
-    rows, bars = [], list(bars)
+    rows, bars, sizes = [], list(bars), (int(chosen.sum()), int((~chosen).sum()))
     for model, time, y in predictions(observed, phase, calibration, MODELS):
         for bar in bars:
-            result = bar(chosen, (time, y), true)
-            rows.append(
-                {
-                    "model": model,
-                    "valves": bar.valves,
-                    "valve_mm": bar.width_mm,
-                    "open_ms": 1000 * bar.open_s,
-                    "wanted": int(chosen.sum()),
-                    "others": int((~chosen).sum()),
-                    "hit_percent": 100 * result.hit_share,
-                    "inadvertent_percent": 100 * result.inadvertent_share,
-                }
-            )
-    return pd.DataFrame(rows)
+            blown_out = bar(chosen, (time, y), true)
+            percent = 100 * blown_out.hit_share, 100 * blown_out.inadvertent_share
+            rows.append((model, bar.valves, bar.width_mm, 1000 * bar.open_s, *sizes, *percent))
+    columns = ["model", "valves", "valve_mm", "open_ms", "wanted", "others"]
+    return pd.DataFrame(rows, columns=[*columns, "hit_percent", "inadvertent_percent"])

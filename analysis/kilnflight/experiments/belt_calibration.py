@@ -63,10 +63,10 @@ def fitted_table() -> pd.DataFrame:
     return pd.DataFrame(columns | limits).rename_axis("value")
 
 
-def profile(values: FittedValues, material: str = "spheres") -> pd.DataFrame:
-    """Return how a material moves in the simulation, at the rate of the authors' files."""
+def profile(values: FittedValues) -> pd.DataFrame:
+    """Return how spheres move in the simulation, at the rate of the authors' files."""
     sorter = values.applied(Sorter())
-    simulate = joblib.delayed(partial(sorter, BULKS[material], PARTICLES))
+    simulate = joblib.delayed(partial(sorter, BULKS["spheres"], PARTICLES))
     seeds = (np.random.default_rng([SEED, group]) for group in range(GROUPS))
     parts = joblib.Parallel(n_jobs=GROUPS)(simulate(seed) for seed in seeds)
     tracks = pd.concat(

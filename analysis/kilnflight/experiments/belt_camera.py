@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.belt.camera import TRACKED, Area, Calibration, FindCorners, calibrate
+from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, calibrate
 from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed
 from kilnflight.checks import check_columns
@@ -65,9 +65,7 @@ def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> 
     return usual
 
 
-def particles_in_shared_spots(
-    spots: pd.DataFrame, truth: pd.DataFrame, area: Area = TRACKED
-) -> npt.NDArray[np.int64]:
+def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integers:
     """Return the particles whose nearest spot was marked as several, in any frame.
 
     Two particles that touch are one spot at their common centroid, and nothing tells the
@@ -78,9 +76,8 @@ def particles_in_shared_spots(
     spots
         ``frame``, ``x``, ``y``, ``touching``, as `kilnflight.tables.BELT_SPOTS`.
     truth
-        ``frame``, ``particle``, ``x``, ``y`` of the particles in the same frames.
-    area
-        Only places in it count.
+        ``frame``, ``particle``, ``x``, ``y`` of the particles in the same frames; only places
+        in `kilnflight.belt.camera.TRACKED` count.
 
     Returns
     -------
@@ -89,7 +86,7 @@ def particles_in_shared_spots(
     """
     check_columns(spots, ["frame", "x", "y", "touching"], "spots")
     check_columns(truth, ["frame", "particle", "x", "y"], "truth")
-    inside = truth[area.holds(truth[["x", "y"]].to_numpy(np.float64))]
+    inside = truth[TRACKED.holds(truth[["x", "y"]].to_numpy(np.float64))]
     inside = inside[inside["frame"].isin(spots["frame"])]
     several = spots["touching"].to_numpy()[_nearest(inside, spots)] == 1
     return np.unique(inside["particle"].to_numpy(np.int64)[several])
@@ -138,8 +135,8 @@ def describe_pictures(
     return pd.DataFrame(rows).fillna(0)
 
 
-def matrix_of_frame(spots: pd.DataFrame, least: int = 5) -> tuple[pd.DataFrame, Integers]:
-    """Return Fig. 3 of the first frame with so many tracks and measurements.
+def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
+    """Return Fig. 3 of the first frame with five tracks and five measurements or more.
 
     Returns
     -------
@@ -151,7 +148,7 @@ def matrix_of_frame(spots: pd.DataFrame, least: int = 5) -> tuple[pd.DataFrame, 
     """
     tracker = BeltTracker()
     steps = tracker.steps(spots)
-    step = next(step for step in steps if min(step.pairs.distance_squared.shape) >= least)
+    step = next(step for step in steps if min(step.pairs.distance_squared.shape) >= 5)
     likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
     whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
     rows = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m

@@ -177,10 +177,10 @@ def plot(changed: pd.DataFrame) -> Figure:
     return picture
 
 
-def restitution(setting: Setting, moments: int = 5) -> tuple[float, float]:
+def restitution(setting: Setting) -> tuple[float, float]:
     """Return the least and the largest speed at which two spheres part, over that of closing.
 
-    They meet head-on in the air without friction, at ``moments`` parts of a time step.
+    They meet head-on in the air without friction, at five parts of a time step.
     """
     mujoco, step = engine(), setting.sorter.conveyor.step_s
     contacts = replace(setting.sorter.contacts, particle_friction=0.0)
@@ -189,7 +189,7 @@ def restitution(setting: Setting, moments: int = 5) -> tuple[float, float]:
     model.pair_solimp[:, :2] = setting.impedance
     model.opt.gravity[:] = 0.0
     shares = []
-    for part in np.linspace(0.0, 1.0, moments):
+    for part in np.linspace(0.0, 1.0, 5):
         data = mujoco.MjData(model)
         apart = 2.0 * bulk.half_mm[0] + (5.0 + part) * CLOSING_MM_S * step
         data.qpos.reshape(2, 7)[:, :3] = [[0.0, 90.0, 500.0], [apart, 90.0, 500.0]]
