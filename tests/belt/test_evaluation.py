@@ -16,7 +16,6 @@ from kilnflight.belt.evaluation import (
     lateral_deviations,
     motion_profile,
     summarise,
-    thinned,
     velocities,
 )
 from kilnflight.belt.tracker import Followed
@@ -151,19 +150,6 @@ def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constan
     assert profile["lateral_std_m_s"][1] == pytest.approx(np.std(across, ddof=1))
     assert profile.loc[0, ["lateral_m_s", "lateral_std_m_s"]].isna().all()
     assert motion_profile(velocities(BELT_TRACKS.empty()), np.array([500.0]))["particles"][0] == 0
-
-
-def test_every_tenth_frame_stays_with_its_time():
-    tracks = pd.DataFrame({"frame": range(7, 35), "time_s": [k / 1000 for k in range(7, 35)]})
-    less = thinned(tracks, 10)
-    assert less["frame"].tolist() == [1, 2, 3]
-    assert less["time_s"].tolist() == [0.01, 0.02, 0.03]
-    pd.testing.assert_frame_equal(thinned(tracks, 1), tracks)
-
-
-def test_no_rate_is_told():
-    with pytest.raises(InputError, match="every"):
-        thinned(pd.DataFrame({"frame": [1]}), 0)
 
 
 def test_only_valid_tracks_that_entered_the_phase_are_predicted():

@@ -97,8 +97,19 @@ def test_thinning_keeps_times(first, rate):
     assert (slow["frame"].diff().dropna() == 1).all()
 
 
+def test_every_tenth_frame_stays_with_its_time():
+    tracks = one_track(frames=28, step=1)
+    late = tracks.assign(frame=tracks["frame"] + 7, time_s=tracks["time_s"] + 0.007)
+    less = at_rate(late, 100.0)
+    assert less["frame"].tolist() == [1, 2, 3]
+    assert less["time_s"].tolist() == pytest.approx([0.01, 0.02, 0.03])
+    pd.testing.assert_frame_equal(at_rate(late, 1000.0), late)
+
+
 def test_what_cannot_be_drawn_is_told():
     slow = one_track(frames=10, step=10)  # 100 Hz
+    with pytest.raises(InputError, match="at_rate: frames_per_s"):
+        at_rate(slow, 0.0)
     with pytest.raises(InputError, match="no rows 200 times a second"):
         at_rate(slow, 200.0)
     with pytest.raises(InputError, match="mm_per_px"):

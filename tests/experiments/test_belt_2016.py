@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.belt.camera import Area
-from kilnflight.belt.evaluation import last_states, observe, thinned
+from kilnflight.belt.evaluation import last_states, observe
 from kilnflight.belt.friction import FrictionBelt
 from kilnflight.belt.machine import BULKS
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.pictures import Pictures
+from kilnflight.belt.pictures import Pictures, at_rate
 from kilnflight.belt.tracker import BeltTracker
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_2016, belt_camera
@@ -132,7 +132,7 @@ def test_the_simulation_velocity_is_taken_where_there_is_one(bodies):
 
 def test_other_rates_and_gaps_are_told(bodies):
     with pytest.raises(InputError, match="frame k must be at k ms"):
-        belt_2016.noise_free(thinned(bodies, 10))  # 100 Hz, as the authors' public tracks
+        belt_2016.noise_free(at_rate(bodies, 100.0))  # 100 Hz, as the authors' public tracks
     with pytest.raises(InputError, match="frame k must be at k ms"):
         belt_2016.noise_free(bodies.assign(time_s=bodies["time_s"] + 1.0))
     with pytest.raises(InputError, match="particle 0 skips or repeats a frame"):
@@ -142,7 +142,7 @@ def test_other_rates_and_gaps_are_told(bodies):
 
 
 def test_the_authors_rate_gives_the_same_without_a_tracker(bodies):
-    slow = thinned(bodies[bodies["x"] < 788.0], 10)
+    slow = at_rate(bodies[bodies["x"] < 788.0], 100.0)
     table = belt_2016.sampled(slow)
     assert table["approach"].unique().tolist() == ["Sim", "Straight"]
     moving = table[table["approach"] == "Sim"]
@@ -357,3 +357,44 @@ def test_predicted_particles_and_filters_by_material(bodies):
     filters = belt_2016.compare_filters(pictured, tracks)
     assert filters["filter"].nunique() == 3
     assert (filters.query("quantity == 'lateral_mm'")["median"].abs() < 0.5).all()
+
+
+def test_agreement_with_what_was_fitted_is_no_verdict():
+    table = pd.concat(
+        [tracked(AS_IN_2016).assign(material=name) for name in ("spheres", "cuboids")]
+    )
+    boxes = belt_2016.summaries(table)
+    free = belt_2016.judge_spheres(table, boxes, "40 spheres", fitted=False)
+    assert {one.verdict for one in free} == {claims.REPRODUCED}
+    assert "cuboids" in free[3].reason
+    fitted = belt_2016.judge_spheres(table, boxes, "40 spheres", fitted=True)
+    open_ones = [one.id for one in fitted if one.verdict == claims.NOT_DECIDABLE]
+    assert open_ones == ["belt16-2", "belt16-4"]
+
+
+def test_sources_are_ours_at_both_rates_and_the_authors(bodies):
+    every = tracked(AS_IN_2016).assign(material="spheres")
+    authors = {"spheres": at_rate(bodies[bodies["x"] < 788.0], 100.0)}
+    sources = belt_2016.compare_sources(every, {"spheres": bodies}, authors)
+    assert [source for source, _ in sources] == [
+        "own simulation, 1000 Hz", "own simulation, 100 Hz", "authors' DEM, 100 Hz"
+    ]  # fmt: skip
+    ours, theirs = list(sources.values())[1:]
+    assert theirs["lateral_mm"].to_numpy() == pytest.approx(ours["lateral_mm"].to_numpy())
+
+
+def test_the_matrix_of_a_frame_and_what_is_known_of_pictures(bodies):
+    tracks = bodies.assign(particle=bodies["particle"] % 6, y=30.0 + 20 * (bodies["particle"] % 6))
+    tracks = tracks[bodies["particle"] < 6].copy()
+    born = tracks.groupby("particle")["frame"].transform("min")
+    tracks["frame"] -= born
+    tracks["time_s"] = tracks["frame"] / 1000.0
+    pictured = belt_camera.track_pictures(Pictures(tracks, BULKS["spheres"], 0), 40)
+    matrix, taken = belt_camera.matrix_of_frame(pictured.spots)
+    assert matrix.shape == (len(taken) + 6, 6 + len(taken))
+    assert sorted(taken) == list(range(6))
+    assert np.isfinite(matrix.loc["new", "gone"].to_numpy()).all()
+    row = belt_camera.describe_pictures({"spheres": pictured}, {"spheres": tracks}).iloc[0]
+    assert row["spots"] == len(pictured.spots)
+    assert row["corner_error_mm"] < 0.1
+    assert row["rms_along_mm"] < 0.5

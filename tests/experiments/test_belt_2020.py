@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 
 from kilnflight.belt import PredictionPhase
-from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations, thinned
-from kilnflight.experiments import belt_2020, belt_sorter
+from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations
+from kilnflight.belt.pictures import at_rate
+from kilnflight.experiments import belt_2020, belt_claims, belt_sorter
 from kilnflight.experiments.belt_2020 import over_draws
 from kilnflight.experiments.belt_claims import arrival_answers, lateral_answers, speed_answers
 from kilnflight.project import claims
@@ -116,7 +117,7 @@ def test_the_same_particles_count_at_every_rate():
     tracks = {(belt_2020.OWN, "spheres"): table}
     evaluation = Evaluation(draws=1, share=0.05)
     rated = belt_2020.vary_rate(tracks, (1, 20), evaluation, arrival_deviations, 1)
-    slow = belt_2020.AT_EDGE.observe(thinned(table, 20)).last["particle"]
+    slow = belt_2020.AT_EDGE.observe(at_rate(table, 50.0)).last["particle"]
     assert len(belt_2020.AT_EDGE.observe(table).last) == 120
     assert len(slow) == 120 * 12 / 20
     assert set(rated["n"] + rated["unpredicted"]) == {len(slow) - int(0.05 * len(slow))}
@@ -239,3 +240,20 @@ def test_tables_and_captions_carry_the_unit_of_the_study():
         values = [f"{name}_{unit}" for name in ("median", "q25", "q75", "mae")]
         assert columns == ["source", "data_set", "model", "n", *values]
         assert all(study.quantity in caption for caption in study.captions.values())
+
+
+def test_sentences_on_real_recordings_take_each_model_with_its_filter():
+    models = {"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 0.1, "IA": 0.5}
+    places = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 9.0, "IA-Ratio": 0.5}
+    parts = []
+    for kind, factor in (("CV filter", 1.0), ("CA filter", 2.0)):
+        for quantity, values in (("arrival_frames", models), ("lateral_px", places)):
+            part = table({name: factor * value for name, value in values.items()})
+            parts.append(part.assign(filter=kind, quantity=quantity))
+    recorded = pd.concat(parts)
+    sentences = belt_claims.hold_on_recordings(recorded)
+    assert sentences.columns.tolist() == list(SETS)
+    assert len(sentences) == 7
+    yes = {name.split()[0] for name in sentences.index[(sentences == "yes").all(axis=1)]}
+    # CA with its own filter is the best of all along the belt, and the worst across it.
+    assert yes == {"belt20-2", "belt20-7", "belt20-10"}

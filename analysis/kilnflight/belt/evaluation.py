@@ -17,7 +17,7 @@ from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
 from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, checked, only
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
-from kilnflight.checks import InputError, check_count, check_positive
+from kilnflight.checks import InputError, check_positive
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
@@ -27,21 +27,6 @@ Both = tuple[Columns, Columns]  # last observations and arrivals
 Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
 
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
-
-
-def thinned(tracks: pd.DataFrame, every: int) -> pd.DataFrame:
-    """Return every n-th frame, renumbered, as a slower camera has it; times are kept.
-
-    Parameters
-    ----------
-    tracks
-        With a column ``frame``, as `kilnflight.tables.BELT_TRACKS`.
-    every
-        1 keeps all; 10 makes 100 Hz of 1000 Hz.
-    """
-    check_count(every, "thinned: every")
-    kept = tracks[tracks["frame"] % every == 0]
-    return kept.assign(frame=kept["frame"] // every).reset_index(drop=True)
 
 
 def velocities(tracks: pd.DataFrame) -> pd.DataFrame:

@@ -139,13 +139,15 @@ def _blend(picture: npt.NDArray[np.float32], gray: float, share: Array) -> None:
 
 
 def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
-    """Return the rows at the times of a slower camera, ``frame`` counted by it.
+    """Return the rows at the times of a slower camera, ``frame`` counted by it; times are kept.
 
     Raises
     ------
     InputError
-        If the tracks have no rows at such times (100 Hz for a camera of 200 frames/s, say).
+        If the tracks have no rows at such times (100 Hz for a camera of 200 frames/s, say), or
+        the rate is not above 0.
     """
+    check_positive(frames_per_s, "at_rate: frames_per_s")
     check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
     exact = tracks["time_s"].to_numpy() * frames_per_s
     frame = np.rint(exact).astype(np.int64)

@@ -15,7 +15,7 @@ import pandas as pd
 from kilnflight.belt import sorter
 from kilnflight.belt.bodies import is_installed
 from kilnflight.belt.camera import BELT, TRACKED
-from kilnflight.belt.evaluation import last_states, summarise, thinned
+from kilnflight.belt.evaluation import last_states, summarise
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import check_material
 from kilnflight.belt.models import CA, CV, ArrivalModel, LateralCV
@@ -210,16 +210,10 @@ def rate_1000() -> BeltTracker:
     A collision changes a velocity at once, by up to what particles differ in (433 mm/s). With
     exact positions the filter's state does not depend on this number, only the gate does.
     """
-    usual, share = Appearance(), TRUTH_S / BELT_FRAME_S
-    appearance = replace(
-        usual,
-        arrivals=share * usual.arrivals,
-        entry_mm=share * usual.entry_mm,
-        entry_blur_mm=share * usual.entry_blur_mm,
-        clutter=share * usual.clutter,
-    )
+    usual, names = Appearance(), ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
+    fewer = {name: getattr(usual, name) * (TRUTH_S / BELT_FRAME_S) for name in names}
     motion = constant_velocity(TRUTH_S, NOISE_FREE_MM, 433.0 / TRUTH_S)
-    return BeltTracker(motion, appearance, frame_s=TRUTH_S)
+    return BeltTracker(motion, replace(usual, **fewer), frame_s=TRUTH_S)
 
 
 def with_acceleration(pictured: PictureTracks, frames: int) -> PictureTracks:
@@ -297,7 +291,7 @@ def compare_sources(
         Tracks of our simulation (1000 Hz) and of the authors (100 Hz); ours are thinned to
         theirs, too.
     """
-    slow = {("own simulation, 100 Hz", name): thinned(bodies[name], 10) for name in bodies}
+    slow = {("own simulation, 100 Hz", name): at_rate(bodies[name], 100.0) for name in bodies}
     slow |= {("authors' DEM, 100 Hz", name): authors[name] for name in authors}
     fast = {("own simulation, 1000 Hz", name): every[every["material"] == name] for name in bodies}
     return fast | {key: sampled(tracks).assign(data="noise-free") for key, tracks in slow.items()}

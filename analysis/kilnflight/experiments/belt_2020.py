@@ -28,11 +28,11 @@ from kilnflight.belt.evaluation import (
     arrival_deviations,
     lateral_deviations,
     motion_profile,
-    thinned,
     velocities,
 )
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import read_dem
 from kilnflight.experiments.belt_claims import (
     DATA_SETS,
@@ -207,13 +207,15 @@ def vary_rate(
     later = pd.concat(tracks.values()).query("frame > 0")
     hertz = float(np.round((later["frame"] / later["time_s"]).median(), 6))
     observed = {
-        hertz / n: {key: AT_EDGE.observe(thinned(table, n)) for key, table in tracks.items()}
+        hertz / n: {
+            key: AT_EDGE.observe(at_rate(table, hertz / n)) for key, table in tracks.items()
+        }
         for n in every
     }
     parts = {}
-    for rate, at_rate in observed.items():
+    for rate, by_key in observed.items():
         shared = {}
-        for key, part in at_rate.items():
+        for key, part in by_key.items():
             names = [other[key].last["particle"] for other in observed.values()]
             kept = np.all([part.last["particle"].isin(known) for known in names], axis=0)
             shared[key] = Observed(part.last[kept], part.arrival[kept], part.left_out)

@@ -22,8 +22,9 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 from kilnflight import __version__
-from kilnflight.belt.evaluation import motion_profile, thinned, velocities
+from kilnflight.belt.evaluation import motion_profile, velocities
 from kilnflight.belt.machine import BULKS
+from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import find_dem, read_dem
 from kilnflight.belt.sorter import (
     FILE,
@@ -41,7 +42,7 @@ Array = npt.NDArray[np.float64]
 
 PARTICLES, GROUPS, SEED = 150, 2, 16  # the same particles for all evaluations
 ROUNDS = 8  # of the search, each one evaluation and one more per free value
-EVERY = 10  # 1000 Hz to 100 Hz, the rate of the authors' files
+HERTZ = 100.0  # the rate of the authors' files
 INPUTS_ONLY = FittedValues()
 # What is conceivable, fixed before the search.
 LIMITS = {
@@ -72,7 +73,7 @@ def profile(values: FittedValues) -> pd.DataFrame:
     tracks = pd.concat(
         [part.assign(particle=part["particle"] + PARTICLES * k) for k, part in enumerate(parts)]
     )
-    return motion_profile(velocities(thinned(tracks, EVERY)), PLACES_MM)
+    return motion_profile(velocities(at_rate(tracks, HERTZ)), PLACES_MM)
 
 
 def misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:

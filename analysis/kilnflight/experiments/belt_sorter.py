@@ -21,8 +21,9 @@ from matplotlib.figure import Figure
 
 from kilnflight.belt import sorter as own
 from kilnflight.belt.bodies import Batch, compiled, engine, is_installed
-from kilnflight.belt.evaluation import motion_profile, thinned, velocities
+from kilnflight.belt.evaluation import motion_profile, velocities
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
+from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.sorter import PLACES_MM, Sorter, calibrated_sorter
 from kilnflight.checks import check_between, check_count
 from kilnflight.experiments.belt_2020 import DATA_SETS, OWN, Key, load_tracks
@@ -71,7 +72,7 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
     along = replace(fitted.slide, yaw_spread_deg=20.0)
     sorters["along the belt", "cylinders"] = replace(fitted, slide=along)
     return {
-        key: thinned(own.tracks(key[1], count, seed, jobs, used), 10)
+        key: at_rate(own.tracks(key[1], count, seed, jobs, used), 100.0)
         for key, used in sorters.items()
     }
 
@@ -207,7 +208,7 @@ def _with(sorter: Sorter, name: str, value: float) -> Setting:
 def _moved(setting: Setting, material: str, count: int, seed: int) -> dict[str, float]:
     """Return the means over the belt of the profile of one simulation."""
     bodies = simulated(setting, material, count, seed)
-    profile = motion_profile(velocities(thinned(bodies, 10)), PLACES_MM)
+    profile = motion_profile(velocities(at_rate(bodies, 100.0)), PLACES_MM)
     along = profile["mean_m_s"]
     means = {"mean_m_s": along.mean(), "gain_m_s": along.iloc[-1] - along.iloc[0]}
     means |= {name: profile[name].mean() for name in QUANTITIES[2:]}
