@@ -19,6 +19,7 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
+MAKEFLAGS += $(if $(filter test,$(MAKECMDGOALS)),-Otarget)
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
 KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
@@ -51,7 +52,7 @@ $(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(SCALE) $(filter-out
 $(call keep,build/folders.settings,folders: $(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES))
 endif
 
-.PHONY: all $(OTHER)
+.PHONY: all $(OTHER) test-rooms test-whole
 quick_note := a smoke run; figures/ is as it was
 standard_note := figures/ holds this run now; git checkout figures gives back those of make full, to be cited
 full_note := cite from figures/
@@ -66,8 +67,11 @@ setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data
 	@mkdir -p build && touch build/folders.settings
-test: $(VENV)/installed ## run the tests
-	@$(RUN) -m pytest -m "not published"
+test: test-rooms test-whole ## run the tests, in two halves side by side
+test-rooms: tests_of := tests/*/ analysis
+test-whole: tests_of := tests/*.py
+test-rooms test-whole: $(VENV)/installed
+	@$(RUN) -m pytest -m "not published" $(tests_of)
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
 	@$(VENV)/bin/lint-imports

@@ -1,27 +1,30 @@
 """`kilnflight run`, killed in every step and gone on with; two at once; a full disk."""
 
+import io
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from kilnflight.__main__ import main
 
-# The process kills itself at the rename that gives a file its name: before it or after it.
+# Reads which file it is to be killed at, as below, and starts a run that kills itself at the
+# rename that gives the file its name: before it or after it. Prints the signal that ended it.
 KILLED = """
 import os, sys
 from pathlib import Path
 from kilnflight import run
 from kilnflight.__main__ import main
 
-name, number, when = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 run.LONG_CHUNK = 8
-real, seen = Path.replace, []
+real, renamed = Path.replace, []
 
 def replace(self, target):
-    seen.extend([1] * Path(target).name.startswith(name))
-    hit = Path(target).name.startswith(name) and len(seen) == number
+    renamed.extend([1] * Path(target).name.startswith(name))
+    hit = Path(target).name.startswith(name) and len(renamed) == int(number)
     if hit and when == "before":
         os.kill(os.getpid(), 9)
     real(self, target)
@@ -29,7 +32,12 @@ def replace(self, target):
         os.kill(os.getpid(), 9)
 
 Path.replace = replace
-main(sys.argv[4:])
+for name, number, when in map(str.split, iter(sys.stdin.readline, "")):
+    child = os.fork()
+    if not child:
+        sys.stdout = open(os.devnull, "w")
+        os._exit(main(sys.argv[1:]))
+    print(os.WTERMSIG(os.waitpid(child, 0)[1]), flush=True)
 """
 # Which file, the how manieth of its kind in this run, and when. One after the other: each run
 # goes on where the one before was killed.
@@ -68,56 +76,68 @@ def parts(folder):
     return {file.name: file.stat().st_mtime_ns for file in folder.glob("parts/*.parquet")}
 
 
-def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(command, tmp_path, capsys):
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert main(command(whole)) == 0
-    expected = contents(whole)
-    assert {"tracks.parquet", "report.html"} <= {path.name for path in expected}
+@pytest.fixture(scope="module")
+def expected(command, tmp_path_factory):
+    """What a run leaves that nothing stops, and what it says."""
+    folder, patch, words = tmp_path_factory.mktemp("whole"), pytest.MonkeyPatch(), io.StringIO()
+    with patch.context() as patched, redirect_stdout(words):
+        patched.setattr("kilnflight.run.LONG_CHUNK", 8)
+        assert main(command(folder)) == 0
+    files = contents(folder)
+    assert {"tracks.parquet", "report.html"} <= {path.name for path in files}
+    assert "trajectories fitted" in words.getvalue()
+    return files
+
+
+def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(command, expected, tmp_path, capsys):
     made = {}
-    for name, number, when in KILLS:
-        call = [sys.executable, "-c", KILLED, name, str(number), when, *command(killed)]
-        ended = subprocess.run(call, capture_output=True, text=True, check=False)
-        assert ended.returncode == -9, ended.stderr
-        now = parts(killed)
-        assert made.items() <= now.items(), f"made again before {name}"
-        made = now
-    assert main(command(killed)) == 0
-    assert made == parts(killed)
-    assert contents(killed) == expected
-    assert capsys.readouterr().out.count("trajectories fitted") == 2
+    call = [sys.executable, "-c", KILLED, *command(tmp_path)]
+    with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as runs:
+        for name, number, when in KILLS:
+            print(name, number, when, file=runs.stdin, flush=True)
+            assert runs.stdout.readline() == "9\n"
+            now = parts(tmp_path)
+            assert made.items() <= now.items(), f"made again before {name}"
+            made = now
+        runs.stdin.close()
+    assert main(command(tmp_path)) == 0
+    assert made == parts(tmp_path)
+    assert contents(tmp_path) == expected
+    assert "trajectories fitted" in capsys.readouterr().out
 
 
 def test_two_runs_at_once_do_the_work_once(command, tmp_path):
     call = [sys.executable, "-m", "kilnflight", *command(tmp_path)]
     both = [subprocess.Popen(call, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    said = [run.communicate()[0] for run in both]
+    outputs = [run.communicate()[0] for run in both]
     assert [run.returncode for run in both] == [0, 0]
-    assert said[0] == said[1]
+    assert outputs[0] == outputs[1]
     assert not list(tmp_path.rglob("*.part"))
     assert len(list(tmp_path.glob("parts/detections-*.parquet"))) == 1
 
 
-@pytest.mark.parametrize("name", ["detections", "flights", "report"])
-def test_a_full_disk_loses_nothing(name, command, tmp_path, monkeypatch, capsys):
-    folder = tmp_path / "run"
+def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, capsys):
+    real, made = Path.write_bytes, {}
+    for name in ("detections", "flights", "report"):
 
-    def full(self, content):
-        if f".{name}" in self.name:
-            self.open("wb").close()
-            raise OSError(28, "No space left on device")
-        return real(self, content)
+        def full(self, content, name=name):
+            if f".{name}" in self.name:
+                self.open("wb").close()
+                raise OSError(28, "No space left on device")
+            return real(self, content)
 
-    real = type(tmp_path).write_bytes
-    with monkeypatch.context() as patch:
-        patch.setattr(type(tmp_path), "write_bytes", full)
-        assert main(command(folder)) == 1
-    told = capsys.readouterr().err
-    assert "cannot be written (No space left on device). What was finished before is kept" in told
-    assert len(told.splitlines()) == 1
-    assert not list(folder.rglob("*.part"))
-    assert not [file for file in folder.rglob(f"{name}*") if file.suffix != ".lock"]
-    for file in folder.rglob("*.parquet"):
-        assert pq.read_table(file).num_columns
-    made = parts(folder)
-    assert main(command(folder)) == 0
-    assert made.items() <= parts(folder).items()
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "write_bytes", full)
+            assert main(command(tmp_path)) == 1
+        error = capsys.readouterr().err
+        assert "cannot be written (No space left on device). What was finished before" in error
+        assert len(error.splitlines()) == 1
+        assert not list(tmp_path.rglob("*.part"))
+        assert not [file for file in tmp_path.rglob(f"{name}*") if file.suffix != ".lock"]
+        for file in tmp_path.rglob("*.parquet"):
+            assert pq.read_table(file).num_columns
+        assert made.items() <= parts(tmp_path).items()
+        made = parts(tmp_path)
+    assert main(command(tmp_path)) == 0
+    assert made.items() <= parts(tmp_path).items()
+    assert contents(tmp_path) == expected

@@ -1,4 +1,8 @@
-"""make itself, on a copy of the project with one small notebook and this environment."""
+"""make itself, on a copy of the project with three small notebooks and this environment.
+
+The tests of what make keeps share one copy and go on where the one before ended: what every
+test needs anew is made once.
+"""
 
 import os
 import shutil
@@ -45,9 +49,8 @@ figures.conclude("Collected.", [], origin)
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 
 
-@pytest.fixture
-def project(tmp_path):
-    folder = tmp_path / "project"
+def copied(folder):
+    """Make a project in a folder, in which nothing has run."""
     for part in ("analysis", "data/reference"):
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info")
         shutil.copytree(PROJECT / part, folder / part, ignore=ignored)
@@ -65,6 +68,17 @@ def project(tmp_path):
     time.sleep(0.01)
     (folder / ".venv" / "installed").touch()
     return folder
+
+
+@pytest.fixture
+def project(tmp_path):
+    return copied(tmp_path / "project")
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    """One project for the tests that execute notebooks."""
+    return copied(tmp_path_factory.mktemp("shared") / "project")
 
 
 def write(folder, stem, last="pass"):
@@ -97,49 +111,111 @@ def ran(done):
     return [line.split(":")[0] for line in done.stdout.splitlines() if ": running" in line]
 
 
-def test_make_is_incremental(project):
-    first = make(project, "JOBS=2")
-    assert first.returncode == 0, first.stderr
-    assert ran(first)[-1] == "00_claims"
-    assert sorted(ran(first)) == ["00_claims", "01_one", "02_two"]
-    assert "own simulation" in first.stdout
-
-    second = make(project)
-    assert ran(second) == []
-    assert "up to date" in second.stdout
-
-    (project / "notebooks" / "02_two.py").touch()
-    assert ran(make(project)) == ["02_two", "00_claims"]
-
-    changed = make(project, "PARAMETERS=01.seed=5")
-    assert ran(changed) == ["01_one", "00_claims"]
-    assert "Seed 5" in (project / "site" / "index.html").read_text()
-
-    # targets that run no notebook leave the settings alone
-    assert make(project, "help").returncode == 0
-    assert ran(make(project, "PARAMETERS=01.seed=5")) == []
-
-
-def test_a_failing_cell_stops_make_and_is_not_taken_as_done(project):
-    write(project, "02_two", 'raise ValueError("no such particle")')
-    for _ in range(2):
-        done = make(project)
+def test_a_failing_cell_stops_make_and_is_not_taken_as_done(shared):
+    write(shared, "02_two", 'raise ValueError("no such particle")')
+    for expected in (["01_one", "02_two"], ["02_two"]):
+        done = make(shared)
         assert done.returncode != 0
+        assert ran(done) == expected
+        assert ("own simulation" in done.stdout) == (expected[0] == "01_one")
         assert "02_two: cell 4 (from kilnflight" in done.stderr
         assert "failed: ValueError: no such particle" in done.stderr
         assert "Traceback" not in done.stderr
-    assert (project / "build" / "02_two.failed.ipynb").is_file()
-    assert not (project / "build" / "02_two.ipynb").exists()
-    assert not (project / "site").exists()
-    write(project, "02_two")
-    assert make(project).returncode == 0
-    assert not (project / "build" / "02_two.failed.ipynb").exists()
+    assert (shared / "build" / "02_two.failed.ipynb").is_file()
+    assert not (shared / "build" / "02_two.ipynb").exists()
+    assert not (shared / "site").exists()
 
 
-def test_an_unknown_parameter_stops_make(project):
-    done = make(project, "PARAMETERS=nothing=3")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_killed_run_leaves_nothing(shared, number):
+    sleeping = shared / "sleeping"
+    write(shared, "02_two", f"import time; open({str(sleeping)!r}, 'w').close(); time.sleep(60)")
+    with subprocess.Popen(
+        ["make"],
+        cwd=shared,
+        env=environment(shared),
+        start_new_session=True,
+        # a test run in the background of a shell has been told to ignore Ctrl-C
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        while running.poll() is None and not sleeping.exists():
+            time.sleep(0.1)
+        os.killpg(running.pid, number)
+        try:
+            _, errors = running.communicate(timeout=40)
+        finally:
+            running.kill()
+    sleeping.unlink()
+    assert running.returncode != 0
+    assert "Traceback" not in errors
+    assert "02_two: interrupted" in errors
+    left = {path.name for path in (shared / "build").iterdir()}
+    assert not [name for name in left if name.startswith(".")], left
+    assert "02_two.ipynb" not in left
+
+
+def test_make_goes_on_where_it_was_stopped(shared):
+    assert make(shared, "build/01_one.ipynb").returncode == 0
+    write(shared, "02_two")
+    done = make(shared)
+    assert done.returncode == 0, done.stderr
+    assert ran(done) == ["02_two", "00_claims"]
+    assert not (shared / "build" / "02_two.failed.ipynb").exists()
+    assert (shared / "site" / "index.html").is_file()
+
+
+def test_make_is_incremental(shared):
+    assert make(shared).returncode == 0
+    again = make(shared)
+    assert ran(again) == []
+    assert "up to date" in again.stdout
+
+    (shared / "notebooks" / "02_two.py").touch()
+    assert ran(make(shared, "build/00_claims.ipynb")) == ["02_two", "00_claims"]
+
+    (shared / "figures" / "claims-01-one.csv").unlink()
+    assert ran(make(shared, "build/01_one.ipynb")) == ["01_one"]
+    assert (shared / "figures" / "claims-01-one.csv").exists()
+
+    changed = make(shared, "PARAMETERS=01.seed=5")
+    assert ran(changed) == ["01_one", "00_claims"]
+    assert "Seed 5" in (shared / "site" / "index.html").read_text()
+
+    # targets that run no notebook leave the settings alone
+    assert make(shared, "help").returncode == 0
+    assert ran(make(shared, "PARAMETERS=01.seed=5")) == []
+
+
+def test_a_smoke_run_leaves_figures_alone(shared):
+    before = figures_of(shared)
+    done = make(shared, "quick", "JOBS=2")
+    assert done.returncode == 0, done.stderr
+    assert sorted(ran(done)) == ["00_claims", "01_one", "02_two"]
+    assert ran(done)[-1] == "00_claims"
+    assert figures_of(shared) == before
+    assert (shared / "build" / "quick" / "claims.csv").is_file()
+    assert "figures/ is as it was" in done.stdout
+
+
+def figures_of(folder):
+    return {path: path.read_bytes() for path in (folder / "figures").glob("*")}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("nothing=3", "unknown parameter 'nothing'"),
+        ("02.seed=abc", "02_two: parameter seed is 'abc', expected int"),  # of a late notebook
+    ],
+)
+def test_a_wrong_parameter_stops_all(project, given, message):
+    done = make(project, f"PARAMETERS={given}")
     assert done.returncode != 0
-    assert "unknown parameter 'nothing'" in done.stderr
+    assert message in done.stderr
+    assert ran(done) == []
 
 
 def test_a_named_folder_without_the_data_stops_make(project, tmp_path):
@@ -151,74 +227,8 @@ def test_a_named_folder_without_the_data_stops_make(project, tmp_path):
 
 def test_help_lists_every_target_with_its_comment(project):
     text = make(project, "help").stdout
-    for target in (
-        "all",
-        "quick",
-        "full",
-        "setup",
-        "data",
-        "test",
-        "check",
-        "bench",
-        "clean",
-        "help",
-    ):
+    for target in ("all", "quick", "full", "setup", "data", "test", "check", "bench", "clean"):
         assert f"make {target} " in text
-
-
-def test_a_missing_figure_is_made_again(project):
-    assert make(project).returncode == 0
-    (project / "figures" / "claims-01-one.csv").unlink()
-    assert ran(make(project)) == ["01_one", "00_claims"]
-    assert (project / "figures" / "claims-01-one.csv").exists()
-
-
-def test_a_smoke_run_leaves_figures_alone(project):
-    done = make(project, "quick")
-    assert done.returncode == 0, done.stderr
-    assert not (project / "figures").exists()
-    assert (project / "build" / "quick" / "claims.csv").is_file()
-    assert "figures/ is as it was" in done.stdout
-
-
-def test_a_wrong_parameter_of_a_late_notebook_stops_all(project):
-    done = make(project, "PARAMETERS=02.seed=abc")
-    assert done.returncode != 0
-    assert "02_two: parameter seed is 'abc', expected int" in done.stderr
-    assert ran(done) == []
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_killed_run_leaves_nothing_and_goes_on(project, number):
-    write(project, "02_two", "import time; time.sleep(60)")
-    with subprocess.Popen(
-        ["make"],
-        cwd=project,
-        env=environment(project),
-        start_new_session=True,
-        # a test run in the background of a shell has been told to ignore Ctrl-C
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as running:
-        for line in running.stdout:
-            if line.startswith("02_two: running"):
-                break
-        time.sleep(5.0)
-        os.killpg(running.pid, number)
-        try:
-            _, errors = running.communicate(timeout=40)
-        finally:
-            running.kill()
-    assert running.returncode != 0
-    assert "Traceback" not in errors
-    assert "02_two: interrupted" in errors
-    left = {path.name for path in (project / "build").iterdir()}
-    assert not [name for name in left if name.startswith(".")], left
-    assert "02_two.ipynb" not in left
-    write(project, "02_two")
-    assert ran(make(project)) == ["02_two", "00_claims"]
 
 
 def test_clean_keeps_figures(project):

@@ -142,7 +142,7 @@ def test_reading_twice_gives_the_same_notebook(notebook):
 
 
 def test_long_work_says_how_far_it_is(notebook, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(notebooks, "TELL_S", 0.1)
+    monkeypatch.setattr(notebooks, "REPORT_S", 0.1)
     work = (
         "import time\n"
         "from kilnflight.project.parallel import Workers\n"

@@ -29,7 +29,7 @@ from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
 from kilnflight.twin.particles import FRACTIONS
-from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name
+from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _campaign(
 ) -> Campaign:
     name = campaign_name(fraction, bar)
     source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
-    twin = source.recording()
+    twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
     detector = Combination(DoG(settings.threshold))

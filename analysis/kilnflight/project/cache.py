@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import io
 import json
 import os
 import shutil
@@ -118,26 +117,12 @@ class CachedTable:
         with locked(path.with_suffix(".lock")):
             if not (path.is_file() and self.whole()):
                 clear_parts(path)
-                save(path, parquet(self.make(), self.depends_on))
+                save(path, self.make().to_parquet(index=False))
         try:
             return pd.read_parquet(path)
         except (OSError, ArrowException) as error:
-            raise InputError(
-                f"{path}: cannot be read ({error}). Delete it; it is made again."
-            ) from error
-
-
-def parquet(table: pd.DataFrame, depends_on: Mapping[str, object] | None = None) -> bytes:
-    """Return a table as the bytes of a Parquet file; the same table gives the same bytes."""
-    import pyarrow as pa
-    from pyarrow import parquet as files
-
-    arrow = pa.Table.from_pandas(table, preserve_index=False)
-    arguments = json.dumps(dict(depends_on or {}), sort_keys=True, default=repr).encode()
-    metadata = {**(arrow.schema.metadata or {}), b"depends_on": arguments}
-    buffer = io.BytesIO()
-    files.write_table(arrow.replace_schema_metadata(metadata), buffer)
-    return buffer.getvalue()
+            again = "Delete it; it is made again."
+            raise InputError(f"{path}: cannot be read ({error}). {again}") from error
 
 
 def save(path: Path, content: bytes) -> None:
@@ -159,10 +144,10 @@ def content_hash(content: object) -> str:
 def write_calibration(path: Path, content: dict[str, object]) -> str:
     """Write a calibration with its hash; return what came out, line by line."""
     content = json.loads(json.dumps(content))
-    whole = {**content, "sha256": content_hash(content)}
-    path.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    content["sha256"] = content_hash(content)
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
-    return "\n".join(f"{name}: {whole[name]}" for name in names)
+    return "\n".join(f"{name}: {content[name]}" for name in names)
 
 
 def read_calibration(path: Path, targets: object | None, module: str) -> dict[str, Any]:
@@ -186,10 +171,10 @@ def read_calibration(path: Path, targets: object | None, module: str) -> dict[st
     again = f"Run `python -m {module}`, or take the file from the repository."
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        known = content.pop("sha256")
+        checksum = content.pop("sha256")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
-    if content_hash(content) != known:
+    if content_hash(content) != checksum:
         raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")
     targets = content.get("targets") if targets is None else targets
     if content.get("targets_sha256") != content_hash(targets):

@@ -24,6 +24,7 @@ from kilnflight.project import paths
 REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 NOT_DECIDABLE = "not decidable"
+OPEN = (-np.inf, np.inf)  # bounds
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, NOT_DECIDABLE)
 
 
@@ -68,17 +69,18 @@ def load() -> pd.DataFrame:
 
 
 def _claim(claim_id: str) -> pd.Series:
-    known = load()
-    if claim_id not in known.index:
+    claims = load()
+    if claim_id not in claims.index:
         raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
-    return pd.Series(known.loc[claim_id])
+    return pd.Series(claims.loc[claim_id])
 
 
-def _criterion(claim: pd.Series) -> str:
-    """Return in one line what the verdict rests on: quantity, expectation, bounds."""
-    bounds = [str(claim[name]) for name in ("low", "high") if not np.isnan(claim[name])]
-    within = f" [{claim['low']:g}, {claim['high']:g}]" if len(bounds) == 2 else ""
-    return f"{claim['quantity']}: {claim['expect']}{within}"
+def _verdict(claim: pd.Series, verdict: str, measured: str, reason: str) -> Verdict:
+    """Return a verdict with what it rests on in one line: quantity, expectation, bounds."""
+    closed = claim[["low", "high"]].notna().all()
+    within = f" [{claim['low']:g}, {claim['high']:g}]" if closed else ""
+    criterion = f"{claim['quantity']}: {claim['expect']}{within}"
+    return Verdict(str(claim.name), verdict, measured, claim["claim"], reason, criterion)
 
 
 def judge(
@@ -108,41 +110,40 @@ def judge(
         number is not finite.
     """
     claim = _claim(claim_id)
-    bounded = not (np.isnan(claim["low"]) and np.isnan(claim["high"]))
+    bounded = claim[["low", "high"]].notna().any()
     if isinstance(measured, Mapping):
         if bounded or not measured:
             raise InputError(f"claim {claim_id} asks for {claim['expect']!r}: pass the number.")
-        if not all(isinstance(ok, bool | np.bool_) for ok in measured.values()):
+        if not all(isinstance(holds, bool | np.bool_) for holds in measured.values()):
             raise InputError(
                 f"claim {claim_id}: a condition is neither True nor False: {measured}."
             )
-        holds = all(measured.values())
-        text = "; ".join(f"{name}: {'yes' if ok else 'NO'}" for name, ok in measured.items())
+        agrees = all(measured.values())
+        text = "; ".join(f"{name}: {'yes' if holds else 'NO'}" for name, holds in measured.items())
     else:
-        values = np.atleast_1d(np.asarray(measured, dtype=np.float64))
-        if not bounded or not len(values) or not np.isfinite(values).all():
+        values = pd.Series(np.atleast_1d(np.asarray(measured, dtype=np.float64)))
+        if not bounded or values.empty or not np.isfinite(values).all():
             raise InputError(
                 f"claim {claim_id} got {measured!r}; pass "
                 + ("finite numbers." if bounded else "named conditions (it has no bounds).")
             )
-        low = -np.inf if np.isnan(claim["low"]) else claim["low"]
-        high = np.inf if np.isnan(claim["high"]) else claim["high"]
         # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
         strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
-        allowed = pd.Interval(low, high, closed="neither" if strict else "both")
-        holds = all(value in allowed for value in values)
+        low, high = (
+            np.nan_to_num(claim["low"], nan=-np.inf),
+            np.nan_to_num(claim["high"], nan=np.inf),
+        )
+        agrees = all(values.between(low, high, inclusive="neither" if strict else "both"))
         names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
         text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
-    verdict = REPRODUCED if holds else NOT_REPRODUCED
-    return Verdict(claim_id, verdict, text, claim["claim"], note, _criterion(claim))
+    return _verdict(claim, REPRODUCED if agrees else NOT_REPRODUCED, text, note)
 
 
 def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
     """Return the verdict "not decidable" for a claim, with the reason (required)."""
     if not reason.strip():
         raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
-    claim = _claim(claim_id)
-    return Verdict(claim_id, NOT_DECIDABLE, measured, claim["claim"], reason, _criterion(claim))
+    return _verdict(_claim(claim_id), NOT_DECIDABLE, measured, reason)
 
 
 def fitted(verdict: Verdict, to: str) -> Verdict:
@@ -167,9 +168,8 @@ def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:
     """Return verdicts as the rows of figures/claims.csv, one per claim, ids unique."""
     names = [field.name for field in fields(Verdict)]
     table = pd.DataFrame([astuple(verdict) for verdict in verdicts], columns=names)
-    if table["id"].duplicated().any():
-        twice = table.loc[table["id"].duplicated(), "id"].iloc[0]
-        raise InputError(f"{notebook}: claim {twice} is judged twice; judge it once.")
+    for claim_id in table.loc[table["id"].duplicated(), "id"]:
+        raise InputError(f"{notebook}: claim {claim_id} is judged twice; judge it once.")
     table.insert(4, "notebook", notebook)
     return table
 
@@ -181,12 +181,12 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """
     known = load()
     judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
-    twice = judged.loc[judged["id"].duplicated(keep=False)]
-    if len(twice):
-        raise InputError(
-            f"claim {twice['id'].iloc[0]} is judged by {' and '.join(twice['notebook'])}; "
-            "leave it to one notebook."
-        )
+    for claim_id, rows in judged.groupby("id"):
+        if len(rows) > 1:
+            raise InputError(
+                f"claim {claim_id} is judged by {' and '.join(rows['notebook'])}; "
+                "leave it to one notebook."
+            )
     waiting = known.loc[~known.index.isin(judged["id"]), "testable_with"]
     undecided = [
         undecidable(str(claim_id), f"no notebook tests it yet; testable with: {source}")

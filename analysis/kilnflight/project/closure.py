@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -41,10 +41,9 @@ def _definitions(value: object) -> Iterator[Definition]:
     known = value if hasattr(value, "__qualname__") else type(value)
     if known.__module__.partition(".")[0] == PACKAGE:
         yield known.__module__, known.__qualname__.partition(".")[0]
-    parts: Iterable[object] = value if isinstance(value, list | tuple) else ()
     if is_dataclass(value) and not isinstance(value, type):
-        parts = [getattr(value, field.name) for field in fields(value)]
-    for part in parts:
+        value = [getattr(value, field.name) for field in fields(value)]
+    for part in value if isinstance(value, list | tuple) else ():
         yield from _definitions(part)
 
 
@@ -64,12 +63,12 @@ def _closure_hash(start: frozenset[Definition]) -> str:
 class _Module:
     """The file of a module: what it imports, and its statements by the names they define."""
 
-    def __init__(self, name: str, file: Path) -> None:
-        self.name, source = name, file.read_text(encoding="utf-8")
-        self.source = source
-        self.data = [
-            path.read_text(encoding="utf-8") for path in sorted(file.parent.glob("*.json"))
-        ]
+    def __init__(self, name: str) -> None:
+        file = _file(name)
+        if file is None:
+            raise ImportError(f"{name}: no such module in {ROOT}.")
+        self.name, self.source = name, file.read_text(encoding="utf-8")
+        self.data = [path.read_text("utf-8") for path in sorted(file.parent.glob("*.json"))]
         self.imports: dict[str, Definition] = {}
         self.statements: dict[str, list[ast.stmt]] = {}
         tree = ast.parse(self.source)
@@ -108,7 +107,9 @@ class _Module:
         used = {name, *(read for statement in self._of(name) for read in _read(statement))}
         here = {(self.name, each) for each in used if each in self.statements}
         return here | {
-            found for known, found in self.imports.items() if known.partition(".")[0] in used
+            definition
+            for alias, definition in self.imports.items()
+            if alias.partition(".")[0] in used
         }
 
 
@@ -137,12 +138,7 @@ def _read(node: ast.AST) -> Iterator[str]:
                     yield from _read(child)
 
 
-@cache
-def _module(name: str) -> _Module:
-    file = _file(name)
-    if file is None:
-        raise ImportError(f"{name}: no such module in {ROOT}.")
-    return _Module(name, file)
+_module = cache(_Module)
 
 
 def _file(name: str) -> Path | None:

@@ -20,6 +20,7 @@ import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -28,7 +29,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from scipy.spatial import cKDTree
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
@@ -45,6 +45,7 @@ LARGEST_PNG = 300_000  # bytes
 REDUCTIONS = ((1.0, 64, 192), (0.8, 64, 192), (0.64, 64, 64), (0.5, 32, 32), (0.4, 16, 0))
 TABLE_REDUCTIONS = ((1.0, 16, 0), (0.8, 16, 0))  # text
 YEAR = 2026  # of the release, as in CITATION.cff
+ENTRY = Template(Path(__file__).with_name("gallery_entry.md").read_text("utf-8"))
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
 
@@ -192,8 +193,7 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
     ``result`` is the one line that the index of the site shows for the notebook.
     """
     table = claims.verdict_table(verdicts, provenance.notebook)
-    identifier = "claims-" + provenance.notebook.replace("_", "-")
-    return save(identifier, table, caption=result, provenance=provenance)
+    return save(verdicts_of(provenance.notebook), table, caption=result, provenance=provenance)
 
 
 def _png(
@@ -210,8 +210,7 @@ def _png(
         drawn, png = io.BytesIO(), io.BytesIO()
         with style():
             picture.savefig(drawn, format="png", dpi=share * dpi)
-        with Image.open(drawn) as image:
-            few = _few_colours(image, greys, colours)
+        few = _few_colours(Image.open(drawn), greys, colours)
         few.save(png, "PNG", optimize=True, dpi=(share * dpi, share * dpi), pnginfo=info)
         if png.tell() <= LARGEST_PNG:
             break
@@ -220,20 +219,17 @@ def _png(
 
 def _few_colours(image: Image.Image, greys: int, colours: int) -> Image.Image:
     """Return an image with a palette of even greys, so that grey stays grey, and of colours."""
-    pixels = np.asarray(image.convert("RGB")).astype(np.int64)
-    palette = np.repeat(np.linspace(0, 255, greys).round(), 3).reshape(-1, 3)
+    pixels = np.asarray(image.convert("RGB"))
+    palette = np.linspace(0, 255, greys).round().astype(int).repeat(3).tolist()
     index = np.rint(pixels.mean(axis=2) * ((greys - 1) / 255)).astype(np.uint8)
     coloured = np.ptp(pixels, axis=2) > 255 / greys
     if colours and coloured.any():
-        packed, place = np.unique(pixels[coloured] @ (65536, 256, 1), return_inverse=True)
-        rgb = np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1)
-        one_row = Image.fromarray(rgb[None].astype(np.uint8))
-        chosen = one_row.quantize(colours, Image.Quantize.MAXCOVERAGE).getpalette() or []
-        palette = np.concatenate([palette, np.reshape(chosen[: 3 * colours], (-1, 3))])
-        nearest = np.asarray(cKDTree(palette).query(rgb)[1])
-        index[coloured] = nearest[place]
+        row = Image.fromarray(pixels[coloured][None])
+        nearest = row.quantize(colours, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+        index[coloured] = greys + np.asarray(nearest)[0]
+        palette += nearest.getpalette() or []
     few = Image.fromarray(index)
-    few.putpalette(palette.astype(np.uint8).tobytes())
+    few.putpalette(palette[: 3 * (greys + colours)])
     return few
 
 
@@ -253,16 +249,16 @@ def _pdf(picture: Figure, texts: Mapping[str, str]) -> bytes:
 
 def _page(identifier: str, caption: str, content: pd.DataFrame | bytes) -> str:
     """Return a table or a PNG with its caption as HTML."""
+    words = html.escape(caption)
     if isinstance(content, pd.DataFrame):
         body = content.to_html(index=False, na_rep="", float_format="{:.5g}".format, border=0)
     else:
-        with Image.open(io.BytesIO(content)) as image:
-            width = round(image.width * SCREEN_DPI / image.info["dpi"][0])
+        image = Image.open(io.BytesIO(content))
+        width = round(image.width * SCREEN_DPI / image.info["dpi"][0])
         data = base64.b64encode(content).decode()
-        words = html.escape(caption)
         body = f'<img alt="{words}" width="{width}" src="data:image/png;base64,{data}"/>'
-    words = f"<code>{identifier}</code> {html.escape(caption)}"
-    return f"<figure>{body}<figcaption>{words}</figcaption></figure>"
+    caption = f"<code>{identifier}</code> {words}"
+    return f"<figure>{body}<figcaption>{caption}</figcaption></figure>"
 
 
 @dataclass(frozen=True)
@@ -290,8 +286,13 @@ def concluded(folder: Path | None = None) -> dict[str, Path]:
     """Return the file of each notebook's verdicts, by the stem of a notebook that exists."""
     folder = folder or paths.figures()
     stems = sorted(path.stem for path in (paths.root() / "notebooks").glob("*.py"))
-    tables = {stem: folder / f"claims-{stem.replace('_', '-')}.csv" for stem in stems}
+    tables = {stem: folder / f"{verdicts_of(stem)}.csv" for stem in stems}
     return {stem: path for stem, path in tables.items() if path.is_file()}
+
+
+def verdicts_of(notebook: str) -> str:
+    """Return the id of a notebook's verdicts, by its stem."""
+    return f"claims-{notebook.replace('_', '-')}"
 
 
 def title(notebook: str) -> str:
@@ -311,13 +312,13 @@ def title(notebook: str) -> str:
 
 def overview(folder: Path | None = None) -> pd.DataFrame:
     """Return one row per notebook that has concluded: title, result and verdict counts."""
-    folder = folder or paths.figures()
     results = {entry.identifier: entry.caption for entry in entries(folder)}
-    rows = []
-    for stem, path in concluded(folder).items():
-        if path.stem in results:
-            row = {"notebook": stem, "title": title(stem), "result": results[path.stem]}
-            rows.append(row | claims.count(pd.read_csv(path)))
+    rows = [
+        {"notebook": stem, "title": title(stem), "result": results[path.stem]}
+        | claims.count(pd.read_csv(path))
+        for stem, path in concluded(folder).items()
+        if path.stem in results
+    ]
     return pd.DataFrame(rows, columns=["notebook", "title", "result", *claims.VERDICTS])
 
 
@@ -325,16 +326,14 @@ def gallery(folder: Path) -> str:
     """Return the text of figures/README.md: results, and every figure with its citation."""
     saved = entries(folder)
     scales = sorted({str(entry.provenance["parameters"].get("scale")) for entry in saved})
-    parts = [
-        "# Figures and tables\n",
-        f"Made at scale {' and '.join(scales)} (what the repository holds comes from `make full`); "
-        "do not edit, and do not edit this page. Each figure has a PNG and a CSV here (the PDF is "
-        "made by `make`, not tracked). Caption and provenance are also inside the PNG and the "
-        "PDF.\n",
-        "## Results by notebook\n",
-        markdown(overview(folder).drop(columns="notebook")),
-    ]
-    return "\n".join(parts + [_gallery_entry(entry) for entry in saved])
+    heading = (
+        f"# Figures and tables\n\nMade at scale {' and '.join(scales)} (what the repository holds "
+        "comes from `make full`); do not edit, and do not edit this page. Each figure has a PNG "
+        "and a CSV here (the PDF is made by `make`, not tracked). Caption and provenance are also "
+        "inside the PNG and the PDF.\n\n## Results by notebook\n"
+    )
+    table = markdown(overview(folder).drop(columns="notebook"))
+    return "\n".join([heading, table, *map(_gallery_entry, saved)])
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -347,39 +346,17 @@ def markdown(table: pd.DataFrame) -> str:
 def _gallery_entry(entry: Entry) -> str:
     made = entry.provenance
     commit = str(made["commit"])
-    commit = f", commit {commit[:12]}{commit[40:]}" if commit else ""
-    values = ", ".join(f"{name} = {value}" for name, value in made["parameters"].items())
-    return f"""## {entry.identifier}
-
-![{entry.identifier}]({entry.identifier}.png)
-
-{entry.caption}
-
-Data: [{entry.identifier}.csv]({entry.identifier}.csv). Made by notebooks/{made["notebook"]}.py,
-kilnflight {made["version"]}{commit} ({values}).
-
-<details><summary>Cite</summary>
-
-```bibtex
-@misc{{kilnflight-{entry.identifier},
-  author = {{{{The kilnflight founders}}}},
-  title  = {{{_latex(_title(entry.caption))}}},
-  note   = {{kilnflight {made["version"]}, figure {entry.identifier}{commit}}},
-  year   = {{{YEAR}}}
-}}
-```
-
-```latex
-\\begin{{figure}}
-  \\centering
-  \\includegraphics[width=\\columnwidth]{{{entry.identifier}.pdf}}
-  \\caption{{{_latex(entry.caption)}~\\cite{{kilnflight-{entry.identifier}}}}}
-  \\label{{fig:{entry.identifier}}}
-\\end{{figure}}
-```
-
-</details>
-"""
+    return ENTRY.substitute(
+        identifier=entry.identifier,
+        caption=entry.caption,
+        notebook=made["notebook"],
+        version=made["version"],
+        commit=f", commit {commit[:12]}{commit[40:]}" if commit else "",
+        parameters=", ".join(f"{name} = {value}" for name, value in made["parameters"].items()),
+        latex_title=_latex(_title(entry.caption)),
+        latex_caption=_latex(entry.caption),
+        year=YEAR,
+    )
 
 
 def _title(caption: str) -> str:

@@ -20,7 +20,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import jupytext
@@ -35,7 +35,7 @@ from kilnflight.project.cache import write_whole
 from kilnflight.project.paths import PROGRESS, SAVED_LIST
 
 SCALES = ("quick", "standard", "full")
-TELL_S = 60.0  # between two lines on how far long work is
+REPORT_S = 60.0  # between two lines on how far long work is
 
 
 def read_source(path: Path) -> nbformat.NotebookNode:
@@ -67,9 +67,7 @@ def known_parameters(notebook: nbformat.NotebookNode) -> dict[str, object]:
     return {name: ast.literal_eval(parameter["default"]) for name, parameter in known.items()}
 
 
-def parse_parameters(
-    items: Iterable[str], stem: str, notebooks: Iterable[str] = ()
-) -> dict[str, object]:
+def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> dict[str, object]:
     """Return the parameters that are meant for one notebook.
 
     Parameters
@@ -79,16 +77,17 @@ def parse_parameters(
         value is a Python literal or else a string.
     stem
         The notebook, for example ``"02_depth_calibration"``.
-    notebooks
-        Stems of all notebooks; a number that none of them has is an error then.
+    stems
+        All notebooks; a number that none of them has is an error.
 
     Examples
     --------
-    >>> parse_parameters(["seed=3", "02.points=50", "40.draws=9"], "02_depth_calibration")
+    >>> notebooks = ["02_depth_calibration", "40_belt_arrival"]
+    >>> parse_parameters(["seed=3", "02.points=50", "40.draws=9"], notebooks[0], notebooks)
     {'seed': 3, 'points': 50}
     """
     values: dict[str, object] = {}
-    numbers = {name.split("_")[0] for name in notebooks}
+    numbers = sorted({name.split("_")[0] for name in stems})
     for item in items:
         target, equals, text = item.partition("=")
         number, dot, name = target.rpartition(".")
@@ -96,14 +95,14 @@ def parse_parameters(
             raise InputError(
                 f"parameter {item!r}: write name=value, or NN.name=value for one notebook."
             )
-        if dot and (not number.isdigit() or (numbers and number not in numbers)):
-            known = f" ({', '.join(sorted(numbers))})" if numbers else ""
-            raise InputError(f"parameter {item!r}: {number!r} is no notebook's number{known}.")
+        if dot and number not in numbers:
+            raise InputError(
+                f"parameter {item!r}: {number!r} is no notebook's number ({', '.join(numbers)})."
+            )
         if not dot or number == stem.split("_")[0]:
-            try:
+            values[name] = text
+            with suppress(ValueError, SyntaxError):
                 values[name] = ast.literal_eval(text)
-            except (ValueError, SyntaxError):
-                values[name] = text
     return values
 
 
@@ -158,8 +157,9 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     build.mkdir(parents=True, exist_ok=True)
     whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"
     with tempfile.TemporaryDirectory() as folder:
-        names = f"{stem}.ipynb", "saved", "progress"
-        partial, saved, progress = (Path(folder) / name for name in names)
+        partial, saved, progress = (
+            Path(folder, name) for name in (whole.name, "saved", "progress")
+        )
         # figures.save lists what it wrote, so that make sees when a figure goes missing
         os.environ |= {SAVED_LIST: str(saved), PROGRESS: str(progress)}
         try:
@@ -210,31 +210,22 @@ def _printed_progress(stem: str, progress: Path) -> Iterator[None]:
     """Print every now and then how far a notebook's long work is."""
     ended = threading.Event()
 
-    def tell() -> None:
+    def report() -> None:
         before = ""
-        while not ended.wait(TELL_S):
-            lines = progress.read_text().split("\n") if progress.is_file() else []
-            last = next((line.strip() for line in reversed(lines) if line.strip()), before)
-            if last != before:
+        while not ended.wait(REPORT_S):
+            text = progress.read_text().rstrip() if progress.is_file() else ""
+            last = text.rpartition("\n")[2].strip()
+            if last not in ("", before):
                 print(f"{stem}: {last}", flush=True)
-            before = last
+                before = last
 
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
+    printer = threading.Thread(target=report, daemon=True)
+    printer.start()
     try:
         yield
     finally:
         ended.set()
-        teller.join()  # it may be reading what is removed next
-
-
-def explain(stem: str, error: PapermillExecutionError, kept: Path) -> str:
-    """Return one clear line about a failed cell: notebook, cell, error, where to look."""
-    first = next((line for line in error.source.splitlines() if line.strip()), "")
-    return (
-        f"{stem}: cell {error.cell_index + 1} ({first}) failed: {error.ename}: {error.evalue} "
-        f"(executed so far: {kept})"
-    )
+        printer.join()  # it may be reading what is removed next
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -255,12 +246,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         sources = sorted(options.source.parent.glob("[0-9][0-9]_*.py"))
         stems = [path.stem for path in sources]
-        given = parse_parameters(options.parameter, stem, stems)
         for path in sources:
             # all of them before any runs: half a set of new figures is worse than none
-            meant = parse_parameters(options.parameter, path.stem, stems)
-            if path != options.source and meant.keys() - {"scale"}:  # all know a scale (tested)
-                check_parameters(path.stem, known_parameters(read_source(path)), meant)
+            given = parse_parameters(options.parameter, path.stem, stems)
+            if path != options.source and given.keys() - {"scale"}:  # all know a scale (tested)
+                check_parameters(path.stem, known_parameters(read_source(path)), given)
+        given = parse_parameters(options.parameter, stem, stems)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
         print(f"{stem}: running ({shown})", flush=True)
         with warnings.catch_warnings():
@@ -271,7 +262,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{stem}: {error}" if stem not in str(error) else str(error), file=sys.stderr)
         return 1
     except PapermillExecutionError as error:
-        print(explain(stem, error, options.build / f"{stem}.failed.ipynb"), file=sys.stderr)
+        first = next((line for line in error.source.splitlines() if line.strip()), "")
+        print(
+            f"{stem}: cell {error.cell_index + 1} ({first}) failed: {error.ename}: {error.evalue} "
+            f"(executed so far: {options.build / stem}.failed.ipynb)",
+            file=sys.stderr,
+        )
         return 1
     except (KeyboardInterrupt, DeadKernelError) as error:
         why = "" if isinstance(error, KeyboardInterrupt) else " (its kernel was killed or died)"

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import argparse
 import ast
-import functools
 import importlib.util
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+import grimp
+import networkx as nx
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -30,17 +31,7 @@ from kilnflight.project.style import PAGE_MM, canvas, style
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
 # would refuse to load from a page opened as a file.
 MATHJAX = "tex-svg-full.js"
-# pandas tables come without any style of their own
-TABLES_CSS = """
-.cell_output table.dataframe { border-collapse: collapse; font-size: 0.8em; }
-.cell_output table.dataframe th, .cell_output table.dataframe td {
-  border: none; border-bottom: 1px solid var(--color-background-border);
-  padding: 0.2em 0.6em; text-align: left; vertical-align: top;
-}
-.cell_output { overflow-x: auto; }
-.cell_output figure { margin: 0.5em 0; }
-figcaption { font-size: 0.9em; margin-top: 0.3em; }
-"""
+STYLE_SHEET = Path(__file__).with_name("site.css")
 MARK = "<!-- results: made by `make full`, do not edit -->"
 END_MARK = "<!-- end of results -->"
 # Whose results README.md shows, by number, and where the reader goes from there.
@@ -61,7 +52,7 @@ CONFIGURATION: dict[str, object] = {
     "mathjax_path": MATHJAX,
     "exclude_patterns": ["jupyter_execute"],
     "html_static_path": ["_static"],
-    "html_css_files": ["tables.css"],
+    "html_css_files": [STYLE_SHEET.name],
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_show_sphinx": False,
@@ -83,12 +74,12 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
     (sources / "_static").mkdir(parents=True)
     shutil.copyfile(_mathjax(), sources / "_static" / MATHJAX)
-    (sources / "_static" / "tables.css").write_text(TABLES_CSS)
+    shutil.copy(STYLE_SHEET, sources / "_static")
     for path in notebooks:
-        shutil.copyfile(path, sources / path.name)
+        shutil.copy(path, sources)
     (sources / "index.md").write_text(_index(sorted(path.stem for path in notebooks)))
-    rooms, purposes = imports(Path(__file__).parents[1])
-    (sources / "rooms.md").write_text(_rooms_page(rooms, purposes))
+    rooms = imports(Path(__file__).parents[1])
+    (sources / "rooms.md").write_text(_rooms_page(rooms))
     draw_rooms(rooms).savefig(sources / "rooms.svg", metadata={"Date": None})
     _sphinx(sources, fresh, build / "doctrees")
     shutil.rmtree(site, ignore_errors=True)
@@ -107,12 +98,11 @@ def _mathjax() -> Path:
 def _index(stems: Sequence[str]) -> str:
     """Return the text of the first page: the claims, and every notebook with its result."""
     table = figures.overview().set_index("notebook", drop=False)
-    for stem in stems:
-        if stem not in table.index:
-            identifier = f"claims-{stem.replace('_', '-')}"
-            raise InputError(
-                f"{stem} saved no {identifier}; its last cell must call figures.conclude."
-            )
+    for stem in set(stems) - set(table.index):
+        raise InputError(
+            f"{stem} saved no {figures.verdicts_of(stem)}; its last cell must call "
+            "figures.conclude."
+        )
     table = table.loc[list(stems)]
     table["title"] = "[" + table["title"] + "](" + table["notebook"] + ".ipynb)"
     lines = [
@@ -149,69 +139,46 @@ def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
         raise InputError(f"the site has a problem: {first} (all of them: {log})")
 
 
-def imports(package: Path) -> tuple[dict[str, set[str]], dict[str, str]]:
-    """Read which rooms each room of a package imports, and the first line of its docstring.
+def imports(package: Path) -> nx.DiGraph:
+    """Return the rooms of a package, modules or folders at its top, and their imports.
 
-    A room is a module or folder at the top of the package.
+    Each room has a ``purpose``, the first line of its docstring.
     """
-    rooms: dict[str, set[str]] = {}
-    purposes: dict[str, str] = {}
-    for path in sorted(package.rglob("*.py")):
-        place = path.relative_to(package).parts
-        room, tree = place[0].removesuffix(".py"), ast.parse(path.read_text())
-        if len(place) == 1 or place[1:] == ("__init__.py",):
-            purposes[room] = (ast.get_docstring(tree) or "").partition("\n")[0]
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                names = [f"{node.module}.{alias.name}".split(".") for alias in node.names]
-                rooms.setdefault(room, set()).update(
-                    name[1] for name in names if name[0] == package.name
-                )
-    inside = rooms.keys() - {"__init__"}
-    return {room: rooms[room] & inside - {room} for room in sorted(inside)}, purposes
-
-
-def draw_rooms(rooms: Mapping[str, set[str]]) -> Figure:
-    """Draw rooms on floors, each above what it imports; implied imports are left out."""
-
-    @functools.cache
-    def below(room: str) -> set[str]:
-        return set().union(rooms[room], *(below(other) for other in rooms[room]))
-
-    @functools.cache
-    def floor(room: str) -> int:
-        return 1 + max(map(floor, rooms[room]), default=-1)
-
-    floors: dict[int, list[str]] = {}
+    modules, rooms = grimp.build_graph(package.name, cache_dir=None), nx.DiGraph()
+    for module in sorted(modules.find_children(package.name)):
+        file = package / f"{module.rpartition('.')[2]}.py"
+        if not file.is_file():
+            modules.squash_module(module)
+            file = file.with_suffix("") / "__init__.py"
+        purpose = (ast.get_docstring(ast.parse(file.read_text())) or "").partition("\n")[0]
+        rooms.add_node(module.rpartition(".")[2], purpose=purpose)
     for room in rooms:
-        floors.setdefault(floor(room), []).append(room)
-    places = {
-        room: ((k + 0.5 + 0.15 * (level % 2)) / len(level_rooms), level)
-        for level, level_rooms in floors.items()
-        for k, room in enumerate(level_rooms)
-    }
+        imported = modules.find_modules_directly_imported_by(f"{package.name}.{room}")
+        others = {name.rpartition(".")[2] for name in imported} & set(rooms) - {room}
+        rooms.add_edges_from((room, other) for other in sorted(others))
+    return rooms
+
+
+def draw_rooms(rooms: nx.DiGraph) -> Figure:
+    """Draw rooms on floors, each above what it imports; implied imports are left out."""
+    floors = dict(enumerate(nx.topological_generations(rooms.reverse())))
+    places = nx.multipartite_layout(rooms, subset_key=floors, align="horizontal")
     figure, ((axes,),) = canvas(width_mm=PAGE_MM, height_mm=15.0 * len(floors))
+    box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.4", "lw": 0.6}
     with style():
-        for room, imported in rooms.items():
-            for other in imported - set().union(*map(below, imported)):
-                (x0, y0), (x1, y1) = places[room], places[other]
-                axes.plot([x0, x1], [y0, y1], color="0.6", lw=0.6, ls="-", zorder=1)
-            box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.4", "lw": 0.6}
-            axes.text(*places[room], room, ha="center", va="center", bbox=box, zorder=2)
-    axes.set(xlim=(-0.02, 1.08), ylim=(-0.5, len(floors) - 0.5))
+        drawn = nx.transitive_reduction(rooms)
+        nx.draw_networkx_edges(drawn, places, ax=axes, arrows=False, edge_color="0.6", width=0.6)
+        nx.draw_networkx_labels(rooms, places, ax=axes, font_size=7.5, bbox=box)
     axes.axis("off")
     return figure
 
 
-def _rooms_page(rooms: Mapping[str, set[str]], purposes: Mapping[str, str]) -> str:
-    table = pd.DataFrame(
-        [(room, purposes.get(room, ""), ", ".join(sorted(rooms[room]))) for room in rooms],
-        columns=["room", "what it is for", "imports"],
-    )
+def _rooms_page(rooms: nx.DiGraph) -> str:
+    rows = [(room, rooms.nodes[room]["purpose"], ", ".join(sorted(rooms[room]))) for room in rooms]
     return (
         "# The rooms of the package\n\n![Rooms and their imports](rooms.svg)\n\n"
         "A room imports from floors below only. Imports that follow from others are not drawn.\n\n"
-        + figures.markdown(table)
+        + figures.markdown(pd.DataFrame(rows, columns=["room", "what it is for", "imports"]))
     )
 
 

@@ -30,7 +30,7 @@ from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
 from kilnflight.flight import Rules
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
-from kilnflight.project.cache import clear_parts, locked, parquet, save
+from kilnflight.project.cache import clear_parts, locked, save
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import ArrayRecording, Attributes, PictureRecording
 from kilnflight.recording.importing import read_manifest
@@ -378,7 +378,7 @@ def publish(outcome: Results, recording: PictureRecording, folder: Path) -> Path
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = ("detections", *KILN_STEPS)
-    contents = {f"{name}.parquet": parquet(getattr(outcome, name)) for name in names}
+    contents = {f"{name}.parquet": getattr(outcome, name).to_parquet(index=False) for name in names}
     contents["summary.csv"] = summary(outcome).to_csv(index=False).encode()
     contents["report.html"] = page(outcome, recording).encode()
     with locked(folder):
