@@ -71,13 +71,14 @@ def _check(
 
 
 def _row_name(row: pd.Series) -> str:
-    names = ("subset", "test_set", "method", "minPts", "epsilon_mm", "R", "K", "alpha")
-    parts = [
-        str(row[name]) if name in ("subset", "test_set", "method") else f"{name}={row[name]}"
-        for name in names
+    """Return what tells a row from the others: values of text, names and values of numbers."""
+    texts = [str(row[name]) for name in ("subset", "test_set", "method") if name in row.index]
+    numbers = [
+        f"{name}={row[name]}"
+        for name in ("minPts", "epsilon_mm", "R", "K", "alpha")
         if name in row.index
     ]
-    return ", ".join(parts)
+    return ", ".join(texts + numbers)
 
 
 def printed_rates(table: str) -> pd.DataFrame:
@@ -93,31 +94,34 @@ def printed_rates(table: str) -> pd.DataFrame:
     return printed
 
 
+def _recomputed_rates(table: str, *index: str) -> pd.DataFrame:
+    """Return precision, recall and F1 from the printed counts, by the columns ``index``."""
+    printed = printed_rates(table)
+    exact = rates(*(printed[count].astype(float) for count in COUNTS))
+    return pd.concat([printed[list(index)], exact], axis=1).set_index(list(index))
+
+
 def check_rates() -> Iterator[Check]:
     """Check every precision, recall and F1 of Tables 5.5-5.14 against TP, FP, FN."""
     for table in RATE_TABLES:
         printed = printed_rates(table)
-        counts = printed[COUNTS].astype(float)
-        exact = rates(counts["TP"], counts["FP"], counts["FN"])
-        for position, (_, row) in enumerate(printed.iterrows()):
-            for rate in exact.columns:
-                where = f"Table {table}, {_row_name(row)}"
-                value = float(exact[rate].iloc[position])
+        exact = rates(*(printed[count].astype(float) for count in COUNTS))
+        for position, row in printed.iterrows():
+            where = f"Table {table}, {_row_name(row)}"
+            for rate, value in exact.loc[position].items():
                 small = abs(float(row[rate]) - value) < 0.001
                 consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
-                yield _check(where, rate, row[rate], value, consequence)
+                yield _check(where, str(rate), row[rate], value, consequence)
 
 
 def check_sums() -> Iterator[Check]:
     """Check sums over subsets and classes, shares, and Table 5.2 against Table 5.3."""
     for table in ("5.5", "5.6", "5.13", "5.14"):
         printed = printed_rates(table)
-        subset = printed.columns[0]
-        parts = printed[printed[subset] != "Total"]
-        total = printed[printed[subset] == "Total"].iloc[0]
+        printed = printed.set_index(printed.columns[0])[COUNTS]
+        sums = printed.drop(index="Total").astype(float).sum()
         for count in COUNTS:
-            value = parts[count].astype(float).sum()
-            yield _check(f"Table {table}, Total", count, total[count], value)
+            yield _check(f"Table {table}, Total", count, printed.loc["Total", count], sums[count])
     everything, inside = (
         claims.published(f"table_{name}", as_printed=True).set_index("class")
         for name in ("5.2", "5.3")
@@ -128,57 +132,47 @@ def check_sums() -> Iterator[Check]:
 
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
+    """Check the rows burning, unlit, on the wall, in air (burning or unlit) and all of these."""
     counts = table[[*SUBSETS, "amount"]].astype(float)
-    burning, unlit, wall, air = (counts.iloc[i] for i in range(4))
+    sums = {3: counts.iloc[:2].sum(), 4: counts.iloc[:3].sum()}
     for column in counts.columns:
-        yield _check(
-            f"{where}, {air.name}", column, table[column].iloc[3], (burning + unlit)[column]
-        )
-        yield _check(
-            f"{where}, Total", column, table[column].iloc[4], (burning + unlit + wall)[column]
-        )
-    sums = counts[SUBSETS].sum(axis=1)
-    for name, printed, value in zip(table.index, table["amount"], sums, strict=True):
-        yield _check(f"{where}, {name}", "amount", printed, value)
+        for row, total in sums.items():
+            name = f"{where}, {table.index[row]}"
+            yield _check(name, column, table[column].iloc[row], total[column])
+    for name, value in counts[SUBSETS].sum(axis=1).items():
+        yield _check(f"{where}, {name}", "amount", table.loc[name, "amount"], value)
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
-    for position, (name, row) in enumerate(everything.iterrows()):
-        amount = float(row["amount"])
-        share = 100 * float(row["with_3d_info"]) / amount
-        printed = row["percentage_with_3d_info"]
-        yield _check(f"Table 5.2, {name}", "percentage_with_3d_info", printed, share)
-        kept = inside.iloc[position]
-        share = 100 * float(kept["amount"]) / amount
-        yield _check(
-            f"Table 5.3, {kept.name}", "percentage of Table 5.2", kept["percentage"], share
-        )
+    """Check the shares of all particles that have depth, or lie in the region of interest."""
+    share = "percentage_with_3d_info"
+    for (name, row), (_, kept) in zip(everything.iterrows(), inside.iterrows(), strict=True):
+        amount, where = float(row["amount"]), f"Table 5.3, {kept.name}"
+        exact = 100 * float(row["with_3d_info"]) / amount
+        yield _check(f"Table 5.2, {name}", share, row[share], exact)
+        exact = 100 * float(kept["amount"]) / amount
+        yield _check(where, "percentage of Table 5.2", kept["percentage"], exact)
         for subset in SUBSETS:  # the region of interest cannot hold more than the image
-            more = float(kept[subset]) - float(row[subset])
-            yield Check(
-                f"Table 5.3, {kept.name}",
-                f"{subset} not above Table 5.2",
-                kept[subset],
-                float(row[subset]),
-                more <= 0,
-            )
+            most, quantity = float(row[subset]), f"{subset} not above Table 5.2"
+            yield Check(where, quantity, kept[subset], most, float(kept[subset]) <= most)
 
 
 def check_totals() -> Iterator[Check]:
     """Check that every detector is counted against the particles of Table 5.3."""
-    total = claims.published("table_5.3").set_index("class").T["Total"]
-    inside = {name: float(total[name]) for name in (*SUBSETS, "amount")}
+    inside = claims.published("table_5.3").set_index("class").loc["Total"]
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
         for _, row in printed_rates(table).iterrows():
             name = _row_name(row)
-            expected = inside.get(name, inside["amount"])
-            found = str(int(row["TP"]) + int(row["FN"]))
-            yield _check(f"Table {table}, {name}", "TP + FN", found, expected)
+            expected = float(inside.get(name, inside["amount"]))
+            yield _check(f"Table {table}, {name}", "TP + FN", _particles(row), expected)
     truth, detected = printed_rates("5.13"), printed_rates("5.14")
     for (_, row), (_, other) in zip(truth.iterrows(), detected.iterrows(), strict=True):
-        found = str(int(other["TP"]) + int(other["FN"]))
-        expected = float(row["TP"]) + float(row["FN"])
-        yield _check(f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13", found, expected)
+        where, quantity = f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13"
+        yield _check(where, quantity, _particles(other), float(_particles(row)))
+
+
+def _particles(row: pd.Series) -> str:
+    return str(int(row["TP"]) + int(row["FN"]))
 
 
 def check_durations() -> Iterator[Check]:
@@ -212,7 +206,7 @@ def best_f1_of_3d_methods() -> pd.DataFrame:
         ("MO", "5.9", ("R",)),
         ("QCC", "5.10", ("K", "alpha")),
     ):
-        exact = _exact(table, *names)["f1"]
+        exact = _recomputed_rates(table, *names)["f1"]
         printed = printed_rates(table)["f1"].astype(float)
         for best in dict.fromkeys([int(printed.argmax()), int(exact.argmax())]):
             values = np.atleast_1d(exact.index[best])
@@ -221,47 +215,40 @@ def best_f1_of_3d_methods() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["method", "setting", "printed_f1", "recomputed_f1"])
 
 
-def _exact(table: str, *by: str) -> pd.DataFrame:
-    printed = printed_rates(table)
-    counts = printed[COUNTS].astype(float)
-    exact = rates(counts["TP"], counts["FP"], counts["FN"])
-    return pd.concat([printed[list(by)], exact], axis=1).set_index(list(by))
-
-
 def _detection_statements() -> dict[str, float]:
-    f1 = _exact("5.11", "method")["f1"]
-    qcc = _exact("5.10", "K", "alpha")["f1"]
-    qcc.index = pd.MultiIndex.from_tuples([(int(k), float(alpha)) for k, alpha in qcc.index])
-    three_d = [
-        _exact("5.8", "minPts", "epsilon_mm")["f1"].max(),
-        _exact("5.9", "R")["f1"].max(),
-        qcc.max(),
-    ]
-    gain = {
-        name: 100 * (f1[name] - f1[f"2D-{name.split()[1].split('+')[0]}"])
+    f1 = _recomputed_rates("5.11", "method")["f1"]
+    gain = [
+        100 * (f1[name] - f1[f"2D-{name.split()[1].split('+')[0]}"])
         for name in f1.index
         if name.startswith("Combi")
+    ]
+    qcc = _recomputed_rates("5.10", "K", "alpha")["f1"]
+    dbscan = _recomputed_rates("5.8", "minPts", "epsilon_mm")
+    three_d = [dbscan["f1"].max(), _recomputed_rates("5.9", "R")["f1"].max(), qcc.max()]
+    v5_otsu = _recomputed_rates("5.5", "subset")["f1"]["V5"]
+    seconds = {
+        table: claims.published(f"table_{table}").set_index(index)[column]
+        for table, index, column in (
+            ("5.7", "dog_local_max", "computation_time_s"),
+            ("5.8", ["minPts", "epsilon_mm"], "time_per_image_s"),
+            ("5.10", ["K", "alpha"], "time_per_image_s"),
+        )
     }
-    v5_otsu = _exact("5.5", "subset")["f1"]["V5"]
-    time = claims.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
-    dbscan = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])
-    dbscan_time = dbscan["time_per_image_s"]
-    sift_time = claims.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
     return {
         "qcc-best": qcc.max(),
         "three-d-best": qcc.max() - three_d[0],
         "three-d-gap": max(three_d) - min(three_d),
-        "combined-gain-low": min(gain.values()),
-        "combined-gain-high": max(gain.values()),
-        "combined-gain-mean": float(np.mean(list(gain.values()))),
-        "qcc-alpha": (qcc[30, 0.1] - qcc[30, 0.2]) - (qcc[20, 0.1] - qcc[20, 0.2]),
+        "combined-gain-low": min(gain),
+        "combined-gain-high": max(gain),
+        "combined-gain-mean": float(np.mean(gain)),
+        "qcc-alpha": (qcc["30", "0.1"] - qcc["30", "0.2"]) - (qcc["20", "0.1"] - qcc["20", "0.2"]),
         "dog-threshold": f1["2D-SIFT"] - 0.8592,  # of the median filter in Fig. 5.4
-        "dbscan-time": dbscan_time[(10, 50)] - dbscan_time[(6, 50)],
-        "dbscan-precise": _exact("5.8", "minPts", "epsilon_mm")["precision"].max(),
-        "sift-otsu-v5": _exact("5.6", "test_set")["f1"]["V5"] - v5_otsu,
+        "dbscan-time": seconds["5.8"][10, 50] - seconds["5.8"][6, 50],
+        "dbscan-precise": dbscan["precision"].max(),
+        "sift-otsu-v5": _recomputed_rates("5.6", "test_set")["f1"]["V5"] - v5_otsu,
         "otsu-v5": v5_otsu,
-        "qcc-time": time[(20, 0.1)] - time[(20, 0.2)],
-        "sift-time": sift_time[900] - sift_time[1000],
+        "qcc-time": seconds["5.10"][20, 0.1] - seconds["5.10"][20, 0.2],
+        "sift-time": seconds["5.7"][900] - seconds["5.7"][1000],
     }
 
 
@@ -306,21 +293,10 @@ def check_statements() -> Iterator[Check]:
             "sentence with an expected number needs its recomputation, and the other way round."
         )
     for _, row in table.iterrows():
-        if row["expected"]:
-            value = values[row["id"]]
-            right = agrees(row["expected"], value)
-            yield Check(
-                row["where"], row["quantity"], row["printed"], value, right, row["consequence"]
-            )
-        else:
-            yield Check(
-                row["where"],
-                row["quantity"],
-                row["printed"],
-                row["should_be"],
-                False,
-                row["consequence"],
-            )
+        value = values.get(row["id"], row["should_be"])
+        right = bool(row["expected"]) and agrees(row["expected"], value)
+        where, quantity, printed = row[["where", "quantity", "printed"]]
+        yield Check(where, quantity, printed, value, right, row["consequence"])
 
 
 def recompute() -> pd.DataFrame:
