@@ -35,27 +35,27 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 # ## Optical ground truth
 
 # %%
-sums, paths, rooms = {}, [], {}
+sums, paths, windows = {}, [], {}
 for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
-    rooms[name] = window[: min(frames, len(window))]
-    foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), rooms[name])
+    windows[name] = window[: min(frames, len(window))]
+    foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), windows[name])
     total = np.zeros((twin.attributes.rows, twin.attributes.columns), dtype=np.float32)
-    for t, foreground in zip(rooms[name], foregrounds, strict=True):
+    for t, foreground in zip(windows[name], foregrounds, strict=True):
         clear = segment_flame(twin.gray(t), twin.attributes.flame_roi).cover(foreground)
         least = 8 * np.median(foreground[::4, ::4])  # flicker and noise out
         total += np.where(clear > least, clear, 0)
     sums[name] = total
 
 # %%
-for name, room in rooms.items():
+for name, window in windows.items():
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
-    for t in room:
+    for t in window:
         moment = twin.life.at(twin.time_s(t))
         row, col = twin.scene.geometry.project(twin.scene.geometry.to_camera(moment.position_m))
-        seen = pd.DataFrame({"particle": moment.particle, "frame": t, "row": row, "col": col})
-        paths.append(seen[~moment.landed].assign(fraction=name))
+        places = pd.DataFrame({"particle": moment.particle, "frame": t, "row": row, "col": col})
+        paths.append(places[~moment.landed].assign(fraction=name))
 tracks = pd.concat(paths)
 
 # %% tags=["hide-input"]
@@ -65,8 +65,8 @@ for panels, (name, image) in zip(grid, sums.items(), strict=True):
     top = max(np.quantile(image[image > 0], 0.9), 1) if image.any() else 1
     panels[0].imshow(np.clip(image / top, 0, 1) ** 0.5, cmap="gray", interpolation="bilinear")
     panels[0].set(title=f"{name}: summed differences", ylabel="row (px)")
-    for _, one in tracks[tracks["fraction"] == name].groupby("particle"):
-        panels[1].plot(one["col"], one["row"], "-", color="black", lw=0.5)
+    for _, track in tracks[tracks["fraction"] == name].groupby("particle"):
+        panels[1].plot(track["col"], track["row"], "-", color="black", lw=0.5)
     panels[1].set(title=f"{name}: true paths", xlim=(0, 2047), ylim=(1535, 0), aspect="equal")
 for axes in grid[-1]:
     axes.set_xlabel("column (px)")

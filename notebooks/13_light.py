@@ -2,7 +2,7 @@
 # # The light of the twin, fitted to one row
 #
 # **Published** (thesis, Table 5.5 and section 5.1.3). Precision and recall of Otsu's method on
-# five subsets, and how many of the particles that do not burn it finds. Nobody printed the
+# five subsets, and how many of the particles that do not burn it detects. Nobody printed the
 # exposure, how bright the wall is or how much the flames flicker; without those a twin's
 # pictures cannot be told from any other picture.
 #
@@ -29,7 +29,8 @@ origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[LIGHT_FI
 # ## Inputs, before and after
 #
 # Two searches were made; the second lets flames overexpose, as the thesis says they do, and has
-# a wider limit for the wall (`kilnflight.experiments.twin_exposure` states both).
+# a wider limit for the wall (`kilnflight.experiments.twin_exposure` states both). Our table of
+# the inputs shows how far they moved, and which ended near a limit.
 
 # %%
 record = twin_exposure.record()
@@ -48,7 +49,8 @@ figures.save("twin-picture-calibration", fitted, caption=caption, provenance=ori
 # %% [markdown]
 # ## Targets, before and after
 #
-# Not reached: that no particle of V4 is found before it burns.
+# Our second table shows what the fit was aimed at and what it reached. Not reached: that no
+# particle of V4 is detected before it burns.
 
 # %%
 names = {"targets": "published", "inputs_only": "inputs_only", "calibrated": "calibrated"}
@@ -64,11 +66,11 @@ caption = (
 figures.save("twin-picture-targets", targets, caption=caption, provenance=origin)
 
 # %%
-miss = targets.set_index("subset").filter(like="unlit").loc["V4"]
+unlit = targets.set_index("subset").filter(like="unlit").loc["V4"]
 result = (
     f"Cost {record['cost_inputs_only']:.0f} with the assumed light, "
-    f"{record['cost_calibrated']:.1f} with the fitted one. In V4 {miss['unlit_calibrated']:.0%} "
-    f"of what does not burn is found (published {miss['unlit_published']:.0%}). No claim is "
+    f"{record['cost_calibrated']:.1f} with the fitted one. In V4 {unlit['unlit_calibrated']:.0%} "
+    f"of what does not burn is detected (published {unlit['unlit_published']:.0%}). No claim is "
     "tested here."
 )
 figures.conclude(result, [], origin)

@@ -19,29 +19,26 @@ frames = 0  # labelled frames per subset for that table; 0: 1, 1 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.project import figures, style
-
-style.use_style()
-
-# %%
 from kilnflight import camera
 from kilnflight.detection import DoG, combination
 from kilnflight.detection.combination import potential_particles, summarise
 from kilnflight.detection.flame import segment_flame
 from kilnflight.detection.peaks import Evidence
 from kilnflight.experiments import detection, detection_methods, detection_pictures
+from kilnflight.project import figures, style
 
+# %%
+style.use_style()
 frames = frames or detection.FRAMES[scale]
 origin = figures.trace("23_one_frame", {"scale": scale, "frames": frames}, seed=seed)
 subsets = detection.labelled_subsets(scale, seed, frames)
 
 # %%
-some = next(one for one in subsets if one.name == "V4")  # the most particles
-images = frames * len(subsets)
-known = some.recording.attributes
-t, view = next(detection.subset_views(some))
-tried = detection.compare_thresholds(subsets, scale)  # each subset takes what is best on the others
-threshold = detection.chosen_thresholds(tried).astype(float)
+subset = {subset.name: subset for subset in subsets}["V4"]  # the most particles
+known = subset.recording.attributes
+t, view = next(detection.subset_views(subset))
+# each subset takes what is best on the others
+threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale)).astype(float)
 
 # %% [markdown]
 # ## The flame is taken out
@@ -62,7 +59,7 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 
 # %%
 labels = combination.second_pass(view.xyz, *detection_methods.PASSES["DBSCAN"])
-keypoints = DoG(threshold[some.name])(view.foreground)
+keypoints = DoG(threshold[subset.name])(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = summarise(view.pixels, view.xyz, labels)
 clusters = clusters.take(clusters.extent <= combination.Combination().largest_px)
@@ -75,12 +72,12 @@ size = {"width_mm": style.PAGE_MM, "height_mm": 135}
 picture = detection_pictures.keypoints_and_clusters(
     view.gray, keypoints, clusters, known.roi, **size
 )
-found = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
+table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
     "the region of interest; after Figs 3.1, 3.2 and 3.5."
 )
-figures.save("fig-3-5-both", found, picture=picture, caption=caption, provenance=origin)
+figures.save("fig-3-5-both", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The five cases
@@ -93,31 +90,31 @@ rule = combination.Combination()
 evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
 examples = {case: [] for case in range(1, 6)}
 for case, spots, groups in cases:
-    given = (keypoints[spots], clusters.take(groups))
-    decided = combination.decide_case(case, *given, evidence, rule.margin_px)
-    examples[case].append((*given, decided))
+    parts = (keypoints[spots], clusters.take(groups))
+    particles = combination.decide_case(case, *parts, evidence, rule.margin_px)
+    examples[case].append((*parts, particles))
 picture = detection_pictures.cases(view.gray, examples)
 
 # %%
 counts = pd.DataFrame(
     [
-        {"case": case, "potential": len(all_of), "particles": sum(len(one[2]) for one in all_of)}
-        for case, all_of in examples.items()
+        {"case": case, "potential": len(rows), "particles": sum(len(row[2]) for row in rows)}
+        for case, rows in examples.items()
     ]
 )
 caption = "Examples of the five cases in one frame, after Figs 3.6 to 3.9; see the text."
 figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# **What is asked of the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
+# **Questions to the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
 # and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
 
 # %%
-several = max(examples[2], key=lambda one: len(one[2]))[1]
-alone = max(examples[4], key=lambda one: (len(one[2]), -one[1].total))[1]
+several = max(examples[2], key=lambda row: len(row[2]))[1]
+alone = max(examples[4], key=lambda row: (len(row[2]), -row[1].total))[1]
 change = np.abs(view.gray.astype(float) - view.previous)
 peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
-first, second = (combination.widened(one.rectangle(), 3) for one in (several, alone))
+first, second = (combination.widened(cluster.rectangle(), 3) for cluster in (several, alone))
 images = {"case 2: peaks": (view.gray, first), "case 4: frame": (view.gray, second)}
 images["case 4: difference"] = (change, second)
 picture = detection_pictures.cuts(images, peaks)
@@ -131,7 +128,8 @@ figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, proven
 # %% [markdown]
 # ## How often each case is right
 #
-# All subsets, each with its threshold. A detection is right if it is paired with a marked particle.
+# All subsets, each with its threshold. A detection is right if it is paired with a marked
+# particle. The thesis does not count this; our table shows which case errs.
 
 # %%
 detectors = {name: combination.Combination(DoG(value)) for name, value in threshold.items()}
@@ -139,12 +137,12 @@ by_case = detection.precision_by_case(subsets, detectors)
 
 # %%
 caption = (
-    f"Detections of SIFT with DBSCAN by the case that decided them, {images} labelled frames: "
+    f"Detections of SIFT with DBSCAN by their case, {frames * len(subsets)} labelled frames: "
     "how many are paired with a marked particle."
 )
 figures.save("detection-cases", by_case, caption=caption, provenance=origin)
 
 # %%
-parts = [f"case {one.case} {one.precision:.0%} of {one.detections}" for one in by_case.itertuples()]
+parts = [f"case {row.case} {row.precision:.0%} of {row.detections}" for row in by_case.itertuples()]
 result = "Right by case: " + ", ".join(parts) + ". No claim is tested here."
 figures.conclude(result, [], origin)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from kilnflight.experiments import statements
@@ -7,17 +9,19 @@ from kilnflight.twin.fitted import FlightInputs, flight_inputs
 
 
 def test_the_frozen_inputs_cost_less_and_as_much_as_the_file_says():
-    content, said = calibration.record(), statements.targets()
-    before = calibration.cost(FlightInputs(), said)
-    after = calibration.cost(flight_inputs(), said)
+    content, targets = calibration.record(), statements.targets()
+    before = calibration.cost(FlightInputs(), targets)
+    after = calibration.cost(flight_inputs(), targets)
     assert after < before / 2
     assert before == pytest.approx(content["cost_inputs_only"], rel=0.02)
     assert after == pytest.approx(content["cost_calibrated"], rel=0.02)
 
 
 def test_another_seed_agrees_that_they_cost_less():
-    said = statements.targets()
-    values = [calibration.cost(one, said, seed=3) for one in (flight_inputs(), FlightInputs())]
+    targets = statements.targets()
+    values = [
+        calibration.cost(inputs, targets, seed=3) for inputs in (flight_inputs(), FlightInputs())
+    ]
     assert values[0] < values[1] / 2
 
 
@@ -27,8 +31,8 @@ def test_the_frozen_inputs_lie_within_the_limits():
 
 
 def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
-    said = statements.targets()
-    assert set(said["use"]) == {statements.CALIBRATED}
+    targets = statements.targets()
+    assert set(targets["use"]) == {statements.CALIBRATED}
     flown, original = [], truth.released
 
     def noted(name, bar, *rest):
@@ -37,7 +41,7 @@ def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
 
     monkeypatch.setattr(truth, "released", noted)
     monkeypatch.setattr(statements, "statements", lambda: pytest.fail("read what is held out"))
-    calibration.cost(FlightInputs(), said, count=5)
+    calibration.cost(FlightInputs(), targets, count=5)
     assert tuple(flown) == statements.CELLS
 
 
@@ -56,9 +60,10 @@ def test_held_out_numbers_do_not_change_the_targets(monkeypatch):
 
 
 def test_the_search_is_deterministic_and_keeps_to_the_limits():
-    def bowl(one):
-        return (one.lance_length_m - 4) ** 2 + (one.extinction_1_s / 300 - 1) ** 2
+    def bowl(inputs):
+        return (inputs.lance_length_m - 4) ** 2 + (inputs.extinction_1_s / 300 - 1) ** 2
 
-    first = calibration.fit(bowl, seed=1, generations=5)
-    assert first == calibration.fit(bowl, seed=1, generations=5)
+    search = replace(calibration.SEARCH, seed=1, generations=5)
+    first = search(bowl)
+    assert first == search(bowl)
     assert bowl(first[0]) < bowl(FlightInputs())

@@ -17,31 +17,32 @@ def test_the_targets_are_the_published_row():
 
 
 def test_no_misfit_costs_nothing_and_units_are_the_spreads():
-    wanted = exposure.targets()
-    assert exposure.cost(wanted, wanted) == 0
-    off = wanted.assign(recall=wanted["recall"] + 0.05)
-    assert exposure.cost(off, wanted) == pytest.approx(5.0)
+    published = exposure.targets()
+    assert exposure.cost(published, published) == 0
+    off = published.assign(recall=published["recall"] + 0.05)
+    assert exposure.cost(off, published) == pytest.approx(5.0)
 
 
 def test_the_search_is_deterministic_and_keeps_to_the_limits():
-    def bowl(one):
-        return (one.wall_level / 9000 - 1) ** 2 + (one.share_on - 0.3) ** 2
+    def bowl(inputs):
+        return (inputs.wall_level / 9000 - 1) ** 2 + (inputs.share_on - 0.3) ** 2
 
-    first, evaluations = exposure.fit(bowl, seed=1, generations=4)
-    assert (first, evaluations) == exposure.fit(bowl, seed=1, generations=4)
+    search = replace(exposure.SEARCH, seed=1, generations=4)
+    first, evaluations = search(bowl)
+    assert (first, evaluations) == search(bowl)
     assert all(low <= asdict(first)[n] <= high for n, (low, high) in exposure.LIMITS.items())
     assert set(exposure.LIMITS) == set(asdict(LightInputs()))
 
 
-def test_the_row_is_what_otsu_finds_and_depends_on_the_light():
+def test_the_row_is_what_otsu_detects_and_depends_on_the_light():
     twin = Twin(small(ground_truth("V3")))
-    given = light_inputs()
-    row = exposure.otsu_row([twin], given)
+    fitted = light_inputs()
+    row = exposure.otsu_row([twin], fitted)
     assert list(row.columns) == list(exposure.targets().columns)
     assert row[["precision", "recall", "unlit"]].to_numpy().min() >= 0
     assert row[["precision", "recall", "unlit"]].to_numpy().max() <= 1
-    pd.testing.assert_frame_equal(row, exposure.otsu_row([twin], given))
-    other = exposure.otsu_row([twin], replace(given, irradiance=1.2, burner_flicker=0.5))
+    pd.testing.assert_frame_equal(row, exposure.otsu_row([twin], fitted))
+    other = exposure.otsu_row([twin], replace(fitted, irradiance=1.2, burner_flicker=0.5))
     assert not np.allclose(row.iloc[0, 1:].astype(float), other.iloc[0, 1:].astype(float))
 
 

@@ -21,7 +21,7 @@ from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing, distance_to_axis
+from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
 from kilnflight.experiments import detection, detection_methods
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vector
@@ -73,10 +73,10 @@ def _settings(scale: str, seed: int, frames: int) -> pd.DataFrame:
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
     first = subsets[0].recording.frame(subsets[0].frames[0])
     wall = CylinderFit()(detection_methods.wall_points(first.xyz), seed)
-    detector = Combination(DoG(threshold))
-    labelled = [detection.positions(subset, detector)[0] for subset in subsets]
-    known = pd.concat(labelled).dropna(subset="z")
-    distance = distance_to_axis(known[["x", "y", "z"]], wall)
+    detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
+    marked, _ = detection.positions(subsets, detectors, wall)
+    known = marked.dropna(subset="z")
+    distance = known["distance_mm"].to_numpy()
     flying = (known["label"] != 4).to_numpy()
     limit = crossing(distance[flying], distance[~flying]) + 40.0
     row = {"threshold": threshold, "radius_mm": wall.radius_mm, "in_air_mm": limit}

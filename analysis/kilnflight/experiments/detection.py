@@ -21,12 +21,15 @@ from kilnflight import kiln
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError, check_columns
 from kilnflight.detection.combination import Combination, Polygon, View
+from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.scores import rates, score_detections, score_in_pixels, total_in_air
-from kilnflight.scores.detections import FrameScore, particle_centroids
+from kilnflight.scores.detections import particle_centroids
 from kilnflight.twin import scenes, truth
+from kilnflight.twin.scene import Twin
 
+COUNTS = ("tp", "fp", "fn")
 WARM_UP_POINTS = 2000  # of the untimed first call
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
@@ -66,13 +69,16 @@ def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]
             f"labelled_subsets: scale {scale!r} with {frames} frames; there are "
             f"{', '.join(FRAMES)}, and up to {len(scenes.LABELLED)} labelled frames."
         )
-    labelled = tuple(scenes.LABELLED[: frames or FRAMES[scale]])
-    subsets = []
-    for name in SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS:
-        twin = scenes.cached_scene(name, seed)
-        marked, instances = truth.marked(twin, labelled), partial(truth.instances, twin)
-        subsets.append(Subset(name, twin, labelled, marked, instances, BACKGROUNDS[scale], {}))
-    return subsets
+    labelled = scenes.LABELLED[: frames or FRAMES[scale]]
+    names = SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS
+    twins = [scenes.cached_scene(name, seed) for name in names]
+    return [labelled_subset(twin, labelled, BACKGROUNDS[scale]) for twin in twins]
+
+
+def labelled_subset(twin: Twin, frames: Sequence[int], background: BackgroundModel) -> Subset:
+    """Return a recording of the twin with the particles that a person would mark in frames."""
+    marked, instances = truth.marked(twin, frames), partial(truth.instances, twin)
+    return Subset(twin.scene.name, twin, tuple(frames), marked, instances, background, {})
 
 
 def run(
@@ -96,8 +102,8 @@ def run(
     DataFrame
         One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``,
         ``fn`` by the gate of 45 px (section 3.3) and ``tp_pixels``, ``fp_pixels``,
-        ``fn_pixels`` within the pixels of a particle (5.1.1); ``found_2``, ``marked_2`` ...
-        per class; ``seconds``, of compiled code: every method is called once before.
+        ``fn_pixels`` within the pixels of a particle (5.1.1); ``tp_2``, ``fn_2`` ... by
+        class; ``seconds``, of compiled code: every method is called once before.
     """
     rows: list[dict[str, Any]] = []
     for subset in subsets:
@@ -106,12 +112,9 @@ def run(
         bar = tqdm(views, desc=subset.name, total=len(subset.frames), unit="frame", disable=None)
         for t, view in bar:
             if not rows:  # compile on a few of the points, so that no compiling is timed
+                pixels, xyz = view.pixels[:WARM_UP_POINTS], view.xyz[:WARM_UP_POINTS]
                 for method in methods.values():
-                    method(
-                        view._replace(
-                            pixels=view.pixels[:WARM_UP_POINTS], xyz=view.xyz[:WARM_UP_POINTS]
-                        )
-                    )
+                    method(view._replace(pixels=pixels, xyz=xyz))
             rows += _frame_rows(subset, t, view, methods)
     return pd.DataFrame(rows)
 
@@ -120,48 +123,32 @@ def _frame_rows(
     subset: Subset, t: int, view: View, methods: Mapping[Any, Method]
 ) -> list[dict[str, Any]]:
     here = subset.particles[subset.particles["frame"] == t]
+    place, label = here[["row", "col"]].to_numpy(), here["label"].to_numpy()
     image, roi = subset.instances(t), subset.recording.attributes.roi
     # the particles that have a pixel; most pixels show none
-    shown = here["particle"][here["particle"].isin(np.unique(image[image >= 0]))].to_numpy()
-    centroids = particle_centroids(image, shown)
+    visible = here["particle"][here["particle"].isin(np.unique(image[image >= 0]))]
+    centroids = particle_centroids(image, visible.to_numpy())
     rows = []
     for name, method in methods.items():
         begin = time.perf_counter()
         spots = method(view)[:, :2]
         seconds = time.perf_counter() - begin
         row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-        pixels = score_in_pixels(image, centroids, spots, roi)
-        rows.append(row | _counts(here, pixels, spots, roi))
+        gated = score_detections(place, spots, roi=roi)
+        within = score_in_pixels(image, centroids, spots, roi)
+        row |= {count: getattr(gated, count) for count in COUNTS}
+        row |= {f"{count}_pixels": getattr(within, count) for count in COUNTS}
+        for kind in truth.CLASSES:
+            row[f"tp_{kind}"] = int((label[gated.pairs[:, 0]] == kind).sum())
+            row[f"fn_{kind}"] = int((label[gated.missed] == kind).sum())
+        rows.append(row)
     return rows
-
-
-def _counts(
-    here: pd.DataFrame,
-    pixels: FrameScore,
-    spots: npt.NDArray[np.float64],
-    roi: Polygon | None,
-) -> dict[str, int]:
-    """Return the counts of a frame; ``pixels`` is the score by the pixels of its particles."""
-    gated = score_detections(here[["row", "col"]].to_numpy(), spots, roi=roi)
-    label = here["label"].to_numpy()
-    found, marked = label[gated.pairs[:, 0]], label[_counted(gated)]
-    counts = {"tp": gated.tp, "fp": gated.fp, "fn": gated.fn}
-    counts |= {f"{name}_pixels": getattr(pixels, name) for name in ("tp", "fp", "fn")}
-    for kind in truth.CLASSES:
-        counts[f"found_{kind}"] = int((found == kind).sum())
-        counts[f"marked_{kind}"] = int((marked == kind).sum())
-    return counts
-
-
-def _counted(score: FrameScore) -> npt.NDArray[np.intp]:
-    """Return which true particles count: those found and those missed inside of the region."""
-    return np.concatenate([score.pairs[:, 0], score.missed])
 
 
 def subset_views(
     subset: Subset, background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Yield number and view of each labelled frame, from the subset's cache if they are there.
+    """Return number and view of each labelled frame, from the subset's cache if they are there.
 
     Parameters
     ----------
@@ -171,14 +158,12 @@ def subset_views(
         That of the subset if None; with another one nothing is cached.
     """
     subtracted = background or subset.background
-    cache = subset.cache if subtracted == subset.background else None
-    if cache is not None and all(t in cache for t in subset.frames):
-        yield from ((t, cache[t]) for t in subset.frames)
-        return
-    for t, view in kiln.views(subset.recording, subset.frames, subtracted):
-        if cache is not None:
-            cache[t] = view
-        yield t, view
+    views = kiln.views(subset.recording, subset.frames, subtracted)
+    if subset.cache is None or subtracted != subset.background:
+        return views
+    if any(t not in subset.cache for t in subset.frames):
+        subset.cache.update(views)
+    return ((t, subset.cache[t]) for t in subset.frames)
 
 
 def compare_thresholds(
@@ -195,15 +180,15 @@ def compare_thresholds(
         the one that is best on the other subsets (section 5.1.3). Their ``seconds`` are not
         known: one call answers for all thresholds.
     """
-    thresholds = THRESHOLDS[:: 4 if scale == "quick" else 1]
+    thresholds = tried_thresholds(scale)
     table = run(subsets, from_thresholds(thresholds), background).assign(seconds=np.nan)
-    return mark_chosen(table.rename(columns={"method": "threshold"}))
+    table = table.rename(columns={"method": "threshold"})
+    return table.assign(chosen=table["threshold"] == table["subset"].map(leave_one_out(table)))
 
 
-def mark_chosen(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of `run` by ``threshold`` with ``chosen``; see `compare_thresholds`."""
-    best = leave_one_out(table, "threshold").set_index("subset")["threshold"]
-    return table.assign(chosen=table["threshold"] == table["subset"].map(best))
+def tried_thresholds(scale: str) -> tuple[int, ...]:
+    """Return the thresholds of DoG that a scale tries: all, or every fourth in a smoke run."""
+    return THRESHOLDS[:: 4 if scale == "quick" else 1]
 
 
 def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
@@ -212,28 +197,20 @@ def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
     return chosen.set_index("subset")["threshold"]
 
 
-def leave_one_out(table: pd.DataFrame, parameter: str) -> pd.DataFrame:
-    """Return for each subset the parameter that is best on the others (section 5.1.3).
+def leave_one_out(table: pd.DataFrame) -> dict[str, Any]:
+    """Return for each subset the ``threshold`` that is best on the others (section 5.1.3).
 
-    Parameters
-    ----------
-    table
-        Of `run`, with a column ``parameter`` beside.
-
-    Returns
-    -------
-    DataFrame
-        ``subset`` and ``parameter``; among equals the smallest.
+    ``table`` is of `run`, with ``threshold`` beside; among equals the smallest is best.
     """
     subsets = list(table["subset"].unique())
     if len(subsets) < 2:
         raise InputError(f"leave_one_out: needs two subsets or more, got {subsets}.")
-    chosen = []
+    chosen = {}
     for subset in subsets:
-        others = sum_counts(table[table["subset"] != subset], [parameter]).sort_values(parameter)
-        best = others[parameter].to_numpy()[int(np.argmax(others["f1"].to_numpy()))]
-        chosen.append({"subset": subset, parameter: best})
-    return pd.DataFrame(chosen)
+        others = sum_counts(table[table["subset"] != subset], ["threshold"])
+        others = others.sort_values("threshold").set_index("threshold")
+        chosen[subset] = others["f1"].idxmax()
+    return chosen
 
 
 def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -254,19 +231,55 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         delayed does not move; and ``f1_in_pixels`` by the pixels of a particle (5.1.1).
     """
     groups = table.groupby(by, sort=False)
-    counts = groups[["tp", "fp", "fn"]].sum().reset_index()
-    inside = groups[["tp_pixels", "fp_pixels", "fn_pixels"]].sum()
-    together = rates(counts["tp"], counts["fp"], counts["fn"]).assign(
+    counts = groups[list(COUNTS)].sum().reset_index()
+    inside = groups[[f"{count}_pixels" for count in COUNTS]].sum()
+    shares = rates(*(counts[count] for count in COUNTS)).assign(
         seconds_per_image=groups["seconds"].median().to_numpy(),
-        f1_in_pixels=rates(*(inside[name] for name in inside.columns))["f1"].to_numpy(),
+        f1_in_pixels=rates(*inside.to_numpy().T)["f1"].to_numpy(),
     )
-    return pd.concat([counts, together], axis=1)
+    return pd.concat([counts, shares], axis=1)
 
 
 def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Return `sum_counts` by subset, and below them those of all subsets, "Total"."""
     total = sum_counts(table.assign(subset="Total"), [name for name in by if name != "threshold"])
     return pd.concat([sum_counts(table, by), total], ignore_index=True)
+
+
+def sum_with_unlit(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return `sum_counts` without times, and ``recall_non_burning``, that of class 3."""
+    unlit = class_recall(table, by).query("label == 3")[[*by, "recall"]]
+    unlit = unlit.rename(columns={"recall": "recall_non_burning"})
+    return sum_counts(table, by).drop(columns="seconds_per_image").merge(unlit)
+
+
+def f1_with_intervals(
+    table: pd.DataFrame, published: pd.Series, seed: int
+) -> tuple[pd.DataFrame, pd.Series]:
+    """Return F1 of every method with its 95 % interval, and how often each one is first.
+
+    Parameters
+    ----------
+    table
+        Of `run`; every method on the same frames.
+    published
+        F1 by method; those that are missing are NaN.
+    seed
+        Of the draws of frames, see `resampled_f1`.
+
+    Returns
+    -------
+    f1 : DataFrame
+        By ``method``: ``f1``, ``f1_low``, ``f1_high``, ``f1_in_pixels``, ``f1_published``.
+    first : Series
+        By method: the share of the draws in which its F1 is the largest.
+    """
+    total = sum_counts(table, ["method"]).set_index("method")
+    draws = resampled_f1(table, np.random.default_rng(seed))
+    low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
+    f1 = total[["f1"]].assign(f1_low=low, f1_high=high, f1_in_pixels=total["f1_in_pixels"])
+    first = draws.idxmax(axis=1).value_counts(normalize=True)
+    return f1.assign(f1_published=published), first.reindex(total.index, fill_value=0.0)
 
 
 def precision_by_case(
@@ -300,36 +313,15 @@ def precision_by_case(
     return counts.assign(precision=counts["right"] / counts["detections"]).reset_index()
 
 
-def background_traces(
-    subset: Subset,
-    t: int,
-    backgrounds: Mapping[str, npt.NDArray[np.floating]],
-    clean: npt.NDArray[np.floating],
-) -> dict[str, float]:
-    """Return how far backgrounds of frame t are from the scene without any particle, ``clean``.
-
-    Root mean square in grey values over pixels that hold a particle in one of the frames
-    around, but not now.
-    """
-    around = range(t - 25, t + 26, 5)
-    marked = np.any([subset.instances(k) >= 0 for k in around], axis=0)
-    trace = marked & ~(subset.instances(t) >= 0)
-    return {
-        name: float(np.sqrt(np.mean((image - clean)[trace] ** 2)))
-        for name, image in backgrounds.items()
-    }
-
-
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``."""
-    parts = []
-    for label in truth.CLASSES:
-        names = {f"found_{label}": "tp", f"marked_{label}": "marked"}
-        part = table.groupby(by, sort=False)[list(names)].sum().rename(columns=names).reset_index()
-        missed = part["marked"] - part["tp"]
-        recall = rates(part["tp"], 0 * missed, missed)["recall"].where(part["marked"] > 0)
-        parts.append(part.assign(label=label, fn=missed, recall=recall.to_numpy()))
-    return pd.concat(parts, ignore_index=True)[[*by, "label", "tp", "fn", "recall"]]
+    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``, ``kind``."""
+    groups, parts = table.groupby(by, sort=False), []
+    for label, kind in truth.CLASSES.items():
+        counts = groups[[f"tp_{label}", f"fn_{label}"]].sum().set_axis(["tp", "fn"], axis=1)
+        counts.insert(0, "label", label)
+        recall = counts["tp"] / (counts["tp"] + counts["fn"])  # NaN where none is marked
+        parts.append(counts.assign(recall=recall, kind=kind).reset_index())
+    return pd.concat(parts, ignore_index=True)
 
 
 def resampled_f1(
@@ -361,83 +353,79 @@ def resampled_f1(
 
 
 def positions(
-    subset: Subset, detector: Combination, background: BackgroundModel | None = None
+    subsets: Iterable[Subset], detectors: Mapping[str, Combination], wall: Cylinder
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return where a subset's marked particles and its detections are in space.
+    """Return where marked particles and detections are in space.
+
+    Parameters
+    ----------
+    subsets
+        From `labelled_subsets`.
+    detectors
+        The combined detector of each subset.
+    wall
+        Whose axis ``distance_mm`` is from.
 
     Returns
     -------
     marked : DataFrame
-        ``subset``, ``frame``, ``row``, ``col``, ``label`` and ``x``, ``y``, ``z`` in mm: the
-        mean of the points in the particle's pixels; NaN without a point, so no 3D (5.1.1).
+        ``subset``, ``frame``, ``row``, ``col``, ``label``, ``distance_mm`` and ``x``, ``y``,
+        ``z`` in mm: the mean of the points in the particle's pixels; NaN without a point, so
+        no 3D (5.1.1).
     detected : DataFrame
-        ``subset`` and `kilnflight.tables.DETECTIONS`.
+        ``subset``, ``distance_mm`` and `kilnflight.tables.DETECTIONS`.
     """
     marked, detected = [], []
-    for t, view in subset_views(subset, background):
-        here = subset.particles[subset.particles["frame"] == t]
-        shown = subset.instances(t)[view.pixels[:, 0], view.pixels[:, 1]]
-        means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
-        part = here[["frame", "row", "col", "label"]].reset_index(drop=True)
-        marked.append(part.join(means.reindex(here["particle"].to_numpy()).reset_index(drop=True)))
-        detected.append(detector(view, subset.recording.attributes.roi, t))
-    tables = (pd.concat(parts, ignore_index=True) for parts in (marked, detected))
-    first, second = (table.assign(subset=subset.name) for table in tables)
-    return first, second
+    for subset in subsets:
+        for t, view in subset_views(subset):
+            here = subset.particles[subset.particles["frame"] == t]
+            shown = subset.instances(t)[view.pixels[:, 0], view.pixels[:, 1]]
+            means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
+            part = here[["frame", "particle", "row", "col", "label"]].assign(subset=subset.name)
+            marked.append(part.join(means, on="particle"))
+            found = detectors[subset.name](view, subset.recording.attributes.roi, t)
+            detected.append(found.assign(subset=subset.name))
+    tables = [pd.concat(parts, ignore_index=True) for parts in (marked, detected)]
+    for table in tables:
+        known = table.dropna(subset="z")[["x", "y", "z"]]
+        table["distance_mm"] = pd.Series(distance_to_axis(known, wall), known.index)
+    return tables[0], tables[1]
 
 
 def classification_table(
-    marked: Sequence[pd.DataFrame],
-    spots: Sequence[pd.DataFrame],
+    marked: pd.DataFrame,
+    spots: pd.DataFrame,
     thresholds: Mapping[str, float],
     roi: Polygon | None,
 ) -> pd.DataFrame:
-    """Return `classify_in_air` of all subsets and in total, with each threshold.
-
-    Returns
-    -------
-    DataFrame
-        ``threshold``, ``threshold_mm``, ``subset``, ``tp``, ``fp``, ``fn``, ``precision``,
-        ``recall``, ``f1``.
-    """
-    rows = []
-    for (name, level), (labelled, detected) in product(
-        thresholds.items(), zip(marked, spots, strict=True)
-    ):
-        counts = classify_in_air(labelled, detected, level, roi)[["tp", "fp", "fn"]].astype(int)
-        subset = labelled["subset"].iloc[0]
-        rows.append(counts.assign(threshold=name, threshold_mm=level, subset=subset))
-    table = pd.concat(rows, ignore_index=True)
-    both, keys = pd.concat([table, table.assign(subset="Total")]), ["threshold", "threshold_mm"]
-    counts = both.groupby([*keys, "subset"], sort=False)[["tp", "fp", "fn"]].sum().reset_index()
-    return pd.concat([counts, rates(counts["tp"], counts["fp"], counts["fn"])], axis=1)
-
-
-def classify_in_air(
-    marked: pd.DataFrame, spots: pd.DataFrame, threshold_mm: float, roi: Polygon | None
-) -> pd.DataFrame:
-    """Return how well spots of a subset are classified as in the air (Tables 5.13 and 5.14).
+    """Return how well spots are classified as in the air (Tables 5.13 and 5.14).
 
     Parameters
     ----------
     marked
-        Of `positions`, with ``distance_mm`` from the axis (NaN: no 3D, not considered).
+        Of `positions`; what has no distance from the axis is not considered.
     spots
-        Detections with the same columns; for Table 5.13 the marked particles themselves.
-    threshold_mm
-        Up to which distance a spot is in the air.
+        Detections of `positions`; for Table 5.13 the marked particles themselves.
+    thresholds
+        By name: up to which distance in mm a spot is in the air.
     roi
         Polygon (row, col) outside which nothing counts.
 
     Returns
     -------
     DataFrame
-        One row: ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1``.
+        ``threshold``, ``threshold_mm``, ``subset``, ``tp``, ``fp``, ``fn``, ``precision``,
+        ``recall``, ``f1``; by subset, and below them those of all subsets, "Total".
     """
-    scores, flying, classified = [], [], []
-    for frame, here in marked.groupby("frame"):
-        there = spots[spots["frame"] == frame]
-        scores.append(score_detections(here[["row", "col"]], there[["row", "col"]], roi=roi))
-        flying.append(((here["label"] != 4) & here["distance_mm"].notna()).to_numpy())
-        classified.append((there["distance_mm"] <= threshold_mm).to_numpy())
-    return total_in_air(scores, flying, classified)
+    rows, frames = [], marked.groupby(["subset", "frame"], sort=False)
+    for (name, level), ((subset, frame), here) in product(thresholds.items(), frames):
+        there = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
+        score = score_detections(here[["row", "col"]], there[["row", "col"]], roi=roi)
+        flying = (here["label"] != 4) & here["distance_mm"].notna()
+        counts = total_in_air([score], [flying], [there["distance_mm"] <= level])
+        rows.append(counts.assign(threshold=name, threshold_mm=level, subset=str(subset)))
+    table = pd.concat(rows)
+    keys = ["threshold", "threshold_mm", "subset"]
+    both = pd.concat([table, table.assign(subset="Total")]).groupby(keys, sort=False)
+    counts = both[list(COUNTS)].sum().reset_index()
+    return pd.concat([counts, rates(*(counts[count] for count in COUNTS))], axis=1)

@@ -70,6 +70,12 @@ def from_thresholds(
     return {threshold: partial(above, float(threshold)) for threshold in ascending}
 
 
+def eight_bits(foreground: Foreground) -> Foreground:
+    """Return a foreground rounded to 256 levels, which is what OpenCV's SIFT takes."""
+    step = np.float32(65_535 / 255)
+    return np.rint(foreground / step) * step
+
+
 def from_cloud(clusterer: Clusterer) -> Method:
     """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
 
@@ -101,14 +107,14 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
     methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
     for cloud, passes in PASSES.items():
-        labels = _Remembered(partial(_labels, *passes))
+        labels = _Remembered(partial(_labels, passes))
         for name, detector in detectors.items():
             methods[f"Combi {name}+{cloud}"] = partial(_combined, detector, labels, roi)
     return methods
 
 
-def _labels(wall: Clusterer, clusterer: Clusterer, view: View) -> npt.NDArray[np.intp]:
-    return second_pass(view.xyz, wall, clusterer)
+def _labels(passes: tuple[Clusterer, Clusterer], view: View) -> npt.NDArray[np.intp]:
+    return second_pass(view.xyz, *passes)
 
 
 def _combined(

@@ -9,9 +9,10 @@ that clump in the lance, hot gas around it). It is no measured length or angle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from dataclasses import asdict, fields
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,14 +23,92 @@ from kilnflight import __version__
 from kilnflight.experiments import statements
 from kilnflight.project import cache
 from kilnflight.twin import truth
-from kilnflight.twin.fitted import FLIGHT_FILE, FlightInputs
+from kilnflight.twin.fitted import FLIGHT_FILE, FlightInputs, LightInputs
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
 PARTICLES = 300  # per campaign and evaluation
 SEED = 45  # of the particles (the same for all evaluations) and of the search
 STEP_S = 1e-3  # twice the usual one: medians differ by less than 4 %, half the time
-POPULATION, GENERATIONS = 7, 16  # of the search, population per free input
+Array = npt.NDArray[np.float64]
+Inputs = TypeVar("Inputs", FlightInputs, LightInputs)
+
+
+@dataclass(frozen=True)
+class Search(Generic[Inputs]):
+    """Differential evolution with a seed, of inputs that are not published.
+
+    Parameters
+    ----------
+    kind
+        The inputs; its defaults are those before the search.
+    limits
+        Lowest and highest value of each field, in the order of the fields.
+    logarithmic
+        Fields that are searched by their logarithm.
+    digits
+        Significant ones that are evaluated and written.
+    seed, population, generations
+        Of the search; the population is per field.
+    from_defaults
+        Whether one member of the first generation has the defaults.
+    """
+
+    kind: type[Inputs]
+    limits: Mapping[str, tuple[float, float]]
+    logarithmic: tuple[str, ...]
+    digits: int
+    seed: int
+    population: int
+    generations: int
+    from_defaults: bool
+
+    def __call__(self, cost: Callable[[Inputs], float]) -> tuple[Inputs, int]:
+        """Return the inputs of least cost, and how often cost was evaluated."""
+        low, high = (self._point(corner) for corner in zip(*self.limits.values(), strict=True))
+
+        def evaluate(point: Array) -> float:
+            return cost(self._inputs(point))
+
+        result = differential_evolution(
+            evaluate,
+            Bounds(low, high),
+            x0=self._point(asdict(self.kind()).values()) if self.from_defaults else None,
+            popsize=self.population,
+            maxiter=self.generations,
+            tol=0.0,
+            polish=False,
+            seed=self.seed,
+        )
+        return self._inputs(result.x), int(result.nfev)
+
+    def content(self, cost: Callable[[Inputs], float], targets: object) -> dict[str, Any]:
+        """Return what a calibration's file holds: values and where they come from."""
+        best, evaluations = self(cost)
+        return {
+            "inputs": asdict(best),
+            "cost_inputs_only": cost(self.kind()),
+            "cost_calibrated": cost(best),
+            "targets": targets,
+            "targets_sha256": cache.content_hash(targets),
+            "limits": self.limits,
+            "seed": self.seed,
+            "evaluations": evaluations,
+            "search": "scipy.optimize.differential_evolution",
+            "version": __version__,
+        }
+
+    def _point(self, values: Iterable[float]) -> Array:
+        pairs = zip(self.limits, values, strict=True)
+        return np.array([np.log(v) if name in self.logarithmic else v for name, v in pairs])
+
+    def _inputs(self, point: Array) -> Inputs:
+        """Return a point of the search as inputs, rounded as they will be written."""
+        pairs = zip(self.limits, point, strict=True)
+        values = {name: np.exp(v) if name in self.logarithmic else v for name, v in pairs}
+        return self.kind(**{name: float(f"{v:.{self.digits}g}") for name, v in values.items()})
+
+
 # What is conceivable, fixed before the search: slip of a lance of 1 to 8 m with the literature's
 # range of solids friction, a jet from dead to ideal, aimed within 5 degrees, weak to firm flames.
 LIMITS = {
@@ -38,8 +117,18 @@ LIMITS = {
     "jet_persistence": (0.0, 1.0),
     "launch_elevation_deg": (-5.0, 5.0),
     "launch_spread_factor": (0.5, 3.0),
-    "extinction_1_s": (100.0, 1600.0),  # searched by its logarithm
+    "extinction_1_s": (100.0, 1600.0),
 }
+SEARCH = Search(
+    FlightInputs,
+    LIMITS,
+    logarithmic=("extinction_1_s",),
+    digits=4,
+    seed=SEED,
+    population=7,
+    generations=16,
+    from_defaults=True,
+)
 
 
 def cost(
@@ -62,69 +151,17 @@ def cost(
     return float((statements.misfits(targets, values) ** 2).sum())
 
 
-def fit(
-    function: Callable[[FlightInputs], float], seed: int = SEED, generations: int = GENERATIONS
-) -> tuple[FlightInputs, int]:
-    """Return the inputs of least cost within `LIMITS`, and how often cost was evaluated.
-
-    Differential evolution with a seed, one member of it the assumed inputs.
-    """
-    low, high = (_point(FlightInputs(*corner)) for corner in zip(*LIMITS.values(), strict=True))
-
-    def evaluate(point: npt.NDArray[np.float64]) -> float:
-        return function(_inputs(point))
-
-    result = differential_evolution(
-        evaluate,
-        Bounds(low, high),
-        x0=_point(FlightInputs()),
-        popsize=POPULATION,
-        maxiter=generations,
-        tol=0.0,
-        polish=False,
-        seed=seed,
-    )
-    return _inputs(result.x), int(result.nfev)
-
-
-def _point(inputs: FlightInputs) -> npt.NDArray[np.float64]:
-    values = asdict(inputs) | {"extinction_1_s": np.log(inputs.extinction_1_s)}
-    return np.array(list(values.values()), dtype=np.float64)
-
-
-def _inputs(point: npt.NDArray[np.float64]) -> FlightInputs:
-    """Return a point of the search as inputs, rounded as they will be written."""
-    values = [*point[:-1], np.exp(point[-1])]
-    names = [field.name for field in fields(FlightInputs)]
-    return FlightInputs(
-        **{name: float(f"{value:.4g}") for name, value in zip(names, values, strict=True)}
-    )
-
-
 def target_rows(targets: pd.DataFrame) -> list[dict[Hashable, object]]:
     """Return the targets as they are hashed: an open bound is None."""
     rows = targets[["fraction", "pressure_bar", "outcome", "printed", "low", "high"]]
     return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
-def calibrate(generations: int = GENERATIONS) -> dict[str, object]:
-    """Return the content of calibrated.json: values and where they come from."""
+def calibrate() -> dict[str, object]:
+    """Return the content of calibrated.json."""
     targets = statements.targets()
-    best, evaluations = fit(lambda inputs: cost(inputs, targets), SEED, generations)
-    return {
-        "inputs": asdict(best),
-        "cost_inputs_only": cost(FlightInputs(), targets),
-        "cost_calibrated": cost(best, targets),
-        "targets": target_rows(targets),
-        "targets_sha256": cache.content_hash(target_rows(targets)),
-        "limits": LIMITS,
-        "particles_per_cell": PARTICLES,
-        "step_s": STEP_S,
-        "seed": SEED,
-        "evaluations": evaluations,
-        "search": "scipy.optimize.differential_evolution",
-        "version": __version__,
-    }
+    content = SEARCH.content(lambda inputs: cost(inputs, targets), target_rows(targets))
+    return content | {"particles_per_cell": PARTICLES, "step_s": STEP_S}
 
 
 def record(path: Path = FLIGHT_FILE) -> dict[str, object]:

@@ -1,6 +1,6 @@
 """Fit the few inputs of the picture that are not published.
 
-Run as ``python -m kilnflight.experiments.twin_exposure`` (about half an hour); it writes
+Run as ``python -m kilnflight.experiments.twin_exposure`` (about an hour); it writes
 twin/exposure.json. Only the row of Otsu's method is read: precision and recall of each subset
 (Table 5.5), and the recall of non-burning particles that section 5.1.3 states with it
 (Fig. 5.5). No other detector, no cloud and no tracking takes part (design: twin.md, rule 2).
@@ -11,23 +11,22 @@ the edges are far below it or outside the region of interest; they stay as assum
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.optimize import Bounds, differential_evolution
 
-from kilnflight import __version__
 from kilnflight.background import Median
-from kilnflight.camera import inside
+from kilnflight.background.difference import Frames
 from kilnflight.detection import Otsu
-from kilnflight.detection.flame import segment_flame
+from kilnflight.experiments import detection
+from kilnflight.experiments.detection_methods import from_foreground
+from kilnflight.experiments.twin_calibration import Search
 from kilnflight.project import cache, claims
-from kilnflight.scores import score_detections
-from kilnflight.twin import truth
+from kilnflight.scores import rates
 from kilnflight.twin.background import Background
 from kilnflight.twin.fitted import LIGHT_FILE, LightInputs
 from kilnflight.twin.life import Life
@@ -36,8 +35,7 @@ from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import FRAMES, LABELLED, SUBSETS, fed
 
 EVERY = 7  # frames of a subset that are rendered: 23 for the background, two of them labelled
-SEED = 55
-POPULATION, GENERATIONS = 6, 8  # of the search, population per free input
+RENDERED = range(LABELLED.start % EVERY, FRAMES, EVERY)
 # Handfuls that show the counts of Table 5.2 with the picture as assumed (twin_mixture.py). In the
 # fitted light other sizes do (scenes.py); these are kept so that the fit can be repeated.
 FED: dict[str, dict[str, int]] = {
@@ -49,7 +47,6 @@ FED: dict[str, dict[str, int]] = {
 }
 SPREAD = {"precision": 0.02, "recall": 0.05, "unlit": 0.1}  # misfits are in units of these
 UNLIT_RECALL = (0.16, 0.16, 0.16, 0.0, 0.35)  # of V1 to V5, section 5.1.3
-
 
 # What is conceivable; levels are searched by their logarithm. Two searches were made. The first
 # had wall levels up to 30,000 and flames of 8000 to 80,000 above the wall, began at the
@@ -68,26 +65,26 @@ LIMITS = {
     "burner_level": (20_000.0, 400_000.0),
     "burner_flicker": (0.02, 0.5),
 }
-LOGARITHMIC = ("wall_level", "body_s", "burner_level", "burner_flicker")
+SEARCH = Search(
+    LightInputs,
+    LIMITS,
+    logarithmic=("wall_level", "body_s", "burner_level", "burner_flicker"),
+    digits=3,
+    seed=55,
+    population=6,
+    generations=8,
+    from_defaults=False,
+)
 
 
 @dataclass(frozen=True)
-class Pictures:
-    """Every few frames of a subset as a stack."""
+class SparseMedian:
+    """The temporal median of every few frames of a subset."""
 
-    twin: Twin
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(range(LABELLED.start % EVERY, FRAMES, EVERY))
-
-    def __getitem__(self, k: int) -> npt.NDArray[np.uint16]:
-        """Return one frame."""
-        return self.twin.gray(self.frame(k))
-
-    def frame(self, k: int) -> int:
-        """Return the number of a frame in its recording."""
-        return LABELLED.start % EVERY + k * EVERY
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
+        """Yield the foreground (rows, cols) of each requested frame, one of `RENDERED`."""
+        few = [frames[t] for t in RENDERED]
+        return Median(window=len(few))(few, [RENDERED.index(t) for t in indices])
 
 
 def targets() -> pd.DataFrame:
@@ -117,38 +114,17 @@ def relit(twin: Twin, inputs: LightInputs) -> Twin:
     return other
 
 
-def otsu_row(twins: list[Twin], inputs: LightInputs) -> pd.DataFrame:
-    """Return what Otsu's method reaches on the subsets: the columns of `targets`."""
-    rows = []
-    for twin in twins:
-        counts = np.array(list(_frames(relit(twin, inputs)))).sum(axis=0)
-        tp, fp, fn, unlit_detected, unlit = counts
-        rows.append(
-            {
-                "subset": twin.scene.name,
-                "precision": tp / max(tp + fp, 1),
-                "recall": tp / max(tp + fn, 1),
-                "unlit": unlit_detected / max(unlit, 1),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def _frames(twin: Twin) -> Iterator[tuple[int, ...]]:
-    """Yield tp, fp, fn, non-burning particles detected and in all, per frame."""
-    stack, roi = Pictures(twin), twin.attributes.roi or ()
-    labelled = [k for k in range(len(stack)) if stack.frame(k) in LABELLED]
-    foregrounds = Median(window=len(stack))(stack, labelled)
-    for k, foreground in zip(labelled, foregrounds, strict=True):
-        clear = segment_flame(stack[k], twin.scene.surroundings.flame_roi).cover(foreground)
-        detected = Otsu()(clear)
-        detected = detected[inside(roi, detected[:, 0], detected[:, 1])]
-        marked = truth.marked(twin, [stack.frame(k)])
-        score = score_detections(marked[["row", "col"]].to_numpy(), detected[:, :2])
-        hit = np.zeros(len(marked), dtype=bool)
-        hit[score.pairs[:, 0]] = True
-        unlit = marked["label"].to_numpy() == 3
-        yield score.tp, score.fp, score.fn, int((hit & unlit).sum()), int(unlit.sum())
+def otsu_row(twins: Iterable[Twin], inputs: LightInputs) -> pd.DataFrame:
+    """Return the rates of Otsu's method on the subsets: the columns of `targets`."""
+    frames = [t for t in RENDERED if t in LABELLED]
+    subsets = (
+        detection.labelled_subset(relit(twin, inputs), frames, SparseMedian()) for twin in twins
+    )
+    table = detection.run(subsets, {"Otsu": from_foreground(Otsu())})
+    counts = table.groupby("subset", sort=False).sum(numeric_only=True).reset_index()
+    row = rates(*(counts[count] for count in detection.COUNTS))[["precision", "recall"]]
+    unlit = rates(counts["tp_3"], 0 * counts["fn_3"], counts["fn_3"])["recall"]
+    return pd.concat([counts["subset"], row.assign(unlit=unlit)], axis=1)
 
 
 def cost(row: pd.DataFrame, targets: pd.DataFrame) -> float:
@@ -156,61 +132,19 @@ def cost(row: pd.DataFrame, targets: pd.DataFrame) -> float:
     return float(sum((((row[n] - targets[n]) / s) ** 2).sum() for n, s in SPREAD.items()))
 
 
-def fit(
-    function: Callable[[LightInputs], float], seed: int = SEED, generations: int = GENERATIONS
-) -> tuple[LightInputs, int]:
-    """Return the inputs of least cost within `LIMITS`, and how often cost was evaluated."""
-    low, high = (_point(LightInputs(*corner)) for corner in zip(*LIMITS.values(), strict=True))
-
-    def evaluate(point: npt.NDArray[np.float64]) -> float:
-        return function(_inputs(point))
-
-    result = differential_evolution(
-        evaluate,
-        Bounds(low, high),
-        popsize=POPULATION,
-        maxiter=generations,
-        tol=0.0,
-        polish=False,
-        seed=seed,
-    )
-    return _inputs(result.x), int(result.nfev)
-
-
-def _point(inputs: LightInputs) -> npt.NDArray[np.float64]:
-    values = asdict(inputs)
-    return np.array([np.log(v) if n in LOGARITHMIC else v for n, v in values.items()])
-
-
-def _inputs(point: npt.NDArray[np.float64]) -> LightInputs:
-    """Return a point of the search as inputs, rounded as they will be written."""
-    names = [field.name for field in fields(LightInputs)]
-    values = [np.exp(v) if n in LOGARITHMIC else v for n, v in zip(names, point, strict=True)]
-    return LightInputs(*(float(f"{value:.3g}") for value in values))
-
-
-def calibrate(twins: list[Twin], generations: int = GENERATIONS) -> dict[str, object]:
-    """Return the content of exposure.json: values and where they come from."""
+def calibrate(twins: list[Twin]) -> dict[str, object]:
+    """Return the content of exposure.json."""
     published = targets()
-    best, evaluations = fit(
-        lambda inputs: cost(otsu_row(twins, inputs), published), generations=generations
+    content = SEARCH.content(
+        lambda inputs: cost(otsu_row(twins, inputs), published), published.to_dict("records")
     )
-    before, after = otsu_row(twins, LightInputs()), otsu_row(twins, best)
+    rows = {"inputs_only": LightInputs(), "calibrated": LightInputs(**content["inputs"])}
+    reached = {name: otsu_row(twins, inputs).round(4) for name, inputs in rows.items()}
     return {
-        "inputs": asdict(best),
-        "cost_inputs_only": cost(before, published),
-        "cost_calibrated": cost(after, published),
-        "targets": published.to_dict("records"),
-        "targets_sha256": cache.content_hash(published.to_dict("records")),
-        "inputs_only": before.round(4).to_dict("records"),
-        "calibrated": after.round(4).to_dict("records"),
-        "limits": LIMITS,
+        **content,
+        **{name: row.to_dict("records") for name, row in reached.items()},
         "spread": SPREAD,
         "frames": f"{len(twins)} subsets, every {EVERY}th frame",
-        "seed": SEED,
-        "evaluations": evaluations,
-        "search": "scipy.optimize.differential_evolution",
-        "version": __version__,
     }
 
 
