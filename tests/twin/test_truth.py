@@ -54,10 +54,11 @@ def test_velocities_are_one_metre_over_the_time_between_crossings():
 
 
 def test_medians_are_over_those_that_passed_the_metre():
-    medians = flight_scores.median_velocities(truth.velocities(FOUR))
+    values = flight_scores.outcomes(truth.flight_values(FOUR))
+    medians = values[[f"velocity {k}-{k + 1} m (m/s)" for k in range(5)]]
     np.testing.assert_allclose(medians, [8, 9, 10, np.nan, np.nan], rtol=1e-4)
     np.testing.assert_allclose(flight_scores.remaining(truth.velocities(FOUR)), [75, 50, 25, 0, 0])
-    assert flight_scores.last_velocity(truth.velocities(FOUR)) == pytest.approx(10, rel=1e-4)
+    assert values["velocity last (m/s)"] == pytest.approx(10, rel=1e-4)
 
 
 def test_a_slowing_particle_has_the_speed_of_each_metre():
@@ -73,18 +74,18 @@ def test_dwell_ends_by_landing_or_burning_out():
     np.testing.assert_allclose(
         flight_scores.quartiles(truth.dwell_times(flights)), [0.35, 0.4, 0.45]
     )
-    assert flight_scores.share_within(truth.dwell_times(flights), 0.3, 0.4) == pytest.approx(
-        200 / 3
-    )
-    assert flight_scores.outcomes(truth.flight_values(flights))["dwell longest (s)"] == 0.5
+    values = flight_scores.outcomes(truth.flight_values(flights))
+    assert values["dwell 0.3-0.4 s (%)"] == pytest.approx(200 / 3)
+    assert values["dwell longest (s)"] == 0.5
 
 
 def test_ignition_is_counted_among_all_or_among_the_ignited():
     flights = straight([5.0] * 4, [0.3] * 4, ignition_s=[0.05, 0.15, 0.25, np.nan])
-    assert flight_scores.ignited(flights.ignition_s) == 75.0
-    assert flight_scores.ignited(flights.ignition_s, 0.1) == 25.0
-    assert flight_scores.share_of_ignited(flights.ignition_s, 0.0, 0.2) == pytest.approx(200 / 3)
-    assert flight_scores.median_ignition(flights.ignition_s) == 0.15
+    values = flight_scores.outcomes(truth.flight_values(flights))
+    assert values["ignited (%)"] == 75.0
+    assert values["ignited < 0.1 s (%)"] == 25.0
+    assert values["ignited < 0.2 s (% of ignited)"] == pytest.approx(200 / 3)
+    assert values["ignition median (s)"] == 0.15
 
 
 def test_what_never_happens_has_no_value_and_no_warning():

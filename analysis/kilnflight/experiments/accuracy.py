@@ -286,7 +286,7 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
         low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
         row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
         row[f"{name}_spread"] = (high - low) / 2
-        interval = intervals.Bootstrap()(intervals.median, [off], generator)
+        interval = intervals.Bootstrap()(np.median, [off], generator)
         for side in ("low", "high"):
             bound = getattr(interval, side)
             row[f"{name}_{side}"] = bound if np.isfinite(bound) else np.nan

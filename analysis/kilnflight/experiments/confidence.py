@@ -9,6 +9,7 @@ one in the sample. The longest dwell time has none: no bootstrap gives one for a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -35,12 +36,12 @@ from kilnflight.scores.flights import (
     quartiles,
     remaining,
 )
-from kilnflight.scores.intervals import Bootstrap, Interval, Quantile
+from kilnflight.scores.intervals import Bootstrap, Interval
 
 Key = TypeVar("Key", bound=tuple[str, object])  # a campaign, or a fraction and an axis
 Array = npt.NDArray[np.float64]
 Pairs = Sequence[tuple[Key, Key]]
-QUARTILE = Bootstrap(least=11)  # `Quantile` says why
+QUARTILE = Bootstrap(least=11)  # `kilnflight.scores.intervals.between_quartiles` says why
 NOTHING = Interval(np.nan, -np.inf, np.inf, (0,))
 # Measures of a fit by axis, and their columns in Table 5.18.
 FIT_MEASURES = {"rmse_{}_mm": "rmse_mm", "mape_{}_percent": "mape_percent"}
@@ -59,7 +60,7 @@ def interval_columns(interval: Interval) -> dict[str, float]:
 def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of the finite values with its 95 % interval (bootstrap)."""
     known = np.asarray(values, dtype=np.float64)
-    return Bootstrap()(intervals.median, [known[np.isfinite(known)]], generator)
+    return Bootstrap()(np.median, [known[np.isfinite(known)]], generator)
 
 
 def outcome_intervals(
@@ -100,9 +101,9 @@ def _dwell_intervals(times: Array, generator: np.random.Generator) -> dict[str, 
     within = int(((times >= 0.3) & (times <= 0.4)).sum())
     longest = times.max() if len(times) else np.nan
     return {
-        "dwell q25 (s)": QUARTILE(Quantile(0.25), [times], generator),
+        "dwell q25 (s)": QUARTILE(partial(np.quantile, q=0.25), [times], generator),
         "dwell median (s)": median_of(times, generator),
-        "dwell q75 (s)": QUARTILE(Quantile(0.75), [times], generator),
+        "dwell q75 (s)": QUARTILE(partial(np.quantile, q=0.75), [times], generator),
         "dwell longest (s)": Interval(longest, -np.inf, np.inf, (len(times),)),
         "dwell 0.3-0.4 s (%)": _percent(within, len(times)),
         "dwell > 0.4 s (%)": _percent(int((times >= 0.4).sum()), len(times)),

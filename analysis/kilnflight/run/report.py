@@ -24,7 +24,7 @@ from kilnflight.kiln import KILN_STEPS, KilnRun
 from kilnflight.project import style
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.scores.flights import ignition_histogram
-from kilnflight.scores.intervals import Bootstrap, Interval, median, share
+from kilnflight.scores.intervals import Bootstrap, Interval, share
 from kilnflight.tracklets import tracked
 
 SEED = 0  # of the bootstrap
@@ -144,7 +144,7 @@ def summary(outcome: Results) -> pd.DataFrame:
 
 def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
     """Yield dwell time and share ignited; one row more where some were alight at first."""
-    dwell = Bootstrap()(median, [counted["dwell_s"]], np.random.default_rng(SEED))
+    dwell = Bootstrap()(np.median, [counted["dwell_s"]], np.random.default_rng(SEED))
     yield "dwell time, median", f"{_text(dwell, 3)} s"
     kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
     if (kinds == BEFORE).any():
@@ -166,7 +166,7 @@ def _velocities(outcome: Results) -> Iterator[Row]:
     """Yield the median velocity in each metre, and which share of the flights passed it."""
     groups, total = outcome.slices.groupby("slice_m")["velocity_m_s"], len(outcome.counted)
     for far, number in remaining(outcome.slices, total)[["slice_m", "number"]].to_numpy():
-        middle = Bootstrap()(median, [groups.get_group(far)], np.random.default_rng(SEED))
+        middle = Bootstrap()(np.median, [groups.get_group(far)], np.random.default_rng(SEED))
         passed = _text(share(int(number), total), 0, 100)
         value = f"median {_text(middle, 1)} m/s, {passed} % of the flights"
         yield f"velocity in the metre up to {far:g} m", value

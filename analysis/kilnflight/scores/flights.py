@@ -29,90 +29,47 @@ class FlightValues(NamedTuple):
     reached_m: Array  # (n,): how far from the lance the flight ends
 
 
-def median_velocities(velocity_m_s: Array) -> Array:
-    """Return the median velocity within each metre in m/s, (5,); NaN where none passed."""
-    passed = np.isfinite(velocity_m_s).any(axis=0)
-    found = np.full(len(METRES), np.nan)
-    found[passed] = np.nanmedian(velocity_m_s[:, passed], axis=0)
-    return found
-
-
-def spreads(velocity_m_s: Array) -> Array:
-    """Return the range between the quartiles of the velocity in each metre in m/s, (5,)."""
-    known = [values[np.isfinite(values)] for values in velocity_m_s.T]
-    return np.array([float(np.ptp(quartiles(values)[[0, 2]])) for values in known])
-
-
 def remaining(velocity_m_s: Array) -> Array:
     """Return the share of particles that pass 1 ... 5 m in per cent, (5,); NaN of none."""
-    if not len(velocity_m_s):
-        return np.full(len(METRES), np.nan)
-    return np.asarray(100.0 * np.isfinite(velocity_m_s).mean(axis=0))
+    passed = pd.DataFrame(velocity_m_s, columns=METRES).notna()
+    return 100.0 * passed.mean().to_numpy(np.float64)
 
 
-def last_velocity(velocity_m_s: Array) -> float:
-    """Return the median velocity in m/s in the last metre that `LAST_SHARE` of them pass."""
-    passed = np.flatnonzero(remaining(velocity_m_s) >= 100.0 * LAST_SHARE)
-    return float(median_velocities(velocity_m_s)[passed[-1]]) if len(passed) else float("nan")
-
-
-def quartiles(times: Array) -> Array:
-    """Return lower quartile, median and upper quartile, (3,); NaN of none."""
-    return np.quantile(times, [0.25, 0.5, 0.75]) if len(times) else np.full(3, np.nan)
-
-
-def share_within(times: Array, low_s: float, high_s: float = np.inf) -> float:
-    """Return the share of times within limits in per cent; NaN of none."""
-    within = (times >= low_s) & (times <= high_s)
-    return float(100.0 * within.mean()) if len(times) else float("nan")
-
-
-def ignited(ignition_s: Array, within_s: float = np.inf) -> float:
-    """Return the share of all particles that ignite in flight within a time, in per cent."""
-    return float(100.0 * (ignition_s <= within_s).mean()) if len(ignition_s) else float("nan")
-
-
-def share_of_ignited(ignition_s: Array, low_s: float, high_s: float) -> float:
-    """Return the share of the ignited ones that ignite after one time and up to another, in %."""
-    times = ignition_s[np.isfinite(ignition_s)]
-    within = (times > low_s) & (times <= high_s)
-    return float(100.0 * within.mean()) if len(times) else float("nan")
-
-
-def median_ignition(ignition_s: Array) -> float:
-    """Return the median ignition time in s of what ignites in flight; NaN if nothing does."""
-    times = ignition_s[np.isfinite(ignition_s)]
-    return float(np.median(times)) if len(times) else float("nan")
+def quartiles(values: Array) -> Array:
+    """Return lower quartile, median and upper quartile, (3, ...), of the known; NaN of none."""
+    return pd.DataFrame(values).quantile([0.25, 0.5, 0.75]).to_numpy().reshape(3, *values.shape[1:])
 
 
 def outcomes(flight_values: FlightValues) -> pd.Series:
     """Return every quantity by name; the unit stands in the name, NaN where it has no value."""
-    times, each, ignition_s, reached = flight_values
-    velocity, share = median_velocities(each), remaining(each)
-    q25, median, q75 = quartiles(times)
-    found = {f"velocity {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, velocity, strict=True)}
-    found |= {"velocity last (m/s)": last_velocity(each)}
-    found |= {f"remaining {m} m (%)": s for m, s in zip(METRES, share, strict=True)}
-    found |= {
+    times, ignition_s = pd.Series(flight_values.dwell_s), pd.Series(flight_values.ignition_s)
+    share, lit = remaining(flight_values.velocity_m_s), ignition_s.dropna()
+    low, velocity, high = quartiles(flight_values.velocity_m_s)
+    q25, median, q75 = quartiles(flight_values.dwell_s)
+    metres = [f"{metre - 1}-{metre} m (m/s)" for metre in METRES]
+    last = np.flatnonzero(share >= 100.0 * LAST_SHARE)[-1:]
+    values = {f"velocity {metre}": v for metre, v in zip(metres, velocity, strict=True)}
+    values |= {"velocity last (m/s)": velocity[last[0]] if len(last) else np.nan}
+    values |= {f"remaining {m} m (%)": s for m, s in zip(METRES, share, strict=True)}
+    values |= {
         "landed 1 m (%)": 100.0 - share[0],
         "dwell q25 (s)": q25,
         "dwell median (s)": median,
         "dwell q75 (s)": q75,
-        "dwell longest (s)": times.max() if len(times) else np.nan,
-        "dwell 0.3-0.4 s (%)": share_within(times, 0.3, 0.4),
-        "dwell > 0.4 s (%)": share_within(times, 0.4),
-        "penetration (m)": np.median(reached) if len(reached) else np.nan,
-        "ignited (%)": ignited(ignition_s),
-        "ignited < 0.1 s (%)": ignited(ignition_s, 0.1),
-        "ignited < 0.2 s (% of ignited)": share_of_ignited(ignition_s, 0.0, 0.2),
-        "ignited < 0.4 s (% of ignited)": share_of_ignited(ignition_s, 0.0, 0.4),
-        "ignited 0.2-0.3 s (% of ignited)": share_of_ignited(ignition_s, 0.2, 0.3),
-        "ignition median (s)": median_ignition(ignition_s),
+        "dwell longest (s)": times.max(),
+        "dwell 0.3-0.4 s (%)": 100.0 * times.between(0.3, 0.4).mean(),
+        "dwell > 0.4 s (%)": 100.0 * (times >= 0.4).mean(),
+        "penetration (m)": pd.Series(flight_values.reached_m).median(),
+        "ignited (%)": 100.0 * ignition_s.notna().mean(),
+        "ignited < 0.1 s (%)": 100.0 * (ignition_s <= 0.1).mean(),
+        "ignited < 0.2 s (% of ignited)": 100.0 * lit.between(0.0, 0.2, "right").mean(),
+        "ignited < 0.4 s (% of ignited)": 100.0 * lit.between(0.0, 0.4, "right").mean(),
+        "ignited 0.2-0.3 s (% of ignited)": 100.0 * lit.between(0.2, 0.3, "right").mean(),
+        "ignition median (s)": lit.median(),
         "dwell spread (s)": q75 - q25,
     }
-    spread = spreads(each)
-    found |= {f"spread {m - 1}-{m} m (m/s)": v for m, v in zip(METRES, spread, strict=True)}
-    return pd.Series(found, dtype=np.float64)
+    values |= {f"spread {metre}": v for metre, v in zip(metres, high - low, strict=True)}
+    return pd.Series(values, dtype=np.float64)
 
 
 def place_of(name: str) -> tuple[str, float]:

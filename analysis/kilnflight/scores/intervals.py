@@ -1,6 +1,6 @@
-"""Confidence intervals of what is said about groups of particles.
+"""Confidence intervals of medians and shares of groups of particles.
 
-Medians and what is made of them: bootstrap over particles. Shares: Wilson's interval, and
+Medians, their differences and ratios: bootstrap over particles. Shares: Wilson's interval, and
 Newcombe's of a difference, because a bootstrap of "none of 40 ignited" has no width.
 
 A particle is the unit. Particles of one handful fly through the same gusts and share frames,
@@ -51,34 +51,12 @@ class Interval(NamedTuple):
         return not self.low <= nothing <= self.high
 
 
-def median(values: Array, axis: int = -1) -> Array:
-    """Return the median."""
-    return np.asarray(np.median(values, axis=axis))
-
-
-@dataclass(frozen=True)
-class Quantile:
-    """The value below which a part of a group lies, as a statistic for `Bootstrap`.
-
-    Notes
-    -----
-    The range of n values holds it with probability 1 - part^n - (1 - part)^n: for a quartile 95 %
-    are reached with 11 values (`Bootstrap.least`).
-    """
-
-    part: float = 0.25
-
-    def __post_init__(self) -> None:
-        """Refuse what is no part."""
-        check_between(self.part, 0.0, 1.0, "Quantile: part")
-
-    def __call__(self, values: Array, axis: int = -1) -> Array:
-        """Return the quantile."""
-        return np.asarray(np.quantile(values, self.part, axis=axis))
-
-
 def between_quartiles(values: Array, axis: int = -1) -> Array:
-    """Return the range between the quartiles; 11 values are needed, as `Quantile` says."""
+    """Return the range between the quartiles.
+
+    As for a quartile 11 values are needed: the range of n values holds the value below which
+    a part p lies with probability 1 - p^n - (1 - p)^n (`Bootstrap.least`).
+    """
     low, high = np.quantile(values, [0.25, 0.75], axis=axis)
     return np.asarray(high - low)
 
@@ -134,7 +112,7 @@ class Bootstrap:
         Parameters
         ----------
         statistic
-            `median`, `difference_of_medians`, `ratio_of_medians`, or any other that takes
+            `numpy.median`, `difference_of_medians`, `ratio_of_medians`, or any other that takes
             arrays (draws, n) and ``axis=-1``.
         groups
             One array of values per group; each is drawn from on its own.
@@ -150,29 +128,26 @@ class Bootstrap:
         InputError
             If a value is not finite, or sizes do not fit the groups.
         """
-        given = [check_finite(one, "Bootstrap: values").ravel() for one in groups]
-        numbers = tuple(len(one) for one in given)
+        samples = [check_finite(values, "Bootstrap: values").ravel() for values in groups]
+        numbers = tuple(len(values) for values in samples)
         drawn = numbers if sizes is None else tuple(sizes)
-        if not given or len(drawn) != len(numbers):
+        if not samples or len(drawn) != len(numbers):
             raise InputError(f"Bootstrap: {len(drawn)} sizes for {len(numbers)} groups.")
         for size in drawn:
             check_count(size, "Bootstrap: sizes", least=0)
         if min(numbers) == 0:
             return Interval(math.nan, -math.inf, math.inf, drawn)
-        estimate = float(statistic(*given, axis=-1))
+        estimate = float(statistic(*samples, axis=-1))
         if min(min(numbers), min(drawn)) < self.least:
             return Interval(estimate, -math.inf, math.inf, drawn)
-        own, rounds = copy.deepcopy(generator), max(1, BLOCK // max(drawn))
-        parts = []
-        for start in range(0, self.draws, rounds):
-            count = min(rounds, self.draws - start)
-            picked = [
-                one[own.integers(0, len(one), (count, size))]
-                for one, size in zip(given, drawn, strict=True)
-            ]
-            parts.append(statistic(*picked, axis=-1))
+        draw, rounds = copy.deepcopy(generator).integers, max(1, BLOCK // max(drawn))
+        values = []
+        for count in np.diff([*range(0, self.draws, rounds), self.draws]).tolist():
+            rows = (draw(0, n, (count, size)) for n, size in zip(numbers, drawn, strict=True))
+            resampled = (sample[row] for sample, row in zip(samples, rows, strict=True))
+            values.append(statistic(*resampled, axis=-1))
         tail = (1 - self.level) / 2
-        low, high = np.quantile(np.concatenate(parts), [tail, 1 - tail], method="linear")
+        low, high = np.quantile(np.concatenate(values), [tail, 1 - tail])
         return Interval(estimate, float(low), float(high), drawn)
 
 
@@ -204,13 +179,13 @@ def difference_of_shares(
     level
         Of confidence.
     """
-    one, other = share(*first, level), share(*second, level)
-    numbers = (*one.numbers, *other.numbers)
+    minuend, subtrahend = share(*first, level), share(*second, level)
+    numbers = (*minuend.numbers, *subtrahend.numbers)
     if min(numbers) == 0:
         return Interval(math.nan, -1.0, 1.0, numbers)
-    estimate = one.estimate - other.estimate
-    down = math.hypot(one.estimate - one.low, other.high - other.estimate)
-    up = math.hypot(one.high - one.estimate, other.estimate - other.low)
+    estimate = minuend.estimate - subtrahend.estimate
+    down = math.hypot(minuend.estimate - minuend.low, subtrahend.high - subtrahend.estimate)
+    up = math.hypot(minuend.high - minuend.estimate, subtrahend.estimate - subtrahend.low)
     return Interval(estimate, max(estimate - down, -1.0), min(estimate + up, 1.0), numbers)
 
 
