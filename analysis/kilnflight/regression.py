@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import Chebyshev, chebyshev, legendre
 
 from kilnflight.checks import (
     InputError,
@@ -46,7 +46,13 @@ Three = tuple[float, float, float]
 Orders = tuple[int, int, int]
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
-MEASURES = ("rmse_{}_mm", "mape_{}_percent", "r2_{}", "r2_adjusted_{}")
+# Fields of a `Fit` with several values and their columns in the table; others keep their names.
+PER_AXIS = {"exit_point_mm": "exit_{}", "orders": "order_{}", "rmse_mm": "rmse_{}_mm"}
+PER_AXIS |= {"mape_percent": "mape_{}_percent", "r2": "r2_{}", "r2_adjusted": "r2_adjusted_{}"}
+COLUMNS = {name: [column.format(axis) for axis in AXES] for name, column in PER_AXIS.items()}
+COLUMNS |= {"t0_range_s": ["t0_earliest_s", "t0_latest_s"]}
+COLUMNS |= {name: [name] for name in ("t0_s", "t0_at_bound", "first_s", "last_s", "points")}
+MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 EXACT = 1e-6  # of the scale; a scatter below it is rounding, and no order can better it
 FARTHEST = 1e100  # mm; squares stay finite
 HIGHEST = 9  # order that the fit still tells apart from rounding
@@ -59,6 +65,8 @@ HALVINGS = 20  # at most
 STEPS = 50  # of the robust fit at most
 SETTLED = 1e-12  # of the cost; a step of the robust fit that gains less is the last
 DEGREE = 12  # of the cost as a polynomial in t0 between three values of the grid
+NODES = chebyshev.chebpts1(DEGREE + 1)
+TO_CURVE = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))  # costs at these -> the polynomial
 
 
 @dataclass(frozen=True)
@@ -218,18 +226,14 @@ class Regression:
     def _fit(self, time: Array, places: Array, exit_point: Array) -> Fit:
         """Return the fit of sorted points."""
         duration = time[-1] - time[0]
-        unit = (time - time[0]) / duration
-        scaled = ((places - exit_point) / self.scale_mm).T
-        generator = np.random.default_rng(self.seed)
-        limits, first = range_of_start(
-            unit, scaled, self.draws, self.longest_s / duration, generator
-        )
+        unit, scaled = (time - time[0]) / duration, ((places - exit_point) / self.scale_mm).T
+        generator, longest = np.random.default_rng(self.seed), self.longest_s / duration
+        limits, first = range_of_start(unit, scaled, self.draws, longest, generator)
         highest = min(self.highest, len(time) - 2)
         solve = cache(trajectory_solver(unit, scaled, highest, limits, first, self.robust))
         orders = self.choose(lambda orders: solve(orders).costs, highest, len(time))
         start, _, target = solve(orders)
         near = 1e-9 * (limits[1] - limits[0])
-        at_bound = int(start >= limits[1] - near) - int(start <= limits[0] + near)
         since = (unit - start) / (1.0 - start)  # so that the powers stay within 0 and 1
         factors, quality = [], []
         for axis, order in enumerate(orders):
@@ -238,32 +242,37 @@ class Regression:
             solved = np.linalg.lstsq(basis, target[axis] * self.scale_mm[axis])[0]
             factors.append(tuple((solved / ((1.0 - start) * duration) ** powers).tolist()))
             quality.append(measures(places[:, axis], exit_point[axis] + basis @ solved, order))
-        t0, earliest, latest = (float(time[0] + s * duration) for s in (start, *limits))
-        x, y, z = exit_point.tolist()
         return Fit(
-            (x, y, z), t0, at_bound, (earliest, latest), orders, tuple(factors),
-            float(time[0]), float(time[-1]), len(time), *zip(*quality, strict=True),
-        )  # fmt: skip
+            tuple(exit_point.tolist()),
+            float(time[0] + start * duration),
+            int(start >= limits[1] - near) - int(start <= limits[0] + near),
+            tuple((time[0] + limits * duration).tolist()),
+            orders,
+            tuple(factors),
+            float(time[0]),
+            float(time[-1]),
+            len(time),
+            *zip(*quality, strict=True),
+        )
 
     def choose(self, costs: Callable[[Orders], Array], highest: int, points: int) -> Orders:
         """Return the orders by reading (3), from the cost (3,) per axis of any orders."""
 
-        def rmse(orders: Orders, axis: int) -> float:
-            return float(np.sqrt(costs(orders)[axis] / (points - (orders[axis] + 1))))  # Eq. 4.30
+        def rmse(orders: Orders) -> Array:
+            return np.sqrt(costs(orders) / (points - np.array(orders) - 1))  # Eq. 4.30
 
         orders = (self.lowest,) * 3
         while True:
-            best, best_gain = orders, self.gain
+            reached, gains, higher = rmse(orders), np.full(3, -np.inf), [orders] * 3
             for axis in range(3):
-                if orders[axis] == highest or rmse(orders, axis) < EXACT:
-                    continue
-                x, y, z = (order + (axis == a) for a, order in enumerate(orders))
-                gain = 1 - rmse((x, y, z), axis) / rmse(orders, axis)
-                if gain >= self.gain and (best == orders or gain > best_gain):
-                    best, best_gain = (x, y, z), gain
-            if best == orders:
+                if orders[axis] < highest and reached[axis] >= EXACT:
+                    x, y, z = (order + (axis == k) for k, order in enumerate(orders))
+                    higher[axis] = x, y, z
+                    gains[axis] = 1 - rmse((x, y, z))[axis] / reached[axis]
+            best = int(np.argmax(gains))
+            if gains[best] < self.gain:
                 return orders
-            orders = best
+            orders = higher[best]
 
 
 def range_of_start(
@@ -288,20 +297,16 @@ def range_of_start(
     differences = 1.0 / np.prod(at[:, :, None] - at[:, others], axis=2)
 
     def cost(start: Array) -> Array:
-        factors = differences[:, None] / (at[:, None] - start[..., None])
-        left = np.einsum("dgk,adk->adg", factors, places[:, drawn]) ** 2
-        return left.sum(axis=0) / (factors**2).sum(axis=2)
+        factors = differences / (at - start[..., None])
+        left = np.einsum("gdk,adk->adg", factors, places[:, drawn]) ** 2
+        return left.sum(axis=0) / (factors**2).sum(axis=2).T
 
-    low, high = (np.full(draws, limit) for limit in widest)
+    low, high = np.tile(widest[:, None], draws)
     for count in [GRID] + [17] * ZOOMS:
-        grid = np.linspace(low, high, count, axis=1)
+        grid = np.linspace(low, high, count)
         best = np.argmin(cost(grid), axis=1)
-        every = np.arange(draws)
-        low, high = (
-            grid[every, np.maximum(best - 1, 0)],
-            grid[every, np.minimum(best + 1, count - 1)],
-        )
-    solved = grid[every, best]
+        around = np.clip(best + np.array([[-1], [0], [1]]), 0, count - 1)
+        low, solved, high = np.take_along_axis(grid, around, axis=0)
     margin = max(float(np.ptp(solved)), float(np.diff(time).min()))
     limits = np.clip([solved.min() - margin, solved.max() + margin], *widest)
     return limits, float(np.median(solved))
@@ -317,88 +322,74 @@ def trajectory_solver(
     The cost is a smooth curve over t0: between two steps of the grid a polynomial.
     """
     powers = legendre.legvander(2 * time - 1, highest - 1)
-    nodes = chebyshev.chebpts1(DEGREE + 1)
-    to_curve = np.linalg.inv(chebyshev.chebvander(nodes, DEGREE))
-    residuals = robust_residuals if robust else plain_residuals
-    cost = robust_cost if robust else plain_cost
-
-    def bases(start: Array) -> Array:
-        return np.linalg.qr((time - start[:, None])[:, :, None] * powers)[0]
-
     # Denser towards the first detection, where the cost changes faster with t0.
     grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
-    on_grid = bases(grid)
 
     @cache
-    def bases_between(low: float, high: float) -> Array:
-        return bases(low + (nodes + 1) * (high - low) / 2)
+    def bases(*starts: float) -> Array:
+        return np.linalg.qr((time - np.array(starts)[:, None])[:, :, None] * powers)[0]
 
     @cache
-    def costs(axis: int, order: int, *ends: float) -> Array:
-        """Return the costs on the grid, or at the nodes between two ends."""
-        basis = bases_between(*ends) if ends else on_grid
-        return cost(residuals(basis[:, :, :order], places[axis]))
+    def costs(axis: int, order: int, *starts: float) -> Array:
+        return loss(residuals(bases(*starts)[:, :, :order], places[axis], robust), robust)
+
+    def total(orders: Orders, starts: Array) -> Array:
+        """Return the cost (n,) of orders for each of the t0."""
+        return np.sum([costs(*of, *starts.tolist()) for of in enumerate(orders)], axis=0)
 
     def solve(orders: Orders) -> Solution:
-        total = np.sum([costs(*of) for of in enumerate(orders)], axis=0)
+        cost = total(orders, grid)
         at = int(np.argmin(np.abs(grid - first)))
         before, after = max(at - 1, 0), min(at + 1, GRID - 1)
-        while total[at] > min(total[before], total[after]):  # downhill
-            at = before if total[before] < total[after] else after
+        while cost[at] > min(cost[before], cost[after]):  # downhill
+            at = before if cost[before] < cost[after] else after
             before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         low, high = float(grid[before]), float(grid[after])
         for _ in range(HALVINGS if robust else 1):
-            total = np.sum([costs(*of, low, high) for of in enumerate(orders)], axis=0)
-            curve = to_curve @ total
-            flat = chebyshev.chebroots(chebyshev.chebder(curve))
-            flat = np.append(flat.real[(flat.imag == 0) & (np.abs(flat) < 1)], [-1.0, 1.0])
-            values = chebyshev.chebval(flat, curve)
-            start = low + (flat[np.argmin(values)] + 1) * (high - low) / 2
-            start = float(np.clip(start, low, high))
-            basis = bases(np.array([start]))
+            nodes = low + (NODES + 1) * (high - low) / 2
+            cost = total(orders, nodes)
+            curve = Chebyshev(TO_CURVE @ cost, [low, high])
+            flat = curve.deriv().roots()
+            inside = (flat.imag == 0) & (low < flat.real) & (flat.real < high)
+            ends = np.append(flat.real[inside], [low, high])
+            start = float(ends[np.argmin(curve(ends))])
+            basis = bases(start)
             left = np.concatenate(
-                [residuals(basis[:, :, :k], p) for k, p in zip(orders, places, strict=True)]
+                [residuals(basis[:, :, :k], p, robust) for k, p in zip(orders, places, strict=True)]
             )
-            if abs(cost(left).sum() - values.min()) <= CLOSE * total.max():
+            if abs(loss(left, robust).sum() - curve(start)) <= CLOSE * cost.max():
                 break
             reach = (high - low) / 4
             low, high = max(low, start - reach), min(high, start + reach)
-        return Solution(start, cost(left), places - left if robust else places)
+        return Solution(start, loss(left, robust), places - left if robust else places)
 
     return solve
 
 
-def plain_cost(left: Array) -> Array:
-    """Return the sum of squares over the last axis."""
-    return np.asarray((left**2).sum(axis=-1))
+def loss(left: Array, robust: bool) -> Array:
+    """Return the sum of squares over the last axis, or of the robust 2 (sqrt(1 + r^2) - 1)."""
+    squares = left**2
+    # written so that small residuals do not cancel
+    return np.asarray((2 * squares / (1 + np.sqrt(1 + squares)) if robust else squares).sum(-1))
 
 
-def robust_cost(left: Array) -> Array:
-    """Return the sum of 2 (sqrt(1 + r^2) - 1), written so that small residuals do not cancel."""
-    return np.asarray((2 * left**2 / (1 + np.sqrt(1 + left**2))).sum(axis=-1))
+def residuals(basis: Array, places: Array, robust: bool) -> Array:
+    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n).
 
-
-def plain_residuals(basis: Array, places: Array) -> Array:
-    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n)."""
-    return np.asarray(places - (basis @ (places @ basis)[..., None])[..., 0])
-
-
-def robust_residuals(basis: Array, places: Array) -> Array:
-    """Return the same under the loss 2 (sqrt(1 + r^2) - 1), by damped Newton steps.
-
-    The problem is convex. With a damping of 1 or more the weights are at least those of
-    reweighted least squares, whose steps never raise the cost.
+    Under the robust loss the problem is convex and solved by damped Newton steps. With a
+    damping of 1 or more the weights are at least those of reweighted least squares, whose
+    steps never raise the cost.
     """
-    left = plain_residuals(basis, places)
-    cost, damping = robust_cost(left), np.ones(len(basis))
-    for _ in range(STEPS):
+    left = np.asarray(places - (basis @ (places @ basis)[..., None])[..., 0])
+    cost, damping = loss(left, robust), np.ones(len(basis))
+    for _ in range(STEPS if robust else 0):
         root = np.sqrt(1 + left**2)
         weights = root**-3 + damping[:, None] / root
         matrix = basis.swapaxes(1, 2) @ (weights[:, :, None] * basis)
         pull = (left / root)[:, None] @ basis
-        tried = left - (basis @ np.linalg.solve(matrix, pull.swapaxes(1, 2)))[..., 0]
-        gain = cost - robust_cost(tried)
-        left = np.where(gain[:, None] > 0, tried, left)
+        stepped = left - (basis @ np.linalg.solve(matrix, pull.swapaxes(1, 2)))[..., 0]
+        gain = cost - loss(stepped, robust)
+        left = np.where(gain[:, None] > 0, stepped, left)
         damping = np.where(gain > 0, damping / 10, np.maximum(10 * damping, 1.0))
         if (np.abs(gain) <= SETTLED * (cost + EXACT)).all():
             break
@@ -469,11 +460,13 @@ def regress(
     check_columns(track, AXES, "track")
     if "particle" in track.columns and len(track["particle"].unique()) > 1:
         raise InputError("track: more than one particle; call regress_all.")
-    for path in _paths(track.assign(particle=0), frame_rate_hz, "track"):
-        if len(path.time_s) == 0:
-            raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
-        return (parameters or Regression())(path.time_s, path.places_mm, exit_point)
-    raise InputError("track: no points. Leave empty tracks out.")
+    paths = list(_paths(track.assign(particle=0), frame_rate_hz, "track"))
+    if not paths:
+        raise InputError("track: no points. Leave empty tracks out.")
+    _, time, places = paths[0]
+    if not len(time):
+        raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
+    return (parameters or Regression())(time, places, exit_point)
 
 
 def regress_all(
@@ -502,8 +495,7 @@ def regress_all(
     if not rows:
         return TRAJECTORIES.empty()
     kinds: dict[str, Any] = {column.name: column.kind for column in TRAJECTORIES.columns}
-    table = pd.DataFrame(rows, columns=TRAJECTORIES.names).astype(kinds)
-    return TRAJECTORIES.check(table)
+    return TRAJECTORIES.check(pd.DataFrame(rows, columns=TRAJECTORIES.names).astype(kinds))
 
 
 def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
@@ -530,21 +522,14 @@ def order_measures(
     """
     methods = [Regression(lowest=k, highest=k) for k in orders]
     fewest = max((method.fewest for method in methods), default=0)
-    kinds = {"particle": int, "order": int, "axis": str}
-    kinds |= dict.fromkeys(["rmse_mm", "mape_percent", "r2", "r2_adjusted"], float)
-    rows = [
-        (path.particle, method.lowest, *values)
-        for path in _paths(tracks, frame_rate_hz, "tracks")
-        if len(path.time_s) >= fewest
-        for method in methods
-        for values in _measured(method(path.time_s, path.places_mm, exit_point))
-    ]
+    kinds = {"particle": int, "order": int, "axis": str} | dict.fromkeys(MEASURES, float)
+    rows = []
+    for particle, time, places in _paths(tracks, frame_rate_hz, "tracks"):
+        for method in methods if len(time) >= fewest else []:
+            fit = method(time, places, exit_point)
+            values = zip(AXES, *(getattr(fit, name) for name in MEASURES), strict=True)
+            rows += [(particle, method.lowest, *of_axis) for of_axis in values]
     return pd.DataFrame(rows, columns=list(kinds)).astype(kinds)
-
-
-def _measured(fit: Fit) -> Iterator[tuple[str, float, float, float, float]]:
-    """Yield the axis and its four measures."""
-    yield from zip(AXES, fit.rmse_mm, fit.mape_percent, fit.r2, fit.r2_adjusted, strict=True)
 
 
 def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Iterator[Path]:
@@ -579,49 +564,31 @@ def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Ite
 def _row(path: Path, exit_mm: Array, parameters: Regression) -> dict[str, object]:
     """Return the row of one track in the table."""
     points = len(path.time_s)
-    row: dict[str, object] = {
+    row: dict[str, Any] = {
         column.name: np.nan if column.kind is float else 0 for column in TRAJECTORIES.columns
     }
     row |= {"particle": path.particle, "points": points}
-    row |= {f"exit_{a}": value for a, value in zip(AXES, exit_mm.tolist(), strict=True)}
+    row |= zip(COLUMNS["exit_point_mm"], exit_mm.tolist(), strict=True)
     if not points:
         return row | {"outcome": NO_DEPTH}
     row |= {"first_s": path.time_s[0], "last_s": path.time_s[-1]}
     if points < parameters.fewest:
         return row | {"outcome": TOO_FEW}
     fit = parameters(path.time_s, path.places_mm, exit_mm)
-    earliest, latest = fit.t0_range_s
-    row |= {"outcome": FITTED, "t0_s": fit.t0_s, "t0_at_bound": fit.t0_at_bound}
-    row |= {"t0_earliest_s": earliest, "t0_latest_s": latest}
-    for axis, order, factors in zip(AXES, fit.orders, fit.coefficients, strict=True):
-        padded = [*factors, *[0.0] * (HIGHEST_ORDER - order)]
-        row[f"order_{axis}"] = order
-        row |= {f"coefficient_{axis}_{k + 1}": factor for k, factor in enumerate(padded)}
-    for axis, *values in _measured(fit):
-        row |= {name.format(axis): v for name, v in zip(MEASURES, values, strict=True)}
-    return row
+    for name, columns in COLUMNS.items():
+        row |= zip(columns, np.atleast_1d(getattr(fit, name)).tolist(), strict=True)
+    for axis, factors in zip(AXES, fit.coefficients, strict=True):
+        padded = (*factors, *[0.0] * HIGHEST_ORDER)[:HIGHEST_ORDER]
+        row |= {f"coefficient_{axis}_{k}": factor for k, factor in enumerate(padded, 1)}
+    return row | {"outcome": FITTED}
 
 
 def _fit(row: dict[Any, Any]) -> Fit:
     """Return the fit that a row of the table stands for."""
-
-    def three(name: str) -> Any:
-        return tuple(row[name.format(axis)] for axis in AXES)
-
-    orders = three("order_{}")
-    factors = tuple(
+    values = {name: tuple(row[column] for column in columns) for name, columns in COLUMNS.items()}
+    fields: dict[str, Any] = {name: v if len(v) > 1 else v[0] for name, v in values.items()}
+    fields["coefficients"] = tuple(
         tuple(row[f"coefficient_{axis}_{k}"] for k in range(1, order + 1))
-        for axis, order in zip(AXES, orders, strict=True)
+        for axis, order in zip(AXES, fields["orders"], strict=True)
     )
-    return Fit(
-        three("exit_{}"),
-        row["t0_s"],
-        row["t0_at_bound"],
-        (row["t0_earliest_s"], row["t0_latest_s"]),
-        orders,
-        factors,
-        row["first_s"],
-        row["last_s"],
-        row["points"],
-        *(three(name) for name in MEASURES),
-    )
+    return Fit(**fields)
