@@ -133,20 +133,20 @@ class Landing:
             return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
 
         count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
-        time = np.linspace(fit.first_s, fit.last_s, count)
-        time = np.append(time, fit.last_s + np.arange(0.0, self.beyond_s, STEP_S)[1:])
-        time = np.append(time, fit.last_s + self.beyond_s)
+        observed = np.linspace(fit.first_s, fit.last_s, count)
+        later = fit.last_s + np.append(np.arange(0.0, self.beyond_s, STEP_S)[1:], self.beyond_s)
+        time = np.concatenate([observed, later])
         off = outside(time)
         last = float(off[count - 1])
-        beyond = np.flatnonzero(off >= -TOUCH_MM)
-        end = float(fit.last_s)
-        if len(beyond):
-            k = int(beyond[0])
-            end = float(time[k])
-            if k > 0 and off[k - 1] < 0 < off[k]:
-                end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
-        landed = bool(len(beyond)) or last >= -self.near_mm - TOUCH_MM
-        return Landed(landed, end, last + in_air.threshold_mm)
+        wall_mm = last + in_air.threshold_mm
+        beyond = off >= -TOUCH_MM
+        if not beyond.any():
+            return Landed(last >= -self.near_mm - TOUCH_MM, float(fit.last_s), wall_mm)
+        k = int(np.argmax(beyond))
+        end = float(time[k])
+        if k > 0 and off[k - 1] < 0 < off[k]:
+            end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
+        return Landed(True, end, wall_mm)
 
 
 @dataclass(frozen=True)
@@ -218,8 +218,8 @@ def flights(
     looked for up to the landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or View()
-    more = ("background",) if rules.above_background else ()
-    check_columns(tracks, (*COLUMNS, *more), "flights: tracks")
+    columns = (*COLUMNS, "background") if rules.above_background else COLUMNS
+    check_columns(tracks, columns, "flights: tracks")
     check_positive(frame_rate_hz, "flights: frame_rate_hz")
     if not fits:
         return FLIGHTS.empty()
@@ -232,13 +232,12 @@ def flights(
     for name, fit in fits.items():
         track = tracks.iloc[positions[name]].sort_values("frame", kind="stable")
         try:
-            rows.append(
-                {"particle": name} | _flight(track, fit, wall, in_air, frame_rate_hz, rules)
-            )
+            row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
-        if _cut_off(track, rows[-1], frame_rate_hz, rules, view):
-            rows[-1]["ending"] = LOST
+        if row["ending"] == BURNT_OUT and _cut_off(track, frame_rate_hz, rules, view):
+            row["ending"] = LOST
+        rows.append({"particle": name} | row)
     return FLIGHTS.check(pd.DataFrame(rows)[FLIGHTS.names])
 
 
@@ -278,16 +277,8 @@ def _flight(
     }
 
 
-def _cut_off(
-    track: pd.DataFrame,
-    flight: Mapping[str, float | str | bool],
-    frame_rate_hz: float,
-    rules: Rules,
-    view: View,
-) -> bool:
-    """Tell whether a flight that ends in the air ends where the view or the recording does."""
-    if flight["ending"] != BURNT_OUT:
-        return False
+def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: View) -> bool:
+    """Return whether a flight that ends in the air ends where the view or the recording does."""
     if view.frames is not None:
         last = (view.frames.stop - 1) / frame_rate_hz
         if track["frame"].iloc[-1] / frame_rate_hz + rules.landing.beyond_s > last:
@@ -410,13 +401,13 @@ def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
     """
     check_count(counted, "remaining: counted", least=0)
     table = SLICES.check(sliced, "remaining: slices")
-    groups = table.groupby("slice_m")
-    number = groups["particle"].nunique()
-    if len(number) and number.max() > counted:
+    columns = {"number": ("particle", "nunique"), "median_m_s": ("velocity_m_s", "median")}
+    slices_reached = table.groupby("slice_m").agg(**columns).reset_index()
+    number = slices_reached["number"]
+    if number.max() > counted:
         raise InputError(f"remaining: {number.max()} particles in a slice, but {counted} counted.")
-    share = number / max(counted, 1)
-    named = {"number": number, "share": share, "median_m_s": groups["velocity_m_s"].median()}
-    return pd.DataFrame(named).reset_index()
+    slices_reached.insert(2, "share", number / max(counted, 1))
+    return slices_reached
 
 
 def _distance(fit: Fit, end_s: float) -> tuple[Array, Array]:
