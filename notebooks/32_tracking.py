@@ -18,14 +18,7 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
-from kilnflight.experiments import (
-    campaigns,
-    grid_search,
-    plots,
-    tracking,
-    tracking_claims,
-    tracking_pictures,
-)
+from kilnflight.experiments import campaigns, grid_search, plots, tracking
 from kilnflight.project import figures, style
 
 style.use_style()
@@ -35,7 +28,7 @@ windows = tracking.windows(scale, settings, seed, jobs=jobs)
 others = tracking.windows(scale, settings, seed, for_settings=True, jobs=jobs)
 
 # %%
-table = tracking_claims.window_table(windows)
+table = tracking.window_table(windows)
 caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "
     "busiest part; the published frames hold other numbers on the twin."
@@ -45,7 +38,7 @@ figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
 # %% [markdown]
 # ## Settings that are not printed
 #
-# Whoever repeats this needs them.
+# Whoever repeats this needs them, so they are saved.
 
 # %%
 candidates = grid_search.kilnflight_grids()
@@ -62,10 +55,12 @@ figures.save("tracking-settings", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## All 32 cells
+#
+# Beside the table of the thesis, a picture of both: 64 numbers do not compare at a glance.
 
 # %%
 measured = tracking.run(windows, trackers)
-table = measured[[*tracking_claims.KEYS, *tracking.MEASURES]]
+table = measured[[*tracking.KEYS, *tracking.MEASURES]]
 caption = (
     "GNN and JPDA with and without post-processing on windows like those of Table 5.15, gate "
     f"{tracking.GATE_PX:.0f} px; after Table 5.17."
@@ -73,7 +68,7 @@ caption = (
 figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%
-cells = tracking_claims.beside_table_5_17(measured)
+cells = tracking.beside_table_5_17(measured)
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True)
 for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
     plots.beside_published(axes, cells[cells["measure"] == measure])
@@ -90,16 +85,16 @@ figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, prove
 # ## Trajectories beside the optical and the true ones
 
 # %%
-shown = [one for one in windows if one.fraction in ("wood chip", "PE granule")]
-tables = {one.fraction: {"truth": one.truth} for one in shown}
-for one in shown:
+shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
+tables = {window.fraction: {"truth": window.truth} for window in shown}
+for window in shown:
     for name, tracker in trackers.items():
-        for stage, tracks, _ in tracking.track_and_postprocess(one, tracker):
-            tables[one.fraction][f"{name} {stage} steps"] = tracks
+        for stage, tracks, _ in tracking.track_and_postprocess(window, tracker):
+            tables[window.fraction][f"{name} {stage} steps"] = tracks
 
 # %%
-picture = tracking_pictures.trajectories(shown, tables)
-table = tracking_pictures.joined(tables, "tracks")
+picture = tracking.draw_trajectories(shown, tables)
+table = tracking.joined_tables(tables, "tracks")
 caption = (
     "True trajectories and those of GNN and JPDA, without and with post-processing, on the sum of "
     "frame differences; after Figs 5.12 to 5.15."
@@ -110,11 +105,11 @@ figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, p
 # ## Verdicts
 
 # %%
-verdicts = tracking_claims.verdicts(cells, windows, trackers)
-gain = tracking_claims.gains(cells)
+verdicts = tracking.verdicts(cells, windows, trackers)
+gain = tracking.gains(cells)
 alpha = cells[(cells["measure"] == "alpha") & (cells["postprocessing"] == "with")]
 alpha = alpha.pivot(index="fraction", columns="tracker", values="here")
-parts = [f"{name} {one.GNN:.2f} and {one.JPDA:.2f}" for name, one in alpha.iterrows()]
+parts = [f"{name} {row.GNN:.2f} and {row.JPDA:.2f}" for name, row in alpha.iterrows()]
 result = (
     f"Alpha after post-processing, GNN and JPDA: {', '.join(parts)}; {(gain > 0).sum()} of "
     f"{len(gain)} cells rise."

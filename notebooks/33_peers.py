@@ -34,7 +34,7 @@ print(f"peers that are not installed and left out: {', '.join(missing) or 'none'
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
 others = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
-number = ", ".join(f"{one.fraction} {len(one.frames)}" for one in windows)
+number = ", ".join(f"{window.fraction} {len(window.frames)}" for window in windows)
 print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 
 # %% [markdown]
@@ -44,15 +44,14 @@ print(f"frames: {number}; settings on {len(others[0].frames)} others each")
 # the noise of the acceleration, the step over a gap (laptrack), or whether trackpy predicts.
 # Each has a ladder of values. A small grid is tried first, then the neighbours of the best on
 # every ladder, until none is better: the best lies inside of what was tried, or at the end of
-# a ladder, which the table then names.
+# a ladder, which the table then names. The table is saved so that a tracker's friends can judge
+# its settings.
 
 # %%
-contestants = {
-    f"{name}, ours": some for name, some in grid_search.kilnflight_grids().items()
-} | grid_search.peer_grids()
+grids = {f"{name}, ours": grid for name, grid in grid_search.kilnflight_grids().items()}
+grids |= grid_search.peer_grids()
 package = {"GNN, Stone Soup": "stonesoup", "JPDA, Stone Soup": "stonesoup"}
-for name in [one for one in contestants if package.get(one, one) in missing]:
-    del contestants[name]
+grids = {name: grid for name, grid in grids.items() if package.get(name, name) not in missing}
 
 # %% [markdown]
 # Joint probabilities of Stone Soup take long where many gates overlap, and it refuses a stretch
@@ -60,15 +59,16 @@ for name in [one for one in contestants if package.get(one, one) in missing]:
 # the same rule on the same stretches, but on the first 40 frames of each only.
 
 # %%
-slow = {name: contestants[name] for name in contestants if name == "JPDA, Stone Soup"}
-rest = {name: contestants[name] for name in contestants if name not in slow}
-few = [grid_search.first_frames(one, 4) for one in others] if scale == "quick" else others
-parts = [grid_search.grid_search(few, rest).assign(frames=len(few[0].frames))]
+slow = {name: grid for name, grid in grids.items() if name == "JPDA, Stone Soup"}
+rest = {name: grid for name, grid in grids.items() if name not in slow}
+if scale == "quick":
+    others = [grid_search.first_frames(window, 4) for window in others]
+parts = [grid_search.grid_search(others, rest).assign(frames=len(others[0].frames))]
 if slow:
-    short = [grid_search.first_frames(one, 40) for one in few]
+    short = [grid_search.first_frames(window, 40) for window in others]
     parts.append(grid_search.grid_search(short, slow).assign(frames=len(short[0].frames)))
 tried = pd.concat(parts, ignore_index=True)
-best = grid_search.chosen_trackers(tried, contestants)
+best = grid_search.chosen_trackers(tried, grids)
 caption = (
     "Settings that were tried, with the mean measures on stretches of so many frames that no "
     "result is taken from, without post-processing; the largest beta is chosen, and at_end names "
@@ -78,19 +78,14 @@ figures.save("peers-settings", tried, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The same detections, the same measures
+#
+# Post-processing is ours, for everyone; seconds are of the tracking, or of the post-processing
+# after it. The picture is the answer that this notebook is for.
 
 # %%
 scores = grid_search.score(windows, best)
-columns = ["fraction", "tracker", "postprocessing", *tracking.MEASURES, "seconds", "note"]
-caption = (
-    "Trackers on the same detections of the windows at 4.5 bar, gate 10 px, in the settings "
-    "chosen on other stretches. Post-processing is ours, for everyone; seconds are of the "
-    "tracking, or of the post-processing after it."
-)
-figures.save("tracking-peers", scores[columns], caption=caption, provenance=origin)
-
 # %% tags=["hide-input"]
-fractions = [one.fraction for one in windows]
+fractions = [window.fraction for window in windows]
 picture, grid = style.canvas(
     2, len(fractions), width_mm=style.PAGE_MM, height_mm=95, sharex="row", sharey=True
 )
@@ -103,8 +98,10 @@ handles = grid[0, 0].get_legend_handles_labels()
 _ = picture.legend(*handles, loc="outside lower center", ncols=2, title="post-processing")
 
 # %%
+columns = ["fraction", "tracker", "postprocessing", *tracking.MEASURES, "seconds", "note"]
 caption = (
-    "alpha and beta of trackers on the same detections: as they are (open circles) and with our "
+    "alpha and beta of trackers on the same detections of the windows at 4.5 bar, gate 10 px, in "
+    "the settings chosen on other stretches: as they are (open circles) and with our "
     "post-processing (filled squares). A tracker without a mark could not be run in bearable time."
 )
 figures.save("fig-peers", scores[columns], picture=picture, caption=caption, provenance=origin)
@@ -127,10 +124,10 @@ every = every.loc[every["size"] == len(windows), "mean"]
 # %%
 left = scores.loc[scores["beta"].isna(), "tracker"].unique()
 parts = []
-for stage, found in leaders.items():
+for stage, ranks in leaders.items():
     mean = every[stage].sort_values(ascending=False)
     means = ", ".join(f"{name} {value:.3f}" for name, value in mean.items())
-    parts.append(f"{stage} post-processing {'; '.join(found)} (means: {means})")
+    parts.append(f"{stage} post-processing {'; '.join(ranks)} (means: {means})")
 result = f"Largest beta {'. Largest beta '.join(parts)}."
 result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
 ends = tried[tried["at_end"] != ""]

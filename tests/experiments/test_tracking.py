@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments import grid_search, tracking, tracking_claims, tracking_pictures
+from kilnflight.experiments import grid_search, post_processing, tracking
 from kilnflight.experiments.grid_search import Grid
 from kilnflight.kiln import TwinSource
 from kilnflight.project import claims
@@ -41,18 +42,21 @@ def test_post_processing_and_truth_make_it_better(window):
     before, after = (table.set_index("postprocessing").loc[name] for name in ("without", "with"))
     assert after["beta"] > before["beta"]
     assert after["alpha"] > 0.85
-    links = tracking.linked_by_truth(window)
-    assert len(links) == len(window.detections)
-    assert set(links["particle"]) == {-1, 7, 8}
-    assert (links["particle"] == -1).sum() == 6
-    score = tracking.measures(window.truth, links)
-    assert score["jsc_theta"] == 1.0
-    assert score["alpha"] == pytest.approx(54 / 60)
-    assert tracking.measures(window.truth, track(tracking.with_true_positions(window).detections))[
-        "alpha"
-    ] == pytest.approx(1.0)
-    clean = tracking.without_false_detections(window)
-    assert len(clean.detections) == len(window.detections) - 6
+
+
+def test_each_part_is_replaced_by_the_truth(window):
+    owner = tracking.true_particles(window.detections, window.truth)
+    assert set(owner) == {-1, 7, 8}
+    assert (owner == -1).sum() == 6
+    table = tracking.ablate([window], {"GNN": track})
+    given = table[table["postprocessing"] == "without"].set_index(["given", "tracker"])
+    assert given.loc[("true positions", "GNN"), "alpha"] == pytest.approx(1.0)
+    links = given.loc[("detections", "links by the truth")]
+    assert links["jsc_theta"] == 1.0
+    assert links["alpha"] == pytest.approx(54 / 60)
+    right, every = given.loc[("right detections only", "GNN")], given.loc[("detections", "GNN")]
+    assert right["beta"] > every["beta"]
+    assert right["fp_tracks"] == 0
 
 
 def test_the_cost_of_a_tracker(window):
@@ -63,13 +67,13 @@ def test_the_cost_of_a_tracker(window):
 
 def test_windows_with_and_without_a_track(window):
     generator = np.random.default_rng(0)
-    streaks, empty = tracking.texture_windows(window, 5, generator)
-    assert all(one.shape == tracking.BOX for one in [*streaks, *empty])
-    assert all((one == tracking.SPAN).all() for one in streaks)
+    streaks, empty = post_processing.texture_windows(window, 5, generator)
+    assert all(image.shape == post_processing.BOX for image in [*streaks, *empty])
+    assert all((image == post_processing.SPAN).all() for image in streaks)
     crowded = window._replace(truth=window.truth, differences=Flat())
     crowded.differences.shape = (130, 70)
     with pytest.raises(InputError, match="no place without a track"):
-        tracking.texture_windows(crowded, 5, generator)
+        post_processing.texture_windows(crowded, 5, generator)
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
@@ -102,42 +106,61 @@ def test_the_setting_with_the_largest_beta_is_chosen(window):
 
 
 def test_each_step_is_measured_and_its_tracks_are_returned(window):
-    table, after = tracking.compare_steps([window])
+    table, after = post_processing.compare_steps([window])
     assert table["after"].tolist() == list(after["confetti"])
     assert table["after"].iloc[0] == "tracker"
     assert table["beta"].iloc[-1] > table["beta"].iloc[0]
-    plans = tracking.compare_plans([window], {"none": (), "no texture": None})
-    assert plans["plan"].tolist() == ["none", "no texture"]
-    assert plans["alpha"].iloc[0] == table["alpha"].iloc[0]
-    picture = tracking_pictures.steps([window], after)
+    picture = post_processing.draw_steps([window], after)
     assert len(picture.axes) == 1 + len(after["confetti"])
-    assert set(tracking_pictures.joined(after, "after")["after"]) == set(after["confetti"])
+    assert set(tracking.joined_tables(after, "after")["after"]) == set(after["confetti"])
 
 
-def test_the_texture_that_tells_most_comes_first():
-    with_track = pd.DataFrame({"LE": [8.0, 12.0], "EE": [2.0, 2.0]})
-    table = tracking.texture_table(with_track, pd.DataFrame({"LE": [1.0], "EE": [1.0]}))
-    assert table[["masks", "ratio"]].to_numpy().tolist() == [["LE", 10.0], ["EE", 2.0]]
-    assert table["ratio_10"].iloc[0] == pytest.approx(8.4)
+def test_readings_are_plans_and_the_first_is_as_printed(window):
+    plans = {"none": (), **post_processing.readings()}
+    table = post_processing.compare_plans([window], plans).set_index("reading")
+    assert list(table.index) == list(plans)
+    steps, _ = post_processing.compare_steps([window])
+    assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
+    assert table.loc["as printed", "alpha"] == steps["alpha"].iloc[-1]
+    without = tracklets.postprocess(track(window.detections))  # no differences, no texture
+    measures = tracking.measures(window.truth, without)
+    assert table.loc["no texture", "alpha"] == measures["alpha"]
+
+
+def test_the_texture_that_tells_most_comes_first(window):
+    rng = np.random.default_rng(0)
+    streaks = [100.0 * np.eye(*post_processing.BOX) * k for k in range(1, 8)]
+    empty = [rng.random(post_processing.BOX) for _ in range(7)]
+    table = post_processing.texture_table(streaks, empty)
+    assert table["ratio"].is_monotonic_decreasing
+    assert len(table) == 15
+    first = table.iloc[0]
+    assert first["with_track"] == tracklets.energies(streaks[3])[first["masks"]]
+    assert first["f"] == tracklets.energies(empty[0])[first["masks"]]
+    assert first["ratio_10"] == pytest.approx(first["ratio"] * 1.6 / 4)
+    plans = pd.DataFrame({"reading": ["as printed", "Hungarian"], "alpha": [0.5, 0.6]})
+    verdicts = {verdict.id: verdict for verdict in post_processing.verdicts(plans, table)}
+    assert verdicts["track-7"].verdict == claims.NOT_REPRODUCED
+    assert set(verdicts) == {"track-7", "track-8"}
 
 
 def test_windows_and_measures_stand_beside_the_printed_ones(window):
-    table = tracking_claims.window_table([window]).iloc[0]
+    table = tracking.window_table([window]).iloc[0]
     assert (table["trajectories"], table["trajectories_published"]) == (2, 37)
     measured = tracking.run([window], {"GNN": track, "JPDA": track})
-    cells = tracking_claims.beside_table_5_17(measured)
+    cells = tracking.beside_table_5_17(measured)
     assert len(cells) == 2 * 2 * 4
     assert cells["published"].between(0, 1).all()
-    assert (tracking_claims.gains(cells).xs("beta", level="measure") > 0).all()
+    assert (tracking.gains(cells).xs("beta", level="measure") > 0).all()
 
 
 def test_a_smoke_run_leaves_claims_about_four_fractions_undecided(window):
     chip = window._replace(fraction="wood chip")
     measured = tracking.run([window, chip], {"GNN": track, "JPDA": track})
-    cells = tracking_claims.beside_table_5_17(measured)
+    cells = tracking.beside_table_5_17(measured)
     trackers = {"GNN": track, "JPDA": track}
-    verdicts = tracking_claims.verdicts(cells, [window, chip], trackers)
-    found = {one.id: one.verdict for one in verdicts}
+    verdicts = tracking.verdicts(cells, [window, chip], trackers)
+    found = {verdict.id: verdict.verdict for verdict in verdicts}
     assert sorted(found) == [f"track-{k}" for k in range(1, 7)]
     assert found["track-3"] == claims.REPRODUCED  # both are the same tracker here
     assert {found[f"track-{k}"] for k in (1, 2, 5)} == {claims.NOT_DECIDABLE}

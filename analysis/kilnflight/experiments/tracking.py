@@ -1,6 +1,6 @@
 """Tracking experiment: trackers on windows of the campaigns, scored as in section 5.2.2.
 
-window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
+    window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
 
 The trackers run on the windows of Table 5.15. Settings that the thesis does not print are found
 on other frames of the same campaigns (`settings_frames`), which share no frame with those.
@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import zarr
+from matplotlib.figure import Figure
 
 from kilnflight import kiln, tracklets
 from kilnflight.checks import InputError
@@ -29,10 +30,10 @@ from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import Settings
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.kiln import TILE, DetectionRun
+from kilnflight.project import claims, style
 from kilnflight.project.parallel import Workers
 from kilnflight.scores import score_tracks
 from kilnflight.scores.detections import pair
-from kilnflight.tracking.tracker import track
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
@@ -44,9 +45,10 @@ MARGIN = 150  # frames between a window and those for settings: no shared backgr
 LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
-BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
-SPAN = 11  # frames that such a window sums
-Array = npt.NDArray[np.float64]
+KEYS = ["fraction", "tracker", "postprocessing"]
+SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
+SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
+Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
 Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
 
 
@@ -71,7 +73,7 @@ def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDAr
 
 
 def busiest_frames(twin: Twin, within: range, length: int) -> range:
-    """Return the part of some frames, of some length, in which most particles fly."""
+    """Return the part of a range of frames in which most particles fly."""
     starts = range(within.start, within.stop - length + 1)
     start = starts[int(flying_particles(twin, starts, length).argmax())]
     return range(start, start + length)
@@ -114,7 +116,7 @@ def windows(
     jobs
         Processes.
     """
-    found = []
+    parts = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         name = campaign_name(fraction, 4.5)
         source = kiln.TwinSource(name, seed)
@@ -124,8 +126,8 @@ def windows(
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
         in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
         truth = true_trajectories(twin, frames)
-        found.append(Window(fraction, name, frames, in_air, truth, Differences(run)))
-    return found
+        parts.append(Window(fraction, name, frames, in_air, truth, Differences(run)))
+    return parts
 
 
 def measures(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
@@ -152,72 +154,6 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
                 row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
                 rows.append(row | measures(window.truth, table) | {"seconds": seconds})
     return pd.DataFrame(rows)
-
-
-def compare_plans(
-    windows: Iterable[Window], plans: Mapping[str, Sequence[tracklets.Step] | None]
-) -> pd.DataFrame:
-    """Return the measures of GNN's tracks after each plan of post-processing.
-
-    Parameters
-    ----------
-    windows
-        To track in.
-    plans
-        Steps by name; None: those of `kilnflight.tracklets.STEPS` without frame differences.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``plan`` and `MEASURES`, one row per window and plan.
-    """
-    rows = []
-    for window in windows:
-        tracks = track(window.detections)
-        for name, plan in plans.items():
-            texture = () if plan is None else (window.differences, plan)
-            table = tracklets.postprocess(tracks, *texture)
-            row = {"fraction": window.fraction, "plan": name}
-            rows.append(row | measures(window.truth, table))
-    return pd.DataFrame(rows)[["fraction", "plan", *MEASURES]]
-
-
-def compare_steps(
-    windows: Iterable[Window],
-) -> tuple[pd.DataFrame, dict[str, dict[str, pd.DataFrame]]]:
-    """Return the measures after GNN and each step of the post-processing, and the tracks.
-
-    Returns
-    -------
-    table : DataFrame
-        ``fraction``, ``after``, number of ``tracks`` and ``positions``, and `measures`.
-    after : dict
-        Tracks by fraction and step, "tracker" first.
-    """
-    rows, after = [], {}
-    for window in windows:
-        tracks = track(window.detections)
-        stages = {"tracker": tracks, **dict(tracklets.stages(tracks, window.differences))}
-        after[window.fraction] = stages
-        for step, table in stages.items():
-            kept = tracklets.tracked(table)
-            row = {"fraction": window.fraction, "after": step, "positions": len(kept)}
-            row |= {"tracks": kept["particle"].nunique()}
-            rows.append(row | measures(window.truth, table))
-    columns = ["fraction", "after", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
-    return pd.DataFrame(rows)[columns], after
-
-
-def texture_table(with_track: pd.DataFrame, without: pd.DataFrame) -> pd.DataFrame:
-    """Return medians of texture energies with and without a track, and their ratio (Fig. 4.13).
-
-    ``ratio_10`` and ``ratio_90``: its 10 and 90 % points over windows; largest ratio first.
-    """
-    table = pd.DataFrame({"with_track": with_track.median(), "without": without.median()})
-    table["ratio"] = table["with_track"] / table["without"]
-    each = with_track / without.median()
-    table = table.assign(ratio_10=each.quantile(0.1), ratio_90=each.quantile(0.9))
-    return table.sort_values("ratio", ascending=False).reset_index(names="masks")
 
 
 def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple[float, float]:
@@ -266,73 +202,161 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
     return owner
 
 
-def linked_by_truth(window: Window) -> pd.DataFrame:
-    """Return the detections with the true particle they belong to: links without a mistake."""
-    owner = true_particles(window.detections, window.truth)
-    return window.detections.assign(particle=owner)
-
-
-def without_false_detections(window: Window) -> Window:
-    """Return the window with only the detections that belong to a true trajectory."""
-    linked = linked_by_truth(window)
-    kept = linked[linked["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
-    return window._replace(detections=kept)
-
-
-def with_true_positions(window: Window) -> Window:
-    """Return the window with the true positions, and depths, as its detections."""
-    return window._replace(detections=window.truth[["frame", "row", "col", "x", "y", "z"]])
-
-
-def texture_windows(
-    window: Window, count: int, generator: np.random.Generator
-) -> tuple[list[Array], list[Array]]:
-    """Return sums of frame differences with and without a track in them (Fig. 4.13).
-
-    Parameters
-    ----------
-    window
-        With true trajectories.
-    count
-        How many of each.
-    generator
-        Of the places.
+def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
+    """Return the measures with one part after the other replaced by the truth.
 
     Returns
     -------
-    with_track, without : list of ndarray
-        `BOX` pixels, over `SPAN` frames: around a true position, and in the same frames where
-        no true position is within three boxes.
+    DataFrame
+        `run` with ``given``: "true positions", "right detections only" (those that belong to a
+        true trajectory) and "detections"; and rows for the tracker "links by the truth".
     """
-    streaks, empty = [], []
-    for _ in range(count):
-        position = window.truth.iloc[int(generator.integers(len(window.truth)))]
-        frames = (int(position["frame"]) - SPAN // 2, int(position["frame"]) + SPAN // 2)
-        streaks.append(_summed(window, frames, (position["row"], position["col"])))
-        empty.append(_summed(window, frames, _empty_place(window, frames, generator)))
-    return streaks, empty
+    linked = [
+        window.detections.assign(particle=true_particles(window.detections, window.truth))
+        for window in windows
+    ]
+    columns = ["frame", "row", "col", "x", "y", "z"]
+    given = {
+        "true positions": [window.truth[columns] for window in windows],
+        "right detections only": [
+            table[table["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
+            for table in linked
+        ],
+        "detections": [window.detections for window in windows],
+    }
+    parts = []
+    for name, tables in given.items():
+        pairs = zip(windows, tables, strict=True)
+        replaced = [window._replace(detections=table) for window, table in pairs]
+        parts.append(run(replaced, trackers).assign(given=name))
+    rows = [
+        {"fraction": window.fraction, "given": "detections", "tracker": "links by the truth"}
+        | {"postprocessing": "without"}
+        | measures(window.truth, table)
+        for window, table in zip(windows, linked, strict=True)
+    ]
+    return pd.concat([*parts, pd.DataFrame(rows)], ignore_index=True)
 
 
-def _empty_place(
-    window: Window, frames: tuple[int, int], generator: np.random.Generator
-) -> tuple[float, float]:
-    """Return a place that no true trajectory is near to in these frames."""
-    rows, cols = window.differences.shape
-    now = window.truth[window.truth["frame"].between(*frames)]
-    for _ in range(1000):
-        row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
-        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * max(BOX):
-            return float(row), float(col)
-    raise InputError(f"{window.scene}: no place without a track in frames {frames}.")
+def window_table(windows: Sequence[Window]) -> pd.DataFrame:
+    """Return frames, trajectories, positions and detections of windows beside Table 5.15."""
+    printed = claims.published("table_5.15")
+    amount = printed["amount_of_trajectories"].set_axis(printed["fraction"].str.lower())
+    rows = [
+        {
+            "fraction": window.fraction,
+            "first_frame": window.frames.start,
+            "frames": len(window.frames),
+            "trajectories": window.truth["particle"].nunique(),
+            "positions": len(window.truth),
+            "detections": len(window.detections),
+            "trajectories_published": amount[window.fraction.lower()],
+        }
+        for window in windows
+    ]
+    return pd.DataFrame(rows)
 
 
-def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float]) -> Array:
-    """Return the sum of differences in the box around a place, moved into the image."""
-    top, left = (
-        min(max(round(at) - size // 2, 0), edge - size)
-        for at, size, edge in zip(place, BOX, window.differences.shape, strict=True)
+def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return every measure of `tracking.run` (``here``) beside that of Table 5.17."""
+    printed = claims.published("table_5.17")
+    printed = printed.assign(
+        fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
     )
-    return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
+    names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
+    cells = measured.melt(KEYS, list(MEASURES), "measure", "here")
+    return cells.merge(printed.rename(columns=names)[[*KEYS, "measure", "published"]])
+
+
+def gains(cells: pd.DataFrame) -> pd.Series:
+    """Return by how much post-processing raises each measure, from `beside_table_5_17`."""
+    wide = _stages(cells)
+    return wide["with"] - wide["without"]
+
+
+def _stages(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return the measures by fraction, tracker and measure; columns "with" and "without"."""
+    keys = ["fraction", "tracker", "measure"]
+    return cells.pivot(index=keys, columns="postprocessing", values="here")
+
+
+def verdicts(
+    cells: pd.DataFrame, windows: Sequence[Window], trackers: Mapping[str, Tracker]
+) -> list[claims.Verdict]:
+    """Return the verdicts on the claims of section 5.2.3.
+
+    Parameters
+    ----------
+    cells
+        Of `beside_table_5_17`.
+    windows, trackers
+        GNN and JPDA are run again on the windows for their cost.
+    """
+    wide, gain = _stages(cells), gains(cells)
+    after = wide["with"].unstack("tracker")
+    apart = (after["JPDA"] - after["GNN"]).unstack("measure")
+    small = {
+        f"{fraction} {name}": abs(value)
+        for fraction, row in apart[["alpha", "beta"]].iterrows()
+        for name, value in row.items()
+    }
+    ahead = apart[["alpha", "beta", "jsc"]].mean()
+    costs = {name: cost(windows, tracker) for name, tracker in trackers.items()}
+    seconds, memory = (costs["JPDA"][k] / costs["GNN"][k] for k in (0, 1))
+    judged = [
+        claims.judge("track-3", pd.Series(small)),
+        claims.judge("track-4", float(ahead.mean()), note="mean of alpha, beta and JSC"),
+        claims.judge("track-6", seconds, note=f"time; peak of memory {memory:.2f} times"),
+    ]
+    first = wide["without"].unstack("measure")[["alpha", "beta"]].max(axis="columns")
+    rest = first.drop("wood chip", level="fraction")
+    highest = first.groupby("fraction").max().idxmax()
+    ranks = wide["with"].xs("alpha", level="measure").groupby("fraction").mean()
+    whole = {
+        "track-1": {f"{(gain > 0).sum()} of {len(gain)} cells rise": bool((gain > 0).all())},
+        "track-2": {
+            f"highest {highest}": highest == "wood chip",
+            f"others at most {rest.max():.2f} <= 0.43": bool(rest.max() <= 0.43),
+        },
+        "track-5": {
+            f"lowest {ranks.idxmin()} {ranks.min():.2f}": ranks.idxmin() == "confetti",
+            f"highest {ranks.idxmax()} {ranks.max():.2f}": ranks.idxmax() == "wood chip",
+        },
+    }
+    note = "of windows with as many trajectories as Table 5.15"
+    for name, conditions in whole.items():
+        if len(windows) == 4:
+            judged.append(claims.judge(name, conditions, note=note))
+        else:
+            judged.append(claims.undecidable(name, "a smoke run has two of four fractions"))
+    return judged
+
+
+def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
+    """Return all tracks in one table, with ``fraction`` and the name in a column."""
+    parts = [
+        table.assign(fraction=fraction, **{column: name})
+        for fraction, group in tables.items()
+        for name, table in group.items()
+    ]
+    table = tracklets.tracked(pd.concat(parts, ignore_index=True))
+    return table[["fraction", column, "particle", "frame", "row", "col"]]
+
+
+def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
+    """Return tracks on the sum of frame differences: windows (columns) by name (rows)."""
+    rows = len(next(iter(tables.values())))
+    picture, grid = style.canvas(rows, len(windows), width_mm=130, height_mm=40 * rows)
+    for window, column in zip(windows, grid.T, strict=True):
+        height, width = window.differences.shape
+        first, last = window.frames.start, window.frames.stop - 1
+        light = window.differences(first, last, 0, 0, height, width)
+        for axes, (name, table) in zip(column, tables[window.fraction].items(), strict=True):
+            style.frame(axes, light, 8)
+            style.tracks(axes, tracklets.tracked(table))
+            axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
+        column[-1].set_xlabel("column (px)")
+    return picture
 
 
 @dataclass(frozen=True)
@@ -356,33 +380,26 @@ class Differences:
     ) -> npt.NDArray[np.float64]:
         """Return the sum over the frames first to last, both counted, in a box."""
         total = np.zeros((bottom - top, right - left))
-        height, width = TILE
         tiles = product(
-            range(top // height, (bottom - 1) // height + 1),
-            range(left // width, (right - 1) // width + 1),
+            range(top // TILE[0], (bottom - 1) // TILE[0] + 1),
+            range(left // TILE[1], (right - 1) // TILE[1] + 1),
         )
-        for (tile_row, tile_col), frames in product(tiles, self.run.chunks):
-            span = _overlap(frames, first_frame, last_frame + 1)
-            if span:
-                rows = _overlap(range(tile_row * height, (tile_row + 1) * height), top, bottom)
-                cols = _overlap(range(tile_col * width, (tile_col + 1) * width), left, right)
-                tile = _tile(self.run.differences_of(frames), tile_row, tile_col)
-                roots = tile[
-                    _shifted(span, frames.start),
-                    _shifted(rows, tile_row * height),
-                    _shifted(cols, tile_col * width),
-                ].astype(np.uint16)
+        for (row, col), frames in product(tiles, self.run.chunks):
+            span, _ = _overlap(frames.start, len(frames), first_frame, last_frame + 1)
+            if span.start < span.stop:
+                rows, total_rows = _overlap(row * TILE[0], TILE[0], top, bottom)
+                cols, total_cols = _overlap(col * TILE[1], TILE[1], left, right)
+                tile = _tile(self.run.differences_of(frames), row, col)
+                roots = tile[span, rows, cols].astype(np.uint16)
                 squares = np.sum(roots * roots, axis=0, dtype=np.uint32)
-                total[_shifted(rows, top), _shifted(cols, left)] += squares
+                total[total_rows, total_cols] += squares
         return total
 
 
-def _overlap(part: range, start: int, stop: int) -> range:
-    return range(max(part.start, start), min(part.stop, stop))
-
-
-def _shifted(part: range, origin: int) -> slice:
-    return slice(part.start - origin, part.stop - origin)
+def _overlap(start: int, size: int, low: int, high: int) -> tuple[slice, slice]:
+    """Return where a piece meets the range from low to high, counted from the start of each."""
+    first, stop = max(start, low), min(start + size, high)
+    return slice(first - start, stop - start), slice(first - low, stop - low)
 
 
 @lru_cache(maxsize=32)  # 20 MB each: what pairs in 300 frames look at, again and again

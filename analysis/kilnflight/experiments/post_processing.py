@@ -1,0 +1,194 @@
+"""Post-processing step by step, its readings, and the textures that it looks at (notebook 31)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.figure import Figure
+
+from kilnflight import tracklets
+from kilnflight.checks import InputError
+from kilnflight.experiments.tracking import MEASURES, Tables, Window, measures
+from kilnflight.project import claims, style
+from kilnflight.tracking.tracker import track
+from kilnflight.tracklets.joining import Joining
+
+BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
+SPAN = 11  # frames that such a window sums
+Array = npt.NDArray[np.float64]
+Plan = Sequence[tracklets.Step]
+
+
+def compare_steps(
+    windows: Iterable[Window],
+) -> tuple[pd.DataFrame, dict[str, dict[str, pd.DataFrame]]]:
+    """Return the measures after GNN and each step of the post-processing, and the tracks.
+
+    Returns
+    -------
+    table : DataFrame
+        ``fraction``, ``after``, number of ``tracks`` and ``positions``, and the measures.
+    after : dict
+        Tracks by fraction and step, "tracker" first.
+    """
+    rows, after = [], {}
+    for window in windows:
+        tracks = track(window.detections)
+        stages = {"tracker": tracks, **dict(tracklets.stages(tracks, window.differences))}
+        after[window.fraction] = stages
+        for step, table in stages.items():
+            kept = tracklets.tracked(table)
+            row = {"fraction": window.fraction, "after": step, "positions": len(kept)}
+            row |= {"tracks": kept["particle"].nunique()}
+            rows.append(row | measures(window.truth, table))
+    columns = ["fraction", "after", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
+    return pd.DataFrame(rows)[columns], after
+
+
+def readings() -> dict[str, Plan]:
+    """Return the steps as printed, and under other readings of section 4.2.3.
+
+    "Hungarian" chooses the pairs of each iteration by the least sum (Fig. 4.14). "change alone"
+    leaves the angle out of Eq. 4.18 in connected parts. "f = 1e8" scales the weight of the
+    texture to energies of order 1e5; "no texture" is Eq. 4.24 without its last term.
+    """
+    eliminate, outliers, connect, fuse = tracklets.STEPS
+
+    def changed(change: Callable[[Joining], tracklets.Step]) -> Plan:
+        return eliminate, outliers, *(change(s) for s in (connect, fuse) if isinstance(s, Joining))
+
+    outlier = tracklets.OutlierRemoval(angle_deg=0.0)
+    return {
+        "as printed": tracklets.STEPS,
+        "Hungarian": changed(lambda step: replace(step, matching=tracklets.Hungarian())),
+        "change alone": changed(lambda step: replace(step, outliers=outlier)),
+        "f = 1e8": changed(lambda step: replace(step, costs=replace(step.costs, feature=1e8))),
+        "no texture": changed(lambda step: replace(step, costs=replace(step.costs, feature=0))),
+    }
+
+
+def compare_plans(windows: Iterable[Window], plans: Mapping[str, Plan]) -> pd.DataFrame:
+    """Return ``fraction``, ``reading`` and the measures of GNN's tracks after each plan."""
+    rows = []
+    for window in windows:
+        tracks = track(window.detections)
+        for name, plan in plans.items():
+            table = tracklets.postprocess(tracks, window.differences, plan)
+            row = {"fraction": window.fraction, "reading": name}
+            rows.append(row | measures(window.truth, table))
+    return pd.DataFrame(rows)[["fraction", "reading", *MEASURES]]
+
+
+def texture_windows(
+    window: Window, count: int, generator: np.random.Generator
+) -> tuple[list[Array], list[Array]]:
+    """Return sums of frame differences with and without a track in them (Fig. 4.13).
+
+    Parameters
+    ----------
+    window
+        With true trajectories.
+    count
+        How many of each.
+    generator
+        Of the places.
+
+    Returns
+    -------
+    with_track, without : list of ndarray
+        `BOX` pixels, over `SPAN` frames: around a true position, and in the same frames where
+        no true position is within three boxes.
+    """
+    streaks, empty = [], []
+    for _ in range(count):
+        position = window.truth.iloc[int(generator.integers(len(window.truth)))]
+        frames = (int(position["frame"]) - SPAN // 2, int(position["frame"]) + SPAN // 2)
+        streaks.append(_summed(window, frames, (position["row"], position["col"])))
+        empty.append(_summed(window, frames, _empty_place(window, frames, generator)))
+    return streaks, empty
+
+
+def _empty_place(
+    window: Window, frames: tuple[int, int], generator: np.random.Generator
+) -> tuple[float, float]:
+    """Return a place that no true trajectory is near to in these frames."""
+    rows, cols = window.differences.shape
+    now = window.truth[window.truth["frame"].between(*frames)]
+    for _ in range(1000):
+        row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
+        if np.hypot(now["row"] - row, now["col"] - col).min() > 3 * max(BOX):
+            return float(row), float(col)
+    raise InputError(f"{window.scene}: no place without a track in frames {frames}.")
+
+
+def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float]) -> Array:
+    """Return the sum of differences in the box around a place, moved into the image."""
+    top, left = (
+        min(max(round(at) - size // 2, 0), edge - size)
+        for at, size, edge in zip(place, BOX, window.differences.shape, strict=True)
+    )
+    return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
+
+
+def texture_table(streaks: Sequence[Array], empty: Sequence[Array]) -> pd.DataFrame:
+    """Return Laws' energies of windows with a track and of as many without (Fig. 4.13).
+
+    Returns
+    -------
+    DataFrame
+        ``masks``; ``a`` to ``e``, the first windows with a track, and ``f``, the first without;
+        the medians ``with_track`` and ``without``; their ``ratio``, and its 10 and 90 % points
+        over windows. Largest ratio first.
+    """
+    energies = pd.DataFrame([tracklets.energies(image) for image in streaks])
+    empties = pd.DataFrame([tracklets.energies(image) for image in empty])
+    table = pd.concat([energies[:5], empties[:1]]).set_axis(list("abcdef"))
+    table = table.T.assign(with_track=energies.median(), without=empties.median())
+    table["ratio"] = table["with_track"] / table["without"]
+    each = energies / empties.median()
+    table = table.assign(ratio_10=each.quantile(0.1), ratio_90=each.quantile(0.9))
+    return table.sort_values("ratio", ascending=False).reset_index(names="masks")
+
+
+def verdicts(plans: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]:
+    """Return the verdicts on Figs 4.13 and 4.14, from `compare_plans` and `texture_table`."""
+    alpha = plans.groupby("reading")["alpha"].mean()
+    dual, hungarian = alpha["as printed"], alpha["Hungarian"]
+    better = {f"mean alpha {dual:.4f} >= {hungarian:.4f}": bool(dual >= hungarian)}
+    best, edge = texture.iloc[0], texture.set_index("masks")["ratio"]["LE"]
+    highest = {
+        f"highest is {best['masks']} ({best['ratio']:.1f})": best["masks"] == "LE",
+        f"LE {edge:.1f} > 7": bool(edge > 7),
+    }
+    return [claims.judge("track-7", better), claims.judge("track-8", highest)]
+
+
+def draw_steps(windows: Sequence[Window], tables: Tables) -> Figure:
+    """Return tracks after each step of the post-processing, and the true ones below."""
+    rows = 1 + len(next(iter(tables.values())))
+    picture, grid = style.canvas(rows, len(windows), width_mm=style.PAGE_MM, height_mm=250)
+    for window, column in zip(windows, grid.T, strict=True):
+        stages = {**tables[window.fraction], "truth": window.truth}
+        low, high = (window.truth[["row", "col"]].agg(edge) for edge in ("min", "max"))
+        for axes, (name, table) in zip(column, stages.items(), strict=True):
+            style.tracks(axes, tracklets.tracked(table))
+            axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)")
+            axes.set(xlim=(low["col"] - 80, high["col"] + 80))
+            axes.set(ylim=(high["row"] + 80, low["row"] - 80))
+        column[-1].set_xlabel("column (px)")
+    return picture
+
+
+def draw_textures(images: Sequence[Array]) -> Figure:
+    """Return windows of summed differences side by side, lettered, equally bright."""
+    picture, (panels,) = style.canvas(1, len(images), width_mm=style.PAGE_MM, height_mm=62)
+    lightest = np.sqrt(np.max(images[:-1]))
+    for axes, image, name in zip(panels, images, "abcdefgh", strict=False):
+        axes.imshow(np.sqrt(image), cmap="gray", vmin=0, vmax=lightest)
+        axes.set(title=f"({name})", xlabel="column (px)")
+    panels[0].set_ylabel("row (px)")
+    return picture
