@@ -44,6 +44,7 @@ from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES
 Array = npt.NDArray[np.float64]
 Three = tuple[float, float, float]
 Orders = tuple[int, int, int]
+Located = tuple[int, Array, Array]
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
 # Fields of a `Fit` with several values and their columns in the table; others keep their names.
@@ -215,10 +216,10 @@ class Regression:
             raise InputError(f"places: farther than {FARTHEST:g} mm. Convert them to millimetres.")
         rank = np.argsort(time, kind="stable")
         time, places = time[rank], places[rank]
-        twice = np.flatnonzero(np.diff(time) <= 0)
-        if len(twice):
+        repeated = np.flatnonzero(np.diff(time) <= 0)
+        if len(repeated):
             raise InputError(
-                f"track: two points at {time[twice[0]]} s. A particle is at one place at a "
+                f"track: two points at {time[repeated[0]]} s. A particle is at one place at a "
                 "time; keep one of them."
             )
         return self._fit(time, places, exit_point)
@@ -424,14 +425,6 @@ def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, fl
     return rmse, mape, r2, r2 - (1 - r2) * k / (n - (k + 1))
 
 
-class Path(NamedTuple):
-    """The points of one track that have a place in space, by ascending time."""
-
-    particle: int
-    time_s: Array  # (n,)
-    places_mm: Array  # (n, 3)
-
-
 def regress(
     track: pd.DataFrame,
     exit_point: npt.ArrayLike,
@@ -460,13 +453,11 @@ def regress(
     check_columns(track, AXES, "track")
     if "particle" in track.columns and len(track["particle"].unique()) > 1:
         raise InputError("track: more than one particle; call regress_all.")
-    paths = list(_paths(track.assign(particle=0), frame_rate_hz, "track"))
-    if not paths:
-        raise InputError("track: no points. Leave empty tracks out.")
-    _, time, places = paths[0]
-    if not len(time):
-        raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
-    return (parameters or Regression())(time, places, exit_point)
+    for _, time, places in _located(track.assign(particle=0), frame_rate_hz, "track"):
+        if not len(time):
+            raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
+        return (parameters or Regression())(time, places, exit_point)
+    raise InputError("track: no points. Leave empty tracks out.")
 
 
 def regress_all(
@@ -491,7 +482,8 @@ def regress_all(
         raise InputError(f"regress_all: the table ends at order {HIGHEST_ORDER}; use regress.")
     exit_mm = check_finite(exit_point, "exit_point")
     check_shape(exit_mm, (3,), "exit_point")
-    rows = [_row(path, exit_mm, parameters) for path in _paths(tracks, frame_rate_hz, "tracks")]
+    points = _located(tracks, frame_rate_hz, "tracks")
+    rows = [_row(*points_of_track, exit_mm, parameters) for points_of_track in points]
     if not rows:
         return TRAJECTORIES.empty()
     kinds: dict[str, Any] = {column.name: column.kind for column in TRAJECTORIES.columns}
@@ -524,7 +516,7 @@ def order_measures(
     fewest = max((method.fewest for method in methods), default=0)
     kinds = {"particle": int, "order": int, "axis": str} | dict.fromkeys(MEASURES, float)
     rows = []
-    for particle, time, places in _paths(tracks, frame_rate_hz, "tracks"):
+    for particle, time, places in _located(tracks, frame_rate_hz, "tracks"):
         for method in methods if len(time) >= fewest else []:
             fit = method(time, places, exit_point)
             values = zip(AXES, *(getattr(fit, name) for name in MEASURES), strict=True)
@@ -532,8 +524,11 @@ def order_measures(
     return pd.DataFrame(rows, columns=list(kinds)).astype(kinds)
 
 
-def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Iterator[Path]:
-    """Yield the tracks of a table by ascending number, whatever the order of its rows."""
+def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Iterator[Located]:
+    """Yield of each particle, by ascending number, its rows with a place, by ascending time.
+
+    Particle, times (n,) in s and places (n, 3) in mm.
+    """
     clock = "time_s" if frame_rate_hz is None else "frame"
     check_columns(tracks, ("particle", clock, *AXES), where)
     particle = check_whole(tracks["particle"], f"{where}: column particle")
@@ -549,32 +544,34 @@ def _paths(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Ite
     rank = np.lexsort((time, particle))
     rank = rank[particle[rank] >= 0]
     particle, time, places = particle[rank], time[rank], places[rank]
-    twice = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
-    if len(twice):
+    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
+    if len(repeated):
+        row = repeated[0]
         raise InputError(
-            f"{where}: two rows of particle {particle[twice[0]]} at {time[twice[0]]:.9g} s. A "
-            "particle is at one place at a time; keep one, or give it another number or -1."
+            f"{where}: two rows of particle {particle[row]} at {time[row]:.9g} s. A particle is at "
+            "one place at a time; keep one, or give it another number or -1."
         )
     names, starts = np.unique(particle, return_index=True)
     for name, rows in zip(names, np.split(np.arange(len(rank)), starts[1:]), strict=False):
         known = rows[np.isfinite(places[rows]).all(axis=1)]
-        yield Path(int(name), time[known], places[known])
+        yield int(name), time[known], places[known]
 
 
-def _row(path: Path, exit_mm: Array, parameters: Regression) -> dict[str, object]:
+def _row(
+    particle: int, time: Array, places: Array, exit_mm: Array, parameters: Regression
+) -> dict[str, object]:
     """Return the row of one track in the table."""
-    points = len(path.time_s)
     row: dict[str, Any] = {
         column.name: np.nan if column.kind is float else 0 for column in TRAJECTORIES.columns
     }
-    row |= {"particle": path.particle, "points": points}
+    row |= {"particle": particle, "points": len(time)}
     row |= zip(COLUMNS["exit_point_mm"], exit_mm.tolist(), strict=True)
-    if not points:
+    if not len(time):
         return row | {"outcome": NO_DEPTH}
-    row |= {"first_s": path.time_s[0], "last_s": path.time_s[-1]}
-    if points < parameters.fewest:
+    row |= {"first_s": time[0], "last_s": time[-1]}
+    if len(time) < parameters.fewest:
         return row | {"outcome": TOO_FEW}
-    fit = parameters(path.time_s, path.places_mm, exit_mm)
+    fit = parameters(time, places, exit_mm)
     for name, columns in COLUMNS.items():
         row |= zip(columns, np.atleast_1d(getattr(fit, name)).tolist(), strict=True)
     for axis, factors in zip(AXES, fit.coefficients, strict=True):
