@@ -38,7 +38,6 @@ TABLES = {
     "belt-arrival-rate": "sampling_hz source data_set model n iqr mae",
     "belt-arrival-verdicts": "source sampling_hz id verdict measured",
     "belt-lateral-verdicts": "source sampling_hz id verdict measured",
-    "sorter-friction-values": "value inputs_only found_with_spheres",
     "errata": "where printed recomputed consequence",
     "claims": "id verdict measured published notebook reason criterion",
 }

@@ -82,7 +82,7 @@ def constant_velocity(
     Centroids are not rounded to pixels: what they scatter is less. But a place is that of the
     belt below a particle as the camera sees it, off by up to 0.5 mm for a sphere at the start of
     the belt and changing slowly from there on, so that errors of successive frames are not
-    independent, as the filter takes them to be. Notebook 42 (belt16-pictures) has bias and root
+    independent, as the filter takes them to be. Notebook 46 (belt16-pictures) has bias and root
     mean square (spheres: some 0.27 mm along the belt, 0.1 mm across it); neither follows from the
     error of the calibration, which is that of the corners.
     """
