@@ -107,7 +107,7 @@ figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, 
 # feed has bursts, and their spread across the belt is larger than ours everywhere.
 
 # %%
-misfit = belt_sorter.misfits(profiles, belt_2020.AUTHORS).round(5)
+misfit = belt_sorter.velocity_misfits(profiles, belt_2020.AUTHORS).round(5)
 misfit
 
 # %% [markdown]

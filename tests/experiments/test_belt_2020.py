@@ -126,10 +126,10 @@ def test_the_same_particles_count_at_every_rate():
 def test_misfits_are_root_mean_squares_over_the_belt():
     rows = [("a", 0.0, 1.0), ("a", 1.0, 2.0), ("b", 0.0, 4.0), ("b", 1.0, 6.0)]
     table = pd.DataFrame(rows, columns=["variant", "x_mm", "mean_m_s"]).assign(data_set="spheres")
-    off = belt_sorter.misfits(table, "a")
+    off = belt_sorter.velocity_misfits(table, "a")
     assert off[["variant", "data_set"]].to_numpy().tolist() == [["b", "spheres"]]
     assert off["mean_m_s"][0] == pytest.approx(12.5**0.5)
-    assert belt_sorter.misfits(table, "c").empty
+    assert belt_sorter.velocity_misfits(table, "c").empty
 
 
 def test_draws_are_summed_up_per_model_and_data_set():

@@ -1,6 +1,6 @@
 """The simulated sorter beside the authors', and what its contact parameters change.
 
-Its variants are held against the authors' velocities (`misfits`).
+Its variants are held against the authors' velocities (`velocity_misfits`).
 
 MuJoCo's contacts are soft: time constants, damping and impedance are numerical settings, of
 which no paper prints any. The same particles are simulated with each of them halved and doubled
@@ -65,7 +65,8 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
         ``friction model`` alone.
     """
     if not is_installed():
-        return {("friction model", name): load_tracks({}, seed)[OWN, name] for name in DATA_SETS}
+        known = load_tracks({}, seed)
+        return {("friction model", name): known[OWN, name] for name in DATA_SETS}
     fitted = calibrated_sorter()
     sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
     sorters |= {("calibrated", name): fitted for name in DATA_SETS}
@@ -77,7 +78,7 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
     }
 
 
-def misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
+def velocity_misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
     """Return how far velocity profiles are off, root mean square over the belt.
 
     Parameters
