@@ -16,26 +16,22 @@ jobs = 2  # processes
 pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 
 # %%
-
-from kilnflight.experiments import plots, results
+from kilnflight.experiments import campaigns, plots
 from kilnflight.project import figures, style
 
-style.use_style()
-
 # %%
-from kilnflight.experiments import campaigns
-from kilnflight.project.parallel import Workers
-
+style.use_style()
 pictures = pictures or {"quick": 5, "standard": 60, "full": 300}[scale]
 origin = figures.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
-wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
-measured = campaigns.measure(wanted, Workers(jobs))
+results = campaigns.results(scale, seed, jobs)
 
 # %% [markdown]
 # ## How many
+#
+# Ours: the thesis does not say how many tracks its pictures show.
 
 # %%
-count = results.count_tracks(wanted, measured)
+count = campaigns.count_tracks(results)
 caption = (
     "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
     "after post-processing, and tracks that start at the lance."
@@ -46,30 +42,31 @@ figures.save("campaign-tracks", count, caption=caption, provenance=origin)
 # ## Optical ground truth and tracks
 
 # %%
-tracks, sums, shown = results.tracks_from_lance(measured), {}, {}
-for one in wanted:
-    first = one.frames.start + (len(one.frames) - pictures) // 2
-    some = range(first, first + pictures)
-    sums[one.key] = plots.summed_changes(results.twin_of(one), some)
-    shown[one.key] = results.of_campaign(tracks, one.key)
+tracks = campaigns.from_lance(results.tables, "tracks")
+sums, by_campaign = {}, {}
+for campaign in results.campaigns:
+    first = campaign.frames.start + (len(campaign.frames) - pictures) // 2
+    frames = range(first, first + pictures)
+    sums[campaign.key] = plots.summed_changes(campaigns.twin_of(campaign), frames)
+    by_campaign[campaign.key] = campaigns.of_campaign(tracks, campaign.key)
 
 # %%
-names = list(dict.fromkeys(one.fraction for one in wanted))
+names = list(dict.fromkeys(name for name, _ in sums))
 captions = {
     name: f"{name.capitalize()}s at each pressure: sum of the differences of {pictures} "
     f"neighbouring frames, and all trajectories from the lance; after Fig. A.{k + 1}."
     for k, name in enumerate(names)
 }
-drawn = {name: plots.sums_and_tracks(name, sums, shown) for name in names}
+drawn = {name: plots.sums_and_tracks(name, sums, by_campaign) for name in names}
 columns = ["fraction", "pressure_bar", "particle", "frame", "row", "col"]
 data = tracks[columns].groupby("fraction")
 
 # %%
 saved = []
 for k, name in enumerate(names):
-    one = {"picture": drawn[name], "caption": captions[name], "provenance": origin}
+    texts = {"caption": captions[name], "provenance": origin}
     table = data.get_group(name) if name in data.groups else data.obj.head(0)
-    saved.append(figures.save(f"fig-a-{k + 1}-tracks", table, **one))
+    saved.append(figures.save(f"fig-a-{k + 1}-tracks", table, picture=drawn[name], **texts))
 saved[0]
 
 # %%
@@ -85,6 +82,6 @@ saved[-1]
 # ## Result
 
 # %%
-parts = [f"{one.fraction} {one.pressure_bar} bar {one.from_lance}" for one in count.itertuples()]
+parts = [f"{row.fraction} {row.pressure_bar} bar {row.from_lance}" for row in count.itertuples()]
 result = f"Trajectories from the lance: {', '.join(parts)}."
 figures.conclude(result, [], origin)

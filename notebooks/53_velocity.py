@@ -22,22 +22,17 @@ from kilnflight.experiments import (
     accuracy,
     campaigns,
     confidence,
-    error_budget,
-    flight_claims,
     flight_pictures,
-    results,
+    statements,
 )
 from kilnflight.project import figures, style
-from kilnflight.project.parallel import Workers
 
 # %%
 style.use_style()
 origin = figures.trace("53_velocity", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
-measured = campaigns.measure(wanted, Workers(jobs))
-error_budget.prepare_truth(wanted, Workers(jobs))
-found, true = results.by_campaign(measured), results.true_results(wanted)
+results = campaigns.results(scale, seed, jobs)
 generator = np.random.default_rng(seed)
+sources = {"true": results.true, "measured": results.measured}
 
 # %% [markdown]
 # ## What is measured
@@ -45,7 +40,7 @@ generator = np.random.default_rng(seed)
 # Eq. 5.8 on the flight that was detected over most metres.
 
 # %%
-picture, passed, name = flight_pictures.longest_slices(measured)
+picture, passed, name = flight_pictures.longest_slices(results.tables)
 caption = (
     f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20: V_n is one metre over the "
     "time between passing metre n - 1 and metre n."
@@ -53,58 +48,49 @@ caption = (
 figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Every particle, every metre
+# ## Every particle, every metre, after Figs 5.21 to 5.24
 
 # %%
-pairs = accuracy.compare_velocities(wanted, measured)
-known = pairs.dropna(subset=["measured_m_s", "true_m_s"])
-picture = flight_pictures.velocity_scatter(known)
+quantities = ["velocity", "remaining", "landed"]
+printed = statements.beside_published(results.measured, results.true, quantities)
+picture = flight_pictures.velocity_boxes(sources, list(results.measured), printed)
+pairs = accuracy.compare_velocities(results.campaigns, results.tables)
 caption = (
-    "Velocity in depth of each particle, measured and true (Eq. 5.8), in the first two metres; the "
-    "boxes of Fig. 5.21 are in fig-5-22-velocity-boxes. The table has every metre. Particle: that "
-    "of the truth; -1 belongs to none. Empty: not measured, or the metre was not passed."
+    "Velocity in depth within each metre from the lance (Eq. 5.8), true of all flights in the same "
+    "frames and measured; after Figs 5.21 to 5.24. Orange bars: published medians or their bounds. "
+    "Numbers: particles that passed the metre; what lies above 25 m/s is cut off. The table has "
+    "every particle, measured by the longest of its tracks. Particle: that of the truth; -1 "
+    "belongs to none. Empty: not measured, or the metre was not passed."
 )
-table = pairs[[*results.KEYS, "particle", "slice_m", "measured_m_s", "true_m_s"]]
+columns = ["fraction", "pressure_bar", "particle", "slice_m", "measured_m_s", "true_m_s"]
+table = pairs[columns]
 figures.save("fig-5-21-velocity", table, picture=picture, caption=caption, provenance=origin)
-
-# %% [markdown]
-# ## Boxes by metre, after Figs 5.21 to 5.24
-
-# %%
-said = results.beside_published(found, true, ["velocity", "remaining", "landed"])
-sources = {"true": true, "measured": found}
-picture = flight_pictures.velocity_boxes(sources, list(found), said)
-caption = (
-    "Velocity in depth within each metre from the lance, true of all flights in the same frames "
-    "and measured; after Figs 5.21 to 5.24. Orange bars: published medians or their bounds. "
-    "Numbers: particles that passed the metre; what lies above 25 m/s is cut off."
-)
-table = results.by_source(sources)
-figures.save("fig-5-22-velocity-boxes", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The share that remains
 
 # %%
-picture = flight_pictures.remaining_shares(sources, said)
+outcomes = {source: campaigns.outcome_table(values) for source, values in sources.items()}
+table = statements.along_the_way(outcomes, printed)
+table = table[table["quantity"] == "remaining"]
+picture = flight_pictures.along_the_way(table, list(sources))
 caption = (
     "Share of the particles that pass each metre: true of all flights in the same frames, and "
-    "measured, where what is lost on the way counts as not remaining. Orange bars: published."
+    "measured, where what is lost on the way counts as not remaining. Broad bars: published, to "
+    "the left 4.5 bar, to the right 5 bar; open bounds run to the edge."
 )
-table = results.remaining_table(sources, said)
 figures.save("fig-5-20-remaining", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## With intervals
 #
-# The medians answer which differences between fractions are beyond chance; no printed table has
-# them. Spreads, shares and every printed number are kept for checks.
+# Ours: the medians answer which differences between fractions are beyond chance; no printed
+# table has them.
 
 # %%
-every = confidence.interval_table(
-    found, true, ["velocity", "remaining", "landed", "spread"], generator
-)
-medians = every[every["outcome"].str.startswith("velocity")]
+medians = confidence.median_table(results.measured, results.true, generator)
+medians = medians[medians["outcome"].str.startswith("velocity")]
+medians = medians.drop(columns=["true_number", "covers"])
 caption = (
     "Median velocity in depth (m/s) within each metre, measured, with the number of particles that "
     "passed it and its 95 % interval (bootstrap over these), and true. Without an interval: of "
@@ -113,29 +99,16 @@ caption = (
 )
 figures.save("velocity-medians", medians.round(3), caption=caption, provenance=origin)
 
-# %%
-others = every.drop(medians.index)
-table = confidence.with_intervals(said, every).round(2)
-ratios = confidence.ratio_table(found, generator)
-behind = results.behind_lance(measured)
-checks = {
-    "velocity-others": (others.round(3), "Shares (%) and spreads (m/s) with 95 % intervals."),
-    "velocity-published": (table, "Every printed number about velocity, with truth and interval."),
-    "velocity-ratio": (ratios, "Median velocity in the first metre, 5 bar over 4.5 bar."),
-    "velocity-behind": (behind, "Slices behind the lance, in how many flights, their velocities."),
-}
-for name, (table, caption) in checks.items():
-    figures.save_check(name, table, caption=caption, provenance=origin)
-
 # %% [markdown]
 # ### Metres passed before the first detection
 #
 # The polynomials go back to the lance; what they pass before the first detection counts, as
-# published. Here how many metres those are, what the medians come to without them, and how many
-# are faster than any particle of the twin truly is in that metre.
+# published. Ours, since it limits what the velocities can say: how many metres those are, what the
+# medians come to without them, and how many are faster than any particle of the twin truly is in
+# that metre.
 
 # %%
-unseen = confidence.unseen_metres(measured.slices, true, generator)
+unseen = confidence.metres_before_detection(results.tables.slices, results.true, generator)
 caption = (
     "Flights that passed each metre, how many of them before they were first seen (unseen), how "
     "many faster than any true particle there (too fast), and how many of these unseen; median "
@@ -153,7 +126,8 @@ figures.save("velocity-unseen", unseen.round(3), caption=caption, provenance=ori
 # is the polynomials that turn.
 
 # %%
-behind
+behind = results.tables.slices.query("slice_m < 0").groupby(["fraction", "pressure_bar"])
+behind.agg({"particle": ["size", "nunique"], "velocity_m_s": "median"})
 
 # %% [markdown]
 # ## Verdicts
@@ -161,10 +135,10 @@ behind
 # Statements with bounds: within them, or off by less than the unit of notebook 12.
 
 # %%
-verdicts = flight_claims.velocity_verdicts(measured, found, said, generator)
-first = flight_claims.by_pressure(found, "velocity 0-1 m (m/s)").iloc[:, 0]
+verdicts = statements.velocity_verdicts(results, printed, generator)
+first = statements.by_pressure(results.measured, "velocity 0-1 m (m/s)").iloc[:, 0]
 parts = [f"{name} {value:.1f}" for name, value in first.items()]
-off = (known["measured_m_s"] - known["true_m_s"])[known["slice_m"] == 1.0]
+off = (pairs["measured_m_s"] - pairs["true_m_s"])[pairs["slice_m"] == 1.0]
 far, near = unseen[unseen["metre"] > 3], unseen[unseen["metre"] < 4]
 shift = (near["seen_m_s"] - near["median_m_s"]).abs().max()
 

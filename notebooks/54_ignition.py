@@ -18,51 +18,45 @@ jobs = 2  # processes
 
 # %%
 import numpy as np
-import pandas as pd
 
 from kilnflight.experiments import (
     accuracy,
     campaigns,
     confidence,
-    error_budget,
-    flight_claims,
     flight_pictures,
-    results,
+    statements,
 )
 from kilnflight.project import figures, style
-from kilnflight.project.parallel import Workers
 
 # %%
 style.use_style()
 origin = figures.trace("54_ignition", {"scale": scale}, seed=seed)
-wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
-measured = campaigns.measure(wanted, Workers(jobs))
-error_budget.prepare_truth(wanted, Workers(jobs))
+results = campaigns.results(scale, seed, jobs)
 generator = np.random.default_rng(seed)
-above = measured._replace(flights=error_budget.flights_above_background(wanted, measured))
-readings = {"as published": measured, "above background": above}
-true = results.true_results(wanted)
-found = {name: results.by_campaign(one) for name, one in readings.items()}
-kinds = {"true": true} | found
+flights = campaigns.flights_above_background(results)
+readings = {
+    "as published": results.tables,
+    "above background": results.tables._replace(flights=flights),
+}
+values = {name: campaigns.values_by_campaign(tables) for name, tables in readings.items()}
+sources = {"true": results.true, **values}
 
 # %% [markdown]
 # ## In which particles ignition was detected
+#
+# Ours: only the twin knows which particles truly burn.
 
 # %%
-both = {name: accuracy.compare_campaigns(wanted, one) for name, one in readings.items()}
+both = {
+    name: accuracy.compare_campaigns(results.campaigns, tables) for name, tables in readings.items()
+}
 table = accuracy.ignition_errors(both)
 caption = (
     "Found particles that truly ignite in flight (lit) and that do not (unlit), and in how many of "
-    "them ignition was detected (told), by both readings of the grey values; with bias and spread "
+    "them ignition was detected, by both readings of the grey values; with bias and spread "
     "of its time in s."
 )
-figures.save("ignition-told", table, caption=caption, provenance=origin)
-
-# %%
-flights = measured.flights[measured.flights["from_lance"]]
-judged = pd.crosstab([flights[key] for key in results.KEYS], flights["ignition"]).reset_index()
-caption = "Outcome of the test of ignition for all flights from the lance, grey values as they are."
-figures.save_check("ignition-judged", judged, caption=caption, provenance=origin)
+figures.save("ignition-detected", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # Flights of too few points to be judged count as unlit in every share, as do those that burn from
@@ -71,11 +65,8 @@ figures.save_check("ignition-judged", judged, caption=caption, provenance=origin
 # ## Shares in steps of 0.1 s
 
 # %%
-published = {name: results.beside_published(one, true, ["ignited"]) for name, one in kinds.items()}
-early = published["as published"].query("outcome == 'ignited < 0.1 s (%)'")
-early = early.set_index(results.KEYS)["high"].to_dict()
-papers = [key for key in true if key[0] in flight_claims.PAPERS]
-picture = flight_pictures.ignition_bars(kinds, papers, early)
+keys = [key for key in results.true if key[0] in statements.PAPERS]
+picture, _ = flight_pictures.ignition_bars(sources, keys, statements.statements())
 caption = (
     "When confetti and paper shreds ignite, in per cent of all particles: true of all flights in "
     "the same frames, and measured by both readings; after Figs 5.25 and 5.26."
@@ -83,30 +74,16 @@ caption = (
 data = accuracy.ignition_times(both)
 figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)
 
+# %% [markdown]
+# Ours: the printed shares have no intervals, and no truth beside them.
+
 # %%
-shares = confidence.ignited_shares(kinds)
+shares = confidence.ignited_shares(sources)
 caption = (
     "Share of the particles that ignite in flight with its 95 % interval (Wilson): true of all "
     "flights in the same frames, and measured by both readings."
 )
 figures.save("ignition-shares", shares.round(4), caption=caption, provenance=origin)
-
-# %%
-words = ["ignition", "ignited"]
-parts = {
-    name: confidence.interval_table(one, true, words, generator) for name, one in found.items()
-}
-table = pd.concat(parts, names=["reading"]).reset_index("reading").round(3)
-caption = "Shares that ignite and the median time in s, by both readings, with 95 % intervals."
-figures.save_check("ignition-intervals", table, caption=caption, provenance=origin)
-
-# %%
-beside = published["as published"].rename(columns={"measured": "as_published"})
-beside.insert(8, "above_background", published["above background"]["measured"])
-for name, part in parts.items():
-    beside = confidence.with_intervals(beside, part, name.replace(" ", "_"))
-caption = "Every printed number about ignition with its bounds, the truth and both readings."
-figures.save_check("ignition-published", beside.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
@@ -114,12 +91,13 @@ figures.save_check("ignition-published", beside.round(3), caption=caption, prove
 # On the reading as published; the other one stands in the note.
 
 # %%
-printed = published["as published"]
-verdicts = flight_claims.ignition_verdicts(measured, found, printed, generator)
-share = {name: results.outcome_table(one)["ignited (%)"] for name, one in kinds.items()}
+verdicts = statements.ignition_verdicts(results, values["above background"], generator)
+share = {name: campaigns.outcome_table(each)["ignited (%)"] for name, each in sources.items()}
 parts = [
     f"{name} {bar} bar {ours:.0f} % (true {real:.0f} %)"
-    for (name, bar), ours, real in zip(true, share["as published"], share["true"], strict=True)
+    for (name, bar), ours, real in zip(
+        results.true, share["as published"], share["true"], strict=True
+    )
 ]
 result = f"Ignition detected by grey values as they are: {', '.join(parts)}."
 figures.conclude(result, verdicts, origin)

@@ -21,9 +21,8 @@ particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import campaigns, flight_pictures, plots, results
+from kilnflight.experiments import campaigns, confidence, flight_pictures, plots, statements
 from kilnflight.project import figures, style
-from kilnflight.project.parallel import Workers
 from kilnflight.scores import flights
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import flight_inputs
@@ -34,16 +33,16 @@ from kilnflight.twin.gas import Gas
 style.use_style()
 particles = particles or {"quick": 50, "standard": 400, "full": 2000}[scale]
 origin = figures.trace("55_simulated_flights", {"scale": scale, "particles": particles}, seed=seed)
-wanted = campaigns.campaigns(scale, campaigns.settings_from_labels(scale, seed), seed)
-found = results.by_campaign(campaigns.measure(wanted, Workers(jobs)))
-bar = max(one.pressure_bar for one in wanted)
-names = list(dict.fromkeys(one.fraction for one in wanted))
+results = campaigns.results(scale, seed, jobs)
+bar = max(pressure for _, pressure in results.true)
+names = list(dict.fromkeys(name for name, _ in results.true))
 
 # %%
 inputs = flight_inputs().applied(Flight(), Gas())
 flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
-simulated = {(name, bar): truth.flight_values(one) for name, one in flown.items()}
-measured = {key: found[key] for key in simulated}
+simulated = {(name, bar): truth.flight_values(each) for name, each in flown.items()}
+measured = {key: results.measured[key] for key in simulated}
+both = {"simulated": simulated, "measured": measured}
 
 # %% [markdown]
 # ## Simulated trajectories
@@ -51,8 +50,8 @@ measured = {key: found[key] for key in simulated}
 # %%
 picture = flight_pictures.simulated_in_space(flown, 30, bar)
 ends = [(name, ENDS[end]) for name in names for end in np.sort(flown[name].end)]
-data = pd.DataFrame(ends, columns=["fraction", "end"])
-data = data.groupby(["fraction", "end"], sort=False).size().rename("particles").reset_index()
+data = pd.DataFrame(ends, columns=["fraction", "end"]).groupby(["fraction", "end"], sort=False)
+data = data.size().reset_index(name="particles")
 caption = (
     "Thirty simulated flights each, dots 1 m apart in depth, after Fig. A.5; the table says how "
     "the flights of all fractions end."
@@ -64,14 +63,13 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 
 # %%
 shown = 40  # flights of each fraction
-times = {name: one.end_s for name, one in flown.items()}
+times = {name: each.end_s for name, each in flown.items()}
 picture = flight_pictures.simulated_paths(flown, times, shown, "dwell time (s)", bar)
-places = {name: one.end_position_m[:shown, 0] for name, one in flown.items()}
-data = pd.concat(
-    pd.DataFrame({"fraction": name, "end_s": times[name][:shown], "depth_m": places[name]})
-    for name in names
-)
-data.insert(1, "flight", data.index)
+parts = {
+    name: pd.DataFrame({"end_s": times[name], "depth_m": each.end_position_m[:, 0]}).head(shown)
+    for name, each in flown.items()
+}
+data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 
 # %%
 caption = (
@@ -83,8 +81,7 @@ figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance
 
 # %%
 picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
-both = {"simulated": simulated, "measured": measured}
-groups = {source: [one[name, bar].dwell_s for name in names] for source, one in both.items()}
+groups = {kind: [values[name, bar].dwell_s for name in names] for kind, values in both.items()}
 plots.grouped_boxes(axes, groups, names)
 axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
 _ = axes.legend(*axes.get_legend_handles_labels())
@@ -102,15 +99,15 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 # ## Velocity in depth
 
 # %%
-speeds = {name: one.velocity_m_s[:, :, 0] for name, one in flown.items()}
+speeds = {name: each.velocity_m_s[:, :, 0] for name, each in flown.items()}
 picture = flight_pictures.simulated_paths(flown, speeds, shown, "velocity in depth (m/s)", bar)
-rows = [
-    {"fraction": name, "flight": k, "metre": metre, "velocity_m_s": speed}
-    for (name, _), one in simulated.items()
-    for k, each in enumerate(one.velocity_m_s[:shown])
-    for metre, speed in zip(flights.METRES, each, strict=True)
-]
-data = pd.DataFrame(rows)
+parts = {
+    name: pd.DataFrame(each.velocity_m_s, columns=flights.METRES).head(shown)
+    for (name, _), each in simulated.items()
+}
+data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
+columns = {"var_name": "metre", "value_name": "velocity_m_s"}
+data = data.melt(["fraction", "flight"], **columns, ignore_index=False).sort_index(kind="stable")
 caption = (
     "The same flights coloured by their velocity in depth (scale: 5 to 95 % of all moments), after "
     "the left part of Fig. A.7; the table has the mean velocity in each metre (Eq. 5.8), empty "
@@ -124,24 +121,27 @@ caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
     "that passed it; after the right part of Fig. A.7."
 )
-data = results.by_source(both)
+data = campaigns.by_source(both)
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Do they agree?
 #
-# "Satisfactory agreement" is made a number: nothing printed says how far apart they are.
+# Ours: "satisfactory agreement" is made a number; nothing printed says how far apart they are.
 
 # %%
-agree = results.distribution_distances(simulated, measured)
+agree = confidence.distribution_distances(simulated, measured)
 caption = (
     "Kolmogorov and Smirnov's distance between simulated and measured distributions, and the "
     "probability of one as large if they were the same."
 )
 figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
+# %% [markdown]
+# Ours: the one number that the appendix prints about the simulation, beside both.
+
 # %%
-reach = results.beside_published(measured, simulated, ["penetration"])
+reach = statements.beside_published(measured, simulated, ["penetration"])
 reach = reach.rename(columns={"true": "simulated_here"}).round(2)
 caption = (
     "How far from the lance the flights of the thesis's CFD end, those simulated here, and those "

@@ -1,13 +1,16 @@
-"""Measured beside true, made by hand."""
+"""Measured beside true, made by hand; steps of the chain replaced by the truth."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import accuracy, error_budget
-from kilnflight.experiments.accuracy import compare, errors
-from kilnflight.experiments.error_budget import FlightTables
+from kilnflight.detection.wall import Cylinder
+from kilnflight.experiments import accuracy, campaigns
+from kilnflight.experiments.accuracy import FlightTables, compare, errors
+from kilnflight.experiments.campaigns import Measurement, Settings
 from kilnflight.experiments.tracking import true_particles
+
+LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
 TRUE = pd.DataFrame(
     {
@@ -43,28 +46,33 @@ def test_the_longest_track_of_a_particle_counts_and_false_flights_come_last():
     assert both["true_dwell_s"].notna().tolist() == [True, True, True, False]
 
 
-def test_endings_stand_by_the_true_ones_and_every_particle_once():
-    both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
-    both = both.assign(fraction="chip", pressure_bar=4.5)
-    found = accuracy.ending_table(both).set_index("true").drop(columns=["fraction", "pressure_bar"])
-    assert found.index.tolist() == ["burnt out", "landed unlit"]
-    assert found.loc["burnt out"].to_dict() == {
+def test_endings_stand_by_the_true_ones_and_nothing_is_left_out():
+    key = {"fraction": "chip", "pressure_bar": 4.5}
+    both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE).assign(**key)
+    tables = Measurement(None, None, FLIGHTS.assign(**key), None)
+    data = accuracy.flights_and_particles(tables, both)
+    assert data["true_s"].notna().sum() == 3
+    assert data["measured_s"].notna().sum() == 3  # all flights from the lance
+    endings = accuracy.ending_table(data).set_index("true").drop(columns=list(key))
+    assert endings.index.tolist() == ["burnt out", "landed unlit", accuracy.NOT_WHOLE]
+    assert endings.loc["burnt out"].to_dict() == {
         **{"landed unlit": 0, "landed burning": 1, "burnt out": 0, "lost": 0},
         "not measured": 0,
     }
-    assert found.loc["landed unlit", "not measured"] == 2
-    assert found.to_numpy().sum() == 3  # a false flight has no true ending
+    assert endings.loc["landed unlit", "not measured"] == 2
+    assert endings.loc[accuracy.NOT_WHOLE, "lost"] == 2  # a shorter track and a false flight
+    assert endings.drop(index=accuracy.NOT_WHOLE).to_numpy().sum() == 3
 
 
 def test_errors_are_those_of_measurable_particles():
-    found = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
-    assert (found["true"], found["found"], found["spurious"]) == (2, 1, 1)
-    assert found["dwell_s_bias"] == pytest.approx(0.02)
-    assert found["velocity_m_s_bias"] == pytest.approx(0.5)
-    assert found["ignition_s_bias"] == pytest.approx(0.05)
-    assert (found["lit"], found["lit_told"], found["unlit"]) == (1, 1, 0)
-    assert found["found_low"] < 0.5 < found["found_high"]
-    assert np.isnan(found["dwell_s_low"])  # of one particle nothing is sure
+    row = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
+    assert (row["true"], row["found"], row["spurious"]) == (2, 1, 1)
+    assert row["dwell_s_bias"] == pytest.approx(0.02)
+    assert row["velocity_m_s_bias"] == pytest.approx(0.5)
+    assert row["ignition_s_bias"] == pytest.approx(0.05)
+    assert (row["lit"], row["lit_detected"], row["unlit"]) == (1, 1, 0)
+    assert row["found_low"] < 0.5 < row["found_high"]
+    assert np.isnan(row["dwell_s_low"])  # of one particle nothing is sure
 
 
 def test_shorter_tracks_of_a_particle_do_not_count_twice():
@@ -74,9 +82,9 @@ def test_shorter_tracks_of_a_particle_do_not_count_twice():
 
 
 def test_without_any_flight_nothing_is_found_and_nothing_is_known():
-    found = errors(compare(FlightTables(FLIGHTS[:0], SLICES[:0], OWNERS[:0]), TRUE))
-    assert (found["found"], found["spurious"]) == (0, 0)
-    assert np.isnan(found["dwell_s_bias"])
+    row = errors(compare(FlightTables(FLIGHTS[:0], SLICES[:0], OWNERS[:0]), TRUE))
+    assert (row["found"], row["spurious"]) == (0, 0)
+    assert np.isnan(row["dwell_s_bias"])
 
 
 def test_detections_belong_to_the_nearest_true_position_within_the_gate():
@@ -90,13 +98,13 @@ def test_detections_belong_to_the_nearest_true_position_within_the_gate():
 def test_a_track_belongs_to_whom_at_least_half_of_it_belongs():
     tracks = pd.DataFrame({"particle": [1, 1, 1, 2, 2, 2, -1]})
     owner = np.array([7, 7, -1, 7, 8, 9, 7])
-    assert error_budget.particle_of_track(tracks, owner).to_dict() == {1: 7, 2: -1}
+    assert accuracy.particle_of_track(tracks, owner).to_dict() == {1: 7, 2: -1}
 
 
 def test_the_true_depth_replaces_the_measured_one_where_the_owner_is_known():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": np.nan, "y": np.nan, "z": [1.0, 2.0, 3.0]})
-    found = error_budget.with_true_depth(tracks, np.array([7, 7, -1]), true)
+    found = accuracy.with_true_depth(tracks, np.array([7, 7, -1]), true)
     assert found["z"].tolist() == [6000.0, 5900.0, 3.0]
 
 
@@ -104,8 +112,80 @@ def test_every_quantity_has_a_unit():
     assert list(accuracy.QUANTITIES) == ["dwell_s", "velocity_m_s", "ignition_s"]
 
 
-def test_every_flight_from_the_lance_is_accounted_for_once():
-    found = accuracy.account_flights(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE)
-    assert found == {"flights": 3, "found": 1, "duplicates": 1, "cut": 0, "spurious": 1}
-    parts = [found[name] for name in ("found", "duplicates", "cut", "spurious")]
-    assert sum(parts) == found["flights"]
+@pytest.fixture
+def campaign(monkeypatch):
+    monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 60))
+    return campaigns.campaigns("quick", LEARNED, scenario="small")[1]
+
+
+def seen(campaign):
+    true = campaigns.true_positions(campaign)
+    return true.assign(gray=np.where(true["label"] == 2, accuracy.LIT_GRAY, accuracy.UNLIT_GRAY))
+
+
+def flights(campaign, tracks):
+    found = dict(accuracy.replace_steps(campaign, tracks))
+    assert tuple(found) == accuracy.STEPS
+    for one in found.values():
+        assert set(one.flights["particle"]) <= set(one.particles.index)
+    return {name: one.flights.reset_index(drop=True) for name, one in found.items()}
+
+
+def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
+    true = seen(campaign)
+    found = flights(campaign, true)
+    assert len(found["whole chain"]) > 3
+    for name in ("true links", "true depth", "true trajectories"):
+        pd.testing.assert_frame_equal(found[name], found["whole chain"])
+
+
+def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
+    true = seen(campaign)
+    own = accuracy.fit_tracks(campaign.run, true)
+    given = dict(accuracy.replace_steps(campaign, true, own))
+    for name, one in accuracy.replace_steps(campaign, true):
+        pd.testing.assert_frame_equal(given[name].flights, one.flights)
+    none = dict(accuracy.replace_steps(campaign, true, {}))
+    assert not none["whole chain"].flights["from_lance"].any()
+    assert len(none["true positions and links"].flights) > 3
+
+
+def test_each_step_takes_away_the_error_of_that_step_alone(campaign):
+    true = seen(campaign)
+    exact = flights(campaign, true)["whole chain"]
+    wrong = true.assign(z=true["z"] + np.where(true["frame"] % 2, 300.0, -200.0))
+    found = flights(campaign, wrong)
+    for name in ("true depth", "true trajectories", "true positions and links"):
+        ours = found[name]["t0_s"]
+        np.testing.assert_allclose(ours, exact["t0_s"], err_msg=name)
+    for name in ("true links", "weighted axes", "weighted, robust", "whole chain"):
+        assert np.abs(found[name]["t0_s"] - exact["t0_s"]).max() > 1e-4, name
+
+
+def test_links_that_are_wrong_are_mended_where_links_are_true(campaign):
+    true = seen(campaign)
+    late = true["frame"] > true.groupby("particle")["frame"].transform("median")
+    torn = true.assign(particle=2 * true["particle"] + late)
+    found = flights(campaign, torn)
+    assert len(found["whole chain"]) > len(found["true links"])
+    pd.testing.assert_frame_equal(found["true links"], found["true positions and links"])
+
+
+def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign):
+    true = seen(campaign)
+    blind = true["particle"].iloc[0]
+    unknown = true["particle"].to_numpy() == blind
+    dark = true.assign(**{axis: true[axis].mask(unknown) for axis in "xyz"})
+    found = flights(campaign, dark)
+    assert blind not in set(found["true trajectories"]["particle"])
+    assert blind in set(found["true depth"]["particle"])
+    assert len(found["true trajectories"]) == len(found["whole chain"])
+
+
+def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
+    true = pd.DataFrame({"frame": [0, 1], "particle": 7, "z": [6000.0, 5900.0]})
+    tracks = pd.DataFrame({"frame": [0, 1, 1], "x": 1.0, "y": 2.0, "z": [7499.0, 7400.0, 9000.0]})
+    found = accuracy.link_by_truth(tracks, np.array([7, 7, -1]), true)
+    assert found["particle"].tolist() == [7, 7, -1]
+    np.testing.assert_equal(found["z"].to_numpy(), [7499.0, np.nan, 9000.0])
+    np.testing.assert_equal(found["x"].to_numpy(), [1.0, np.nan, 1.0])

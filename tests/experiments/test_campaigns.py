@@ -1,5 +1,6 @@
-"""The campaigns of the small twin, at the smallest scale."""
+"""The campaigns of the small twin, at the smallest scale; values of flights made by hand."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -7,9 +8,13 @@ from kilnflight import kiln
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import Settings
+from kilnflight.experiments.campaigns import Measurement, Settings
 from kilnflight.project.parallel import Workers
+from kilnflight.regression import Regression, regress_all
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
+
+EXIT = (0.0, 0.0, 6500.0)
+CELL = ("confetti", 4.5)
 
 LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
 
@@ -50,3 +55,50 @@ def test_another_wall_or_exit_point_is_another_table():
     for name in kiln.KILN_STEPS:
         names = {one.table(name).path.name for one in (run, lance, wall)}
         assert len(names) == (2 if name == "tracks" else 3)
+
+
+def track(particle, speed, start=0, count=40):
+    frame = np.arange(start + 2, start + 2 + count)
+    t = (frame - start) / 100.0
+    places = {"x": 300.0 * t, "y": 4900.0 * t**2, "z": 6500.0 - 1000.0 * speed * t}
+    return pd.DataFrame({"particle": particle, "frame": frame, **places})
+
+
+def flight(particle, dwell, from_lance=True, ignition=np.nan):
+    row = dict.fromkeys(FLIGHTS.names, 0.0) | {"particle": particle, "dwell_s": dwell}
+    row |= {"end_s": 0.3, "ending": "landed", "ignition": "none", "ignition_s": ignition}
+    return row | {"from_lance": from_lance}
+
+
+def with_cell(table, cell=CELL):
+    return table.assign(fraction=cell[0], pressure_bar=cell[1])
+
+
+FITTED = regress_all(
+    pd.concat([track(1, 5.0), track(2, 8.0), track(3, 5.0)]), EXIT, 100.0, Regression(highest=2)
+)
+FLOWN = pd.DataFrame([flight(1, 0.3), flight(2, 0.4, ignition=0.1), flight(3, 9.0, False)])
+SLICED = pd.DataFrame(
+    {"particle": [1, 2, 2, 2], "slice_m": [1.0, -1.0, 1.0, 2.0], "velocity_m_s": [5.0, -3.0, 8, 7]}
+)
+
+
+def test_only_flights_from_the_lance_count_and_slices_behind_it_do_not():
+    values = campaigns.flight_values(FITTED, FLOWN, SLICED)
+    assert values.dwell_s.tolist() == [0.3, 0.4]
+    np.testing.assert_equal(values.velocity_m_s[:, :3], [[5, np.nan, np.nan], [8, 7, np.nan]])
+    np.testing.assert_equal(values.ignition_s, [np.nan, 0.1])
+    np.testing.assert_allclose(values.reached_m, [1.5, 2.4], rtol=1e-3)
+
+
+def measured(cells):
+    parts = [FITTED, FLOWN, SLICED]
+    tables = [pd.concat([with_cell(one, cell) for cell in cells]) for one in parts]
+    return Measurement(with_cell(track(1, 5.0)), *tables)
+
+
+def test_cells_and_their_table_have_one_row_each():
+    values = campaigns.values_by_campaign(measured([CELL]))
+    assert list(values) == [CELL]
+    row = campaigns.outcome_table(values).iloc[0]
+    assert (row["particles"], row["dwell median (s)"]) == (2, pytest.approx(0.35))

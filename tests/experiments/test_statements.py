@@ -1,13 +1,19 @@
+"""The published sentences about flights as numbers, and verdicts on results made by hand."""
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import statements
+from kilnflight.experiments import campaigns, flight_pictures, statements
+from kilnflight.experiments.campaigns import Measurement, Results
 from kilnflight.project import claims
 from kilnflight.scores import flights as flight_scores
+from kilnflight.scores.flights import FlightValues
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
+from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scenes import PRESSURES_BAR
 
 
 def test_every_number_about_flight_and_ignition_is_expressed():
@@ -51,3 +57,115 @@ def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
 def test_a_misfit_is_the_distance_from_the_bounds(low, high, value, misfit):
     said = pd.DataFrame([{"outcome": "velocity 0-1 m (m/s)", "low": low, "high": high}])
     assert statements.misfits(said, pd.Series([value]))[0] == pytest.approx(misfit)
+
+
+KEYS = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]
+# seconds of dwell time, as the thesis has them at 4.5 bar
+DWELL = {"wood chip": 0.30, "confetti": 0.42, "paper shred": 0.45, "PE granule": 0.48}
+SPEED = {"wood chip": 13.5, "confetti": 7.4, "paper shred": 5.2, "PE granule": 9.0}
+
+
+def flights(name, bar, count=20):
+    """Particles that all do the same; PE granules are quicker at 5 bar."""
+    shorter = 0.75 if (name, bar) == ("PE granule", 5.0) else 1.0
+    velocity = np.full((count, 5), SPEED[name])
+    ignition = np.full(count, np.nan)
+    ignition[: {"confetti": 5, "paper shred": 14}.get(name, 0)] = 0.2
+    dwell = np.full(count, DWELL[name] * shorter)
+    return FlightValues(dwell, velocity, ignition, np.full(count, 3.0))
+
+
+@pytest.fixture
+def values():
+    return {key: flights(*key) for key in KEYS}
+
+
+def results(values, flights=statements.LEAST_FLIGHTS):
+    rows = [(*key, k, True) for key in KEYS for k in range(flights)]
+    table = pd.DataFrame(rows, columns=["fraction", "pressure_bar", "particle", "from_lance"])
+    return Results([], Measurement(None, None, table, None), values, values)
+
+
+def by_id(verdicts):
+    return {each.id: each.verdict for each in verdicts}
+
+
+def test_dwell_times_as_published_are_reproduced(values):
+    verdicts = statements.dwell_verdicts(results(values), np.random.default_rng(0))
+    judged = by_id(verdicts)
+    assert list(judged) == ["dwell-1", "dwell-2", "dwell-3", "dwell-4"]
+    assert judged["dwell-2"] == judged["dwell-3"] == claims.REPRODUCED
+    reason = next(each.reason for each in verdicts if each.id == "dwell-2")
+    assert "wood chip 4.5 < confetti 4.5" in reason
+    slow = values | {("wood chip", 5.0): values["PE granule", 4.5]}
+    judged = by_id(statements.dwell_verdicts(results(slow), np.random.default_rng(0)))
+    assert judged["dwell-2"] == claims.NOT_REPRODUCED
+
+
+def test_velocities_are_judged_and_what_was_fitted_is_no_result(values):
+    published = statements.beside_published(values, values, ["velocity", "remaining", "landed"])
+    verdicts = statements.velocity_verdicts(results(values), published, np.random.default_rng(0))
+    judged = by_id(verdicts)
+    assert set(judged) == {f"vel-{k}" for k in range(1, 7)}
+    assert judged["vel-1"] == claims.REPRODUCED
+    assert judged["vel-2"] != claims.REPRODUCED
+
+
+def test_ignition_is_judged_on_the_published_reading(values):
+    verdicts = statements.ignition_verdicts(results(values), values, np.random.default_rng(0))
+    assert list(by_id(verdicts)) == ["ign-1", "ign-2", "ign-3", "ign-4"]
+    assert "wood chip 4.5 bar 0" in verdicts[0].measured
+    assert "confetti 4.5" in verdicts[3].reason  # whether shares differ beyond chance
+    assert "above the background: wood chip 4.5 bar 0 %" in verdicts[0].reason
+
+
+def test_nothing_is_decided_with_too_few_flights(values):
+    few = results(values, statements.LEAST_FLIGHTS - 1)
+    judged = by_id(statements.dwell_verdicts(few, np.random.default_rng(0)))
+    assert set(judged.values()) == {claims.NOT_DECIDABLE}
+
+
+def test_a_claim_about_eight_cells_is_not_decided_on_one(values):
+    tables = results(values).tables
+    flights = campaigns.of_campaign(tables.flights, ("confetti", 4.5))
+    (verdict,) = statements.judge_all(tables._replace(flights=flights), {"dwell-1": 0.4})
+    assert verdict.verdict == claims.NOT_DECIDABLE
+    assert "eight cells" in verdict.reason
+
+
+def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict(values):
+    tables, given = results(values).tables, {"dwell-1": 0.4, "dwell-2": {"first": True}}
+    plain = statements.judge_all(tables, given, "a note")
+    noted = statements.judge_all(tables, given, "a note", {"dwell-2": "medians resolved: none"})
+    assert [each.verdict for each in noted] == [each.verdict for each in plain]
+    assert [each.reason for each in noted] == ["a note", "a note; medians resolved: none"]
+
+
+def test_printed_numbers_stand_beside_truth_and_measurement(values):
+    confetti = {("confetti", 4.5): values["confetti", 4.5]}
+    table = statements.beside_published(confetti, confetti, ["dwell"])
+    assert set(table["fraction"]) == {"confetti"}
+    np.testing.assert_array_equal(table["true"], table["measured"])
+
+
+def test_a_printed_number_holds_within_its_bounds_or_its_unit():
+    rows = [("velocity 0-1 m (m/s)", 7.4, 7.4, 7.8), ("remaining 1 m (%)", 90.0, 100.0, 89.0)]
+    table = pd.DataFrame(rows, columns=["outcome", "low", "high", "measured"])
+    table = table.assign(fraction="confetti", pressure_bar=4.5)
+    assert list(statements.conditions(table, ("confetti", 4.5)).values()) == [True, False]
+    nothing = {"nothing measured": False}
+    assert statements.conditions(table, ("PE granule", 4.5)) == nothing
+
+
+def test_pictures_have_a_panel_for_each_campaign_or_fraction(values):
+    printed = statements.beside_published(values, values, ["velocity", "remaining", "landed"])
+    boxes = flight_pictures.velocity_boxes({"true": values, "measured": values}, KEYS, printed)
+    assert [axes.get_title() for axes in boxes.axes] == [f"{a}, {b} bar" for a, b in KEYS]
+    outcomes = dict.fromkeys(("true", "measured"), campaigns.outcome_table(values))
+    table = statements.along_the_way(outcomes, printed)
+    way = flight_pictures.along_the_way(table, list(outcomes))
+    assert [axes.get_title() for axes in way.axes] == 2 * sorted(FRACTIONS)
+    papers = [key for key in KEYS if key[0] in statements.PAPERS]
+    bars, bins = flight_pictures.ignition_bars({"true": values}, papers, statements.statements())
+    assert [axes.get_title() for axes in bars.axes] == [f"{a}, {b} bar" for a, b in papers]
+    assert bins.groupby(["kind", "fraction", "pressure_bar"]).ngroups == len(papers)

@@ -1,31 +1,102 @@
-"""Errors of measured flights: bias, spread, which particles were measured at all."""
+"""Errors of measured flights, and with one step of the chain after the other made true.
+
+measured flights, true flights -> `compare` -> `errors`: bias, spread, who was measured at all
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import joblib
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import ignition
-from kilnflight.experiments.campaigns import Campaign, Measurement
-from kilnflight.experiments.error_budget import (
-    FlightTables,
-    particle_of_track,
-    replace_steps,
-    true_flights,
+from kilnflight import kiln, regression
+from kilnflight.checks import InputError
+from kilnflight.experiments.campaigns import (
+    KEYS,
+    Campaign,
+    Measurement,
+    Results,
+    campaign_keys,
+    of_campaign,
+    rows_by_campaign,
+    stack,
     true_positions,
+    twin_of,
+    whole_flights,
 )
-from kilnflight.experiments.results import KEYS, CampaignKey, of_campaign
+from kilnflight.experiments.confidence import interval_columns, median_of
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
-from kilnflight.regression import fits
+from kilnflight.kiln import KilnRun
+from kilnflight.regression import Regression
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import METRES, FlightValues, quartiles
+from kilnflight.scores.flights import METRES, quartiles
+from kilnflight.tracking.gate import Gate
+from kilnflight.tracking.tracker import track
+from kilnflight.tracklets import postprocess, tracked
+from kilnflight.twin.truth import velocities
+
+Array = npt.NDArray[np.float64]
+Owners = npt.NDArray[np.int64]
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
+NOT_WHOLE, NOT_MEASURED = "no whole flight", "not measured"
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
+UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
+STEPS = (
+    "true positions and links",
+    "true links",
+    "true positions",
+    "true depth",
+    "true trajectories",
+    "weighted axes",
+    "weighted, robust",
+    "whole chain",
+)
+SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
+WEIGHTED = Regression(scale_mm=SCATTER_MM)
+ROBUST = Regression(scale_mm=SCATTER_MM, robust=True)
+
+
+class FlightTables(NamedTuple):
+    """Flights that were worked out in one way."""
+
+    flights: pd.DataFrame  # `kilnflight.tables.FLIGHTS`
+    slices: pd.DataFrame  # `kilnflight.tables.SLICES`
+    particles: pd.Series  # true particle by track; -1: none
+
+
+def true_flights(campaign: Campaign) -> pd.DataFrame:
+    """Return what is true of every particle that flies in the frames of a campaign.
+
+    Returns
+    -------
+    DataFrame
+        ``particle``; ``ending``, and ``dwell_s`` (NaN if it is neither on the wall nor burnt
+        out); ``velocity_m_s`` of the first metre, and ``velocity_1_m_s`` to 5; ``ignition_s``
+        (NaN: never); ``whole``: released and over within the frames; ``measurable``: followed
+        by a person at five positions or more (`kilnflight.twin.truth.true_trajectories`).
+    """
+    twin, frames = twin_of(campaign), campaign.frames
+    flights, rate = twin.life.flights, twin.scene.frame_rate_hz
+    release = twin.life.release_s * rate
+    metres = velocities(flights)
+    table = twin.life.table[["particle"]].assign(ending=twin.life.table["end"])
+    table = table.assign(
+        dwell_s=np.where(table["ending"].isin([LANDED, BURNT_OUT]), flights.end_s, np.nan),
+        velocity_m_s=metres[:, 0],
+        **{f"velocity_{metre}_m_s": metres[:, k] for k, metre in enumerate(METRES)},
+        ignition_s=flights.ignition_s,
+        whole=whole_flights(campaign),
+        measurable=table["particle"].isin(true_positions(campaign)["particle"]),
+    )
+    flying = (release < frames.stop) & (release + flights.end_s * rate > frames.start)
+    return table[flying].reset_index(drop=True)
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
@@ -39,7 +110,7 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     measured
         Flights that were worked out in one way.
     true
-        `kilnflight.experiments.error_budget.true_flights`.
+        `true_flights`.
 
     Returns
     -------
@@ -48,108 +119,88 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
         it), ``track`` (-1: none), ``ending`` and ``true_ending``, and ``measured_`` and ``true_``
         of `QUANTITIES`.
     """
-    counted = _from_lance(measured.flights, measured.particles)
-    slices = measured.slices
+    counted, slices = _from_lance(measured), measured.slices
     first = slices[slices["slice_m"] == 1.0].set_index("particle")["velocity_m_s"]
-    velocity = counted["track"].map(first).astype(np.float64)
-    table = counted[["track", "particle", "ending"]].assign(
-        measured_dwell_s=counted["dwell_s"],
-        measured_velocity_m_s=velocity,
-        measured_ignition_s=counted["ignition_s"],
-    )
-    known = {name: f"true_{name}" for name in ("ending", *QUANTITIES)}
-    there = true.loc[true["whole"], ["particle", "measurable", *known]].rename(columns=known)
-    both = there.merge(table[counted["longest"]], how="left", on="particle")
-    false = table[table["particle"] < 0].assign(measurable=False)
+    counted["velocity_m_s"] = counted["track"].map(first).astype(np.float64)
+    ours = counted.rename(columns={name: f"measured_{name}" for name in QUANTITIES})
+    columns = ["track", "particle", "ending", *(f"measured_{name}" for name in QUANTITIES)]
+    names = {name: f"true_{name}" for name in ("ending", *QUANTITIES)}
+    real = true.loc[true["whole"], ["particle", "measurable", *names]].rename(columns=names)
+    both = real.merge(ours.loc[ours["longest"], columns], how="left", on="particle")
+    false = ours.loc[ours["particle"] < 0, columns].assign(measurable=False)
     both = pd.concat([both, false], ignore_index=True)
     both[["ending", "true_ending"]] = both[["ending", "true_ending"]].fillna("")
     return both.assign(track=both["track"].fillna(-1).astype(np.int64))
 
 
-def _from_lance(flights: pd.DataFrame, particles: pd.Series) -> pd.DataFrame:
-    """Return the flights from the lance by length, with ``track`` and true ``particle``.
+def _from_lance(measured: FlightTables) -> pd.DataFrame:
+    """Return the flights from the lance, with ``track`` and true ``particle``.
 
-    ``longest``: the longest track of a particle; -1 is no particle.
+    ``longest``: the longest track in time of a particle; -1 is no particle.
     """
-    counted = flights[flights["from_lance"]].rename(columns={"particle": "track"})
-    particle = counted["track"].map(particles).fillna(-1).astype(np.int64)
-    counted = counted.assign(particle=particle)
-    length = (counted["last_s"] - counted["first_s"]).sort_values(kind="stable")
+    flights = measured.flights[measured.flights["from_lance"]]
+    particle = flights["particle"].map(measured.particles).fillna(-1).astype(np.int64)
+    length = (flights["last_s"] - flights["first_s"]).sort_values(kind="stable")
     last = ~particle.loc[length.index].duplicated(keep="last")
-    return counted.assign(longest=last & (particle >= 0))
+    flights = flights.rename(columns={"particle": "track"})
+    return flights.assign(particle=particle, longest=last & (particle >= 0))
 
 
-def compare_campaigns(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
+def compare_campaigns(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
     """Return `compare` of the measurement as it is, with fraction and pressure in front."""
-    parts = [
-        _with_key(compare(tables, true_flights(campaign)), campaign)
-        for campaign, tables in _with_particles(campaigns, measured)
-    ]
-    return pd.concat(parts, ignore_index=True)
+    return stack(
+        {
+            campaign.key: compare(flights, true_flights(campaign))
+            for campaign, flights in _with_particles(campaigns, tables)
+        }
+    )
 
 
 def _with_particles(
-    campaigns: Sequence[Campaign], measured: Measurement
+    campaigns: Sequence[Campaign], tables: Measurement
 ) -> Iterator[tuple[Campaign, FlightTables]]:
     """Yield each campaign with its flights, its slices and the true particles of its tracks."""
     for campaign in campaigns:
-        tracks, _, flights, slices = (of_campaign(table, campaign.key) for table in measured)
+        tracks, _, flights, slices = (of_campaign(table, campaign.key) for table in tables)
         owner = true_particles(tracks.reset_index(drop=True), true_positions(campaign))
+        flights, slices = (table.drop(columns=KEYS) for table in (flights, slices))
         yield campaign, FlightTables(flights, slices, particle_of_track(tracks, owner))
 
 
-def _with_key(table: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
-    table.insert(0, "fraction", campaign.fraction)
-    table.insert(1, "pressure_bar", campaign.pressure_bar)
-    return table
+def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
+    """Return the velocity in each metre, measured and true, one row per particle and metre.
 
-
-def ending_table(both: pd.DataFrame) -> pd.DataFrame:
-    """Return how flights end by how they truly do (Fig. 5.18), in particles.
-
-    Parameters
-    ----------
-    both
-        `compare_campaigns`.
+    Of several tracks of a particle the longest in time counts.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``true``; ``landed unlit``, ``landed burning``, ``burnt
-        out`` and ``lost`` as measured, and ``not measured``.
+        ``fraction``, ``pressure_bar``, ``particle`` (-1: a false flight), ``slice_m``,
+        ``measured_m_s``, ``true_m_s`` (NaN where there is none).
     """
-    real = both[both["particle"] >= 0]
-    true = ending_cases(real["true_ending"], real["true_ignition_s"].notna()).rename("true")
-    measured = ending_cases(real["ending"], real["measured_ignition_s"].notna())
-    measured = measured.where(real["track"] >= 0, "not measured")
-    table = pd.crosstab([real["fraction"], real["pressure_bar"], true], measured)
-    columns = [*CASES, LOST, "not measured"]
-    return table.reindex(columns=columns, fill_value=0).rename_axis(columns=None).reset_index()
+    parts = {}
+    for campaign, flights in _with_particles(campaigns, tables):
+        counted = _from_lance(flights)
+        counted = counted.loc[counted["longest"] | (counted["particle"] < 0)]
+        slices = flights.slices.rename(
+            columns={"particle": "track", "velocity_m_s": "measured_m_s"}
+        )
+        measured = slices.merge(counted[["track", "particle"]], on="track")
+        columns = {f"velocity_{metre}_m_s": float(metre) for metre in METRES}
+        wide = true_flights(campaign).query("whole").rename(columns=columns)
+        true = wide.melt("particle", list(columns.values()), "slice_m", "true_m_s").dropna()
+        true = true.astype({"slice_m": np.float64})
+        measured = measured[["particle", "slice_m", "measured_m_s"]]
+        parts[campaign.key] = measured.merge(true, how="outer", on=["particle", "slice_m"])
+    return stack(parts)
 
 
-def ending_cases(ending: pd.Series, lit: pd.Series) -> pd.Series:
-    """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
-    landed = lit.map({False: CASES[0], True: CASES[1]})
-    return ending.where(ending != LANDED, landed)
-
-
-def count_endings(measured: Measurement) -> pd.DataFrame:
-    """Return how measured flights end by campaign, and how many do not start at the lance."""
-    counted = measured.flights[measured.flights["from_lance"]]
-    lit = counted["ignition"].isin([ignition.SEEN, ignition.BEFORE])
-    ends = pd.crosstab([counted[key] for key in KEYS], ending_cases(counted["ending"], lit))
-    left_out = measured.flights.assign(left_out=~measured.flights["from_lance"])
-    table = left_out.groupby(KEYS)[["left_out"]].sum().reset_index()
-    table = table.rename(columns={"left_out": "left out: not from the lance"})
-    return table.merge(ends.reset_index(), how="left", on=KEYS).fillna(0)
-
-
-def dwell_times(measured: Measurement, both: pd.DataFrame) -> pd.DataFrame:
-    """Return the dwell times of Fig. 5.19: measured of all flights, true of all particles.
+def flights_and_particles(tables: Measurement, both: pd.DataFrame) -> pd.DataFrame:
+    """Return all flights from the lance and all whole true flights, side by side where they match.
 
     Parameters
     ----------
-    measured
+    tables
         The campaigns.
     both
         `compare_campaigns`.
@@ -157,26 +208,61 @@ def dwell_times(measured: Measurement, both: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``fraction``, ``pressure_bar``, ``track``, ``measured_s``, ``ending``, ``particle`` (-1:
-        of no whole flight), ``true_s``, ``true_ending``; empty where there is none.
+        ``fraction``, ``pressure_bar``, ``track``, ``measured_s`` (dwell time), ``ending``,
+        ``ignition_s``; ``particle`` (-1: of no whole flight), ``true_s``, ``true_ending``,
+        ``true_ignition_s``; empty where there is none.
     """
-    flights = measured.flights[measured.flights["from_lance"]]
+    flights = tables.flights[tables.flights["from_lance"]]
     flights = flights.rename(columns={"particle": "track", "dwell_s": "measured_s"})
-    truth = both.rename(columns={"true_dwell_s": "true_s"})
-    data = flights[[*KEYS, "track", "measured_s", "ending"]].merge(
-        truth[[*KEYS, "track", "particle", "true_s", "true_ending"]], "outer", [*KEYS, "track"]
+    true = both.rename(columns={"true_dwell_s": "true_s"})
+    data = flights[[*KEYS, "track", "measured_s", "ending", "ignition_s"]].merge(
+        true[[*KEYS, "track", "particle", "true_s", "true_ending", "true_ignition_s"]],
+        how="outer",
+        on=[*KEYS, "track"],
     )
     return data.fillna({"particle": -1}).astype({"particle": int})
 
 
+def ending_table(data: pd.DataFrame) -> pd.DataFrame:
+    """Return how flights from the lance end by how they truly do (Fig. 5.18).
+
+    Parameters
+    ----------
+    data
+        `flights_and_particles`.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``true`` (`NOT_WHOLE` for false flights, further tracks of
+        a particle and those that the recording cuts); ``landed unlit``, ``landed burning``,
+        ``burnt out`` and ``lost`` as measured, and ``not measured``.
+    """
+    measured = _cases(data["ending"], data["ignition_s"]).fillna(NOT_MEASURED)
+    true = _cases(data["true_ending"], data["true_ignition_s"])
+    true = true.where(data["particle"] >= 0, NOT_WHOLE).rename("true")
+    table = pd.crosstab([data["fraction"], data["pressure_bar"], true], measured)
+    columns = [*CASES, LOST, NOT_MEASURED]
+    return table.reindex(columns=columns, fill_value=0).rename_axis(columns=None).reset_index()
+
+
+def _cases(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
+    """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
+    landed = ignition_s.notna().map({False: CASES[0], True: CASES[1]})
+    return ending.where(ending != LANDED, landed)
+
+
 def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return where ignition was detected, and the errors of its time, by reading and campaign."""
+    """Return where ignition was detected, and the errors of its time, by reading and campaign.
+
+    ``both``: `compare_campaigns` by reading.
+    """
     rows = [
-        {"reading": reading, **dict(zip(KEYS, key, strict=True)), **errors(one)}
+        {"reading": reading, **dict(zip(KEYS, key, strict=True)), **errors(of_campaign(table, key))}
         for reading, table in both.items()
-        for key, one in table.groupby(KEYS, sort=False)
+        for key in campaign_keys(table)
     ]
-    columns = ["reading", *KEYS, "found", "lit", "lit_told", "unlit", "unlit_told"]
+    columns = ["reading", *KEYS, "found", "lit", "lit_detected", "unlit", "unlit_detected"]
     columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
     return pd.DataFrame(rows).reindex(columns=columns)
 
@@ -189,70 +275,6 @@ def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     data = first.assign(measured_above_background_s=times, found=first["track"] >= 0)
     columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "found"]
     return data[[*KEYS, *columns]]
-
-
-def accuracy_in_words(
-    whole: pd.DataFrame,
-    found: Mapping[CampaignKey, FlightValues],
-    true: Mapping[CampaignKey, FlightValues],
-) -> pd.DataFrame:
-    """Return the main table of accuracy as text: found, bias, interval and spread by campaign.
-
-    Parameters
-    ----------
-    whole
-        Rows of the `error_budget` of the whole chain.
-    found, true
-        Results by campaign.
-    """
-    rows = []
-    for one in whole.to_dict("records"):
-        key = one["fraction"], one["pressure_bar"]
-        share = f"[{one['found_low']:.2f}, {one['found_high']:.2f}]"
-        row = dict(zip(KEYS, key, strict=True))
-        row["found"] = f"{one['found']:.0f} of {one['true']:.0f} {share}"
-        for name, unit in QUANTITIES.items():
-            short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
-            bias, low, high, spread = (
-                one[f"{name}_{what}"] for what in ("bias", "low", "high", "spread")
-            )
-            text = f"{bias:+.3f} [{low:+.3f}, {high:+.3f}] +- {spread:.3f}"
-            row[short] = text if one[f"{name}_n"] else ""
-        ours, real = (quartiles(results[key].dwell_s)[1] for results in (found, true))
-        row["cell's dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
-        row["false flights"] = f"{one['spurious']:.0f} of {one['flights']:.0f}"
-        row["ignition detected, rightly"] = f"{one['lit_told']:.0f} of {one['lit']:.0f}"
-        row["detected of the unlit"] = f"{one['unlit_told']:.0f} of {one['unlit']:.0f}"
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def compare_velocities(campaigns: Sequence[Campaign], measured: Measurement) -> pd.DataFrame:
-    """Return the velocity in each metre, measured and true, one row per particle and metre.
-
-    Of several tracks of a particle the longest in time counts.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``particle`` (-1: a false flight), ``slice_m``,
-        ``measured_m_s``, ``true_m_s`` (NaN where there is none).
-    """
-    parts = []
-    for campaign, (flights, slices, particles) in _with_particles(campaigns, measured):
-        counted = _from_lance(flights, particles)
-        shorter = counted.loc[(counted["particle"] >= 0) & ~counted["longest"], "track"]
-        table = slices.loc[~slices["particle"].isin(shorter), ["particle", "slice_m"]]
-        table["particle"] = table["particle"].map(particles).fillna(-1).astype(np.int64)
-        table["measured_m_s"] = slices["velocity_m_s"]
-        true = true_flights(campaign)
-        columns = {f"velocity_{metre}_m_s": float(metre) for metre in METRES}
-        wide = true[true["whole"]].rename(columns=columns)
-        tall = wide.melt("particle", list(columns.values()), "slice_m", "true_m_s").dropna()
-        tall = tall.astype({"slice_m": np.float64})
-        both = table.merge(tall, how="outer", on=["particle", "slice_m"])
-        parts.append(both.assign(fraction=campaign.fraction, pressure_bar=campaign.pressure_bar))
-    return pd.concat(parts, ignore_index=True)
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
@@ -272,11 +294,11 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     """
     generator = np.random.default_rng(seed)
     real = both[(both["particle"] >= 0) & both["measurable"]]
-    found = real["track"] >= 0
-    share = intervals.share(int(found.sum()), len(real))
+    measured = real["track"] >= 0
+    share = intervals.share(int(measured.sum()), len(real))
     row = {
         "true": float(len(real)),
-        "found": float(found.sum()),
+        "found": float(measured.sum()),
         "spurious": float((both["particle"] < 0).sum()),
         "found_low": share.low,
         "found_high": share.high,
@@ -284,69 +306,149 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     for name in QUANTITIES:
         off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
         low, bias, high = np.quantile(off, [0.16, 0.5, 0.84]) if len(off) else 3 * (np.nan,)
+        interval = interval_columns(median_of(off, generator))
         row |= {f"{name}_n": float(len(off)), f"{name}_bias": bias}
-        row[f"{name}_spread"] = (high - low) / 2
-        interval = intervals.Bootstrap()(np.median, [off], generator)
-        for side in ("low", "high"):
-            bound = getattr(interval, side)
-            row[f"{name}_{side}"] = bound if np.isfinite(bound) else np.nan
+        row |= {f"{name}_spread": (high - low) / 2}
+        row |= {f"{name}_{side}": interval[side] for side in ("low", "high")}
     lit = real["true_ignition_s"].notna()
     detected = real["measured_ignition_s"].notna()
-    for name, kind in (("lit", found & lit), ("unlit", found & ~lit)):
-        row |= {name: float(kind.sum()), f"{name}_told": float((kind & detected).sum())}
+    for name, kind in (("lit", measured & lit), ("unlit", measured & ~lit)):
+        row |= {name: float(kind.sum()), f"{name}_detected": float((kind & detected).sum())}
     return row
 
 
-def account_flights(measured: FlightTables, true: pd.DataFrame) -> dict[str, int]:
-    """Return what became of every flight that starts at the lance; the parts add up.
-
-    Returns
-    -------
-    dict
-        ``flights``; of these ``found`` (the longest of a measurable particle whose whole
-        flight is recorded), ``duplicates`` (further ones of any particle), ``cut`` (of a
-        particle that flies on before or after the recording, or that no person could follow)
-        and ``spurious`` (false flights).
-    """
-    particle = _from_lance(measured.flights, measured.particles)["particle"]
-    good = true.loc[true["whole"] & true["measurable"], "particle"]
-    known = particle[particle >= 0]
-    first = known.drop_duplicates()
-    found = int(first.isin(good).sum())
-    return {
-        "flights": len(particle),
-        "found": found,
-        "duplicates": len(known) - len(first),
-        "cut": len(first) - found,
-        "spurious": int((particle < 0).sum()),
-    }
-
-
-def error_budget(
-    campaigns: Sequence[Campaign], measured: Measurement, jobs: int = 1
-) -> pd.DataFrame:
+def error_budget(results: Results, jobs: int = 1) -> pd.DataFrame:
     """Return `errors` of every campaign and way of `replace_steps`, in `jobs` processes."""
-    rows = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(_campaign_budget)(
-            campaign, *(of_campaign(table, campaign.key) for table in measured[:2])
-        )
-        for campaign in campaigns
+    keys = [campaign.key for campaign in results.campaigns]
+    parts = joblib.Parallel(n_jobs=jobs)(
+        joblib.delayed(_budget)(each, *(of_campaign(t, each.key) for t in results.tables[:2]))
+        for each in results.campaigns
     )
-    return pd.DataFrame([row for part in rows for row in part])
+    return stack(dict(zip(keys, parts, strict=True)))
 
 
-def _campaign_budget(
-    campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame
-) -> list[dict[str, object]]:
+def _budget(campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of one campaign, given its tracks and their trajectories."""
     tracks = tracks.drop(columns=KEYS).reset_index(drop=True)
-    true = true_flights(campaign)
-    return [
-        {
-            **dict(zip(KEYS, campaign.key, strict=True)),
-            "way": name,
-            **errors(compare(flights, true)),
-            **account_flights(flights, true),
-        }
-        for name, flights in replace_steps(campaign, tracks, fits(trajectories.drop(columns=KEYS)))
-    ]
+    fits = regression.fits(trajectories.drop(columns=KEYS))
+    true, rows = true_flights(campaign), []
+    for step, tables in replace_steps(campaign, tracks, fits):
+        number = int(tables.flights["from_lance"].sum())
+        rows.append({"way": step, **errors(compare(tables, true)), "flights": number})
+    return pd.DataFrame(rows)
+
+
+def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
+    """Return the main table of accuracy as text: found, bias, interval and spread by campaign.
+
+    ``whole``: rows of the `error_budget` of the whole chain.
+    """
+    rows = {}
+    for row in whole.to_dict("records"):
+        key = row["fraction"], row["pressure_bar"]
+        share = f"[{row['found_low']:.2f}, {row['found_high']:.2f}]"
+        text = {"found": f"{row['found']:.0f} of {row['true']:.0f} {share}"}
+        for name, unit in QUANTITIES.items():
+            bias, low, high, spread = (
+                row[f"{name}_{k}"] for k in ("bias", "low", "high", "spread")
+            )
+            error = f"{bias:+.3f} [{low:+.3f}, {high:+.3f}] +- {spread:.3f}"
+            short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
+            text[short] = error if row[f"{name}_n"] else ""
+        ours, real = (quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true))
+        text["cell's dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
+        text["false flights"] = f"{row['spurious']:.0f} of {row['flights']:.0f}"
+        text["ignition detected, rightly"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"
+        text["detected of the unlit"] = f"{row['unlit_detected']:.0f} of {row['unlit']:.0f}"
+        rows[key] = text
+    return rows_by_campaign(rows)
+
+
+def particle_of_track(tracks: pd.DataFrame, owner: Owners) -> pd.Series:
+    """Return the true particle by track: whose most of its detections are, and at least half."""
+    table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
+    count = table[table["particle"] >= 0].value_counts(["particle", "owner"]).reset_index()
+    count["of"] = count.groupby("particle")["count"].transform("sum")
+    best = count.sort_values(["particle", "count", "owner"]).groupby("particle").last()
+    return best["owner"].where(2 * best["count"] >= best["of"], -1)
+
+
+def replace_steps(
+    campaign: Campaign, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit] | None = None
+) -> Iterator[tuple[str, FlightTables]]:
+    """Yield the flights with one step after the other replaced by the truth; `STEPS`.
+
+    Parameters
+    ----------
+    campaign
+        Of the twin.
+    tracks
+        Its detections in the air with ``particle``, as measured.
+    fits
+        Their trajectories; worked out if None.
+    """
+    true, run = true_positions(campaign), campaign.run
+    positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
+    owner = true_particles(tracks, true)
+    particles, exact = particle_of_track(tracks, owner), fit_tracks(run, positions)
+    linked = link_by_truth(tracks, owner, true)
+    followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
+    deep = with_true_depth(tracks, owner, true)
+    measured = fit_tracks(run, tracks) if fits is None else fits
+    replaced = {name: exact[particles[name]] for name in measured if particles[name] in exact}
+    weighted, robust = (
+        fit_tracks(replace(run, regression=method), tracks) for method in (WEIGHTED, ROBUST)
+    )
+    ways = (
+        (positions, exact, _particles(positions, true)),
+        (linked, fit_tracks(run, linked), particle_of_track(linked, owner)),
+        (followed, fit_tracks(run, followed), _particles(followed, true)),
+        (deep, fit_tracks(run, deep), particles),
+        (tracks, {**measured, **replaced}, particles),
+        (tracks, weighted, particles),
+        (tracks, robust, particles),
+        (tracks, measured, particles),
+    )
+    for name, (table, trajectories, owners) in zip(STEPS, ways, strict=True):
+        flights = kiln.flights_from(run, table, trajectories)
+        yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), owners)
+
+
+def _particles(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
+    return particle_of_track(tracks, true_particles(tracks, true))
+
+
+def link_by_truth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
+    """Return the detections with their true particle, without the depths that are another's.
+
+    A detection belongs to a particle by its place in the image; a depth that is off by more
+    than the tracker's gate lets pass is that of something behind it, and left out.
+    """
+    off = np.abs(tracks["z"].to_numpy(np.float64) - _true_places(tracks, owner, true, ["z"])[:, 0])
+    linked = tracks.assign(particle=owner)
+    linked.loc[off >= Gate().depth_mm, ["x", "y", "z"]] = np.nan
+    return linked
+
+
+def with_true_depth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
+    """Return the tracks with the true place in space where a detection belongs to a particle."""
+    axes = ["x", "y", "z"]
+    places = _true_places(tracks, owner, true, axes)
+    measured = tracks[axes].to_numpy(np.float64)
+    return tracks.assign(
+        **dict(zip(axes, np.where(np.isnan(places), measured, places).T, strict=True))
+    )
+
+
+def _true_places(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame, axes: list[str]) -> Array:
+    """Return the true coordinates (n, axes) behind each detection; NaN where no particle is."""
+    index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
+    return true.set_index(["frame", "particle"])[axes].reindex(index).to_numpy(np.float64)
+
+
+def fit_tracks(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
+    """Return the trajectories by track of a table that did not come from the chain."""
+    if run.exit_point_mm is None:
+        raise InputError(f"{run.detection.source.name}: the lance's exit is not known.")
+    rate, method = run.frame_rate_hz, run.regression
+    return regression.fits(regression.regress_all(tracked(table), run.exit_point_mm, rate, method))

@@ -1,5 +1,7 @@
 """The thesis's eight campaigns on the twin: four fractions at 4.5 and 5 bar, whole or in part.
 
+recordings -> `Measurement`, the tables of all -> `Results`, values measured and true
+
 Threshold, wall and the limit of what is in the air come from the labelled frames; the outlet of
 the lance is known of every recording. No table of a campaign is made with its truth. No
 particle counts as burning when first detected: the thesis prints no grey value from which on a
@@ -8,15 +10,17 @@ particle burns (`kilnflight.ignition.Ignition.bright`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from kilnflight import kiln
+from kilnflight import kiln, regression
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
@@ -24,12 +28,24 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
 from kilnflight.experiments import detection, detection_methods
 from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.flight import straight_on
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vector
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
+from kilnflight.scores.flights import METRES, FlightValues, outcomes
+from kilnflight.tables import TRAJECTORIES
+from kilnflight.twin import truth
 from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene
+
+CampaignKey = tuple[str, float]
+KEYS = ["fraction", "pressure_bar"]
+# First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
+# lasts 100 to 165 frames.
+FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
+SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 
 @dataclass(frozen=True)
@@ -57,18 +73,17 @@ class Settings:
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0, frames: int = 0) -> Settings:
+def settings_from_labels(scale: str, seed: int = 0) -> Settings:
     """Return threshold, wall and limit from the labelled frames of the five subsets."""
-    depends_on = {"scale": scale, "seed": seed, "frames": frames}
-    make = partial(_settings, scale, seed, frames)
-    values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
+    make = partial(_settings, scale, seed)
+    values = CachedTable("settings", make, {"scale": scale, "seed": seed})().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
     return Settings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
-def _settings(scale: str, seed: int, frames: int) -> pd.DataFrame:
+def _settings(scale: str, seed: int) -> pd.DataFrame:
     """Return the settings as a table of one row: threshold, radius, limit, centre, direction."""
-    subsets = detection.labelled_subsets(scale, seed, frames)
+    subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
     first = subsets[0].recording.frame(subsets[0].frames[0])
@@ -85,12 +100,6 @@ def _settings(scale: str, seed: int, frames: int) -> pd.DataFrame:
     return pd.DataFrame([row])
 
 
-# First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
-# lasts 100 to 165 frames.
-FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
-SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
-
-
 class Campaign(NamedTuple):
     """A recording of the twin, and how its particles are found."""
 
@@ -99,7 +108,7 @@ class Campaign(NamedTuple):
     run: KilnRun
 
     @property
-    def key(self) -> tuple[str, float]:
+    def key(self) -> CampaignKey:
         """Fraction and pressure."""
         return self.fraction, self.pressure_bar
 
@@ -127,30 +136,21 @@ def campaigns(
     """
     if scale not in FRAMES:
         raise InputError(f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}.")
-    keys = [(fraction, bar) for fraction in FRACTIONS for bar in PRESSURES_BAR]
+    chosen = SMOKE_CAMPAIGNS if scale == "quick" else product(FRACTIONS, PRESSURES_BAR)
     return [
-        _campaign(fraction, bar, scale, settings, seed, scenario)
-        for fraction, bar in (SMOKE_CAMPAIGNS if scale == "quick" else keys)
+        Campaign(fraction, bar, _run(campaign_name(fraction, bar), scale, settings, seed, scenario))
+        for fraction, bar in chosen
     ]
 
 
-def _campaign(
-    fraction: str, bar: float, scale: str, settings: Settings, seed: int, scenario: str
-) -> Campaign:
-    name = campaign_name(fraction, bar)
+def _run(name: str, scale: str, settings: Settings, seed: int, scenario: str) -> KilnRun:
     source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)
-    detector = Combination(DoG(settings.threshold))
-    subtracted = BACKGROUNDS[scale]
-    detection = DetectionRun(
-        source, first, stop, detector, subtracted, LONG_CHUNK, differences=False
-    )
-    lance = exit_point(twin.attributes)
-    return Campaign(
-        fraction, bar, KilnRun(detection, lance, settings.wall, InAir(settings.in_air_mm))
-    )
+    detector, subtracted = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
+    frames = DetectionRun(source, first, stop, detector, subtracted, LONG_CHUNK, differences=False)
+    return KilnRun(frames, exit_point(twin.attributes), settings.wall, InAir(settings.in_air_mm))
 
 
 def exit_point(attributes: Attributes) -> Vector | None:
@@ -176,14 +176,209 @@ def measure(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Me
     ``particle`` tells particles of one campaign apart, not of all.
     """
     kiln.make_tables([campaign.run for campaign in campaigns], workers)
-    return Measurement(*(_concatenate(step, campaigns) for step in Measurement._fields))
+    steps = Measurement._fields
+    return Measurement(
+        *(stack({each.key: each.run.table(step)() for each in campaigns}) for step in steps)
+    )
 
 
-def _concatenate(step: str, campaigns: Sequence[Campaign]) -> pd.DataFrame:
+def stack(tables: Mapping[CampaignKey, pd.DataFrame]) -> pd.DataFrame:
+    """Return tables of campaigns below each other, fraction and pressure in front."""
+    return pd.concat(tables, names=KEYS).reset_index(KEYS).reset_index(drop=True)
+
+
+def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFrame:
+    """Return a table of one row per campaign, fraction and pressure in front."""
+    index = pd.MultiIndex.from_tuples(rows, names=KEYS)
+    return pd.DataFrame(list(rows.values()), index).reset_index()
+
+
+def campaign_keys(table: pd.DataFrame) -> list[CampaignKey]:
+    """Return the campaigns of a table in their order."""
+    return list(table[KEYS].drop_duplicates().itertuples(index=False, name=None))
+
+
+def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
+    """Return the rows of a campaign."""
+    return table[(table["fraction"] == key[0]) & (table["pressure_bar"] == key[1])]
+
+
+def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
+    """Return the rows of one of the tables that belong to flights from the lance (Fig. 4.21)."""
+    keys = [*KEYS, "particle"]
+    table: pd.DataFrame = getattr(tables, step)
+    return table.merge(tables.flights.loc[tables.flights["from_lance"], keys], on=keys)
+
+
+class Results(NamedTuple):
+    """Campaigns with their tables, and the values of their flights, measured and true."""
+
+    campaigns: list[Campaign]
+    tables: Measurement
+    measured: dict[CampaignKey, FlightValues]
+    true: dict[CampaignKey, FlightValues]
+
+
+def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
+    """Return the results of all campaigns of a scale, made where they are not there.
+
+    The true positions in their frames are cached, too.
+    """
+    recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
+    tables, workers = measure(recorded, Workers(jobs)), Workers(jobs)
+    workers(true_positions, recorded, [len(each.frames) for each in recorded], "truth")
+    return Results(recorded, tables, values_by_campaign(tables), true_values(recorded))
+
+
+def twin_of(campaign: Campaign) -> Twin:
+    """Return the recording of a campaign, with its truth."""
+    recording = campaign.run.detection.source.recording()
+    if not isinstance(recording, Twin):
+        raise InputError(f"{recording.attributes.name}: its truth is not known; use the twin.")
+    return recording
+
+
+def true_positions(campaign: Campaign) -> pd.DataFrame:
+    """Return where a person would see which particle in the air, cached."""
+    return truth.true_trajectories(twin_of(campaign), campaign.frames)
+
+
+def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
+    """Return which true flights (n,) begin and end within the frames of a campaign."""
+    twin, frames = twin_of(campaign), campaign.frames
+    release = twin.life.release_s * twin.scene.frame_rate_hz
+    over = release + twin.life.flights.end_s * twin.scene.frame_rate_hz
+    return np.asarray((release >= frames.start) & (over < frames.stop))
+
+
+def true_values(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues]:
+    """Return the values of all `whole_flights` by campaign, detected or not."""
+    return {
+        each.key: truth.flight_values(twin_of(each).life.flights.only(whole_flights(each)))
+        for each in campaigns
+    }
+
+
+def values_by_campaign(tables: Measurement) -> dict[CampaignKey, FlightValues]:
+    """Return the `flight_values` of each campaign."""
+    return {
+        key: flight_values(*(of_campaign(table, key) for table in tables[1:]))
+        for key in campaign_keys(tables.tracks)
+    }
+
+
+def flight_values(
+    trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
+) -> FlightValues:
+    """Return dwell times, velocities by metre, ignition and reach of the flights from the lance.
+
+    Dwell times of lost flights are included, as in the thesis (appendix A.1); they are lower
+    bounds. Slices behind the lance are not.
+    """
+    counted = flights[flights["from_lance"]]
+    wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
+    wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
+    fits = regression.fits(trajectories[TRAJECTORIES.names])
+    ends = zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
+    reached = [
+        fits[particle].exit_point_mm[2] - straight_on(fits[particle], end)[0, 2]
+        for particle, end in ends
+    ]
+    dwell, ignition = (counted[name].to_numpy(np.float64) for name in ("dwell_s", "ignition_s"))
+    velocity = wide.to_numpy(np.float64)
+    return FlightValues(dwell, velocity, ignition, np.array(reached, np.float64) / 1000.0)
+
+
+def flights_above_background(results: Results) -> pd.DataFrame:
+    """Return the flights with ignition read from grey values above the background.
+
+    `kilnflight.kiln.background_gray` defines it; it uses only pictures, no truth.
+    """
+    parts = {}
+    for campaign in results.campaigns:
+        tables = (of_campaign(table, campaign.key) for table in results.tables[:2])
+        tracks, trajectories = (table.drop(columns=KEYS) for table in tables)
+        rules = replace(campaign.run.rules, above_background=True)
+        run = replace(campaign.run, rules=rules)
+        parts[campaign.key] = kiln.flights_from(run, tracks, regression.fits(trajectories))
+    return stack(parts)
+
+
+def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
+    """Return the outcomes of campaigns, one row per fraction and pressure.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``particles``, and the names of
+        `kilnflight.scores.flights.outcomes`.
+    """
+    table = rows_by_campaign({key: outcomes(each).to_dict() for key, each in values.items()})
+    table.insert(2, "particles", [len(each.ignition_s) for each in values.values()])
+    return table
+
+
+def by_source(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.DataFrame:
+    """Return the `outcome_table` of several sources below each other, ``source`` in front."""
+    tables = {name: outcome_table(values) for name, values in sources.items()}
+    return pd.concat(tables, names=["source"]).reset_index("source")
+
+
+def count_tracks(results: Results) -> pd.DataFrame:
+    """Return length, detections in the air, tracks and flights from the lance, by campaign."""
+    rows: dict[CampaignKey, dict[str, float]] = {}
+    for campaign in results.campaigns:
+        tracks = of_campaign(results.tables.tracks, campaign.key)
+        linked, frames = tracks[tracks["particle"] >= 0], len(campaign.frames)
+        rows[campaign.key] = {
+            "frames": frames,
+            "seconds": frames / campaign.run.frame_rate_hz,
+            "detections_in_air": len(tracks),
+            "tracked": len(linked),
+            "tracks": linked["particle"].nunique(),
+            "from_lance": of_campaign(results.tables.flights, campaign.key)["from_lance"].sum(),
+        }
+    return rows_by_campaign(rows)
+
+
+def fits_from_lance(
+    tables: Measurement, key: CampaignKey, most: int
+) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
+    """Return the first trajectories from the lance of a campaign, and their detections."""
+    trajectories, tracks = (
+        of_campaign(from_lance(tables, step), key) for step in ("trajectories", "tracks")
+    )
+    fits = regression.fits(trajectories.sort_values("particle").head(most)[TRAJECTORIES.names])
+    return fits, tracks[tracks["particle"].isin(fits)]
+
+
+def fit_outcomes(tables: Measurement) -> pd.DataFrame:
+    """Return how many tracks were fitted, or why not, by campaign.
+
+    ``t0_earliest`` and ``t0_at_first_detection``: t0 lies at that end of its range;
+    ``from_lance``: trajectories that start at the lance.
+    """
+    table = tables.trajectories
+    count = table.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
+    bounds = table[table["outcome"] == "fitted"].groupby(KEYS)["t0_at_bound"]
+    count["t0_earliest"] = bounds.agg(lambda at: (at < 0).sum())
+    count["t0_at_first_detection"] = bounds.agg(lambda at: (at > 0).sum())
+    count["from_lance"] = tables.flights.groupby(KEYS)["from_lance"].sum()
+    return count.fillna(0).astype(int).reset_index()
+
+
+def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
+    """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
+
+    Over the first trajectories from the lance of each campaign, at most so many.
+    """
     parts = []
-    for campaign in campaigns:
-        table = campaign.run.table(step)()
-        table.insert(0, "fraction", campaign.fraction)
-        table.insert(1, "pressure_bar", campaign.pressure_bar)
-        parts.append(table)
-    return pd.concat(parts, ignore_index=True)
+    for campaign in results.campaigns:
+        _, tracks = fits_from_lance(results.tables, campaign.key, most)
+        rate, exit_point = campaign.run.frame_rate_hz, campaign.run.exit_point_mm
+        if exit_point is None:
+            raise InputError(f"{campaign.key}: the lance's exit is not known.")
+        parts.append(regression.order_measures(tracks, exit_point, rate))
+    columns = ["rmse_mm", "mape_percent", "r2", "r2_adjusted"]
+    orders = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+    return orders.groupby(["order", "axis"])[columns].median().reset_index()

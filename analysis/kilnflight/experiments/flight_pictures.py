@@ -13,9 +13,15 @@ import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from kilnflight.experiments.accuracy import CASES
-from kilnflight.experiments.campaigns import Measurement
-from kilnflight.experiments.error_budget import STEPS
+from kilnflight.experiments.accuracy import CASES, STEPS
+from kilnflight.experiments.campaigns import (
+    KEYS,
+    CampaignKey,
+    Measurement,
+    fits_from_lance,
+    of_campaign,
+)
+from kilnflight.experiments.confidence import Values
 from kilnflight.experiments.plots import (
     curves,
     dwell_time,
@@ -26,22 +32,23 @@ from kilnflight.experiments.plots import (
     published,
     space_slices,
 )
-from kilnflight.experiments.results import KEYS, CampaignKey, fits_from_lance, of_campaign
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
 from kilnflight.regression import fits
-from kilnflight.scores.flights import METRES, FlightValues, ignition_histogram, remaining
+from kilnflight.scores.flights import METRES, ignition_histogram
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
+TOPS = {"velocity": 18.0, "remaining": 105.0}  # of the axes
+LABELS = {"velocity": "median velocity (m/s)", "remaining": "remaining particles (%)"}
 
 
-def longest_slices(measured: Measurement) -> tuple[Figure, pd.DataFrame, str]:
+def longest_slices(tables: Measurement) -> tuple[Figure, pd.DataFrame, str]:
     """Return `space_slices` of the flight detected over most metres, its slices and its name.
 
     An empty picture if no metre was passed.
     """
     picture, grid = canvas(1, 1, width_mm=PAGE_MM, height_mm=75)
-    front = measured.slices[measured.slices["slice_m"] > 0]
+    front = tables.slices[tables.slices["slice_m"] > 0]
     lengths = front.groupby([*KEYS, "particle"])["observed"].agg(["sum", "size"]).reset_index()
     longest = lengths.sort_values(["sum", "size"], kind="stable").tail(1)
     if longest.empty:
@@ -49,7 +56,7 @@ def longest_slices(measured: Measurement) -> tuple[Figure, pd.DataFrame, str]:
     row = longest.iloc[0]
     flight, trajectory, passed = (
         one.loc[one["particle"] == row["particle"]].drop(columns=KEYS)
-        for table in (measured.flights, measured.trajectories, measured.slices)
+        for table in (tables.flights, tables.trajectories, tables.slices)
         for one in [of_campaign(table, (row["fraction"], row["pressure_bar"]))]
     )
     space_slices(grid[0, 0], fits(trajectory)[row["particle"]], passed, flight["end_s"].iloc[0])
@@ -57,31 +64,8 @@ def longest_slices(measured: Measurement) -> tuple[Figure, pd.DataFrame, str]:
     return picture, passed, f"{row['fraction']} at {row['pressure_bar']} bar"
 
 
-def velocity_scatter(pairs: pd.DataFrame) -> Figure:
-    """Return measured over true velocities in the first two metres.
-
-    Parameters
-    ----------
-    pairs
-        Of `accuracy.compare_velocities`, where both are known.
-    """
-    picture, grid = canvas(1, 2, width_mm=PAGE_MM, height_mm=80)
-    for axes, metre in zip(grid[0], (1, 2), strict=True):
-        here = pairs[pairs["slice_m"] == metre]
-        for k, (name, one) in enumerate(here.groupby("fraction")):
-            look = {"marker": MARKERS[k], "color": COLOURS[k], "ls": "", "ms": 2, "alpha": 0.6}
-            axes.plot(one["true_m_s"], one["measured_m_s"], label=name, **look)
-        axes.plot([0, 20], [0, 20], color="0.5", lw=0.7, ls="-")
-        out = ((here["measured_m_s"] < -5) | (here["measured_m_s"] > 25)).sum()
-        axes.set(title=f"metre {metre} ({out} of {len(here)} not shown)", xlim=(0, 20))
-        axes.set(ylim=(-5, 25), xlabel="true velocity (m/s)")
-    grid[0, 0].set_ylabel("measured velocity (m/s)")
-    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-    return picture
-
-
 def velocity_boxes(
-    sources: Mapping[str, Mapping[CampaignKey, FlightValues]],
+    sources: Mapping[str, Values],
     keys: Sequence[CampaignKey],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
@@ -101,53 +85,14 @@ def velocity_boxes(
     picture, grid = canvas(rows, 2, **size, sharex=True, sharey=True)
     metres = [f"{metre - 1}-{metre} m" for metre in METRES]
     for axes, key in zip(grid.flat, keys, strict=False):
-        groups = {name: list(found[key].velocity_m_s.T) for name, found in sources.items()}
+        groups = {name: list(values[key].velocity_m_s.T) for name, values in sources.items()}
         grouped_boxes(axes, groups, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-5, 25))
         if bounds is not None:
-            published(axes, placed(of_campaign(bounds, key), r"velocity (\d)"))
+            at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
+            published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
-    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-    return picture
-
-
-def placed(bounds: pd.DataFrame, pattern: str) -> pd.DataFrame:
-    """Return the published bounds whose outcome has a number there, as ``at``."""
-    at = bounds["outcome"].str.extract(pattern)[0].astype(float)
-    return bounds.assign(at=at)[at.notna()]
-
-
-def remaining_shares(
-    sources: Mapping[str, Mapping[CampaignKey, FlightValues]], bounds: pd.DataFrame
-) -> Figure:
-    """Return the shares that pass each metre, a panel for each fraction; the first source solid.
-
-    Parameters
-    ----------
-    sources
-        Results of the campaigns by their source.
-    bounds
-        Published bounds with ``outcome``, ``low``, ``high`` beside fraction and pressure.
-    """
-    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharex=True)
-    keys = list(next(iter(sources.values())))
-    names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
-    for axes, name in zip(grid.flat, names, strict=False):
-        axes.set(title=name, ylim=(0, 105), xlim=(0.5, 5.5))
-        for (k, bar), (line, (source, found)) in product(
-            enumerate(bars), zip(("-", "--"), sources.items(), strict=True)
-        ):
-            look = {"color": COLOURS[2 - k], "marker": MARKERS[k], "ls": line}
-            share = remaining(found[name, bar].velocity_m_s)
-            axes.plot(METRES, share, label=f"{source}, {bar} bar", **look)
-        for k, bar in enumerate(bars):
-            marks = placed(of_campaign(bounds, (name, bar)), r"remaining (\d)")
-            published(axes, marks.assign(at=marks["at"] + 0.1 * k))
-    for axes in grid[:, 0]:
-        axes.set_ylabel("share that passes (%)")
-    for axes in grid[1]:
-        axes.set_xlabel("distance from the lance (m)")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
     return picture
 
@@ -182,10 +127,10 @@ def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
     return picture
 
 
-def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
+def dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
     """Return the cases of Fig. 5.18 on measured `examples`, and these."""
     picture, grid = canvas(1, 3, width_mm=PAGE_MM, height_mm=62, sharey=True)
-    flights = examples(measured.flights)
+    flights = examples(tables.flights)
     handles: dict[str, Artist] = {}
     for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
         title = f"({letter}) {case}"
@@ -194,7 +139,7 @@ def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
             key = flight["fraction"], flight["pressure_bar"]
             track, trajectory = (
                 table[table["particle"] == flight["particle"]].drop(columns=KEYS)
-                for table in (of_campaign(one, key) for one in measured[:2])
+                for table in (of_campaign(table, key) for table in tables[:2])
             )
             dwell_time(axes, fits(trajectory)[flight["particle"]], flight, track)
             title += f": {key[0]}, {key[1]} bar"
@@ -208,26 +153,25 @@ def dwell_cases(measured: Measurement) -> tuple[Figure, pd.DataFrame]:
 
 
 def ignition_bars(
-    kinds: Mapping[str, Mapping[CampaignKey, FlightValues]],
-    keys: Sequence[CampaignKey],
-    early: Mapping[CampaignKey, float],
-) -> Figure:
-    """Return histograms of ignition times in steps of 0.1 s, a panel for each campaign.
+    kinds: Mapping[str, Values], keys: Sequence[CampaignKey], printed: pd.DataFrame
+) -> tuple[Figure, pd.DataFrame]:
+    """Return histograms of ignition times in steps of 0.1 s, a panel for each campaign, and these.
 
     Parameters
     ----------
     kinds
-        Results of the campaigns by their kind, side by side.
+        Values of the campaigns by their kind, side by side.
     keys
         The campaigns, two a row.
-    early
-        Published upper bound of the share within 0.1 s, by campaign.
+    printed
+        `kilnflight.experiments.statements.statements`, for the share within 0.1 s.
     """
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharex=True)
-    width = 0.09 / len(kinds)
+    early = printed[printed["outcome"] == "ignited < 0.1 s (%)"].set_index(KEYS)["high"].to_dict()
+    width, tables = 0.09 / len(kinds), {}
     for axes, key in zip(grid.flat, keys, strict=False):
-        for k, (kind, found) in enumerate(kinds.items()):
-            bins = ignition_histogram(found[key].ignition_s)
+        for k, (kind, values) in enumerate(kinds.items()):
+            bins = tables[kind, *key] = ignition_histogram(values[key].ignition_s)
             look = {"hatch": HATCHES[k], "color": ("white", "0.7", COLOURS[6])[k]}
             at = bins["from_s"] + 0.05 + width * (k - (len(kinds) - 1) / 2)
             axes.bar(at, bins["percent"], width, ec="black", lw=0.5, label=kind, **look)
@@ -237,11 +181,12 @@ def ignition_bars(
     for axes in grid[1]:
         axes.set_xlabel("time from the lance (s); the last bin holds all later")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
-    return picture
+    return picture, pd.concat(tables, names=["kind", *KEYS]).reset_index(["kind", *KEYS])
 
 
-def budget_steps(budget: pd.DataFrame, names: list[str]) -> Figure:
+def budget_steps(budget: pd.DataFrame) -> Figure:
     """Return bias and spread of the `accuracy.error_budget`, means over both pressures."""
+    names = budget["fraction"].unique()
     labels = {"dwell_s": "dwell time (s)", "velocity_m_s": "velocity 0-1 m (m/s)"}
     labels |= {"ignition_s": "ignition time (s)"}
     picture, grid = canvas(3, 1, width_mm=PAGE_MM, height_mm=150, sharex=True)
@@ -279,7 +224,7 @@ def measures_by_order(by_order: pd.DataFrame) -> Figure:
 
 
 def fits_in_space(
-    measured: Measurement, keys: Sequence[CampaignKey], most: int
+    tables: Measurement, keys: Sequence[CampaignKey], most: int
 ) -> tuple[Figure, pd.DataFrame]:
     """Return the first trajectories of some campaigns in space, and their detections.
 
@@ -287,9 +232,9 @@ def fits_in_space(
     """
     picture = plt.figure(figsize=(PAGE_MM / 25.4, 110 / 25.4), layout="none")
     picture.subplots_adjust(-0.05, 0.05, 0.97, 0.97, wspace=0.0, hspace=0.12)
-    parts = [measured.tracks.head(0)]
+    parts = [tables.tracks.head(0)]
     for k, key in enumerate(keys):
-        fitted, tracks = fits_from_lance(measured, key, most)
+        fitted, tracks = fits_from_lance(tables, key, most)
         parts.append(tracks.sort_values("particle", kind="stable"))
         for row, gray in enumerate((False, True)):
             axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
@@ -327,39 +272,38 @@ def simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> F
     return picture
 
 
-def true_way(way: pd.DataFrame, printed: pd.DataFrame) -> Figure:
-    """Return velocity (above) and remaining share (below) along the way, by fraction.
+def along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
+    """Return velocity and remaining share along the way, a row for each, by fraction.
 
     Parameters
     ----------
-    way
-        `kilnflight.scores.flights.along` with ``version``: the first dotted, the second solid.
-    printed
-        Published bounds: ``fraction``, ``pressure_bar``, ``quantity``, ``distance_m``, ``low``,
-        ``high`` (NaN: open).
+    table
+        `kilnflight.experiments.statements.along_the_way`; published bounds become broad bars.
+    versions
+        The dotted and the solid one.
     """
-    tops = {"velocity": 18.0, "remaining": 105.0}
-    looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
-    names, versions = way["fraction"].unique(), way["version"].unique()
-    picture, grid = canvas(2, len(names), width_mm=PAGE_MM, height_mm=100, sharex=True)
-    for axes, (quantity, name) in zip(grid.flat, product(tops, names), strict=True):
-        here, bounds = (
-            one[(one["quantity"] == quantity) & (one["fraction"] == name)] for one in (way, printed)
-        )
-        axes.set(title=name, ylim=(0, tops[quantity]), xlim=(0, 5.3))
+    names, quantities = (list(table[column].unique()) for column in ("fraction", "quantity"))
+    quantities.sort(reverse=True)
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 20 + 40 * len(quantities)}
+    picture, grid = canvas(len(quantities), len(names), **size, sharex=True)
+    for axes, (quantity, name) in zip(grid.flat, product(quantities, names), strict=True):
+        top = TOPS[quantity]
+        here = table[(table["quantity"] == quantity) & (table["fraction"] == name)]
+        axes.set(title=name, ylim=(0, top), xlim=(0, 5.3))
+        looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
         for bar, (colour, mark, aside) in looks.items():
+            rows = here[here["pressure_bar"] == bar].set_index("version")
             for version, line in zip(versions, (":", "-"), strict=True):
-                one = here[(here["pressure_bar"] == bar) & (here["version"] == version)]
+                part = rows[rows.index == version]
                 look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}
-                axes.plot(one["distance_m"], one["value"], marker=mark, lw=1, ms=2.5, **look)
-            ends = bounds[bounds["pressure_bar"] == bar].fillna({"low": 0, "high": tops[quantity]})
-            pad = 0.012 * tops[quantity]
+                axes.plot(part["distance_m"], part["value"], marker=mark, lw=1, ms=2.5, **look)
+            ends = rows[rows.index == "published"].fillna({"low": 0, "high": top})
             wide = {"lw": 3.5, "alpha": 0.45, "ls": "-", "color": colour}
-            at = ends["distance_m"] + aside
+            pad, at = 0.012 * top, ends["distance_m"] + aside
             axes.vlines(at, ends["low"] - pad, ends["high"] + pad, **wide)
-    grid[0, 0].set_ylabel("median velocity (m/s)")
-    grid[1, 0].set_ylabel("remaining particles (%)")
-    for axes in grid[1]:
+    for panels, quantity in zip(grid, quantities, strict=True):
+        panels[0].set_ylabel(LABELS[quantity])
+    for axes in grid[-1]:
         axes.set_xlabel("distance from the lance (m)")
     picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return picture

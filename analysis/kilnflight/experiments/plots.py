@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.accuracy import CASES
-from kilnflight.experiments.results import CampaignKey
+from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame

@@ -1,35 +1,43 @@
-"""The published sentences about flight and ignition (flight.csv) that a number can answer.
+"""The published sentences about flight and ignition: as numbers (flight.csv), and as claims.
 
-Each is tied to one of the `kilnflight.scores.flights.outcomes`. Which of them the calibration may
-see is decided here, by cell and quantity alone (design rule: wood chips and confetti at
-4.5 bar; velocity, remaining share, dwell time, ignited share).
+Each number is tied to one of the `kilnflight.scores.flights.outcomes`. Which of them the
+calibration may see is decided here, by campaign and quantity alone (design rule: wood chips and
+confetti at 4.5 bar; velocity, remaining share, dwell time, ignited share).
+
+A verdict is that of the criterion of the claim; which differences are beyond chance stands in
+the reason. Without all campaigns nothing is decided.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from kilnflight.experiments.campaigns import (
+    KEYS,
+    CampaignKey,
+    Measurement,
+    Results,
+    from_lance,
+    of_campaign,
+    outcome_table,
+)
+from kilnflight.experiments.confidence import Array, Values, differences, in_words
 from kilnflight.project import claims
-from kilnflight.scores.flights import FlightValues, outcomes, place_of
+from kilnflight.scores.flights import along, place_of
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flights
 from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scenes import PRESSURES_BAR
 
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
 CELLS = (("wood chip", 4.5), ("confetti", 4.5))
 # What one unit of misfit is at least, where a number is printed without bounds: assumptions,
 # about the spread between runs that differ only by 0.5 bar.
-LEAST_UNIT = {
-    "velocity": 0.5,
-    "remaining": 5.0,
-    "landed": 5.0,
-    "dwell": 0.05,
-    "ignited": 5.0,
-    "penetration": 0.5,
-}
+LEAST_UNIT = {"velocity": 0.5, "remaining": 5.0, "landed": 5.0, "dwell": 0.05}
+LEAST_UNIT |= {"ignited": 5.0, "penetration": 0.5}
 # By quantity, segment and, where that is not enough, the first word of the statistic.
 OUTCOMES = {
     ("dwell_time", "", "median"): "dwell median (s)",
@@ -45,6 +53,13 @@ OUTCOMES = {
     ("CFD penetration", "", "majority"): "penetration (m)",
     ("CFD penetration", "", "most"): "penetration (m)",
 }
+LEAST_FLIGHTS = 6  # in a campaign; nothing is decided about fewer
+HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
+SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction at 4.5 bar
+SENTENCES |= {"vel-4": "paper shred", "vel-5": "PE granule"}
+
+Pairs = Sequence[tuple[CampaignKey, CampaignKey]]
+Given = dict[str, float | pd.Series | Mapping[str, bool]]
 
 
 def outcome_of(row: pd.Series) -> str:
@@ -78,57 +93,27 @@ def statements() -> pd.DataFrame:
     -------
     DataFrame
         ``fraction``, ``pressure_bar``, ``outcome``, ``printed``, ``low``, ``high`` (NaN: open),
-        ``source``, ``use`` (`CALIBRATED`, `HELD_OUT` or `NOT_USED`).
+        ``use`` (`CALIBRATED`, `HELD_OUT` or `NOT_USED`).
     """
-    rows = []
-    for _, row in claims.published("flight", as_printed=True).iterrows():
-        outcome = outcome_of(row)
-        if not outcome or not (row["value_low"] or row["value_high"]):
-            continue
-        low, high = (float(row[name] or "nan") for name in ("value_low", "value_high"))
-        if row["statistic"] == "majority range":
-            low, high = 50.0, 100.0
-        names = FRACTIONS if row["fraction"] == "all" else row["fraction"].split("+")
-        for name in names:
-            bar = float(row["pressure_bar"])
-            rows.append(
-                {
-                    "fraction": name,
-                    "pressure_bar": bar,
-                    "outcome": outcome,
-                    "printed": row["value_as_printed"],
-                    "low": low,
-                    "high": high,
-                    "source": row["source"],
-                    "use": use_of(name, bar, outcome),
-                }
-            )
-    return pd.DataFrame(rows)
-
-
-def along(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the statements that have a place on the way, as `kilnflight.scores.flights.along`.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``quantity``, ``distance_m``, ``low``, ``high``.
-    """
-    columns = ["fraction", "pressure_bar", "quantity", "distance_m", "low", "high"]
-    places = [place_of(name) for name in rows["outcome"]]
-    table = rows.assign(quantity=[q for q, _ in places], distance_m=[d for _, d in places])
-    return table.loc[table["distance_m"].notna(), columns].reset_index(drop=True)
-
-
-def within(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
-    """Return "yes" for a value within the published bounds, else its distance in units."""
-    return misfits(rows, values).map(lambda units: "yes" if units == 0 else f"off by {units:.1f}")
+    table = claims.published("flight", as_printed=True)
+    table["outcome"] = [outcome_of(row) for _, row in table.iterrows()]
+    number = (table["value_low"] != "") | (table["value_high"] != "")
+    table = table[(table["outcome"] != "") & number].copy()
+    most = table["statistic"] == "majority range"
+    for side, share in (("low", 50.0), ("high", 100.0)):
+        table[side] = pd.to_numeric(table[f"value_{side}"]).mask(most, share)
+    table["fraction"] = table["fraction"].replace("all", "+".join(FRACTIONS)).str.split("+")
+    table = table.explode("fraction", ignore_index=True).astype({"pressure_bar": float})
+    columns = [*KEYS, "outcome"]
+    table["use"] = [use_of(*row) for row in table[columns].itertuples(index=False)]
+    table = table.rename(columns={"value_as_printed": "printed"})
+    return table[[*columns, "printed", "low", "high", "use"]]
 
 
 def targets() -> pd.DataFrame:
     """Return the statements that the calibration may see; it reads no others."""
-    everything = statements()
-    return everything[everything["use"] == CALIBRATED].reset_index(drop=True)
+    every = statements()
+    return every[every["use"] == CALIBRATED].reset_index(drop=True)
 
 
 def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
@@ -146,58 +131,297 @@ def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
     return pd.Series(outside / unit, index=rows.index)
 
 
-def outcome_table(cells: Mapping[tuple[str, float], FlightValues]) -> pd.DataFrame:
-    """Return the outcomes of campaigns, one row per fraction and pressure.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``particles``, and the names of
-        `kilnflight.scores.flights.outcomes`.
-    """
-    rows = [
-        {"fraction": name, "pressure_bar": bar, "particles": len(values.ignition_s)}
-        | outcomes(values).to_dict()
-        for (name, bar), values in cells.items()
-    ]
-    return pd.DataFrame(rows)
-
-
-def true_outcomes(flights: Mapping[tuple[str, float], Flights]) -> pd.DataFrame:
+def true_outcomes(flights: Mapping[CampaignKey, Flights]) -> pd.DataFrame:
     """Return the `outcome_table` of flights of the twin, as they truly are."""
-    return outcome_table({cell: truth.flight_values(all_) for cell, all_ in flights.items()})
+    return outcome_table({key: truth.flight_values(each) for key, each in flights.items()})
 
 
 def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
     """Return the value of each statement's outcome from an `outcome_table`."""
-    by_cell = {(row["fraction"], row["pressure_bar"]): row for _, row in outcomes.iterrows()}
-    cells = zip(rows["fraction"], rows["pressure_bar"], strict=True)
-    values = [by_cell[cell][name] for cell, name in zip(cells, rows["outcome"], strict=True)]
+    table = outcomes.set_index(KEYS)
+    places = rows[[*KEYS, "outcome"]].itertuples(index=False, name=None)
+    values = [table.loc[(fraction, bar), name] for fraction, bar, name in places]
     return pd.Series(values, index=rows.index, dtype=np.float64)
 
 
 def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
     """Return every statement with the answers of several versions, and whether they are within."""
-    table = rows[["fraction", "pressure_bar", "outcome", "printed", "low", "high"]]
+    table = rows[[*KEYS, "outcome", "printed", "low", "high"]]
     names = {version: version.replace(" ", "_") for version in answers}
-    table = table.assign(**{names[one]: values.round(3) for one, values in answers.items()})
-    bounds = {f"{names[one]}_within": within(rows, values) for one, values in answers.items()}
-    return table.assign(**bounds, use=rows["use"])
+    table = table.assign(**{names[key]: values.round(3) for key, values in answers.items()})
+    for version, values in answers.items():
+        off = misfits(rows, values)
+        table[f"{names[version]}_within"] = [f"off by {x:.1f}" if x else "yes" for x in off]
+    return table.assign(use=rows["use"])
 
 
-def agreement(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
-    """Return number of ``statements``, median misfit and number within, by use (the index)."""
-    units = pd.DataFrame({version: misfits(rows, values) for version, values in answers.items()})
-    groups = units.groupby(rows["use"])
-    median = groups.agg("median").add_suffix(", median off by")
-    table = median.join((units == 0).groupby(rows["use"]).sum().add_suffix(", within"))
-    table.insert(0, "statements", rows["use"].value_counts())
-    return table
+def along_the_way(outcomes: Mapping[str, pd.DataFrame], rows: pd.DataFrame) -> pd.DataFrame:
+    """Return velocity and remaining share along the way in several versions, and as published.
+
+    Parameters
+    ----------
+    outcomes
+        By version: an `outcome_table`.
+    rows
+        The statements.
+
+    Returns
+    -------
+    DataFrame
+        ``version``, ``pressure_bar``, ``quantity`` ("velocity" in m/s, "remaining" in %),
+        ``fraction``, ``distance_m``; ``value``; ``low``, ``high`` of version "published".
+    """
+    ours = {version: along(table) for version, table in outcomes.items()}
+    way = pd.concat(ours, names=["version"]).reset_index("version")
+    places = [place_of(name) for name in rows["outcome"]]
+    printed = rows.assign(quantity=[q for q, _ in places], distance_m=[d for _, d in places])
+    printed = printed.dropna(subset="distance_m").assign(version="published", value=np.nan)
+    columns = ["version", "pressure_bar", "quantity", "fraction"]
+    table = pd.concat([way, printed]).sort_values(columns, kind="stable", ignore_index=True)
+    return table[[*columns, "distance_m", "value", "low", "high"]]
 
 
-def worst(rows: pd.DataFrame, values: pd.Series) -> pd.DataFrame:
-    """Return the statements that do not hold, the farthest off first."""
-    units = misfits(rows, values)
-    table = rows[["fraction", "pressure_bar", "outcome", "printed"]]
-    table = table.assign(inputs_only=values.round(3), off_by=units.round(1))
-    return table[units > 0].sort_values("off_by", ascending=False)
+def beside_published(measured: Values, true: Values, quantities: Sequence[str]) -> pd.DataFrame:
+    """Return every printed number of some quantities with truth and measurement beside it.
+
+    Parameters
+    ----------
+    measured, true
+        By campaign.
+    quantities
+        First words of the outcomes, such as "dwell".
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``outcome``, ``printed``, ``low``, ``high``, ``true``,
+        ``measured``, and what the calibration used (``use``).
+    """
+    rows = statements().drop_duplicates([*KEYS, "outcome", "printed"])
+    keys = rows[KEYS].itertuples(index=False, name=None)
+    rows = rows[[key in measured for key in keys]]
+    rows = rows[rows["outcome"].str.split(" ").str[0].isin(quantities)]
+    values = {"true": true, "measured": measured}
+    answers = {name: answer(rows, outcome_table(each)) for name, each in values.items()}
+    return rows.drop(columns="use").assign(**answers, use=rows["use"])
+
+
+def conditions(published: pd.DataFrame, key: CampaignKey) -> dict[str, bool]:
+    """Return whether the measurement agrees with each printed number of a campaign.
+
+    Within the printed bounds; where one number is printed, within the unit of `LEAST_UNIT`.
+    """
+    rows = of_campaign(published, key)
+    units = misfits(rows, rows["measured"])
+    agreement: dict[str, bool] = {}
+    for row, off in zip(rows.to_dict("records"), units, strict=True):
+        allowed = 1.0 if row["low"] == row["high"] else 0.0
+        value = f"{row['measured']:.3g} [{row['low']:g}, {row['high']:g}]"
+        agreement[f"{row['outcome']} at {key[1]} bar {value}"] = bool(off <= allowed)
+    return agreement or {"nothing measured": False}
+
+
+def judge_all(
+    tables: Measurement,
+    values: Mapping[str, float | pd.Series | Mapping[str, bool]],
+    note: str = "",
+    resolved: Mapping[str, str] | None = None,
+) -> list[claims.Verdict]:
+    """Return verdicts on claims about all eight campaigns; undecidable if flights are missing.
+
+    Parameters
+    ----------
+    tables
+        The campaigns.
+    values
+        By claim: what `kilnflight.project.claims.judge` asks for.
+    note
+        What a reader must know beside the verdicts.
+    resolved
+        By claim: which differences are beyond chance (`confidence.in_words`). It stands in the
+        reason; the verdict is that of the criterion, on the numbers as they are.
+    """
+    counted = tables.flights[tables.flights["from_lance"]].groupby(KEYS).size()
+    missing = len(FRACTIONS) * len(PRESSURES_BAR) - int((counted >= LEAST_FLIGHTS).sum())
+    if missing:
+        reason = f"fewer than {LEAST_FLIGHTS} flights in {missing} of the eight cells at this scale"
+        return [claims.undecidable(name, reason) for name in values]
+    notes = {name: "; ".join(filter(None, [note, (resolved or {}).get(name)])) for name in values}
+    return [claims.judge(name, value, note=notes[name]) for name, value in values.items()]
+
+
+def by_pressure(values: Values, outcome: str) -> pd.DataFrame:
+    """Return an outcome by fraction (rows) and pressure (columns)."""
+    return outcome_table(values).set_index(KEYS)[outcome].unstack()
+
+
+def dwell_verdicts(results: Results, generator: np.random.Generator) -> list[claims.Verdict]:
+    """Return the verdicts on dwell times (section 5.3.1)."""
+    values, (names, bars) = results.measured, _axes(results.measured)
+    median = by_pressure(values, "dwell median (s)")
+    order = {bar: median[bar].dropna().sort_values().index.tolist() for bar in bars}
+    ranks = {f"{bar} bar: {order[bar][:1]}": order[bar][:1] == ["wood chip"] for bar in bars}
+    longest = order[bars[0]][-1:]
+    shorter = (median[bars[-1]] / median[bars[0]])[names[-1]]
+    granules = {f"longest at 4.5 bar: {longest}": longest == ["PE granule"]}
+    granules[f"{names[-1]} at 5 bar {shorter:.2f} of that"] = bool(shorter < 0.9)
+    numbers, most = outcome_table(values).set_index(KEYS), {}
+    for name, limits in zip(names, ["0.3-0.4", "> 0.4", "> 0.4", "0.3-0.4"], strict=False):
+        share = numbers[f"dwell {limits} s (%)"].get((name, 5.0), np.nan)
+        most[f"{name} {limits} s {share:.0f} %"] = bool(share > 50)
+
+    others, last = [name for name in names if name != "wood chip"], ("PE granule", 4.5)
+    first = [(("wood chip", bar), (name, bar)) for bar in bars for name in others]
+    longer = [(last, (name, 4.5)) for name in names if name != "PE granule"]
+    pairs = {"dwell-2": first, "dwell-3": [*longer, (last, ("PE granule", 5.0))]}
+    times = {key: each.dwell_s for key, each in values.items()}
+    given: Given = {
+        "dwell-1": median[bars[0]],
+        "dwell-2": ranks,
+        "dwell-3": granules,
+        "dwell-4": most,
+    }
+    note = (
+        "lost flights count with the time they were seen; much shorter: by over a tenth, a reading"
+    )
+    return judge_all(results.tables, given, note, _resolved(times, pairs, generator))
+
+
+def _axes(values: Values) -> tuple[list[str], list[float]]:
+    """Return the fractions in their order, and the pressures from low to high."""
+    return list(dict.fromkeys(name for name, _ in values)), sorted({bar for _, bar in values})
+
+
+def _resolved(
+    values: Mapping[CampaignKey, Array], pairs: Mapping[str, Pairs], generator: np.random.Generator
+) -> dict[str, str]:
+    """Return by claim which differences of medians are beyond chance."""
+    return {
+        claim: in_words(differences(values, each, generator), "medians")
+        for claim, each in pairs.items()
+    }
+
+
+def velocity_verdicts(
+    results: Results, published: pd.DataFrame, generator: np.random.Generator
+) -> list[claims.Verdict]:
+    """Return the verdicts on velocities; ``published`` from `beside_published`."""
+    names, bars = _axes(results.measured)
+    median = by_pressure(results.measured, "velocity 0-1 m (m/s)")
+    order = {}
+    for bar in bars:
+        speed = median[bar].reindex([*HEAVY, *names])
+        heavy, light = speed.iloc[:2].min(), speed.drop(list(HEAVY)).max()
+        order[f"{bar} bar: heavy {heavy:.1f}, papers {light:.1f} m/s"] = bool(heavy > light)
+    ratio = (median[bars[-1]] / median[bars[0]]).rename("ratio")
+    papers = [name for name in names if name not in HEAVY]
+    pairs = {
+        "vel-1": [((a, bar), (b, bar)) for bar in bars for a in HEAVY for b in papers],
+        "vel-6": [((name, 5.0), (name, 4.5)) for name in names],
+    }
+    speeds = {key: each.velocity_m_s[:, 0] for key, each in results.measured.items()}
+    given: Given = {"vel-1": order, "vel-6": ratio}
+    given |= {claim: conditions(published, (name, 4.5)) for claim, name in SENTENCES.items()}
+    note = "medians measured on the twin; bounds of the printed sentences"
+    verdicts = judge_all(results.tables, given, note, _resolved(speeds, pairs, generator))
+    fit = "the twin's flights were fitted to this cell"
+    return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
+
+
+def ignition_verdicts(
+    results: Results, above_background: Values, generator: np.random.Generator
+) -> list[claims.Verdict]:
+    """Return the verdicts on ignition, on the reading "as published".
+
+    Parameters
+    ----------
+    results
+        The campaigns, with the grey values as they are.
+    above_background
+        Values by the other reading, which the note states.
+    generator
+        Of the bootstrap.
+    """
+    values, (names, bars) = results.measured, _axes(results.measured)
+    papers = [name for name in PAPERS if name in names]
+    share, middle = (by_pressure(values, name) for name in ("ignited (%)", "ignition median (s)"))
+    never = {f"{name} {bar} bar": share[bar][name] / 100 for name, bar in values}
+    never = {key: part for key, part in never.items() if not key.startswith(PAPERS)}
+    published = beside_published(values, values, ["ignited"])
+    published = published[published["outcome"].isin(["ignited (%)", "ignited < 0.1 s (%)"])]
+    given: Given = {"ign-1": pd.Series(never)}
+    for claim, name in (("ign-2", "confetti"), ("ign-3", "paper shred")):
+        given[claim] = conditions(published, (name, 4.5)) | conditions(published, (name, 5.0))
+    more = {}
+    for bar in bars:
+        often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
+        more[f"shreds more often at {bar} bar"] = bool(often.iloc[1] > often.iloc[0])
+        more[f"shreds earlier at {bar} bar"] = bool(early.iloc[1] < early.iloc[0])
+    for name in papers:
+        fewer, later = (table.loc[name] for table in (share, middle))
+        more[f"{name}: fewer at 5 bar"] = bool(fewer.iloc[-1] < fewer.iloc[0])
+        more[f"{name}: later at 5 bar"] = bool(later.iloc[-1] > later.iloc[0])
+    given["ign-4"] = more
+
+    pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
+    pairs += [((name, 5.0), (name, 4.5)) for name in papers]
+    times = {key: each.ignition_s for key, each in values.items()}
+    shares = in_words(differences(times, pairs, generator, shares=True), "shares")
+    medians = in_words(differences(times, pairs, generator), "median times")
+    other = by_pressure(above_background, "ignited (%)")
+    texts = [f"{name} {bar} bar {other[bar][name]:.0f} %" for name, bar in values]
+    note = f"grey values as they are; above the background: {', '.join(texts)}"
+    verdicts = judge_all(results.tables, given, note, {"ign-4": f"{shares}; {medians}"})
+    fit = "the twin was fitted to the share of confetti at 4.5 bar"
+    return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in verdicts]
+
+
+def regression_verdicts(
+    tables: Measurement,
+    table: pd.DataFrame,
+    by_order: pd.DataFrame,
+    generator: np.random.Generator,
+) -> list[claims.Verdict]:
+    """Return the verdicts on the regression.
+
+    Parameters
+    ----------
+    tables
+        The campaigns.
+    table
+        `confidence.regression_table`.
+    by_order
+        Medians of the measures by ``order`` and ``axis``.
+    generator
+        Of the bootstrap.
+    """
+    names = list(dict.fromkeys(table["fraction"]))
+    wide = table.pivot(index="fraction", columns="axis").reindex(names)
+    rmse, mape, r2 = wide["rmse_mm"], wide["mape_percent"], wide["r2"]
+    ratio = (rmse["z"] / np.fmax(rmse["x"], rmse["y"])).rename("ratio")
+    lowest, least = {}, {}
+    for name in names:
+        lowest[f"{name} z {mape.z[name]:.3g} %"] = bool(mape.z[name] == mape.loc[name].min())
+        least[f"{name} z {r2.z[name]:.2g}"] = bool(r2.z[name] == r2.loc[name].min())
+    worst = r2["z"].dropna().sort_values().index[:1].tolist()
+    least[f"lowest of all: {worst}"] = worst == ["paper shred"]
+    pairs = [((name, "z"), (name, axis)) for name in names for axis in "xy"]
+    worse = [(("paper shred", "z"), (name, "z")) for name in names if name != "paper shred"]
+    compared = {"fit-2": ("mape_{}_percent", pairs), "fit-3": ("r2_{}", pairs + worse)}
+    resolved = {}
+    for claim, (column, each) in compared.items():
+        groups = {
+            (name, axis): part[column.format(axis)].to_numpy()
+            for name, part in from_lance(tables, "trajectories").groupby("fraction")
+            for axis in "xyz"
+        }
+        resolved[claim] = in_words(differences(groups, each, generator), "medians")
+    given: Given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": order_gain(by_order)}
+    note = "trajectories from the lance; the scatter of the depth is an input"
+    return judge_all(tables, given, note, resolved)
+
+
+def order_gain(by_order: pd.DataFrame) -> float:
+    """Return by how much the mean adjusted R2 rises from order 6 to order 7; NaN if unknown."""
+    mean = by_order.groupby("order")["r2_adjusted"].mean()
+    return float(mean.get(7, float("nan")) - mean.get(6, float("nan")))
