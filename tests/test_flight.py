@@ -184,7 +184,7 @@ def test_nothing_gives_nothing(polynomials):
         assert not len(table)
 
 
-def test_bad_input_is_told(polynomials):
+def test_bad_input_is_refused(polynomials):
     fit = polynomials(FALLING)
     track = seen(fit)
     with pytest.raises(InputError, match="no track of particle 3"):
@@ -230,8 +230,8 @@ def in_plain_code(fit, slice_m, samples=400_001):
     """First times at which each slice is reached, by looking everywhere."""
     time = np.linspace(fit.t0_s, fit.last_s, samples)
     gone = fit.exit_point_mm[2] - fit(time)[:, 2]
-    wanted = 1000 * slice_m * np.arange(1, 8)
-    return [time[np.argmax(gone >= far)] for far in wanted if (gone >= far).any()][:6]
+    marks = 1000 * slice_m * np.arange(1, 8)
+    return [time[np.argmax(gone >= far)] for far in marks if (gone >= far).any()][:6]
 
 
 @settings(deadline=None)
@@ -253,9 +253,9 @@ def test_the_times_are_those_that_looking_everywhere_finds(polynomials, speed, b
     fit = polynomials(((), (), (-speed, bend, third)))
     table = space_sliced_velocity(fit)
     seen = in_plain_code(fit, 1.0, 4001)
-    found = table.loc[table["reached"] & (table["slice_m"] > 0), "end_s"].to_numpy()
-    assert len(found) - len(seen) in (0, 1)  # a turn between two samples may be missed
-    assert (np.abs(found[: len(seen)] - seen) <= 1.01e-4).all()
+    reached = table.loc[table["reached"] & (table["slice_m"] > 0), "end_s"].to_numpy()
+    assert len(reached) - len(seen) in (0, 1)  # a turn between two samples may be missed
+    assert (np.abs(reached[: len(seen)] - seen) <= 1.01e-4).all()
 
 
 @settings(deadline=None)
@@ -293,7 +293,7 @@ def test_only_what_was_observed_counts(polynomials):
     assert not space_sliced_velocity(slow)["reached"].any()
 
 
-def test_a_slice_that_was_passed_before_the_first_detection_is_told(polynomials):
+def test_a_slice_that_was_passed_before_the_first_detection_is_refused(polynomials):
     fit = polynomials(((), (), (-10_000.0,)), first_s=0.15, last_s=0.35)
     table = space_sliced_velocity(fit)
     assert list(table["reached"]) == 3 * [True] + 3 * [False]
@@ -320,7 +320,7 @@ def test_no_flights_pass_no_slices():
     assert len(remaining(slices({}), 0)) == 0
 
 
-def test_what_cannot_be_sliced_is_told(polynomials):
+def test_what_cannot_be_sliced_is_refused(polynomials):
     fit = polynomials(((), (), (-10_000.0,)))
     for bad, message in ((0.0, "slice_m"), (-1.0, "slice_m"), (1e-4, "take longer ones")):
         with pytest.raises(InputError, match=message):

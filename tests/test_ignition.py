@@ -18,12 +18,12 @@ def course(seed=0, low=3000.0, high=6000.0, at=25, scatter=100.0):
 
 
 def test_a_step_is_found_where_it_is():
-    found = LOOK(TIME, course())
-    assert found.outcome == "seen"
-    assert found.time_s == pytest.approx(24.5 / 330)
-    assert (found.before, found.after) == pytest.approx((3000, 6000), abs=60)
-    assert found.scatter == pytest.approx(100, rel=0.4)
-    assert found.p_value < 1e-10
+    ignited = LOOK(TIME, course())
+    assert ignited.outcome == "seen"
+    assert ignited.time_s == pytest.approx(24.5 / 330)
+    assert (ignited.before, ignited.after) == pytest.approx((3000, 6000), abs=60)
+    assert ignited.scatter == pytest.approx(100, rel=0.4)
+    assert ignited.p_value < 1e-10
 
 
 @pytest.mark.parametrize("at", [3, 5, 55, 57])
@@ -69,9 +69,9 @@ def test_a_background_that_brightens_is_no_ignition():
     assert LOOK(TIME, unlit).time_s == pytest.approx(39.5 / 330)  # as published
     assert LOOK(TIME, unlit, behind).outcome == "none"
     lit = course(high=8000.0) + behind
-    found = LOOK(TIME, lit, behind)
-    assert found.time_s == pytest.approx(24.5 / 330)
-    assert (found.before, found.after) == pytest.approx((3000, 8000), abs=60)
+    ignited = LOOK(TIME, lit, behind)
+    assert ignited.time_s == pytest.approx(24.5 / 330)
+    assert (ignited.before, ignited.after) == pytest.approx((3000, 8000), abs=60)
 
 
 def test_too_few_detections_to_judge():
@@ -115,7 +115,7 @@ def test_the_test_holds_its_level_and_has_power(length):
         ([0, 1], [1.0, -1.0], "grey value is -1"),
     ],
 )
-def test_bad_input_is_told(time, gray, message):
+def test_bad_input_is_refused(time, gray, message):
     with pytest.raises(InputError, match=message):
         LOOK(time, gray)
 

@@ -105,7 +105,7 @@ def test_depth_jumps_are_borne_by_a_robust_loss(flight):
     assert robust.rmse_mm[2] > 400  # the measures count every detection
 
 
-def test_a_t0_that_its_range_does_not_hold_is_told(flight):
+def test_a_t0_that_its_range_does_not_hold_is_marked(flight):
     track = flight(t0=0.1)
     back = track.assign(z=2000 + (6500 - track["z"]))  # flies towards the lance, not from it
     assert regress(back, EXIT, RATE).t0_at_bound != 0
@@ -177,13 +177,13 @@ def test_a_speed_that_no_particle_has_fits_well_and_is_told_by_the_velocity(flig
     table = regress_all(flight(t0=T0, points=8, lead=1, factors=factors), EXIT, RATE, short)
     assert table["outcome"].tolist() == ["fitted"]
     assert table["rmse_z_mm"].iloc[0] < 1e-3
-    told = slices(fits(table))
-    assert len(told) >= 3
-    np.testing.assert_allclose(told["velocity_m_s"], 150.0, rtol=1e-3)
+    sliced = slices(fits(table))
+    assert len(sliced) >= 3
+    np.testing.assert_allclose(sliced["velocity_m_s"], 150.0, rtol=1e-3)
 
 
 def test_one_jump_at_the_start_makes_metres_that_nobody_saw(flight):
     track = flight(t0=T0, points=60)
     track.loc[:2, "z"] -= 3000.0  # in front of all that follows
-    found = pd.DataFrame(slices(fits(regress_all(track, EXIT, RATE))))
-    assert not found["observed"].all()
+    table = pd.DataFrame(slices(fits(regress_all(track, EXIT, RATE))))
+    assert not table["observed"].all()

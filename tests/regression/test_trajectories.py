@@ -71,11 +71,11 @@ def test_the_measures_are_the_equations():
     assert adjusted == pytest.approx(r2 - (1 - r2) * 2 / 1)
 
 
-def test_what_a_measure_cannot_be_is_told():
+def test_measures_that_are_not_defined_are_nan():
     zeros = measures(np.zeros(5), np.ones(5), 2)
     assert np.isnan(zeros[1:]).all()  # no relative error, no scatter to explain
-    some = measures(np.array([0.0, 2.0, 2.0, 4.0]), np.array([1.0, 1.0, 2.0, 4.0]), 2)
-    assert some[1] == pytest.approx(100 / 3 * 0.5)
+    values = measures(np.array([0.0, 2.0, 2.0, 4.0]), np.array([1.0, 1.0, 2.0, 4.0]), 2)
+    assert values[1] == pytest.approx(100 / 3 * 0.5)
 
 
 def test_an_axis_along_which_nothing_moves_has_no_r2(flight):
@@ -134,12 +134,12 @@ def doubled(track):
         (lambda t: t.to_numpy(), "no table"),
     ],
 )
-def test_a_track_that_cannot_be_regressed_is_told(flight, change, message):
+def test_a_track_that_cannot_be_regressed_is_refused(flight, change, message):
     with pytest.raises(InputError, match=message):
         regress(change(flight()), EXIT, RATE)
 
 
-def test_what_else_cannot_be_is_told(flight):
+def test_what_else_cannot_be_is_refused(flight):
     track = flight()
     with pytest.raises(InputError, match="time_s missing"):
         regress(track, EXIT)

@@ -155,7 +155,7 @@ def test_nothing_scores_nothing():
         (lambda: score_in_pixels(labelled(), [4], [(np.inf, 0)]), "detected"),
     ],
 )
-def test_what_cannot_be_scored_is_told(call, message):
+def test_what_cannot_be_scored_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
@@ -192,11 +192,17 @@ def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
     truth = [(0, 0), (0, 100), (100, 0), (100, 100), (200, 200)]
     flies = [True, True, True, False, False]
     itself = score_detections(truth, truth)
-    told = [True, False, True, True, False]
-    assert total_in_air([itself], [flies], [told]).loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
-    found = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
-    table = total_in_air([found, itself], [flies, flies], [[True, False, True, True], told])
-    # Not detected or told to be on the wall: two FN; on the wall and nothing at all: two FP.
+    classified = [True, False, True, True, False]
+    assert total_in_air([itself], [flies], [classified]).loc[0, ["tp", "fp", "fn"]].tolist() == [
+        2,
+        1,
+        1,
+    ]
+    detected = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
+    table = total_in_air(
+        [detected, itself], [flies, flies], [[True, False, True, True], classified]
+    )
+    # Not detected or classified as on the wall: two FN; on the wall or nothing: two FP.
     assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [1 + 2, 2 + 1, 2 + 1]
     assert total_in_air([], [], []).loc[0, "tp"] == 0
 
@@ -220,7 +226,7 @@ def test_frames_add_up_and_nothing_adds_nothing():
         (lambda: total_in_air([score_detections([], [])], [[]], [[True]]), "detected of frame 0"),
     ],
 )
-def test_what_cannot_be_summed_is_told(call, message):
+def test_what_cannot_be_summed_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
@@ -262,18 +268,18 @@ def test_hundreds_are_assigned_as_the_whole_matrix_of_eq_3_4():
         cost = np.where(distance <= 45, distance, 1e6)
         row, col = linear_sum_assignment(cost)
         expected = np.stack([row, col], axis=1)[cost[row, col] < 1e6]
-        found = pair(first, second, 45.0)
-        np.testing.assert_array_equal(found[np.argsort(found[:, 0])], expected)
+        pairs = pair(first, second, 45.0)
+        np.testing.assert_array_equal(pairs[np.argsort(pairs[:, 0])], expected)
 
 
 def test_equal_places_are_paired_once_each():
-    found = pair(np.zeros((3, 2)), np.zeros((2, 2)), 1.0)
-    assert len(found) == len(np.unique(found[:, 0])) == len(np.unique(found[:, 1])) == 2
+    pairs = pair(np.zeros((3, 2)), np.zeros((2, 2)), 1.0)
+    assert len(pairs) == len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == 2
 
 
 def test_nothing_pairs_with_nothing():
     for first, second in ((0, 0), (0, 3), (3, 0)):
-        found = pair(np.zeros((first, 2)), np.zeros((second, 2)), 1.0)
-        assert found.shape == (0, 2)
-        assert found.dtype == np.intp
+        pairs = pair(np.zeros((first, 2)), np.zeros((second, 2)), 1.0)
+        assert pairs.shape == (0, 2)
+        assert pairs.dtype == np.intp
     assert pair(np.zeros((1, 2)), np.ones((1, 2)), 1.0).shape == (0, 2)

@@ -19,16 +19,16 @@ from kilnflight.scores.intervals import (
 DRAW = Bootstrap()
 
 
-def some(seed=0, n=40):
+def dwell_times(seed=0, n=40):
     return np.random.default_rng(seed).gamma(4.0, 0.1, n)
 
 
 @pytest.mark.parametrize(
     ("statistic", "groups"),
     [
-        (np.median, (some(),)),
-        (difference_of_medians, (some(), some(1, 25))),
-        (ratio_of_medians, (some(), some(1, 25))),
+        (np.median, (dwell_times(),)),
+        (difference_of_medians, (dwell_times(), dwell_times(1, 25))),
+        (ratio_of_medians, (dwell_times(), dwell_times(1, 25))),
     ],
 )
 def test_the_same_draws_give_what_scipy_gives(statistic, groups):
@@ -60,10 +60,10 @@ def test_it_covers_the_truth_about_as_often_as_it_says():
 @given(st.integers(0, 100), st.floats(-100, 100))
 def test_a_shift_shifts_the_interval_and_leaves_a_difference(seed, shift):
     few = Bootstrap(draws=50)
-    one = few(np.median, [some()], np.random.default_rng(seed))
-    moved = few(np.median, [some() + shift], np.random.default_rng(seed))
+    one = few(np.median, [dwell_times()], np.random.default_rng(seed))
+    moved = few(np.median, [dwell_times() + shift], np.random.default_rng(seed))
     np.testing.assert_allclose(np.array(moved[:3]) - shift, one[:3], atol=1e-9)
-    gap = few(difference_of_medians, [some() + shift] * 2, np.random.default_rng(seed))
+    gap = few(difference_of_medians, [dwell_times() + shift] * 2, np.random.default_rng(seed))
     assert gap.estimate == 0.0
 
 
@@ -78,19 +78,26 @@ def test_small_samples_say_little():
 
 
 def test_what_a_sample_can_resolve():
-    apart = DRAW(difference_of_medians, [some(), some(1) + 0.5], np.random.default_rng(0))
+    apart = DRAW(
+        difference_of_medians, [dwell_times(), dwell_times(1) + 0.5], np.random.default_rng(0)
+    )
     assert apart.resolves()
     small = DRAW(
-        difference_of_medians, [some(), some(1) + 0.5], np.random.default_rng(0), sizes=(6, 6)
+        difference_of_medians,
+        [dwell_times(), dwell_times(1) + 0.5],
+        np.random.default_rng(0),
+        sizes=(6, 6),
     )
     assert small.numbers == (6, 6)
     assert small.high - small.low > 1.5 * (apart.high - apart.low)
-    assert not DRAW(ratio_of_medians, [some(), some(1)], np.random.default_rng(0)).resolves(1.0)
+    assert not DRAW(
+        ratio_of_medians, [dwell_times(), dwell_times(1)], np.random.default_rng(0)
+    ).resolves(1.0)
 
 
-def test_a_ratio_to_nothing_is_told():
+def test_a_ratio_to_nothing_is_refused():
     with pytest.raises(InputError, match="Take the difference"):
-        DRAW(ratio_of_medians, [some(), np.zeros(9)], np.random.default_rng(0))
+        DRAW(ratio_of_medians, [dwell_times(), np.zeros(9)], np.random.default_rng(0))
 
 
 @settings(deadline=None)
@@ -119,10 +126,10 @@ def test_none_of_many_is_not_exactly_none():
     ],
 )
 def test_a_difference_of_shares_is_newcombes(first, second, low, high):
-    found = difference_of_shares(first, second)
-    assert found[1:3] == pytest.approx((low, high), abs=6e-5)
+    interval = difference_of_shares(first, second)
+    assert interval[1:3] == pytest.approx((low, high), abs=6e-5)
     mirrored = difference_of_shares(second, first)
-    assert (-mirrored.high, -mirrored.low) == pytest.approx((found.low, found.high))
+    assert (-mirrored.high, -mirrored.low) == pytest.approx((interval.low, interval.high))
 
 
 def test_a_difference_from_nothing_is_unknown():
@@ -131,14 +138,14 @@ def test_a_difference_from_nothing_is_unknown():
     assert unknown[1:3] == (-1.0, 1.0)
 
 
-def test_bad_input_is_told():
+def test_bad_input_is_refused():
     generator = np.random.default_rng(0)
     with pytest.raises(InputError, match="not finite"):
         DRAW(np.median, [[1.0, np.nan]], generator)
     with pytest.raises(InputError, match="2 sizes for 1 groups"):
-        DRAW(np.median, [some()], generator, sizes=(3, 4))
+        DRAW(np.median, [dwell_times()], generator, sizes=(3, 4))
     with pytest.raises(InputError, match="sizes"):
-        DRAW(np.median, [some()], generator, sizes=(-3,))
+        DRAW(np.median, [dwell_times()], generator, sizes=(-3,))
     with pytest.raises(InputError, match="3 of 2 is no share"):
         share(3, 2)
     for level in (0.0, 1.0, 95):
@@ -149,15 +156,15 @@ def test_bad_input_is_told():
 
 
 def test_the_median_is_the_quantile_in_the_middle():
-    ours = DRAW(partial(np.quantile, q=0.5), [some()], np.random.default_rng(3))
-    peer = DRAW(np.median, [some()], np.random.default_rng(3))
+    ours = DRAW(partial(np.quantile, q=0.5), [dwell_times()], np.random.default_rng(3))
+    peer = DRAW(np.median, [dwell_times()], np.random.default_rng(3))
     assert ours[:3] == pytest.approx(peer[:3])
-    lower = DRAW(partial(np.quantile, q=0.25), [some()], np.random.default_rng(3))
+    lower = DRAW(partial(np.quantile, q=0.25), [dwell_times()], np.random.default_rng(3))
     assert lower.low < lower.estimate < ours.estimate
 
 
 def test_the_same_particles_have_the_same_interval_whatever_was_asked_before():
     generator = np.random.default_rng(3)
-    alone = DRAW(np.median, [some()], generator)
-    DRAW(difference_of_medians, [some(), some(1)], generator)
-    assert DRAW(np.median, [some()], generator) == alone
+    alone = DRAW(np.median, [dwell_times()], generator)
+    DRAW(difference_of_medians, [dwell_times(), dwell_times(1)], generator)
+    assert DRAW(np.median, [dwell_times()], generator) == alone

@@ -164,8 +164,8 @@ rows = st.lists(
 )
 
 
-def table(found):
-    return pd.DataFrame(found, columns=["frame", "particle", "row", "col"])
+def table(positions):
+    return pd.DataFrame(positions, columns=["frame", "particle", "row", "col"])
 
 
 @given(rows, rows, st.sampled_from([1.0, 4.0, 9.0]), st.integers(0, 2**32 - 1))
@@ -223,7 +223,7 @@ def test_measures_are_in_their_bounds_and_have_no_unit(truth, seen, gate, unit):
         ({"columns": None}, "pass a list of names"),
     ],
 )
-def test_what_cannot_be_scored_is_told(change, message):
+def test_what_cannot_be_scored_is_refused(change, message):
     with pytest.raises(InputError, match=message):
         score_tracks(**{"truth": TRUTH, "candidate": TRUTH, "gate": 5.0, **change})
 

@@ -21,17 +21,17 @@ rows = st.lists(
 
 def filled(table):
     """Particle -> frame -> (position, whether there is a row), gaps on straight lines."""
-    found = {}
+    tracks = {}
     for particle, of_one in table.groupby("particle"):
         at = {frame: np.array(rest) for frame, _, *rest in of_one.itertuples(index=False)}
-        found[particle] = {}
+        tracks[particle] = {}
         for frame in range(min(at), max(at) + 1):
             before = max(f for f in at if f <= frame)
             after = min(f for f in at if f >= frame)
             share = (frame - before) / max(after - before, 1)
             place = at[before] + share * (at[after] - at[before])
-            found[particle][frame] = place, frame in at
-    return found
+            tracks[particle][frame] = place, frame in at
+    return tracks
 
 
 def gated(true, seen, frame, gate):
