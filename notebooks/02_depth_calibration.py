@@ -43,6 +43,8 @@ print(f"{points} points at each of {len(camera.PLATE_DISTANCES_MM)} distances")
 
 # %% [markdown]
 # ## The equation: jumps and useful range
+#
+# The table is ours: it says where the calibrated depth of any recording cannot be trusted.
 
 # %%
 published = camera.EQUATION_2_4
@@ -77,15 +79,15 @@ plates.round(1)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=70)
-some = [see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
-for cloud, m in zip(some, metres, strict=True):
+clouds = [see_plate(1000 * m, 400, np.random.default_rng(seed)) for m in metres]
+for cloud, m in zip(clouds, metres, strict=True):
     axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
 caption = (
     "Point clouds of the test plate at 1 m to 11 m, seen from above, after Fig. 2.14: colours "
     "change from plate to plate (odd metres black)."
 )
-table = pd.DataFrame(np.concatenate(some), columns=["x_mm", "y_mm", "z_captured_mm"])
+table = pd.DataFrame(np.concatenate(clouds), columns=["x_mm", "y_mm", "z_captured_mm"])
 table.insert(0, "true_m", np.repeat(metres, 400))
 figures.save("fig-2-14-plate-clouds", table, picture=picture, caption=caption, provenance=origin)
 

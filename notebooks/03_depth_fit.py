@@ -65,7 +65,8 @@ figures.save("fig-2-16-calibration", errors, picture=picture, caption=caption, p
 # ## What a continuous fit would have changed
 #
 # Between the plates, the captured depth of a true depth is read off the line through the
-# medians: the only forward map that the publication offers.
+# medians: the only forward map that the publication offers. The figure is ours: it shows what the
+# steps of Eq. 2.4 cost.
 
 # %%
 curve = pd.DataFrame({"true_mm": np.arange(1000.0, 11001.0, 10.0)})
@@ -100,7 +101,7 @@ figures.save("fig-2-16-continuous-fit", curve, picture=picture, caption=caption,
 
 # %%
 off = errors.set_index("true_m")[["before_mm", "printed_mm"]].abs().round(0)
-measured = "; ".join(f"{m:.0f} m: {one:.0f} to {two:.0f} mm" for m, (one, two) in off.T.items())
+measured = "; ".join(f"{m:.0f} m: {b:.0f} to {p:.0f} mm" for m, (b, p) in off.T.items())
 circular = (
     "the plate is simulated from Eq. 2.4 itself, which must then undo it; even so the error at "
     "3 m grows"

@@ -30,12 +30,11 @@ def test_a_rate_recomputed_by_hand(checks):
     """Table 5.10, K = 30, alpha = 0.1: the F1 that decides which 3D method is best."""
     row = claims.published("table_5.10").set_index(["K", "alpha"]).loc[(30, 0.1)]
     by_hand = 2 * row["TP"] / (2 * row["TP"] + row["FP"] + row["FN"])
-    found = checks[
-        (checks["where"] == "Table 5.10, K=30, alpha=0.1") & (checks["quantity"] == "f1")
-    ]
-    assert found["recomputed"].iloc[0] == pytest.approx(by_hand)
-    assert found["printed"].iloc[0] == "0.6210"
-    assert not found["agrees"].iloc[0]
+    where, quantity = "Table 5.10, K=30, alpha=0.1", "f1"
+    check = checks[(checks["where"] == where) & (checks["quantity"] == quantity)].iloc[0]
+    assert check["recomputed"] == pytest.approx(by_hand)
+    assert check["printed"] == "0.6210"
+    assert not check["agrees"]
 
 
 def test_every_cell_of_every_rate_table_is_checked(checks):

@@ -49,8 +49,8 @@ def test_of_each_case_the_flight_with_the_median_dwell_time():
     flights = flights.assign(ignition="none", dwell_s=[0.5, 0.3, 0.4, 0.1, 0.2, 0.9])
     flights.loc[5, "ignition"] = "seen"
     flights.loc[3, "from_lance"] = False  # does not count
-    found = plots.examples(flights)
-    assert {case: one["particle"] for case, one in found.items()} == {
+    chosen = plots.examples(flights)
+    assert {case: flight["particle"] for case, flight in chosen.items()} == {
         "landed unlit": 2,
         "burnt out": 5,
     }
@@ -92,8 +92,8 @@ def test_metres_are_passed_on_the_trajectory_and_velocities_are_those_of_the_tab
     time, depth = lines(axes)["a metre is passed"].T
     np.testing.assert_allclose(depth, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(9.0 * time - 4.0 * time**2, depth)
-    said = [float(text.get_text().split("=")[1].split()[0]) for text in axes.texts]
-    np.testing.assert_allclose(said, passed["velocity_m_s"], atol=0.05)
+    labels = [float(text.get_text().split("=")[1].split()[0]) for text in axes.texts]
+    np.testing.assert_allclose(labels, passed["velocity_m_s"], atol=0.05)
 
 
 def test_a_flight_with_a_gap_among_its_slices_is_refused(axes):
@@ -144,7 +144,7 @@ def test_open_bounds_run_to_the_edge(axes):
     axes.set_ylim(0, 10)
     bounds = pd.DataFrame({"at": [1.0, 2.0], "low": [3.0, np.nan], "high": [np.nan, 4.0]})
     plots.published(axes, bounds)
-    ends = [one.get_segments()[0][:, 1] for one in axes.collections]
+    ends = [segment[:, 1] for segment in axes.collections[0].get_segments()]
     np.testing.assert_allclose(ends, [[2.92, 10.08], [-0.08, 4.08]])
     assert axes.get_ylim() == (0, 10)
 

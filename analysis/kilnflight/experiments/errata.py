@@ -106,22 +106,23 @@ def check_rates() -> Iterator[Check]:
     for table in RATE_TABLES:
         printed = printed_rates(table)
         exact = rates(*(printed[count].astype(float) for count in COUNTS))
-        for position, row in printed.iterrows():
+        for (_, row), (_, exact_row) in zip(printed.iterrows(), exact.iterrows(), strict=True):
             where = f"Table {table}, {_row_name(row)}"
-            for rate, value in exact.loc[position].items():
+            for rate in exact.columns:
+                value = float(exact_row[rate])
                 small = abs(float(row[rate]) - value) < 0.001
                 consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
-                yield _check(where, str(rate), row[rate], value, consequence)
+                yield _check(where, rate, row[rate], value, consequence)
 
 
 def check_sums() -> Iterator[Check]:
     """Check sums over subsets and classes, shares, and Table 5.2 against Table 5.3."""
     for table in ("5.5", "5.6", "5.13", "5.14"):
         printed = printed_rates(table)
-        printed = printed.set_index(printed.columns[0])[COUNTS]
-        sums = printed.drop(index="Total").astype(float).sum()
+        printed = printed.set_index(printed.columns[0])[COUNTS].T
+        sums = printed.drop(columns="Total").astype(float).sum(axis=1)
         for count in COUNTS:
-            yield _check(f"Table {table}, Total", count, printed.loc["Total", count], sums[count])
+            yield _check(f"Table {table}, Total", count, printed["Total"][count], sums[count])
     everything, inside = (
         claims.published(f"table_{name}", as_printed=True).set_index("class")
         for name in ("5.2", "5.3")
@@ -137,10 +138,12 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     sums = {3: counts.iloc[:2].sum(), 4: counts.iloc[:3].sum()}
     for column in counts.columns:
         for row, total in sums.items():
-            name = f"{where}, {table.index[row]}"
-            yield _check(name, column, table[column].iloc[row], total[column])
-    for name, value in counts[SUBSETS].sum(axis=1).items():
-        yield _check(f"{where}, {name}", "amount", table.loc[name, "amount"], value)
+            place = f"{where}, {table.index[row]}"
+            yield _check(place, column, table[column].iloc[row], total[column])
+    for (name, printed), value in zip(
+        table["amount"].items(), counts[SUBSETS].sum(axis=1), strict=True
+    ):
+        yield _check(f"{where}, {name}", "amount", printed, value)
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
@@ -159,7 +162,7 @@ def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Ch
 
 def check_totals() -> Iterator[Check]:
     """Check that every detector is counted against the particles of Table 5.3."""
-    inside = claims.published("table_5.3").set_index("class").loc["Total"]
+    inside = claims.published("table_5.3").set_index("class").T["Total"]
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
         for _, row in printed_rates(table).iterrows():
             name = _row_name(row)

@@ -1,4 +1,4 @@
-"""Plots of flights that are long or shared by notebooks."""
+"""Plots that are long or shared by notebooks."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -28,10 +29,10 @@ FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 MOMENTS = 60  # of a fitted curve
 
 
-def grouped_boxes(
-    axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str], numbers: bool = True
-) -> None:
+def grouped_boxes(axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> None:
     """Draw box plots side by side: a place per label, a box per group, outliers as crosses.
+
+    Below each box stands how many values it has.
 
     Parameters
     ----------
@@ -41,11 +42,11 @@ def grouped_boxes(
         By name: one array of values per label; NaN are left out.
     labels
         Below the places.
-    numbers
-        Whether to write below each box how many values it has.
     """
     width = 0.8 / len(groups)
     thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
+    below: dict[str, Any] = {"xycoords": axes.get_xaxis_transform(), "va": "bottom"}
+    below |= {"ha": "center", "fontsize": 5.5, "color": "0.3"}
     for k, (name, series) in enumerate(groups.items()):
         place = np.arange(len(series)) + width * (k - (len(groups) - 1) / 2)
         known = [values[np.isfinite(values)] for values in series]
@@ -64,21 +65,8 @@ def grouped_boxes(
         )
         drawn["boxes"][0].set_label(name)
         for x, values in zip(place, known, strict=True):
-            if numbers:
-                _below(axes, float(x), str(len(values)))
+            axes.annotate(str(len(values)), (float(x), 0.01), **below)
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45))
-
-
-def _below(axes: Axes, x: float, text: str) -> None:
-    axes.annotate(
-        text,
-        (x, 0.01),
-        xycoords=axes.get_xaxis_transform(),
-        ha="center",
-        va="bottom",
-        fontsize=5.5,
-        color="0.3",
-    )
 
 
 def published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
@@ -86,11 +74,9 @@ def published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     bottom, top = axes.get_ylim()
     look: dict[str, Any] = {"color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3}
     pad = 0.008 * (top - bottom)
-    for one in bounds.itertuples():
-        low, high = float(str(one.low)) * scale, float(str(one.high)) * scale
-        low, high = np.fmax(low, bottom), np.fmin(high, top)
-        low, high = (bottom if np.isnan(low) else low), (top if np.isnan(high) else high)
-        axes.vlines(float(str(one.at)), low - pad, high + pad, **look)
+    low = (bounds["low"] * scale).clip(lower=bottom).fillna(bottom)
+    high = (bounds["high"] * scale).clip(upper=top).fillna(top)
+    axes.vlines(bounds["at"], low - pad, high + pad, **look)
     axes.set_ylim(bottom, top)
 
 
@@ -122,12 +108,16 @@ def curves(
     if fits:
         x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
         axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
-    axes.set_xlabel("depth z (m)", labelpad=-2)
-    axes.set_ylabel("x (m)", labelpad=-4)
-    axes.set_zlabel("up, -y (m)", labelpad=-1)
-    axes.tick_params(pad=-2)
-    axes.locator_params(nbins=4)
+    _label_space(axes, ("depth z (m)", "x (m)", "up, -y (m)"), (-2, -4, -1), -2)
     axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the way is longest in depth
+
+
+def _label_space(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int) -> None:
+    for axis, label, pad in zip("xyz", labels, pads, strict=True):
+        axes.set(**{f"{axis}label": label})
+        getattr(axes, f"{axis}axis").labelpad = pad
+    axes.tick_params(pad=ticks)
+    axes.locator_params(nbins=4)
 
 
 def flown_paths(axes: Any, flights: Flights, most: int) -> None:
@@ -138,11 +128,7 @@ def flown_paths(axes: Any, flights: Flights, most: int) -> None:
         axes.plot(*path.T, color=COLOURS[1 + k % 6], lw=0.6, ls="-")
         marks = np.flatnonzero(np.diff(np.floor(path[:, 0])) > 0)
         axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
-    axes.set_xlabel("from the lance (m)", labelpad=0)
-    axes.set_ylabel("across (m)", labelpad=-4)
-    axes.set_zlabel("up (m)", labelpad=-4)
-    axes.tick_params(pad=-1)
-    axes.locator_params(nbins=4)
+    _label_space(axes, ("from the lance (m)", "across (m)", "up (m)"), (0, -4, -4), -1)
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
 
 
@@ -169,17 +155,15 @@ def sums_and_tracks(
         low, high = np.quantile(total, [0.05, 0.999])
         shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
         frame(panels[0], shown * 60000.0, 8)
-        for k, (_, one) in enumerate(tracks[cell].groupby("particle")):
+        for k, (_, track) in enumerate(tracks[cell].groupby("particle")):
             look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
-            panels[1].plot(one["col"], one["row"], **look)
+            panels[1].plot(track["col"], track["row"], **look)
         rows, cols = total.shape
         panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
         panels[0].set_title(f"{fraction}, {cell[1]} bar: summed frame differences")
         panels[1].set_title(f"{tracks[cell]['particle'].nunique()} trajectories from the lance")
-    for spare in grid.T[len(cells) :].ravel():
-        spare.set_visible(False)
-    for axes in grid[:, 0]:
-        axes.set_ylabel("row (px)")
+    plt.setp(grid.T[len(cells) :].ravel(), visible=False)
+    plt.setp(grid[:, 0], ylabel="row (px)")
     return picture
 
 
@@ -200,16 +184,16 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
     lines = []
     for name, fit in fits.items():
         x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
-        style = {"width": 4}
-        lines.append(graph.Scatter3d(x=z, y=x, z=-y, mode="lines", line=style, name=f"{name}"))
+        way = {"x": z, "y": x, "z": -y, "name": f"{name}"}
+        lines.append(graph.Scatter3d(**way, mode="lines", line={"width": 4}))
     known = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
     look = {"size": 1.5, "color": known["gray"], "colorscale": "Inferno", "showscale": True}
     look["colorbar"] = {"title": "grey value", "len": 0.6}
     places = {"x": known["z"] / 1000, "y": known["x"] / 1000, "z": -known["y"] / 1000}
     lines.append(graph.Scatter3d(**places, mode="markers", marker=look, name="detections"))
     figure = graph.Figure(lines)
-    names = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, -y (m)"}
-    scene = {**names, "aspectmode": "data"}
+    scene = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, -y (m)"}
+    scene["aspectmode"] = "data"
     figure.update_layout(
         title=title, scene=scene, height=560, showlegend=False, margin={"l": 0, "r": 0, "b": 0}
     )
@@ -244,12 +228,12 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
         Rows of ``flights`` by case; of an even number the shorter of the two in the middle.
         A case that was not measured is missing.
     """
-    there = flights[flights["from_lance"]].sort_values("dwell_s", kind="stable")
-    found: dict[str, list[dict[str, Any]]] = {case: [] for case in CASES}
-    for row in there.to_dict("records"):
-        known = {str(name): value for name, value in row.items()}
-        found.get(case_of(known) or "", []).append(known)
-    return {case: rows[(len(rows) - 1) // 2] for case, rows in found.items() if rows}
+    cases: dict[str | None, list[dict[str, Any]]] = {case: [] for case in (*CASES, None)}
+    from_lance = flights[flights["from_lance"]].sort_values("dwell_s", kind="stable")
+    for row in from_lance.to_dict("records"):
+        flight = {str(name): value for name, value in row.items()}
+        cases[case_of(flight)].append(flight)
+    return {case: cases[case][(len(cases[case]) - 1) // 2] for case in CASES if cases[case]}
 
 
 def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
@@ -283,11 +267,8 @@ def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFr
     last = _from_the_lance(fit, straight_on(fit, flight["end_s"])[:, 1:])
     axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label=f"end: {flight['ending']}")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
-    axes.text(
-        *(0.03, 0.95, f"dwell time {flight['dwell_s']:.2f} s"),
-        transform=axes.transAxes,
-        va="top",
-    )
+    label = f"dwell time {flight['dwell_s']:.2f} s"
+    axes.text(0.03, 0.95, label, transform=axes.transAxes, va="top")
 
 
 def _from_the_lance(fit: Fit, places: Array) -> Array:
@@ -386,15 +367,21 @@ def beside_published(axes: Axes, table: pd.DataFrame) -> None:
     """
     wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
     wide = wide[["here", "published"]].iloc[::-1]
-    for source, color, shift in (("here", "black", 0.15), ("published", "#D55E00", -0.15)):
-        values, places = wide[source], np.arange(len(wide)) + shift
-        axes.hlines(places, values["without"], values["with"], color=color, lw=0.7)
-        for stage, face in (("without", "white"), ("with", color)):
-            label = f"{source}, {stage}"
-            axes.plot(values[stage], places, "o", color=color, mfc=face, label=label)
-    axes.set_yticks(
-        range(len(wide)), [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
-    )
+    for source, color, shift in (("here", "black", 0.15), ("published", COLOURS[1], -0.15)):
+        looks = {
+            stage: {"marker": "o", "color": color, "mfc": face, "label": f"{source}, {stage}"}
+            for stage, face in (("without", "white"), ("with", color))
+        }
+        _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
+    names = [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
+    axes.set_yticks(range(len(wide)), names)
+
+
+def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:
+    """Draw the columns "without" and "with", each in its look, joined by a line."""
+    axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")
+    for stage, look in looks.items():
+        axes.plot(wide[stage], place, ls="", **look)
 
 
 def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
@@ -409,13 +396,13 @@ def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value:
     along, stage, value
         Its columns; ``stage`` is "without" or "with".
     """
-    names = list(table[along].unique())
-    wide = table.pivot(index=along, columns=stage, values=value).loc[names]
-    place = np.arange(len(names))
-    axes.hlines(place, wide["without"], wide["with"], color="0.6", lw=0.8, linestyle="-")
-    axes.plot(wide["without"], place, "o", mfc="white", color="#0072B2", label="without")
-    axes.plot(wide["with"], place, "s", color="#D55E00", label="with")
-    axes.set(yticks=place, yticklabels=names)
+    wide = table.pivot(index=along, columns=stage, values=value).loc[table[along].unique()]
+    looks = {
+        "without": {"marker": "o", "mfc": "white", "color": COLOURS[2], "label": "without"},
+        "with": {"marker": "s", "color": COLOURS[1], "label": "with"},
+    }
+    _joined(axes, wide, np.arange(len(wide)), looks, "0.6")
+    axes.set(yticks=range(len(wide)), yticklabels=wide.index)
 
 
 def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
@@ -435,14 +422,8 @@ def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> 
     wide = table.pivot(index=along, columns=kind, values=value).loc[groups]
     for k, name in enumerate(kinds):
         place = np.arange(len(groups)) + width * (k - (len(kinds) - 1) / 2)
-        axes.bar(
-            place,
-            wide[name],
-            0.92 * width,
-            label=str(name),
-            color=COLOURS[(k + 1) % len(COLOURS)],
-            hatch=HATCHES[k % len(HATCHES)],
-        )
+        look: dict[str, Any] = {"label": str(name), "hatch": HATCHES[k % len(HATCHES)]}
+        axes.bar(place, wide[name], 0.92 * width, color=COLOURS[(k + 1) % len(COLOURS)], **look)
     axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
 
 
