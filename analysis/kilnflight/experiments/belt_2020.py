@@ -291,7 +291,6 @@ def verdicts_by_source(
 class Study:
     """What is asked of the models: when particles arrive (`ARRIVAL`), or where (`LATERAL`)."""
 
-    name: str  # of its tables, after "belt-"
     quantity: str
     unit: tuple[str, str]  # its sign and its name
     models: tuple[str, str, str]  # what is compared, what a reader of their boxes must know, Fig.
@@ -360,7 +359,6 @@ class Study:
 
 
 ARRIVAL = Study(
-    "arrival",
     "arrival time",
     ("ms", "milliseconds"),
     ("model", "Positive: the particle came earlier than predicted.", "Fig. 9"),
@@ -371,7 +369,6 @@ ARRIVAL = Study(
     ("belt20-3",),
 )
 LATERAL = Study(
-    "lateral",
     "lateral position",
     ("mm", "millimetres"),
     (
