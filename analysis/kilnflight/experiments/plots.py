@@ -19,7 +19,7 @@ from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
-from kilnflight.project.style import COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
+from kilnflight.project.style import BOXES, COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
@@ -27,6 +27,8 @@ from kilnflight.twin.flight import Flights
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 MOMENTS = 60  # of a fitted curve
+SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
 def grouped_boxes(axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> None:
@@ -44,27 +46,17 @@ def grouped_boxes(axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Seq
         Below the places.
     """
     width = 0.8 / len(groups)
-    thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
     below: dict[str, Any] = {"xycoords": axes.get_xaxis_transform(), "va": "bottom"}
     below |= {"ha": "center", "fontsize": 5.5, "color": "0.3"}
     for k, (name, series) in enumerate(groups.items()):
         place = np.arange(len(series)) + width * (k - (len(groups) - 1) / 2)
-        known = [values[np.isfinite(values)] for values in series]
+        finite = [values[np.isfinite(values)] for values in series]
         face = {"facecolor": FACES[k], "hatch": HATCHES[k], "edgecolor": "black", "linewidth": 0.6}
-        drawn = axes.boxplot(
-            known,
-            positions=place,
-            widths=0.85 * width,
-            manage_ticks=False,
-            patch_artist=True,
-            boxprops={**face, "linestyle": "-"},
-            medianprops={"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},
-            whiskerprops=thin,
-            capprops=thin,
-            flierprops={"marker": "+", "markersize": 3, "markeredgewidth": 0.5},
-        )
+        options = {"widths": 0.85 * width, "boxprops": {**face, "linestyle": "-"}, **BOXES}
+        crosses = {"marker": "+", "markersize": 3, "markeredgewidth": 0.5}
+        drawn = axes.boxplot(finite, positions=place, flierprops=crosses, **options)
         drawn["boxes"][0].set_label(name)
-        for x, values in zip(place, known, strict=True):
+        for x, values in zip(place, finite, strict=True):
             axes.annotate(str(len(values)), (float(x), 0.01), **below)
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45))
 
@@ -98,10 +90,10 @@ def curves(
         colour = COLOURS[1 + k % (len(COLOURS) - 1)]
         x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
         axes.plot(z, x, -y, color=colour, lw=1.4, ls="-")
-        known = track.dropna(subset="z").sort_values("frame")
-        place = known[["z", "x", "y"]].to_numpy().T / 1000.0
+        detections = track.dropna(subset="z").sort_values("frame")
+        place = detections[["z", "x", "y"]].to_numpy().T / 1000.0
         if gray:
-            look = {"c": known["gray"], "cmap": "inferno", "vmin": 0, "vmax": 30000, "s": 2}
+            look = {"c": detections["gray"], "cmap": "inferno", "vmin": 0, "vmax": 30000, "s": 2}
             axes.scatter(place[0], place[1], -place[2], **look)
         else:
             axes.plot(place[0], place[1], -place[2], color=colour, lw=0.35, ls="-")
@@ -186,10 +178,11 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
         x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
         way = {"x": z, "y": x, "z": -y, "name": f"{name}"}
         lines.append(graph.Scatter3d(**way, mode="lines", line={"width": 4}))
-    known = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
-    look = {"size": 1.5, "color": known["gray"], "colorscale": "Inferno", "showscale": True}
+    detections = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
+    look = {"size": 1.5, "color": detections["gray"], "colorscale": "Inferno", "showscale": True}
     look["colorbar"] = {"title": "grey value", "len": 0.6}
-    places = {"x": known["z"] / 1000, "y": known["x"] / 1000, "z": -known["y"] / 1000}
+    x, y, z = detections[["x", "y", "z"]].to_numpy().T / 1000.0
+    places = {"x": z, "y": x, "z": -y}
     lines.append(graph.Scatter3d(**places, mode="markers", marker=look, name="detections"))
     figure = graph.Figure(lines)
     scene = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, -y (m)"}
@@ -198,10 +191,6 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
         title=title, scene=scene, height=560, showlegend=False, margin={"l": 0, "r": 0, "b": 0}
     )
     return str(figure.to_html(full_html=False, include_plotlyjs=True, div_id="turning"))
-
-
-SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
 def case_of(flight: Mapping[str, Any]) -> str | None:
@@ -252,9 +241,8 @@ def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFr
     track
         Its detections, for those with depth: ``y``, ``z``.
     """
-    known = track.dropna(subset=["y", "z"])
-    seen = _from_the_lance(fit, known[["y", "z"]].to_numpy(np.float64))
-    axes.plot(*seen.T, ".", color="0.65", ms=2, label="detections")
+    places = track[["y", "z"]].dropna().to_numpy(np.float64)
+    axes.plot(*_from_the_lance(fit, places).T, ".", color="0.65", ms=2, label="detections")
     lit = flight["t0_s"] + flight["ignition_s"]  # NaN: never
     parts = [(flight["t0_s"], np.fmin(lit, flight["end_s"]), "unlit", "black", 1.0)]
     if lit < flight["end_s"]:
@@ -344,9 +332,9 @@ def from_the_side(
     paths = flights.position_m[:most, :, [0, 2]].astype(np.float64)
     every = np.broadcast_to(values[:most].reshape(len(paths), -1), paths.shape[:2])
     steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
-    there = np.isfinite(steps).all(axis=(2, 3))
-    lines = LineCollection(list(steps[there]), cmap="viridis", linewidths=0.6, linestyles="-")
-    lines.set_array(every[:, :-1][there])
+    finite = np.isfinite(steps).all(axis=(2, 3))
+    lines = LineCollection(list(steps[finite]), cmap="viridis", linewidths=0.6, linestyles="-")
+    lines.set_array(every[:, :-1][finite])
     lines.set_clim(*np.asarray(limits, dtype=np.float64))
     axes.add_collection(lines)
     axes.autoscale_view()

@@ -58,8 +58,8 @@ def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
     folder = paths.reference() / "published"
     path = folder / f"{name}.csv"
     if Path(name).name != name or not path.is_file():
-        known = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
-        raise InputError(f"no published table {name!r}; there are {known}.")
+        names = ", ".join(sorted(file.stem for file in folder.glob("*.csv")))
+        raise InputError(f"no published table {name!r}; there are {names}.")
     return pd.read_csv(path, dtype=str, keep_default_na=False) if as_printed else pd.read_csv(path)
 
 
@@ -179,7 +179,7 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
     A claim that no notebook has judged is "not decidable", and says what it waits for.
     """
-    known = load()
+    all_claims = load()
     judged = pd.concat([verdict_table([], ""), *tables], ignore_index=True)
     for claim_id, rows in judged.groupby("id"):
         if len(rows) > 1:
@@ -187,13 +187,13 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
                 f"claim {claim_id} is judged by {' and '.join(rows['notebook'])}; "
                 "leave it to one notebook."
             )
-    waiting = known.loc[~known.index.isin(judged["id"]), "testable_with"]
+    waiting = all_claims.loc[~all_claims.index.isin(judged["id"]), "testable_with"]
     undecided = [
         undecidable(str(claim_id), f"no notebook tests it yet; testable with: {source}")
         for claim_id, source in waiting.items()
     ]
     table = pd.concat([judged, verdict_table(undecided, "")], ignore_index=True)
-    return table.set_index("id").loc[known.index].reset_index().fillna("")
+    return table.set_index("id").loc[all_claims.index].reset_index().fillna("")
 
 
 def count(table: pd.DataFrame) -> dict[str, int]:

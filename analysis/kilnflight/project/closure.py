@@ -38,9 +38,9 @@ def _definitions(value: object) -> Iterator[Definition]:
     """Yield where an object is defined, and what the fields of a dataclass hold."""
     if isinstance(value, partial):
         value = value.func
-    known = value if hasattr(value, "__qualname__") else type(value)
-    if known.__module__.partition(".")[0] == PACKAGE:
-        yield known.__module__, known.__qualname__.partition(".")[0]
+    definition = value if hasattr(value, "__qualname__") else type(value)
+    if definition.__module__.partition(".")[0] == PACKAGE:
+        yield definition.__module__, definition.__qualname__.partition(".")[0]
     if is_dataclass(value) and not isinstance(value, type):
         value = [getattr(value, field.name) for field in fields(value)]
     for part in value if isinstance(value, list | tuple) else ():

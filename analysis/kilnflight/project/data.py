@@ -66,16 +66,13 @@ def check(path: Path, name: str) -> None:
             content = gzip.decompress(content)
         except (OSError, EOFError, zlib.error):
             content = b""  # no checksum of it is right
-    checksum = hashlib.sha256(content).hexdigest()
+    checksum, advice = hashlib.sha256(content).hexdigest(), "Delete it and run make data."
+    if os.environ.get("KILNFLIGHT_EXTERNAL"):
+        advice = "Put a good copy there, or unset KILNFLIGHT_EXTERNAL."
     if checksum != SHA256[name]:
         raise InputError(
             f"{path}: SHA-256 {checksum[:12]}..., expected {SHA256[name][:12]}...; the file is "
-            "damaged or another version. "
-            + (
-                "Put a good copy there, or unset KILNFLIGHT_EXTERNAL."
-                if os.environ.get("KILNFLIGHT_EXTERNAL")
-                else "Delete it and run make data."
-            )
+            f"damaged or another version. {advice}"
         )
 
 

@@ -344,15 +344,15 @@ def markdown(table: pd.DataFrame) -> str:
 
 
 def _gallery_entry(entry: Entry) -> str:
-    made = entry.provenance
-    commit = str(made["commit"])
+    origin = entry.provenance
+    commit = str(origin["commit"])
     return ENTRY.substitute(
         identifier=entry.identifier,
         caption=entry.caption,
-        notebook=made["notebook"],
-        version=made["version"],
+        notebook=origin["notebook"],
+        version=origin["version"],
         commit=f", commit {commit[:12]}{commit[40:]}" if commit else "",
-        parameters=", ".join(f"{name} = {value}" for name, value in made["parameters"].items()),
+        parameters=", ".join(f"{name} = {value}" for name, value in origin["parameters"].items()),
         latex_title=_latex(_title(entry.caption)),
         latex_caption=_latex(entry.caption),
         year=YEAR,

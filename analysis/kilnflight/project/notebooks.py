@@ -63,8 +63,8 @@ def read_source(path: Path) -> nbformat.NotebookNode:
 
 def known_parameters(notebook: nbformat.NotebookNode) -> dict[str, object]:
     """Return the names and default values of the notebook's parameters cell."""
-    known = papermill.inspect_notebook(notebook)
-    return {name: ast.literal_eval(parameter["default"]) for name, parameter in known.items()}
+    defaults = papermill.inspect_notebook(notebook)
+    return {name: ast.literal_eval(parameter["default"]) for name, parameter in defaults.items()}
 
 
 def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> dict[str, object]:
@@ -106,15 +106,17 @@ def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> d
     return values
 
 
-def check_parameters(stem: str, known: Mapping[str, object], given: Mapping[str, object]) -> None:
+def check_parameters(
+    stem: str, defaults: Mapping[str, object], given: Mapping[str, object]
+) -> None:
     """Raise an `InputError` for a parameter that the notebook does not know or cannot take."""
     for name, value in given.items():
-        if name not in known:
+        if name not in defaults:
             raise InputError(
-                f"{stem}: unknown parameter {name!r}; it knows {', '.join(known) or 'none'}. "
+                f"{stem}: unknown parameter {name!r}; it knows {', '.join(defaults) or 'none'}. "
                 f"For one notebook only, write {stem.split('_')[0]}.name=value."
             )
-        default = known[name]
+        default = defaults[name]
         allowed = (int, float) if isinstance(default, float) else type(default)
         if not isinstance(value, allowed) or isinstance(value, bool) != isinstance(default, bool):
             raise InputError(
@@ -150,9 +152,9 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> Path:
     """
     stem = source.stem
     notebook = read_source(source)
-    known = known_parameters(notebook)
-    check_parameters(stem, known, given)
-    if given.get("scale") == "quick" and "jobs" in known:
+    defaults = known_parameters(notebook)
+    check_parameters(stem, defaults, given)
+    if given.get("scale") == "quick" and "jobs" in defaults:
         given = {"jobs": 1, **given}  # a process takes longer to start than its share of the work
     build.mkdir(parents=True, exist_ok=True)
     whole, failed = build / f"{stem}.ipynb", build / f"{stem}.failed.ipynb"

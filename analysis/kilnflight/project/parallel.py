@@ -185,12 +185,12 @@ class Workers:
 
             return importlib.util.find_spec("kilnflight") is not None
 
-        without = [address for address, found in client.run(installed).items() if not found]
-        if without:
-            raise InputError(
-                f"scheduler {self.scheduler}: worker {without[0]} has no kilnflight. Install the "
-                "same version there as here."
-            )
+        for address, has_kilnflight in client.run(installed).items():
+            if not has_kilnflight:
+                raise InputError(
+                    f"scheduler {self.scheduler}: worker {address} has no kilnflight. Install the "
+                    "same version there as here."
+                )
 
 
 def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int:

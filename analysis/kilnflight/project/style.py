@@ -29,6 +29,15 @@ LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
 
+THIN: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
+BOXES: dict[str, Any] = {  # of `Axes.boxplot` and `Axes.bxp`
+    "manage_ticks": False,
+    "patch_artist": True,
+    "medianprops": {"color": COLOURS[1], "linewidth": 1.4, "linestyle": "-"},
+    "whiskerprops": THIN,
+    "capprops": THIN,
+}
+
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -117,9 +126,9 @@ def circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
 def tracks(axes: Axes, table: pd.DataFrame) -> None:
     """Draw tracks, ``particle``, ``frame``, ``row``, ``col``: neighbours differ in look."""
     ordered = table.sort_values(["particle", "frame"])
-    for k, (_, one) in enumerate(ordered.groupby("particle")):
+    for k, (_, track) in enumerate(ordered.groupby("particle")):
         color, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
-        axes.plot(one["col"], one["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
+        axes.plot(track["col"], track["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 
 def boxes(axes: Axes, summary: pd.DataFrame) -> None:
@@ -137,19 +146,9 @@ def boxes(axes: Axes, summary: pd.DataFrame) -> None:
     names = ["whisker_low", "q25", "median", "q75", "whisker_high"]
     values = summary[names].to_numpy(np.float64)
     rows: list[dict[str, Any]] = [dict(zip(parts, row, strict=True)) for row in values]
-    thin = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
-    axes.bxp(
-        rows,
-        positions=np.arange(len(rows)),
-        widths=0.55,
-        showfliers=False,
-        manage_ticks=False,
-        patch_artist=True,
-        boxprops={"facecolor": "0.9", "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"},
-        medianprops={"color": "#D55E00", "linewidth": 1.4, "linestyle": "-"},
-        whiskerprops=thin,
-        capprops=thin,
-    )
+    face = {"facecolor": "0.9", "edgecolor": "black", "linewidth": 0.7, "linestyle": "-"}
+    options = {"widths": 0.55, "showfliers": False, "boxprops": face, **BOXES}
+    axes.bxp(rows, positions=np.arange(len(rows)), **options)
     axes.margins(y=0.12)
     place: dict[str, Any] = {"xytext": (0, 2), "textcoords": "offset points", "ha": "center"}
     for i, row in enumerate(rows):  # narrow boxes are lines: say how wide they are
