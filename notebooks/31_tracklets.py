@@ -79,7 +79,7 @@ figures.save("fig-4-13-windows", texture, picture=picture, caption=caption, prov
 costs = np.full((4, 4), np.inf)  # rows: earlier tracklet; columns: later one; inf: no pair
 costs[0, 2], costs[0, 3], costs[1, 2], costs[1, 3] = 4.0, 2.0, 9.0, 3.0
 possible = tracklets.listed(costs)
-instance = pd.DataFrame(possible._asdict()).rename(columns={"one": "earlier", "other": "later"})
+instance = pd.DataFrame(possible._asdict())
 instance[["earlier", "later"]] += 1
 first_iteration = {"dual_nearest": tracklets.DualNearest(), "hungarian": tracklets.Hungarian()}
 for name, matching in first_iteration.items():

@@ -118,16 +118,16 @@ for (stage, fraction), here in done.groupby(["postprocessing", "fraction"], sort
     lead = f"{fraction} {ranked.index[0]} {ranked.iloc[0]:.3f}"
     lead += "" if ranked.index[0].endswith("ours") else f" (ours {own:.3f})"
     leaders.setdefault(stage, []).append(lead)
-every = done.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
-every = every.loc[every["size"] == len(windows), "mean"]
+means = done.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
+means = means.loc[means["size"] == len(windows), "mean"]
 
 # %%
 left = scores.loc[scores["beta"].isna(), "tracker"].unique()
 parts = []
 for stage, ranks in leaders.items():
-    mean = every[stage].sort_values(ascending=False)
-    means = ", ".join(f"{name} {value:.3f}" for name, value in mean.items())
-    parts.append(f"{stage} post-processing {'; '.join(ranks)} (means: {means})")
+    mean = means[stage].sort_values(ascending=False)
+    order = ", ".join(f"{name} {value:.3f}" for name, value in mean.items())
+    parts.append(f"{stage} post-processing {'; '.join(ranks)} (means: {order})")
 result = f"Largest beta {'. Largest beta '.join(parts)}."
 result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
 ends = tried[tried["at_end"] != ""]

@@ -233,7 +233,7 @@ MATCHINGS = (DualNearest(), Hungarian())
 def chosen(matching, matrix):
     pairs = listed(matrix)
     found = matching(pairs)
-    return sorted(zip(pairs.one[found].tolist(), pairs.other[found].tolist(), strict=True))
+    return sorted(zip(pairs.earlier[found].tolist(), pairs.later[found].tolist(), strict=True))
 
 
 def test_munkres_gives_up_the_nearest_pair_and_dnn_does_not():

@@ -20,12 +20,12 @@ from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -53,35 +53,44 @@ def available() -> tuple[str, ...]:
     return tuple(name for name in PACKAGES if find_spec(name) is not None)
 
 
-def need(package: str) -> None:
-    """Import a package, or raise an `InputError` if it is not installed."""
-    if package not in available():
-        raise InputError(f"{package} is not installed: pip install kilnflight[peer]")
-    with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
-        warnings.simplefilter("ignore")
-        import_module(package)
+@dataclass(frozen=True)
+class _Peer(ABC):
+    """A tracker of another package, called as `kilnflight.tracking.tracker.track` is."""
 
+    package: ClassVar[str]
 
-def with_particle(detections: pd.DataFrame, link: Callable[[pd.DataFrame], Any]) -> pd.DataFrame:
-    """Return the table with the particles that a peer makes of it, as `tracking.track` does.
+    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
+        """Return ``detections`` with ``particle``; rows with particle -1 are left out.
 
-    ``link`` is given frame, row and col sorted, and returns one label per row.
-    """
-    check_columns(detections, NEEDED.names, NEEDED.name)
-    particle = np.full(len(detections), -1, dtype=np.int64)
-    rows = np.arange(len(detections))
-    if "particle" in detections.columns:
-        rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
-    if len(rows):
-        table = NEEDED.check(detections.iloc[rows][NEEDED.names])
-        order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
-        labels = np.asarray(link(table.iloc[order].reset_index(drop=True)))
-        particle[rows[order]] = pd.factorize(labels)[0]
-    return detections.assign(particle=particle)
+        Raises
+        ------
+        InputError
+            If the package is not installed, or the table has no whole frames and finite places.
+        """
+        check_columns(detections, NEEDED.names, NEEDED.name)
+        if self.package not in available():
+            raise InputError(f"{self.package} is not installed: pip install kilnflight[peer]")
+        with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
+            warnings.simplefilter("ignore")
+            import_module(self.package)
+        particle = np.full(len(detections), -1, dtype=np.int64)
+        rows = np.arange(len(detections))
+        if "particle" in detections.columns:
+            rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
+        if len(rows):
+            table = NEEDED.check(detections.iloc[rows][NEEDED.names])
+            order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
+            labels = self._link(table.iloc[order].reset_index(drop=True))
+            particle[rows[order]] = pd.factorize(np.asarray(labels))[0]
+        return detections.assign(particle=particle)
+
+    @abstractmethod
+    def _link(self, table: pd.DataFrame) -> Any:
+        """Return one label per row of a table with frame, row and col, sorted by them."""
 
 
 @dataclass(frozen=True)
-class Trackpy:
+class Trackpy(_Peer):
     """Linking of Crocker and Grier by trackpy.
 
     Notes
@@ -91,6 +100,7 @@ class Trackpy:
     over, by ``memory`` too.
     """
 
+    package = "trackpy"
     search_range: float = 15.0  # px, largest step; or largest distance from what is predicted
     memory: int = 0  # frames that a particle may be missed
     predict: bool = False  # by trackpy.predict.NearestVelocityPredict
@@ -99,11 +109,6 @@ class Trackpy:
         """Refuse what is no distance and no number of frames."""
         check_positive(self.search_range, "Trackpy: search_range")
         check_count(self.memory, "Trackpy: memory", 0)
-
-    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return ``detections`` with ``particle``; see `kilnflight.tracking.tracker.track`."""
-        need("trackpy")
-        return with_particle(detections, self._link)
 
     def _link(self, table: pd.DataFrame) -> Any:
         import trackpy
@@ -124,9 +129,10 @@ class Trackpy:
 
 
 @dataclass(frozen=True)
-class LapTrack:
+class LapTrack(_Peer):
     """Linear assignment after Jaqaman by laptrack, without splitting and merging."""
 
+    package = "laptrack"
     cutoff: float = 15.0  # px, largest step
     gap_closing_cutoff: float = 15.0  # px, largest step over a gap; 0: gaps are not closed
     gap_closing_max_frame_count: int = 2  # frames that a particle may be missed
@@ -136,11 +142,6 @@ class LapTrack:
         check_positive(self.cutoff, "LapTrack: cutoff")
         check_at_least(self.gap_closing_cutoff, 0, "LapTrack: gap_closing_cutoff")
         check_count(self.gap_closing_max_frame_count, "LapTrack: gap_closing_max_frame_count", 0)
-
-    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return ``detections`` with ``particle``; see `kilnflight.tracking.tracker.track`."""
-        need("laptrack")
-        return with_particle(detections, self._link)
 
     def _link(self, table: pd.DataFrame) -> Any:
         import laptrack
@@ -160,111 +161,49 @@ class LapTrack:
 START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a second after another
 
 
-class Parts(NamedTuple):
-    """Stone Soup's filter."""
-
-    predictor: Any
-    updater: Any
-    sensor: Any
-
-
-class FrameDetections(NamedTuple):
-    """The m detections of a frame."""
+class Frame(NamedTuple):
+    """The m detections of a frame, and Stone Soup's filter with its gate."""
 
     detections: list[Any]  # Stone Soup's, metadata "at": row of the table
     places: npt.NDArray[np.float64]  # (m, 2), px
     time: datetime
+    predictor: Any
+    updater: Any
+    distance: float
+
+    def inside(self, track: Any) -> npt.NDArray[np.bool_]:
+        """Return which detections are in the gate of a track."""
+        prediction = self.predictor.predict(track, timestamp=self.time)
+        expected = self.updater.predict_measurement(prediction)
+        apart = self.places - np.asarray(expected.state_vector, dtype=np.float64).T
+        inverse = np.linalg.inv(np.asarray(expected.covar, dtype=np.float64))
+        return np.einsum("ij,jk,ik->i", apart, inverse, apart) < self.distance**2
+
+    def largest_group(self, tracks: list[Any]) -> int:
+        """Return how many tracks share detections, directly or by others, at most."""
+        if not tracks:
+            return 0
+        inside = np.array([self.inside(track) for track in tracks], dtype=np.int64)
+        return int(np.bincount(connected_components(csr_array(inside @ inside.T))[1]).max())
 
 
 class Gated(NamedTuple):
     """Hand a hypothesiser only what is in the gate: the same result in less time."""
 
     inner: Any
-    parts: Parts
-    frame: FrameDetections
-    distance: float
+    frame: Frame
 
     def hypothesise(self, track: Any, detections: Any, timestamp: Any, **more: Any) -> Any:
         """Return the hypotheses of a track, as Stone Soup's associators ask for them."""
-        inside = np.flatnonzero(_inside(self.parts, track, self.frame, self.distance))
-        near = [self.frame.detections[k] for k in inside]
+        near = [self.frame.detections[k] for k in np.flatnonzero(self.frame.inside(track))]
         return self.inner.hypothesise(track, near, timestamp, **more)
 
 
-def _inside(
-    parts: Parts, track: Any, frame: FrameDetections, distance: float
-) -> npt.NDArray[np.bool_]:
-    """Return which detections of a frame are in the gate of a track."""
-    prediction = parts.predictor.predict(track, timestamp=frame.time)
-    expected = parts.updater.predict_measurement(prediction, parts.sensor)
-    apart = frame.places - np.asarray(expected.state_vector, dtype=np.float64).T
-    inverse = np.linalg.inv(np.asarray(expected.covar, dtype=np.float64))
-    return np.einsum("ij,jk,ik->i", apart, inverse, apart) < distance**2
-
-
-def largest_group(parts: Parts, tracks: list[Any], frame: FrameDetections, distance: float) -> int:
-    """Return how many tracks share detections, directly or by others, at most."""
-    if not tracks:
-        return 0
-    inside = np.array([_inside(parts, one, frame, distance) for one in tracks], dtype=np.int64)
-    group = connected_components(csr_array(inside @ inside.T))[1]
-    return int(np.bincount(group).max())
-
-
-def _parts(settings: Any) -> Parts:
-    from stonesoup.models.measurement.linear import LinearGaussian
-    from stonesoup.models.transition.linear import (
-        CombinedLinearGaussianTransitionModel,
-        ConstantVelocity,
-    )
-    from stonesoup.predictor.kalman import KalmanPredictor
-    from stonesoup.updater.kalman import KalmanUpdater
-
-    axis = ConstantVelocity(settings.acceleration_noise**2)
-    sensor = LinearGaussian(4, (0, 2), settings.measurement_sd**2 * np.eye(2))
-    motion = CombinedLinearGaussianTransitionModel([axis, axis])
-    return Parts(KalmanPredictor(motion), KalmanUpdater(sensor), sensor)
-
-
-def followed(table: pd.DataFrame, settings: Any, associate: Callable[..., Iterator[Any]]) -> Any:
-    """Return the track of each row: associate, update, start, give up, frame by frame."""
-    from stonesoup.types.detection import Detection
-    from stonesoup.types.state import GaussianState
-    from stonesoup.types.track import Track
-
-    parts, label = _parts(settings), np.empty(len(table), dtype=np.int64)
-    spread = np.diag([settings.measurement_sd**2, settings.velocity_sd**2] * 2)
-    alive: dict[int, tuple[Any, int]] = {}  # track's number: track, frame it was last seen in
-    started = 0
-    frames, where = table["frame"].to_numpy(), table[PLACE].to_numpy()
-    for frame in map(int, np.unique(frames)):
-        rows = np.flatnonzero(frames == frame)
-        now, places = START + timedelta(seconds=frame), where[rows]
-        found = [
-            Detection(place[:, None], now, metadata={"at": at}, measurement_model=parts.sensor)
-            for at, place in zip(rows, places, strict=True)
-        ]
-        alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= settings.invisible}
-        number, alone = {id(one): k for k, (one, _) in alive.items()}, set(rows)
-        tracks = [one for one, _ in alive.values()]
-        for one, state, taken in associate(parts, tracks, FrameDetections(found, places, now)):
-            one.append(state)
-            if taken is not None:
-                at, mine = taken.metadata["at"], number[id(one)]
-                alive[mine], label[at] = (one, frame), mine
-                alone.discard(at)
-        for at in sorted(alone):
-            row, col = where[at]
-            state = GaussianState(np.array([[row], [0.0], [col], [0.0]]), spread, now)
-            alive[started], label[at] = (Track([state]), frame), started
-            started += 1
-    return label
-
-
 @dataclass(frozen=True)
-class _StoneSoup(ABC):
+class _StoneSoup(_Peer):
     """A filter, a gate and the loop over frames, for an associator of Stone Soup."""
 
+    package = "stonesoup"
     distance: float = 4.0  # standard deviations: gate, and cost of a miss
     acceleration_noise: float = 1.0  # px/frame^1.5
     invisible: int = 5  # frames in a row that a track lives on unseen
@@ -278,13 +217,51 @@ class _StoneSoup(ABC):
             check_positive(getattr(self, name), f"{where}: {name}")
         check_count(self.invisible, f"{where}: invisible", 0)
 
-    def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return ``detections`` with ``particle``; see `kilnflight.tracking.tracker.track`."""
-        need("stonesoup")
-        return with_particle(detections, lambda table: followed(table, self, self._associated))
+    def _link(self, table: pd.DataFrame) -> Any:
+        """Return the track of each row: associate, update, start, give up, frame by frame."""
+        from stonesoup.models.measurement.linear import LinearGaussian
+        from stonesoup.models.transition import linear
+        from stonesoup.predictor.kalman import KalmanPredictor
+        from stonesoup.types.detection import Detection
+        from stonesoup.types.state import GaussianState
+        from stonesoup.types.track import Track
+        from stonesoup.updater.kalman import KalmanUpdater
+
+        axis = linear.ConstantVelocity(self.acceleration_noise**2)
+        sensor = LinearGaussian(4, (0, 2), self.measurement_sd**2 * np.eye(2))
+        motion = linear.CombinedLinearGaussianTransitionModel([axis, axis])
+        parts = KalmanPredictor(motion), KalmanUpdater(sensor), self.distance
+        spread = np.diag([self.measurement_sd**2, self.velocity_sd**2] * 2)
+        label = np.empty(len(table), dtype=np.int64)
+        alive: dict[int, tuple[Any, int]] = {}  # number: track, frame of its last detection
+        started = 0
+        frames, places = table["frame"].to_numpy(), table[PLACE].to_numpy()
+        for frame in map(int, np.unique(frames)):
+            rows = np.flatnonzero(frames == frame)
+            now = START + timedelta(seconds=frame)
+            detections = [
+                Detection(places[at][:, None], now, metadata={"at": at}, measurement_model=sensor)
+                for at in rows
+            ]
+            alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.invisible}
+            number, alone = {id(track): k for k, (track, _) in alive.items()}, set(rows)
+            tracks = [track for track, _ in alive.values()]
+            here = Frame(detections, places[rows], now, *parts)
+            for track, state, detection in self._associated(here, tracks):
+                track.append(state)
+                if detection is not None:
+                    at, k = detection.metadata["at"], number[id(track)]
+                    alive[k], label[at] = (track, frame), k
+                    alone.discard(at)
+            for at in sorted(alone):
+                row, col = places[at]
+                state = GaussianState(np.array([[row], [0.0], [col], [0.0]]), spread, now)
+                alive[started], label[at] = (Track([state]), frame), started
+                started += 1
+        return label
 
     @abstractmethod
-    def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
+    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
         """Yield each track, its new state and its detection or None."""
 
 
@@ -292,19 +269,19 @@ class _StoneSoup(ABC):
 class StoneSoupGNN(_StoneSoup):
     """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
 
-    def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
+    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
         from stonesoup.hypothesiser.distance import DistanceHypothesiser
         from stonesoup.measures import Mahalanobis
 
-        filters = (parts.predictor, parts.updater)
+        filters = (frame.predictor, frame.updater)
         costs = DistanceHypothesiser(*filters, Mahalanobis(), missed_distance=self.distance)
-        associator = GNNWith2DAssignment(Gated(costs, parts, frame, self.distance))
-        for one, taken in associator.associate(tracks, frame.detections, frame.time).items():
-            if taken:
-                yield one, parts.updater.update(taken), taken.measurement
+        associator = GNNWith2DAssignment(Gated(costs, frame))
+        for track, best in associator.associate(tracks, frame.detections, frame.time).items():
+            if best:
+                yield track, frame.updater.update(best), best.measurement
             else:
-                yield one, taken.prediction, None
+                yield track, best.prediction, None
 
 
 @dataclass(frozen=True)
@@ -334,43 +311,39 @@ class StoneSoupJPDA(_StoneSoup):
         if self.clutter_density is not None:
             check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
 
-    def _associated(self, parts: Parts, tracks: list[Any], frame: FrameDetections) -> Iterator[Any]:
+    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.probability import JPDAwithEHM2
         from stonesoup.hypothesiser.probability import PDAHypothesiser
         from stonesoup.updater.probability import PDAUpdater
 
         inside = 1 - np.exp(-(self.distance**2) / 2)  # P_G in two dimensions
-        chances = PDAHypothesiser(
-            parts.predictor,
-            parts.updater,
-            self.clutter_density,
-            prob_detect=self.detection_probability,
-            prob_gate=inside,
-        )
-        associator = JPDAwithEHM2(Gated(chances, parts, frame, self.distance))
-        largest = largest_group(parts, tracks, frame, self.distance)
+        shares = {"prob_detect": self.detection_probability, "prob_gate": inside}
+        filters = (frame.predictor, frame.updater)
+        chances = PDAHypothesiser(*filters, self.clutter_density, **shares)
+        associator = JPDAwithEHM2(Gated(chances, frame))
+        largest = frame.largest_group(tracks)
         if largest > self.most_tracks:
             raise InputError(
                 f"StoneSoupJPDA: {largest} tracks share detections in a frame, more than "
                 f"most_tracks {self.most_tracks}. Narrow the gate or lower invisible."
             )
-        found = associator.associate(tracks, frame.detections, frame.time)
-        given, updater = _given(found, frame), PDAUpdater(parts.sensor)
-        for one, hypotheses in found.items():
-            any_inside = any(bool(single) for single in hypotheses)
-            state = updater.update(hypotheses) if any_inside else hypotheses[0].prediction
-            yield one, state, given.get(id(one))
+        joint = associator.associate(tracks, frame.detections, frame.time)
+        recorded, updater = _recorded(joint, frame), PDAUpdater(frame.updater.measurement_model)
+        for track, hypotheses in joint.items():
+            detected = any(bool(hypothesis) for hypothesis in hypotheses)
+            state = updater.update(hypotheses) if detected else hypotheses[0].prediction
+            yield track, state, recorded.get(id(track))
 
 
-def _given(found: dict[Any, Iterable[Any]], frame: FrameDetections) -> dict[int, Any]:
+def _recorded(joint: dict[Any, Iterable[Any]], frame: Frame) -> dict[int, Any]:
     """Return the detection that each track, by `id`, gets, by the rule of our own tracker."""
-    place = {id(one): k for k, one in enumerate(frame.detections)}
-    tracks = list(found)
-    weights = np.zeros((len(tracks), 1 + len(place)))
-    for row, one in zip(weights, tracks, strict=True):
-        for single in found[one]:
-            column = 1 + place[id(single.measurement)] if single else 0
-            row[column] += float(single.probability)
+    column = {id(detection): 1 + k for k, detection in enumerate(frame.detections)}
+    tracks = list(joint)
+    weights = np.zeros((len(tracks), 1 + len(column)))
+    for row, track in zip(weights, tracks, strict=True):
+        for hypothesis in joint[track]:
+            k = column[id(hypothesis.measurement)] if hypothesis else 0
+            row[k] += float(hypothesis.probability)
     owners = record(weights)
     return {id(tracks[i]): frame.detections[j] for j, i in enumerate(owners) if i >= 0}
 

@@ -8,7 +8,15 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.checks import check_between, check_limit
-from kilnflight.tracklets.paths import LOST, Floats, Integers, read_paths, velocities, write_paths
+from kilnflight.tracklets.paths import (
+    LOST,
+    Floats,
+    Integers,
+    means,
+    read_paths,
+    velocities,
+    write_paths,
+)
 from kilnflight.tracklets.texture import Differences
 
 
@@ -64,7 +72,7 @@ def mean_speed(names: Integers, frame: Integers, place: Floats) -> Floats:
     """
     within = np.diff(names) == 0
     speeds = np.hypot(*velocities(frame, place).T)
-    return _sums(names[1:][within], speeds[within], names) / np.maximum(np.bincount(names) - 1, 1)
+    return means(names[1:][within], speeds[within], int(names.max(initial=-1)) + 1)
 
 
 def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
@@ -78,7 +86,7 @@ def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
     first = np.cumsum(count) - count
 
     def sums(values: Floats) -> Floats:
-        return _sums(names, values, names)[names]
+        return np.bincount(names, values).astype(np.float64)[names]
 
     def centred(values: Floats) -> Floats:
         return values - sums(values) / count[names]
@@ -95,12 +103,7 @@ def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
         for base in (straight, bent):
             rest = rest - base * sums(rest * base) / np.where(long, sums(base * base), 1.0)
         left += rest**2
-    whole = _sums(names, total, names)
-    unexplained = _sums(names, left, names) / np.where(whole > 0, whole, 1.0)
+    whole = np.bincount(names, total)
+    unexplained = np.bincount(names, left) / np.where(whole > 0, whole, 1.0)
     known = (count > 3) & (whole > 0)
     return np.where(known, np.sqrt(np.maximum(1.0 - unexplained, 0.0)), 1.0)
-
-
-def _sums(names: Integers, values: Floats, every: Integers) -> Floats:
-    """Return the sum of the values of each path, 0 for paths without any."""
-    return np.bincount(names, values, minlength=int(every.max(initial=-1)) + 1).astype(np.float64)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.optimize import linear_sum_assignment
 
+from kilnflight.association import assign
 from kilnflight.checks import (
     InputError,
     check_at_least,
@@ -25,6 +25,7 @@ from kilnflight.tracklets.paths import (
     Floats,
     Integers,
     Paths,
+    means,
     read_paths,
     turns,
     velocities,
@@ -39,24 +40,14 @@ class Pairs(NamedTuple):
     """A cost matrix as the list of its possible pairs; the others cost C, as in Fig. 4.14.
 
     Of thousands of tracklets a handful of pairs are possible, so the matrix is never made.
-
-    Attributes
-    ----------
-    one, other
-        (p,) earlier and later tracklet.
-    cost
-        (p,) finite and at least 0.
     """
 
-    one: Integers
-    other: Integers
-    cost: Floats
-
-    def where(self, chosen: Bools | Integers) -> Pairs:
-        """Return the chosen pairs."""
-        return Pairs(self.one[chosen], self.other[chosen], self.cost[chosen])
+    earlier: Integers  # (p,) tracklet
+    later: Integers  # (p,) tracklet
+    cost: Floats  # (p,) finite and at least 0
 
 
+Rows = TypeVar("Rows", bound=tuple[Any, ...])
 Matching = Callable[[Pairs], Integers]  # positions in the list of the pairs to join, ascending
 
 
@@ -75,8 +66,8 @@ def listed(matrix: npt.ArrayLike) -> Pairs:
         raise InputError(f"cost matrix: it holds {cost.dtype}, expected numbers.")
     check_shape(cost, (None, None), "cost matrix")
     check_shape(cost, (len(cost), len(cost)), "cost matrix")
-    one, other = np.nonzero(cost != np.inf)
-    return _check_pairs(Pairs(one, other, cost[one, other].astype(np.float64)))
+    earlier, later = np.nonzero(cost != np.inf)
+    return _check_pairs(Pairs(earlier, later, cost[earlier, later].astype(np.float64)))
 
 
 def _check_pairs(pairs: Pairs) -> Pairs:
@@ -87,9 +78,9 @@ def _check_pairs(pairs: Pairs) -> Pairs:
     """
     bad = np.flatnonzero(~((pairs.cost >= 0) & (pairs.cost < np.inf)))
     if len(bad):
-        one, other, cost = (values[bad[0]] for values in pairs)
+        earlier, later, cost = (values[bad[0]] for values in pairs)
         raise InputError(
-            f"pairs: tracklets {one} and {other} cost {cost}; expected 0 or above and finite, "
+            f"pairs: tracklets {earlier} and {later} cost {cost}; expected 0 or above and finite, "
             "inf in a matrix where a pair is impossible."
         )
     return pairs
@@ -109,8 +100,8 @@ class DualNearest:
     def __call__(self, pairs: Pairs) -> Integers:
         """Return which of the pairs to join, as positions in the list, ascending."""
         size = len(_check_pairs(pairs).cost)
-        tracklet = np.append(pairs.one, pairs.other)
-        neighbour = np.append(pairs.other, pairs.one)
+        tracklet = np.append(pairs.earlier, pairs.later)
+        neighbour = np.append(pairs.later, pairs.earlier)
         number = np.tile(np.arange(size), 2)
         order = np.lexsort((number, neighbour, np.tile(pairs.cost, 2), tracklet))
         first = np.append(True, np.diff(tracklet[order]) != 0)[: 2 * size]
@@ -127,17 +118,13 @@ class Hungarian:
 
     def __call__(self, pairs: Pairs) -> Integers:
         """Return which of the pairs to join, as positions in the list, ascending."""
-        if not len(_check_pairs(pairs).cost):
-            return np.empty(0, dtype=np.int64)
-        rows, row = np.unique(pairs.one, return_inverse=True)
-        columns, column = np.unique(pairs.other, return_inverse=True)
-        # Dearer than all pairs together, so that no pair is given up for them.
-        impossible = 1.0 + pairs.cost.max() * min(len(rows), len(columns))
-        number = np.full((len(rows), len(columns)), -1)
-        number[row, column] = np.arange(len(pairs.cost))
-        cost = np.where(number < 0, impossible, pairs.cost[number])
-        chosen = number[linear_sum_assignment(cost)]
-        return np.sort(chosen[chosen >= 0])
+        rows, row = np.unique(_check_pairs(pairs).earlier, return_inverse=True)
+        columns, column = np.unique(pairs.later, return_inverse=True)
+        cost = np.full((len(rows), len(columns)), np.inf)
+        cost[row, column] = pairs.cost
+        # Dearer than all pairs together, so that no pair is given up for it.
+        alone = 1.0 + pairs.cost.max(initial=0.0) * min(cost.shape)
+        return np.flatnonzero(assign(cost, np.full(len(rows), alone))[row] == column)
 
 
 @dataclass(frozen=True)
@@ -159,7 +146,9 @@ class Costs:
 
 @dataclass(frozen=True)
 class Joining:
-    """What `Connection` and `Fusion` share: the iteration of Fig. 4.8, cheapest pairs first.
+    """Join tracklets, the cheapest pairs first, until none is left (Fig. 4.8).
+
+    `Connection` and `Fusion` are its two kinds.
 
     Called with a track table and, for the last term of the cost, the `Differences` of its
     recording. A merged frame keeps one row, that of the earlier tracklet (of the later
@@ -209,14 +198,14 @@ class Joining:
             new = self.candidates(paths, changed)
             if differences is not None:
                 new = self._with_feature(paths, new, differences)
-            stays = known.where(~(changed[known.one] | changed[known.other]))
+            stays = _take(known, ~(changed[known.earlier] | changed[known.later]))
             known = Pairs(*(np.append(a, b) for a, b in zip(stays, new, strict=True)))
-            chosen = _once(known.where(self.matching(known)))
-            if not len(chosen.one):
+            chosen = _once(_take(known, self.matching(known)))
+            if not len(chosen.earlier):
                 return write_paths(tracks, paths, paths.names())
             paths = _merge(paths, chosen)
             changed = np.zeros_like(changed)
-            changed[[chosen.one, chosen.other]] = True
+            changed[[chosen.earlier, chosen.later]] = True
 
     def candidates(self, paths: Paths, changed: Bools) -> Pairs:
         """Return the pairs that may be joined and that hold a changed tracklet.
@@ -230,10 +219,10 @@ class Joining:
         apart = (overlap.common >= self.overlap) | (overlap.distance > self.distance)
         possible = (gap > 0) | ~apart
         i, k, gap = i[possible], k[possible], gap[possible]
-        overlap = overlap.where(possible)
+        overlap = _take(overlap, possible)
         turned, allowed = self._judge(*_connected_parts(paths, i, k, overlap), len(i))
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
-        return Pairs(i, k, cost).where(allowed)
+        return _take(Pairs(i, k, cost), allowed)
 
     def _in_time(self, paths: Paths, changed: Bools) -> tuple[Integers, Integers, Integers]:
         """Return earlier and later tracklet of the pairs near in time, and the gap in frames."""
@@ -257,29 +246,25 @@ class Joining:
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
         part = names[2:][within]
-        turned = self.costs.angle * angle + self.costs.change * change
+        turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > self.outliers.angle_deg) & (change > self.outliers.change)
-        number = np.maximum(np.bincount(part, minlength=count), 1)
-        cost = np.bincount(part, turned[within], minlength=count) / number
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
         allowed &= mean_speed(names, frame, place) > self.false.speed
         allowed &= regularity(names, frame, place) > self.false.regularity
         deep = ~np.isnan(place[:, 2])
-        names, frame, depth = names[deep], frame[deep], place[deep, 2]
-        within = np.diff(names) == 0
-        part = names[1:][within]
-        rate = np.abs(np.diff(depth)[within]) / np.diff(frame)[within]
-        number = np.maximum(np.bincount(part, minlength=count), 1)
-        cost += self.costs.depth * np.bincount(part, rate, minlength=count) / number
+        within = np.diff(names[deep]) == 0
+        deeper = names[deep][1:][within]
+        rate = (np.abs(np.diff(place[deep, 2])) / np.maximum(np.diff(frame[deep]), 1))[within]
+        cost = means(part, turned, count) + self.costs.depth * means(deeper, rate, count)
         # Eq. 4.22: no change of depth at the limit or above
-        too_deep = np.bincount(part, ~(rate < self.depth), minlength=count)
+        too_deep = np.bincount(deeper, ~(rate < self.depth), minlength=count)
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
 
     def _with_feature(self, paths: Paths, pairs: Pairs, differences: Differences) -> Pairs:
         """Return the pairs with the last term of Eq. 4.24 in their cost."""
         cost = pairs.cost.copy()
         first, last = paths.starts[:-1], paths.starts[1:] - 1
-        for number, (i, k) in enumerate(zip(pairs.one, pairs.other, strict=True)):
+        for number, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
             energy = self.feature(
                 tuple(paths.place[last[i], :2]),
                 tuple(paths.place[first[k], :2]),
@@ -340,27 +325,12 @@ class Fusion(Joining):
 
 
 class Overlap(NamedTuple):
-    """What the tracklets of each pair have in common, and where their connected part lies.
+    """Common frames of the tracklets of each pair, and where their connected part lies."""
 
-    Attributes
-    ----------
-    common
-        Number of common frames.
-    distance
-        Mean distance in the common frames, px; infinite without any.
-    until, since
-        Position of the end of the part of the earlier one, and of the start of the later one's.
-    """
-
-    common: Integers
-    distance: Floats
-    until: Integers
-    since: Integers
-
-    def where(self, chosen: Bools) -> Overlap:
-        """Return that of the chosen pairs."""
-        common, distance, until, since = self
-        return Overlap(common[chosen], distance[chosen], until[chosen], since[chosen])
+    common: Integers  # number of common frames
+    distance: Floats  # mean distance in the common frames, px; infinite without any
+    until: Integers  # position of the end of the earlier one's part
+    since: Integers  # position of the start of the later one's part
 
 
 def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
@@ -372,14 +342,13 @@ def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
     before = np.searchsorted(key, i * width + first)
     after = np.searchsorted(key, k * width + last, side="right")
     pair, point = _ranges(before, np.maximum(paths.starts[i + 1], before))
-    wanted = k[pair] * width + paths.frame[point] - low
-    place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-    both = key[place] == wanted
+    same = k[pair] * width + paths.frame[point] - low  # the key of this frame in the later one
+    place = np.minimum(np.searchsorted(key, same), len(key) - 1)
+    both = key[place] == same
     pair, point, place = pair[both], point[both], place[both]
     common = np.bincount(pair, minlength=len(i))
     apart = np.hypot(*(paths.place[point, :2] - paths.place[place, :2]).T)
-    total = np.bincount(pair, apart, minlength=len(i))
-    distance = np.where(common > 0, total / np.maximum(common, 1), np.inf)
+    distance = np.where(common > 0, means(pair, apart, len(i)), np.inf)
     ends = np.cumsum(common)[common > 0]
     before[common > 0] = point[ends - common[common > 0]] + 1
     after[common > 0] = place[ends - 1]
@@ -413,15 +382,13 @@ def _once(pairs: Pairs) -> Pairs:
     Where a matching names a tracklet twice, the cheaper pair is joined first and the
     other one meets the joined tracklet in the next iteration.
     """
-    order = np.lexsort((pairs.other, pairs.one, pairs.cost))
-    used: set[int] = set()
-    chosen = []
-    for number in order.tolist():
-        pair = int(pairs.one[number]), int(pairs.other[number])
+    used, chosen = set[int](), list[int]()
+    for k in np.lexsort((pairs.later, pairs.earlier, pairs.cost)).tolist():
+        pair = int(pairs.earlier[k]), int(pairs.later[k])
         if used.isdisjoint(pair):
             used.update(pair)
-            chosen.append(number)
-    return pairs.where(np.array(chosen, dtype=np.int64))
+            chosen.append(k)
+    return _take(pairs, np.array(chosen, dtype=np.int64))
 
 
 def _merge(paths: Paths, chosen: Pairs) -> Paths:
@@ -432,8 +399,8 @@ def _merge(paths: Paths, chosen: Pairs) -> Paths:
     """
     number = np.arange(len(paths.starts) - 1)
     later = np.zeros(len(number), dtype=np.bool_)
-    later[chosen.other] = True
-    low, high = np.minimum(chosen.one, chosen.other), np.maximum(chosen.one, chosen.other)
+    later[chosen.later] = True
+    low, high = np.minimum(chosen.earlier, chosen.later), np.maximum(chosen.earlier, chosen.later)
     number[high] = low
     names = number[paths.names()]
     order = np.lexsort((later[paths.names()], paths.frame, names))
@@ -449,10 +416,15 @@ def _merge(paths: Paths, chosen: Pairs) -> Paths:
     return Paths(rows[kept], frame[kept], place[kept], starts)
 
 
-def _mean(one: Floats, other: Floats) -> Floats:
-    """Return the mean of places; what only one knows is taken from it."""
-    mean = (one + other) / 2
-    return np.where(np.isnan(one), other, np.where(np.isnan(other), one, mean))
+def _take(table: Rows, chosen: Bools | Integers) -> Rows:
+    """Return the chosen entries of every array of `Pairs` or `Overlap`."""
+    return type(table)(*(values[chosen] for values in table))
+
+
+def _mean(first: Floats, second: Floats) -> Floats:
+    """Return the mean of places; what only one of them knows is taken from it."""
+    mean = (first + second) / 2
+    return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))
 
 
 def _ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:

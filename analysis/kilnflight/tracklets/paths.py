@@ -152,6 +152,12 @@ def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
     return angle, change
 
 
+def means(part: Integers, values: Floats, count: int) -> Floats:
+    """Return the mean of the values of each of ``count`` parts, 0 without any."""
+    number = np.maximum(np.bincount(part, minlength=count), 1)
+    return np.asarray(np.bincount(part, values, minlength=count) / number)
+
+
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track."""
     check_columns(tracks, ("particle",), "tracks")

@@ -69,19 +69,19 @@ def energies(window: npt.ArrayLike, inside: npt.ArrayLike | None = None) -> dict
     """
     image = check_finite(window, "energies: window")
     check_shape(image, (None, None), "energies: window")
-    wanted = np.ones(image.shape, bool) if inside is None else np.asarray(inside, dtype=np.bool_)
-    check_shape(wanted, image.shape, "energies: inside")
+    counted = np.ones(image.shape, bool) if inside is None else np.asarray(inside, dtype=np.bool_)
+    check_shape(counted, image.shape, "energies: inside")
     pairs = combinations_with_replacement(MASKS, 2)
-    return {one + two: _energy(image, wanted, MASKS[one], MASKS[two]) for one, two in pairs}
+    return {a + b: _energy(image, counted, MASKS[a], MASKS[b]) for a, b in pairs}
 
 
-def _energy(image: Array, inside: npt.NDArray[np.bool_], one: Array, two: Array) -> float:
-    """Return the energy of one mask combination and its transpose."""
+def _energy(image: Array, inside: npt.NDArray[np.bool_], first: Array, second: Array) -> float:
+    """Return the energy of a mask combination and its transpose."""
     if not inside.any():
         return 0.0
     responses = [
         cv2.sepFilter2D(image, cv2.CV_64F, along, across, borderType=cv2.BORDER_REPLICATE)
-        for along, across in ((one, two), (two, one))
+        for along, across in ((first, second), (second, first))
     ]
     values = (np.abs(responses[0]) + np.abs(responses[1]))[inside] / 2
     return float(values.sum() / max(np.count_nonzero(values), 1))
