@@ -65,9 +65,8 @@ figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, pr
 
 # %%
 attempts = detection_claims.compare_clusterers(subsets)
-tables = {
-    family: detection_claims.cluster_table(attempts, family) for family in detection_claims.FAMILIES
-}
+families = detection_claims.TABLES
+tables = {family: detection_claims.cluster_table(attempts, family) for family in families}
 
 # %%
 caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
@@ -89,11 +88,8 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 
 # %%
 totals = detection_claims.cluster_totals(tables)
-parameters = {name: family.parameters for name, family in detection_claims.FAMILIES.items()}
-printed = {
-    name: claims.published(family.table) for name, family in detection_claims.FAMILIES.items()
-}
-picture = detection_pictures.precision_recall(totals, printed, parameters)
+printed = {family: claims.published(table) for family, table in families.items()}
+picture = detection_pictures.precision_recall(totals, printed, detection_claims.PARAMETERS)
 table = pd.concat(totals, names=["family"]).reset_index("family")
 names = ["minPts", "epsilon_mm", "R", "K", "alpha", "precision", "recall", "f1", "f1_published"]
 table = table[["family", *names]]
@@ -129,8 +125,7 @@ figures.save("mo-readings", readings, caption=caption, provenance=origin)
 # With the parameters that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1.
 
 # %%
-analysed = detection_claims.analysed_settings(attempts)
-recall = detection.class_recall(analysed, ["family", "subset"])
+recall = detection_claims.analysed_recall(attempts, ["family", "subset"])
 picture = detection_pictures.class_recall(recall, "family")
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)

@@ -22,7 +22,7 @@ def subset():
 
 
 def perfect(subset):
-    """Finds what is there: by the frame, which it knows by its grey values."""
+    """Return a method that detects every particle: it knows a frame by its grey values."""
     known = {subset.recording.gray(t).tobytes(): t for t in subset.frames}
 
     def method(view):
@@ -32,7 +32,7 @@ def perfect(subset):
     return method
 
 
-def test_who_finds_everything_has_full_marks_and_who_finds_nothing_none(subset):
+def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
     methods = {"all": perfect(subset), "none": lambda view: np.empty((0, 2))}
     table = detection.run([subset], methods, MEDIAN)
     total = detection.sum_counts(table, ["method"]).set_index("method")
@@ -74,7 +74,7 @@ def test_detectors_of_each_kind_are_methods(subset):
     assert printed < set(methods)
 
 
-def test_views_that_are_held_are_those_of_a_first_look(subset):
+def test_cached_views_are_those_of_the_first_call(subset):
     holding = subset._replace(frames=(75, 77), background=MEDIAN, cache={})
     first = list(detection.subset_views(holding))
     again = list(detection.subset_views(holding._replace(frames=(77,))))
@@ -108,11 +108,11 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
         np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))
 
 
-def attempts(**f1):
-    """Ten particles per frame; a method finds so many of them, by subset."""
+def attempts(**true_positives):
+    """Return ten particles per frame; a method detects so many of them, by subset."""
     rows = [
-        {"subset": v, "frame": t, "method": m, "tp": found[k], "fp": 0, "fn": 10 - found[k]}
-        for m, found in f1.items()
+        {"subset": v, "frame": t, "method": m, "tp": tp[k], "fp": 0, "fn": 10 - tp[k]}
+        for m, tp in true_positives.items()
         for k, v in enumerate(("V1", "V2", "V3"))
         for t in range(4)
     ]
@@ -154,16 +154,16 @@ def test_unsigned_differences_keep_what_is_brighter(subset):
         assert not brighter.all()
 
 
-def test_one_look_for_all_thresholds_is_the_detector_at_each():
+def test_one_call_for_all_thresholds_is_the_detector_at_each():
     image = np.zeros((120, 160), dtype=np.float32)
     image[40:46, 50:56], image[90:93, 120:123] = 9000.0, 4000.0
     none = np.empty((0, 2), dtype=np.intp)
     view = View(image.astype(np.uint16), image.astype(np.uint16), image, none, np.empty((0, 3)))
-    for look in (lambda foreground: foreground, lambda foreground: foreground / 4):
-        methods = detection_methods.from_thresholds((2000, 200, 700), look)
+    for change in (lambda foreground: foreground, lambda foreground: foreground / 4):
+        methods = detection_methods.from_thresholds((2000, 200, 700), change)
         assert sorted(methods) == [200, 700, 2000]
         for threshold, method in methods.items():
-            expected = DoG(float(threshold))(look(image))
+            expected = DoG(float(threshold))(change(image))
             np.testing.assert_array_equal(method(view), expected)
     assert detection_methods.from_thresholds(()) == {}
 

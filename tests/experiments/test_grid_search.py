@@ -19,8 +19,8 @@ def a_window(length=10):
     frame = np.tile(np.arange(length), 3)
     path = {"frame": frame, "row": frame * 5.0, "col": np.repeat([0.0, 200.0, 400.0], length)}
     truth = pd.DataFrame(path).assign(particle=np.repeat([0, 1, 2], length))
-    seen = truth.drop(columns="particle")
-    return Window("wood chip", "W1", range(length), seen, truth, None)
+    detections = truth.drop(columns="particle")
+    return Window("wood chip", "W1", range(length), detections, truth, None)
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_the_climb_ends_inside_of_what_was_tried(top, first):
     best, tried = chosen_one(a_window(20), grid)
     assert best["setting"] == f"p0 {top[0]}, p1 {top[1]}"
     assert best["at_end"] == ""
-    around = {grid.text(one) for one in grid.neighbors(tuple(map(float, top)))}
+    around = {grid.text(setting) for setting in grid.neighbors(tuple(map(float, top)))}
     assert len(around) == 4
     assert around < set(tried["setting"])
     assert not tried["setting"].duplicated().any()
@@ -93,7 +93,7 @@ def test_an_end_of_the_grid_is_named(window):
     assert (tried.loc[~tried["chosen"], "at_end"] == "").all()
 
 
-def test_who_refuses_a_neighbor_stays_where_it_is(window):
+def test_a_tracker_that_refuses_a_neighbor_stays_where_it_is(window):
     def build(way):
         return right if way == 1 else refuses
 
@@ -114,14 +114,14 @@ def test_a_grid_without_neighbours_is_refused(values, first):
 def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
     for grid in [*kilnflight_grids().values(), *peer_grids().values()]:
         first = list(product(*(grid.start[name] for name in grid.parameters)))
-        some = first + grid.neighbors(first[0])
-        assert len({grid.text(one) for one in some}) == len(set(some))
-        for one in some:
-            assert callable(grid.build(*one))
+        settings = first + grid.neighbors(first[0])
+        assert len({grid.text(setting) for setting in settings}) == len(set(settings))
+        for setting in settings:
+            assert callable(grid.build(*setting))
     assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
 
 
-def test_who_refuses_a_window_has_rows_without_measures(window):
+def test_a_tracker_that_refuses_a_window_has_rows_without_measures(window):
     scores = grid_search.score([window], {"one": right, "other": refuses})
     assert scores["postprocessing"].tolist() == ["without", "with"] * 2
     assert scores["beta"].isna().tolist() == [False, False, True, True]
@@ -135,7 +135,7 @@ def test_nothing_to_choose_from_is_an_error(window):
         grid_search.grid_search([window], {"one": no})
 
 
-def test_the_beginning_of_a_stretch(window):
+def test_the_first_frames_of_a_window(window):
     short = grid_search.first_frames(window, 4)
     assert short.frames == range(4)
     for table in (short.detections, short.truth):

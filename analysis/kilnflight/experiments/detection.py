@@ -383,8 +383,8 @@ def positions(
             means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
             part = here[["frame", "particle", "row", "col", "label"]].assign(subset=subset.name)
             marked.append(part.join(means, on="particle"))
-            found = detectors[subset.name](view, subset.recording.attributes.roi, t)
-            detected.append(found.assign(subset=subset.name))
+            detections = detectors[subset.name](view, subset.recording.attributes.roi, t)
+            detected.append(detections.assign(subset=subset.name))
     tables = [pd.concat(parts, ignore_index=True) for parts in (marked, detected)]
     for table in tables:
         known = table.dropna(subset="z")[["x", "y", "z"]]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,24 +43,11 @@ from kilnflight.twin.camera import Geometry
 FITTED = "the picture was fitted to Otsu's row (notebook 13)"
 
 
-class Family(NamedTuple):
-    """A clusterer and the table of the thesis that lists its settings."""
-
-    table: str
-    parameters: list[str]  # its columns
-    clusterer: Callable[[Any], Clusterer]  # of a row of it
-    analysed: int  # row whose recall by class section 5.1.3 discusses
-
-
-FAMILIES = {
-    "dbscan": Family(
-        "table_5.8", ["minPts", "epsilon_mm"], lambda row: DBSCAN(row.epsilon_mm, row.minPts), 5
-    ),
-    "mo": Family("table_5.9", ["R"], lambda row: MorphologicalClustering(row.R), 1),
-    "qcc": Family(
-        "table_5.10", ["K", "alpha"], lambda row: QuasiClusterCenters(row.K, row.alpha), 2
-    ),
-}
+# Clusterers: the tables that list their settings, their parameters in them, and the row whose
+# recall by class section 5.1.3 discusses.
+TABLES = {"dbscan": "table_5.8", "mo": "table_5.9", "qcc": "table_5.10"}
+PARAMETERS = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}
+ANALYSED = {"dbscan": 5, "mo": 1, "qcc": 2}
 
 
 def compare_backgrounds(
@@ -83,12 +71,10 @@ def compare_pictures(subsets: list[Subset], scale: str) -> pd.DataFrame:
         values, ``chosen`` as in `compare_thresholds`, by what SIFT is best with on 16 bits.
     """
     thresholds = tried_thresholds(scale)
+    fine, coarse = from_thresholds(thresholds), from_thresholds(thresholds, eight_bits)
     methods: dict[tuple[str, float], Method] = {("Otsu", 0): from_foreground(Otsu())}
-    for name, graded in {
-        "SIFT": from_thresholds(thresholds),
-        "8 bits": from_thresholds(thresholds, eight_bits),
-    }.items():
-        methods |= {(name, threshold): method for threshold, method in graded.items()}
+    methods |= {("SIFT", threshold): fine[threshold] for threshold in thresholds}
+    methods |= {("8 bits", threshold): coarse[threshold] for threshold in thresholds}
     table = run(subsets, methods)
     table[["method", "threshold"]] = table["method"].to_list()
     best = leave_one_out(table[table["method"] == "SIFT"])
@@ -164,29 +150,26 @@ def picture_verdicts(
     """
     of_otsu, of_sift = (table.set_index("subset") for table in (otsu, sift))
     subsets = of_otsu.index.drop("Total")
-    by_class = {
-        name: rows.pivot(index="subset", columns="label", values="recall")
-        for name, rows in recall.groupby("method")
-    }
-    burning, unlit, more = by_class["Otsu"][2], by_class["Otsu"][3], by_class["SIFT"][3]
+    by_class = recall.pivot(index="subset", columns=["method", "label"], values="recall")
+    burning, unlit, more = (by_class[key] for key in (("Otsu", 2), ("Otsu", 3), ("SIFT", 3)))
     last, last_of_sift = (table.loc[subsets, "f1"].idxmin() for table in (of_otsu, of_sift))
-    lowest = {"V4 lowest": unlit.idxmin() == "V4" or bool(unlit["V4"] == unlit.min())}
     half = {f"{name} {value:.2f} <= 0.5": bool(value <= 0.5) for name, value in unlit.items()}
-    about = {
-        f"{name} {more[name]:.2f} in 0.35..0.75": 0.35 <= more[name] <= 0.75 for name in subsets
-    }
-    above = {f"{name} above Otsu {unlit[name]:.2f}": more[name] > unlit[name] for name in subsets}
-    both = of_sift["f1"]["Total"], of_otsu["f1"]["Total"]
-    gap = of_sift["f1"]["V5"] - of_otsu["f1"]["V5"]
+    half["V4 lowest"] = unlit.idxmin() == "V4" or bool(unlit["V4"] == unlit.min())
+    about = {f"{name} {r:.2f} in 0.35..0.75": bool(0.35 <= r <= 0.75) for name, r in more.items()}
+    names = [f"{name} above Otsu {r:.2f}" for name, r in unlit.items()]
+    above = dict(zip(names, more > unlit, strict=True))
+    otsu_f1, sift_f1 = of_otsu["f1"], of_sift["f1"]
+    ahead = f"{sift_f1['Total']:.4f} > {otsu_f1['Total']:.4f}"
+    gap = sift_f1["V5"] - otsu_f1["V5"]
     v5 = {f"last is {last_of_sift}": last_of_sift == "V5", f"V5 {gap:+.3f} >= 0.05": gap >= 0.05}
     precision = claims.judge("otsu-1", of_otsu.loc[subsets, "precision"], note=note)
     rank = claims.judge("otsu-4", {f"last is {last}": last == "V5"}, note=note)
     return [
         claims.fitted(precision, FITTED),
         claims.judge("otsu-2", burning, note=note),
-        claims.judge("otsu-3", half | lowest, note=f"{note}; although {FITTED}"),
+        claims.judge("otsu-3", half, note=f"{note}; although {FITTED}"),
         claims.fitted(rank, FITTED),
-        claims.judge("sift-1", {f"{both[0]:.4f} > {both[1]:.4f}": both[0] > both[1]}, note=note),
+        claims.judge("sift-1", {ahead: sift_f1["Total"] > otsu_f1["Total"]}, note=note),
         claims.judge("sift-2", about | above, note=note),
         claims.judge("sift-3", v5, note=note),
         claims.judge("sift-4", seconds[400] / seconds[1000], note="median time of a frame"),
@@ -195,10 +178,15 @@ def picture_verdicts(
 
 def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
     """Return `run` of all settings of Tables 5.8 to 5.10, with ``family`` and ``row``."""
+    makers: dict[str, Callable[[Any], Clusterer]] = {
+        "dbscan": lambda row: DBSCAN(row.epsilon_mm, row.minPts),
+        "mo": lambda row: MorphologicalClustering(row.R),
+        "qcc": lambda row: QuasiClusterCenters(row.K, row.alpha),
+    }
     methods = {
-        (name, row.Index): from_cloud(family.clusterer(row))
-        for name, family in FAMILIES.items()
-        for row in claims.published(family.table).itertuples()
+        (family, row.Index): from_cloud(make(row))
+        for family, make in makers.items()
+        for row in claims.published(TABLES[family]).itertuples()
     }
     table = run(subsets, methods)
     table[["family", "row"]] = table["method"].to_list()
@@ -213,18 +201,17 @@ def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
     attempts
         Of `compare_clusterers`.
     family
-        One of `FAMILIES`.
+        One of `TABLES`.
 
     Returns
     -------
     DataFrame
         The parameters, the columns of `with_total`, and ``f1_published`` in the total.
     """
-    printed = claims.published(FAMILIES[family].table)
     table = with_total(attempts[attempts["family"] == family], ["row", "subset"])
-    settings = printed.loc[table.pop("row")].reset_index(drop=True)
+    settings = claims.published(TABLES[family]).loc[table.pop("row")].reset_index(drop=True)
     f1 = settings["f1"].where(table["subset"] == "Total")
-    return pd.concat([settings[FAMILIES[family].parameters], table.assign(f1_published=f1)], axis=1)
+    return pd.concat([settings[PARAMETERS[family]], table.assign(f1_published=f1)], axis=1)
 
 
 def cluster_totals(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
@@ -232,10 +219,9 @@ def cluster_totals(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame
     return {name: table[table["subset"] == "Total"] for name, table in tables.items()}
 
 
-def analysed_settings(attempts: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of `compare_clusterers` with the settings that the thesis analyses."""
-    analysed = {name: family.analysed for name, family in FAMILIES.items()}
-    return attempts[attempts["row"] == attempts["family"].map(analysed)]
+def analysed_recall(attempts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """Return `class_recall` with the settings that the thesis analyses."""
+    return class_recall(attempts[attempts["row"] == attempts["family"].map(ANALYSED)], by)
 
 
 def cluster_verdicts(
@@ -253,44 +239,38 @@ def cluster_verdicts(
         How many frames, and which gate.
     """
     totals = cluster_totals(tables)
-    dbscan, mo, qcc = (totals[name].set_index(FAMILIES[name].parameters) for name in FAMILIES)
-    by_points = {f"minPts {n}": rows for n, rows in dbscan.groupby(level="minPts")}
-    falling = {
-        f"{n}: FP falls": rows["fp"].is_monotonic_decreasing for n, rows in by_points.items()
-    }
-    rising = {f"{n}: FN rises": rows["fn"].is_monotonic_increasing for n, rows in by_points.items()}
+    dbscan, mo, qcc = (totals[family].set_index(PARAMETERS[family]) for family in TABLES)
+    by_points = dbscan.groupby(level="minPts")
+    eps = {f"minPts {n}: FP falls": fp.is_monotonic_decreasing for n, fp in by_points["fp"]}
+    eps |= {f"minPts {n}: FN rises": fn.is_monotonic_increasing for n, fn in by_points["fn"]}
     of_eps = dbscan["f1"].groupby(level="minPts").agg(np.ptp).mean()
     of_points = dbscan["f1"].groupby(level="epsilon_mm").agg(np.ptp)[[30, 50, 70]].mean()
     seconds = dbscan["seconds_per_image"]
+    slower = seconds[(6, 50)] / seconds[(6, 10)]
     grows = {name: mo[name].is_monotonic_increasing for name in ("tp", "fp", "seconds_per_image")}
-    conditions = {
-        f"alpha {alpha}: FP falls with K": rows["fp"].is_monotonic_decreasing
-        for alpha, rows in qcc.groupby(level="alpha")
-    }
-    wide = {name: qcc[name].unstack("alpha") for name in ("recall", "precision")}
-    rise = {name: table[0.2] - table[0.1] for name, table in wide.items()}
-    for k in (20, 25, 30):
-        conditions[f"K {k}: recall up with alpha"] = bool(rise["recall"][k] > 0)
-        conditions[f"K {k}: precision down"] = bool(rise["precision"][k] < 0)
-    picked = analysed_settings(attempts)
-    pooled = class_recall(picked, ["family"]).pivot(
-        index="family", columns="label", values="recall"
+    by_alpha = qcc["fp"].groupby(level="alpha")
+    alphas = {f"alpha {n}: FP falls with K": fp.is_monotonic_decreasing for n, fp in by_alpha}
+    recall, precision = (
+        qcc[name].unstack("alpha").diff(axis=1)[0.2] for name in ("recall", "precision")
     )
-    walls = class_recall(picked, ["family", "subset"]).query("family == 'dbscan' and label == 4")
+    for k in (20, 25, 30):
+        alphas[f"K {k}: recall up with alpha"] = bool(recall[k] > 0)
+        alphas[f"K {k}: precision down"] = bool(precision[k] < 0)
+    pooled = analysed_recall(attempts, ["family"])
+    by_class = pooled.pivot(index="family", columns="label", values="recall")
     most = {
-        f"{truth.CLASSES[k]}: {pooled[k].round(2).to_dict()}": pooled[k].idxmax() == "qcc"
+        f"{truth.CLASSES[k]}: {by_class[k].round(2).to_dict()}": by_class[k].idxmax() == "qcc"
         for k in (3, 4)
     }
-    half = walls.set_index("subset")["recall"].filter(["V1", "V4"])
+    walls = analysed_recall(attempts, ["family", "subset"]).query("label == 4")
+    half = walls.query("family == 'dbscan'").set_index("subset")["recall"].filter(["V1", "V4"])
     return [
-        claims.judge("cluster-1", falling | rising, note=note),
+        claims.judge("cluster-1", eps, note=note),
         claims.judge("cluster-2", of_eps / of_points, note=f"{note}; mean range of F1"),
-        claims.judge(
-            "cluster-3", seconds[(6, 50)] / seconds[(6, 10)], note="minPts 6, median time"
-        ),
+        claims.judge("cluster-3", slower, note="minPts 6, median time"),
         claims.judge("cluster-4", grows, note=note),
-        claims.judge("cluster-5", conditions, note=note),
-        claims.judge("cluster-7", pooled[2], note=f"{note}; all subsets"),
+        claims.judge("cluster-5", alphas, note=note),
+        claims.judge("cluster-7", by_class[2], note=f"{note}; all subsets"),
         claims.judge("cluster-8", half, note=note),
         claims.judge("cluster-9", most, note=note),
     ]
@@ -316,17 +296,14 @@ def combination_verdicts(total: pd.DataFrame, first: pd.Series, note: str) -> li
         change[change.index.str.startswith(name)].rename(lambda pair: pair.split("+")[1])
         for name in ("OTSU", "SIFT")
     )
-    rise = {f"{name}: recall {value:+.3f}": value > 0.03 for name, value in otsu["recall"].items()}
-    fall = {
-        f"{name}: precision {value:+.3f}": -0.05 < value < 0
-        for name, value in otsu["precision"].items()
+    slight = {
+        f"{name}: recall {value:+.3f}": value > 0.03 for name, value in otsu["recall"].items()
     }
-    both = {
-        f"{name}: precision {precision:+.3f}, recall {recall:+.3f}": precision > 0 and recall > 0
-        for name, precision, recall in zip(
-            sift.index, sift["precision"], sift["recall"], strict=True
-        )
-    }
+    for name, value in otsu["precision"].items():
+        slight[f"{name}: precision {value:+.3f}"] = -0.05 < value < 0
+    words = "precision " + sift["precision"].map("{:+.3f}".format)
+    words = sift.index + ": " + words + ", recall " + sift["recall"].map("{:+.3f}".format)
+    both = dict(zip(words, (sift[["precision", "recall"]] > 0).all(axis=1), strict=True))
     f1, best = rates["f1"], str(rates["f1"].idxmax())
     gap = f1[["2D-OTSU", "2D-SIFT"]].min() - f1[f1.index.str.startswith("3D")]
     below = {f"{name} {value:.3f} below": value >= 0.1 for name, value in gap.items()}
@@ -335,7 +312,7 @@ def combination_verdicts(total: pd.DataFrame, first: pd.Series, note: str) -> li
         claims.judge("cluster-6", below, note=f"{note}; below the lower of Otsu and SIFT"),
         claims.judge("combi-1", change["f1"], note=note),
         claims.judge("combi-2", {f"first is {best}": best == "Combi SIFT+DBSCAN"}, note=sure),
-        claims.judge("combi-3", rise | fall, note=note),
+        claims.judge("combi-3", slight, note=note),
         claims.judge("combi-4", both, note=note),
     ]
 
@@ -343,17 +320,13 @@ def combination_verdicts(total: pd.DataFrame, first: pd.Series, note: str) -> li
 def cylinder_table(fits: Mapping[str, Cylinder], geometry: Geometry) -> pd.DataFrame:
     """Return the fitted cylinder of each subset beside the true one and Table 5.12."""
     along = [abs(np.dot(fit.direction, geometry.axes[0])) for fit in fits.values()]
-    return pd.DataFrame(
-        {
-            "subset": list(fits),
-            "radius_mm": [fit.radius_mm for fit in fits.values()],
-            "radius_true_mm": geometry.kiln_radius_mm,
-            "radius_published_mm": 772.1827,
-            "direction_off_deg": np.degrees(np.arccos(np.minimum(along, 1.0))),
-            "inliers": [fit.inliers for fit in fits.values()],
-            "rms_mm": [fit.rms_mm for fit in fits.values()],
-        }
-    )
+    names = ["radius_mm", "inliers", "rms_mm"]
+    table = pd.DataFrame([asdict(fit) for fit in fits.values()])[names]
+    table.insert(0, "subset", list(fits))
+    table.insert(2, "radius_true_mm", geometry.kiln_radius_mm)
+    table.insert(3, "radius_published_mm", 772.1827)
+    table.insert(4, "direction_off_deg", np.degrees(np.arccos(np.minimum(along, 1.0))))
+    return table
 
 
 def wall_verdicts(
@@ -371,12 +344,12 @@ def wall_verdicts(
         Tables 5.13 and 5.14, of `classification_table`, with the thresholds
         "crossing_plus_40" and "printed_800".
     """
-    exact, seen = (
+    exact, measured = (
         table[table["subset"] == "Total"].set_index("threshold") for table in (marked, detected)
     )
     radius = cylinders.set_index("subset")["radius_mm"]
     off = radius / cylinders["radius_true_mm"].to_numpy() - 1
-    f1, lower = exact["f1"]["crossing_plus_40"], seen["f1"]["crossing_plus_40"]
+    f1, lower = exact["f1"]["crossing_plus_40"], measured["f1"]["crossing_plus_40"]
     conditions = {f"{lower:.4f} < {f1:.4f}": lower < f1, "at least 0.8": lower >= 0.8}
     missed = 1 - exact["recall"]["crossing_plus_40"]
     printed = f"with 800 mm F1 {exact['f1']['printed_800']:.3f}"

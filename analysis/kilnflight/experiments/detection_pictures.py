@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
@@ -56,9 +57,9 @@ def precision_recall(
             look = {"color": colour, "mfc": "none", "label": label}
             axes.plot(table["recall"], table["precision"], mark, **look)
         last = parameters[name][-1]
-        for value, one in ours.groupby(last):
-            axes.plot(one["recall"], one["precision"], "-", color="0.6", lw=0.6, zorder=1)
-            end = (one["recall"].min(), one["precision"].max())
+        for value, line in ours.groupby(last):
+            axes.plot(line["recall"], line["precision"], "-", color="0.6", lw=0.6, zorder=1)
+            end = (line["recall"].min(), line["precision"].max())
             axes.annotate(f"{value:g}", end, (-4, 0), va="center", **beside)
         axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
     panels[0].set(ylabel="precision", ylim=(0, 1))
@@ -80,8 +81,8 @@ def class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ())
     """
     groups = recall.groupby(by, sort=False)
     picture, (panels,) = canvas(1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True)
-    for axes, (name, one) in zip(panels, groups, strict=True):
-        bars(axes, one, "subset", "kind", "recall")
+    for axes, (name, table) in zip(panels, groups, strict=True):
+        bars(axes, table, "subset", "kind", "recall")
         axes.set_title(name)
     if len(published):
         look = {"color": "black", "ms": 3, "label": "published, non-burning"}
@@ -131,17 +132,22 @@ def axis_distances(
     return picture
 
 
+def _part(axes: Axes, image: npt.NDArray[Any], box: Sequence[int], title: str, **look: Any) -> None:
+    """Draw a rectangle (top, bottom, left, right) of an image, axes in pixels of the frame."""
+    top, bottom, left, right = box
+    extent = (left, right, bottom, top)
+    axes.imshow(image[top:bottom, left:right], cmap="gray", extent=extent, **look)
+    axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+
+
 def flame(gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequence[int]) -> Figure:
     """Return the burner's rectangle (top, bottom, left, right) and the flame in it."""
     top, bottom, left, right = roi
     picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
-    titles = ("rectangle around the burner", "segmented flame")
-    for axes, title in zip(panels, titles, strict=True):
-        part = gray[top:bottom, left:right]
-        axes.imshow(part, cmap="gray", extent=(left, right, bottom, top))
-        axes.set(title=title, xlabel="column (px)")
+    for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
+        _part(axes, gray, roi, title)
     panels[1].contour(mask, levels=[0.5], colors=COLOURS[1], extent=(left, right, top, bottom))
-    panels[0].set_ylabel("row (px)")
+    panels[1].set_ylabel("")
     return picture
 
 
@@ -168,21 +174,21 @@ def cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -
     """Return up to three examples (keypoints, clusters, decided particles) of each case."""
     middle = np.sqrt(np.median(gray))
     picture, grid = canvas(len(examples), 3, width_mm=110, height_mm=38 * len(examples))
-    for (case, some), row in zip(examples.items(), grid, strict=True):
-        shown = sorted(some, key=lambda one: -len(one[2]))[:: max(1, len(some) // 3)][:3]
-        for axes in row:
+    for (case, rows), panels in zip(examples.items(), grid, strict=True):
+        shown = sorted(rows, key=lambda row: -len(row[2]))[:: max(1, len(rows) // 3)][:3]
+        for axes in panels:
             axes.axis("off")
-        for axes, (spots, groups, decided) in zip(row, shown, strict=False):
+        for axes, (spots, groups, particles) in zip(panels, shown, strict=False):
             where = np.concatenate([spots[:, :2], groups.pixels])
             (y, x) = where.mean(axis=0)
             axes.imshow(np.sqrt(gray), cmap="gray", vmin=0.6 * middle, vmax=256)
             axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=COLOURS[6])
             circles(axes, spots, COLOURS[5])
-            place = [one.col for one in decided], [one.row for one in decided]
-            axes.plot(*place, "x", color=COLOURS[1], ms=7)
+            for particle in particles:
+                axes.plot(particle.col, particle.row, "x", color=COLOURS[1], ms=7)
             half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
             axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-            axes.set_title(f"case {case}: {len(decided)} particle(s)", fontsize=6.5)
+            axes.set_title(f"case {case}: {len(particles)} particle(s)", fontsize=6.5)
     return picture
 
 
@@ -190,9 +196,7 @@ def cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Fig
     """Return rectangles (top, bottom, left, right) of images; the first with its peaks."""
     picture, (panels,) = canvas(1, len(images), width_mm=PAGE_MM, height_mm=62)
     for axes, (title, (image, box)) in zip(panels, images.items(), strict=True):
-        top, bottom, left, right = box
-        axes.imshow(image[top:bottom, left:right], cmap="gray", extent=(left, right, bottom, top))
-        axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+        _part(axes, image, box, title)
     panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=COLOURS[1], ms=8)
     return picture
 
@@ -201,10 +205,9 @@ def backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
     """Return a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
     top, bottom, left, right = box
     picture, grid = canvas(3, 2, width_mm=PAGE_MM, height_mm=135)
-    parts = {name: image[top:bottom, left:right] for name, image in images.items()}
-    low, high = np.quantile(next(iter(parts.values())), [0.01, 0.99])
-    for axes, (name, part) in zip(grid.flat, parts.items(), strict=False):
-        axes.imshow(part, cmap="gray", vmin=low, vmax=high, extent=(left, right, bottom, top))
-        axes.set(title=name, xlabel="column (px)", ylabel="row (px)")
+    first = next(iter(images.values()))[top:bottom, left:right]
+    low, high = np.quantile(first, [0.01, 0.99])
+    for axes, (name, image) in zip(grid.flat, images.items(), strict=False):
+        _part(axes, image, box, name, vmin=low, vmax=high)
     grid.flat[-1].axis("off")
     return picture

@@ -62,12 +62,12 @@ class Grid:
 
     def neighbors(self, setting: Setting) -> list[Setting]:
         """Return the settings one step up or down in one parameter."""
-        found = []
+        settings = []
         for k, values in enumerate(self.parameters.values()):
             at = values.index(setting[k])
             for value in (*values[max(at - 1, 0) : at], *values[at + 1 : at + 2]):
-                found.append((*setting[:k], value, *setting[k + 1 :]))
-        return found
+                settings.append((*setting[:k], value, *setting[k + 1 :]))
+        return settings
 
     def at_end(self, setting: Setting) -> str:
         """Return the parameters that are at an end of their values, "" for none.
@@ -91,26 +91,21 @@ def kilnflight_grids() -> dict[str, Grid]:
     """Return the grids of GNN and JPDA."""
     values = {"gate": GATES, "noise": NOISES, "lost": PATIENCE}
     start = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "lost": (3, 5, 8, 12)}
-    return {
-        "GNN": Grid(_TrackWith(GNN()), values, start),
-        "JPDA": Grid(_TrackWith(JPDA()), values, start),
-    }
 
-
-@dataclass(frozen=True)
-class _TrackWith:
-    """Our tracker with an associator, of gate, noise and the frames a track may be lost."""
-
-    associator: Associator
-
-    def __call__(self, gate: float, noise: float, lost: float) -> Tracker:
+    def build(associator: Associator, gate: float, noise: float, lost: float) -> Tracker:
         return partial(
             track,
-            associator=self.associator,
+            associator=associator,
             motion=ConstantVelocity(acceleration_noise=noise),
             gate=Gate(gate),
             management=Management(invisible=int(lost)),
         )
+
+    associators: dict[str, Associator] = {"GNN": GNN(), "JPDA": JPDA()}
+    return {
+        name: Grid(partial(build, associator), values, start)
+        for name, associator in associators.items()
+    }
 
 
 def peer_grids() -> dict[str, Grid]:
@@ -206,21 +201,20 @@ def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]
         nothing = dict.fromkeys(MEASURES, np.nan)
         return {**nothing, "seconds": perf_counter() - begin, "note": f"not run: {error}"}
     seconds = perf_counter() - begin
-    rows = [measures(window.truth, one) for window, one in zip(windows, tracks, strict=True)]
-    table = pd.DataFrame(rows)
-    means = {name: float(table[name].mean()) for name in MEASURES}
-    return {**means, "seconds": seconds, "note": ""}
+    pairs = zip(windows, tracks, strict=True)
+    table = pd.DataFrame([measures(window.truth, rows) for window, rows in pairs])
+    return {**table[list(MEASURES)].mean(), "seconds": seconds, "note": ""}
 
 
 def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str, Tracker]:
     """Return each tracker in the setting that `grid_search` chose."""
-    best = table[table["chosen"]]
-    found = {}
-    for name, text in zip(best["tracker"], best["setting"], strict=True):
-        grid = grids[name]
-        settings = {grid.text(one): one for one in product(*grid.parameters.values())}
-        found[name] = grid.build(*settings[text])
-    return found
+    trackers = {}
+    for row in table[table["chosen"]].itertuples():
+        grid = grids[str(row.tracker)]
+        settings = product(*grid.parameters.values())
+        chosen = next(setting for setting in settings if grid.text(setting) == row.setting)
+        trackers[str(row.tracker)] = grid.build(*chosen)
+    return trackers
 
 
 def first_frames(window: Window, frames: int) -> Window:

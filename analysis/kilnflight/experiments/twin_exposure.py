@@ -139,13 +139,9 @@ def calibrate(twins: list[Twin]) -> dict[str, object]:
         lambda inputs: cost(otsu_row(twins, inputs), published), published.to_dict("records")
     )
     rows = {"inputs_only": LightInputs(), "calibrated": LightInputs(**content["inputs"])}
-    reached = {name: otsu_row(twins, inputs).round(4) for name, inputs in rows.items()}
-    return {
-        **content,
-        **{name: row.to_dict("records") for name, row in reached.items()},
-        "spread": SPREAD,
-        "frames": f"{len(twins)} subsets, every {EVERY}th frame",
-    }
+    for name, inputs in rows.items():
+        content[name] = otsu_row(twins, inputs).round(4).to_dict("records")
+    return content | {"spread": SPREAD, "frames": f"{len(twins)} subsets, every {EVERY}th frame"}
 
 
 def record(path: Path = LIGHT_FILE) -> dict[str, object]:
