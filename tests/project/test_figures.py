@@ -144,12 +144,6 @@ def test_a_png_is_small_even_of_noise_and_stays_as_wide_on_the_page():
     assert widths[0] == pytest.approx(widths[1], abs=2)
 
 
-def test_what_only_a_check_needs_is_no_figure():
-    figures.save_check("numbers", TABLE, caption="Only looked at.", provenance=MADE)
-    assert (paths.checks() / "numbers.csv").is_file()
-    assert figures.entries() == []
-
-
 def save_one(identifier, caption, **more):
     made = Provenance("02_x", {"scale": "quick"}, commit="a" * 40, **more)
     figures.save(identifier, pd.DataFrame({"a": [1]}), caption=caption, provenance=made)

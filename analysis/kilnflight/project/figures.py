@@ -119,7 +119,6 @@ def save(
     caption: str,
     provenance: Provenance,
     picture: Figure | None = None,
-    folder: Path | None = None,
 ) -> Saved:
     """Save a figure or table under its fixed id; the only way out of a notebook.
 
@@ -136,8 +135,6 @@ def save(
         From `trace`.
     picture
         The figure; without it the table itself is drawn.
-    folder
-        Where to, the project's figures/ by default.
 
     Raises
     ------
@@ -151,7 +148,7 @@ def save(
         raise InputError(f"figure {identifier}: it has no caption; write what it shows.")
     if not len(table.columns) or np.isinf(table.select_dtypes("number").to_numpy(float)).any():
         raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
-    folder = folder or paths.figures()
+    folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     drawn = picture if picture is not None else table_picture(table)
     draft = provenance.parameters.get("scale") == "quick"
@@ -178,13 +175,6 @@ def save(
     return Saved(
         _page(identifier, caption, table if picture is None else png), folder / f"{identifier}.png"
     )
-
-
-def save_check(
-    identifier: str, table: pd.DataFrame, *, caption: str, provenance: Provenance
-) -> Saved:
-    """Save a table that only a check needs, as `save` does, but not among the figures."""
-    return save(identifier, table, caption=caption, provenance=provenance, folder=paths.checks())
 
 
 def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> Saved:

@@ -53,8 +53,3 @@ def external() -> Path:
 def derived() -> Path:
     """Return the folder of what stages keep: ``KILNFLIGHT_DERIVED`` or data/derived."""
     return Path(os.environ.get("KILNFLIGHT_DERIVED") or root() / "data" / "derived")
-
-
-def checks() -> Path:
-    """Return the folder of tables that only checks need: build/checks, or below figures()."""
-    return Path(os.environ.get("KILNFLIGHT_FIGURES") or root() / "build") / "checks"
