@@ -134,17 +134,18 @@ def score_tracks(
     lengths = np.array([track.length for track in true])
     spurious = [track for k, track in enumerate(other) if k not in set(col.tolist())]
     of_spurious = sum(len(track.frames) for track in spurious)
-    tp, total = int(matched[row, col].sum()), float(gain[row, col].sum())
+    length, total = int(lengths.sum()), float(gain[row, col].sum())
+    tp = int(matched[row, col].sum())
     pairs = {
         "truth": np.array([track.particle for track in true], dtype=np.int64)[row],
         "candidate": np.array([track.particle for track in other], dtype=np.int64)[col],
         "distance": gate * np.maximum(lengths[row] - gain[row, col], 0.0),
     }
     return TrackScore(
-        alpha=total / lengths.sum(),
-        beta=total / (lengths.sum() + sum(track.length for track in spurious)),
+        alpha=total / length,
+        beta=total / (length + sum(track.length for track in spurious)),
         tp=tp,
-        fn=int(lengths.sum()) - tp,
+        fn=length - tp,
         fp=int(false[row, col].sum()) + of_spurious,
         fp_spurious_only=of_spurious,
         tp_tracks=len(row),
