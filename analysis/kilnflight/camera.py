@@ -137,11 +137,9 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
     """
     solutions = []
     for index, coefficients in enumerate(calibration.coefficients):
-        polynomial = np.array(coefficients, dtype=np.float64)
-        polynomial[-1] -= true_mm
-        roots = np.roots(polynomial)
+        roots = (np.poly1d(coefficients) - true_mm).roots
         real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
-        solutions += [float(z) for z in real if z > 0 and calibration.segment(z) == index]
+        solutions += real[(real > 0) & (calibration.segment(real) == index)].tolist()
     return sorted(solutions)
 
 
@@ -291,8 +289,8 @@ def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> np
     r, c = np.broadcast_arrays(check_finite(row, "row"), check_finite(col, "col"))
     contour = corners.astype(np.float32)
     places = zip(r.ravel().tolist(), c.ravel().tolist(), strict=True)
-    within = [cv2.pointPolygonTest(contour, place, measureDist=False) >= 0 for place in places]
-    return np.array(within, dtype=bool).reshape(r.shape)
+    side = [cv2.pointPolygonTest(contour, place, measureDist=False) for place in places]
+    return np.greater_equal(side, 0).reshape(r.shape)
 
 
 def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, columns: int) -> Array:
@@ -324,13 +322,13 @@ def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, colu
             f"a picture of shape {values.shape} and {len(corners)} corners: pass one picture and "
             "four corners (row, col)."
         )
-    given = np.array(corners, dtype=np.float32)[:, ::-1].copy()  # OpenCV takes column, row
-    if (given < 0).any() or (given > np.array(values.shape[::-1]) - 1).any():
+    trapezoid = np.array(corners, dtype=np.float32)[:, ::-1].copy()  # OpenCV takes column, row
+    if (trapezoid < 0).any() or (trapezoid > np.array(values.shape[::-1]) - 1).any():
         raise InputError(f"corners {corners} leave the picture of {values.shape}; keep inside.")
-    if not cv2.isContourConvex(given) or not cv2.contourArea(given):
+    if not cv2.isContourConvex(trapezoid) or not cv2.contourArea(trapezoid):
         raise InputError(f"corners {corners} make no convex area in this order; go around once.")
     target = [(0, 0), (columns - 1, 0), (columns - 1, rows - 1), (0, rows - 1)]
-    transform = cv2.getPerspectiveTransform(given, np.array(target, dtype=np.float32))
+    transform = cv2.getPerspectiveTransform(trapezoid, np.array(target, dtype=np.float32))
     return cv2.warpPerspective(values, transform, (columns, rows)).astype(np.float64)
 
 

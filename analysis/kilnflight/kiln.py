@@ -155,27 +155,23 @@ def detect(
     The roots of the foregrounds are stored in the Zarr array ``differences``, if there is one.
     """
     detector = detector if detector is not None else Combination()
-    attributes = recording.attributes
-    every = views(recording, frames, background)
+    size, roi, parts, store = recording.attributes.size, recording.attributes.roi, [], None
     if differences is not None:
-        image = (attributes.rows, attributes.columns)
-        every = _stored(every, differences, (len(frames), *image))
-    bar = tqdm(every, total=len(frames), unit="frame", disable=None if progress else True)
-    parts = [detector(view, attributes.roi, frame=t) for t, view in bar]
+        tile = [min(sides) for sides in zip(TILE, size, strict=True)]
+        store = zarr.create_array(
+            differences,
+            shape=(len(frames), *size),
+            chunks=(1, *tile),
+            dtype="uint8",
+            compressors=ZstdCodec(level=1),
+        )
+    frame_views = views(recording, frames, background)
+    bar = tqdm(frame_views, total=len(frames), unit="frame", disable=None if progress else True)
+    for k, (t, view) in enumerate(bar):
+        if store is not None:
+            store[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
+        parts.append(detector(view, roi, frame=t))
     return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
-
-
-def _stored(
-    every: Iterator[tuple[int, View]], path: Path, shape: tuple[int, int, int]
-) -> Iterator[tuple[int, View]]:
-    tile = [min(sides) for sides in zip(TILE, shape[1:], strict=True)]
-    codec = ZstdCodec(level=1)
-    array = zarr.create_array(
-        path, shape=shape, chunks=(1, *tile), dtype="uint8", compressors=codec
-    )
-    for k, (t, view) in enumerate(every):
-        array[k] = np.rint(np.sqrt(view.foreground)).astype(np.uint8)
-        yield t, view
 
 
 @dataclass(frozen=True)
@@ -282,15 +278,12 @@ def detect_all(
     InputError
         If something cannot be read or written, or a worker writes to another folder.
     """
-    pieces = [(_placed(run), frames) for run in runs for frames in run.chunks]
-    expected = [(run, frames, run.table(frames).path) for run, frames in pieces]
-    missing = [
-        piece
-        for piece in expected
-        if not (piece[2].is_file() and piece[0].has_differences(piece[1]))
-    ]
+    runs = [_placed(run) for run in runs]
+    pieces = [(run, frames, run.table(frames).path) for run in runs for frames in run.chunks]
+    there = [path.is_file() and run.has_differences(frames) for run, frames, path in pieces]
+    missing = [piece for piece, ready in zip(pieces, there, strict=True) if not ready]
     lengths = [len(frames) for _, frames, _ in missing]
-    before = sum(len(frames) for _, frames in pieces) - sum(lengths)
+    before = sum(len(frames) for _, frames, _ in pieces) - sum(lengths)
     (workers or Workers())(_make_chunk, missing, lengths, label, before)
     lost = [path for *_, path in missing if not path.is_file()]
     if lost:

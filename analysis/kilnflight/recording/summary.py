@@ -53,24 +53,22 @@ class Report(NamedTuple):
 def summarise(recording: Recording) -> Report:
     """Read every frame once and return what the recording holds."""
     attributes = recording.attributes
-    rows: list[tuple[int, int, int, int, int, float, float]] = []
-    labels, labelled = np.zeros(len(LABELS), np.int64), 0
+    rows, labels = [], []
     for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
         frame = recording.frame(t)
-        top, z = int(frame.gray.max()), frame.xyz[:, 2]
-        depths = (float(z.min()), float(z.max())) if len(z) else (np.nan, np.nan)
-        at_top = int(np.count_nonzero(frame.gray == top))
-        rows.append((frame.index, int(frame.gray.min()), top, at_top, len(z), *depths))
+        gray, z = frame.gray, frame.xyz[:, 2]
+        row = {"index": frame.index, "points": len(z), "low": gray.min(), "top": gray.max()}
+        depths = {"nearest": z.min(initial=np.inf), "farthest": z.max(initial=-np.inf)}
+        rows.append(row | depths | {"at_top": np.count_nonzero(gray == row["top"])})
         if frame.labels is not None:
-            labelled += 1
-            labels += np.bincount(frame.labels.ravel(), minlength=len(LABELS))
-    names = ["index", "low", "top", "at_top", "points", "nearest", "farthest"]
-    table = pd.DataFrame(rows, columns=names)
+            labels.append(np.bincount(frame.labels.ravel(), minlength=len(LABELS)))
+    table = pd.DataFrame(rows)
     pixels = len(table) * attributes.rows * attributes.columns
     top, points = int(table["top"].max()), table["points"]
     saturated = int(table.loc[table["top"] == top, "at_top"].sum()) / pixels
-    depth = (float(table["nearest"].min()), float(table["farthest"].max()))
-    known_depth = depth if points.any() else None
+    nearest, farthest = float(table["nearest"].min()), float(table["farthest"].max())
+    depth = (nearest, farthest) if points.any() else None
+    counts = dict(zip(LABELS, np.sum(labels, axis=0).tolist(), strict=True)) if labels else {}
     empty = table.loc[points == 0, "index"].tolist()
     return Report(
         name=attributes.name,
@@ -81,10 +79,10 @@ def summarise(recording: Recording) -> Report:
         gray_range=(int(table["low"].min()), top),
         points=(int(points.min()), float(points.median()), int(points.max())),
         depth_share=int(points.sum()) / pixels,
-        depth_range_mm=known_depth,
-        labelled_frames=labelled,
-        label_pixels=dict(zip(LABELS, labels.tolist(), strict=True)) if labelled else {},
-        warnings=tuple(_warnings(empty, len(table), top, saturated, known_depth)),
+        depth_range_mm=depth,
+        labelled_frames=len(labels),
+        label_pixels=counts,
+        warnings=tuple(_warnings(empty, len(table), top, saturated, depth)),
     )
 
 

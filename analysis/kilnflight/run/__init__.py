@@ -133,7 +133,7 @@ def detect(
     threshold
         Of DoG in grey values; five times the noise if None (`noise_threshold`).
     progress
-        Whether to show a bar in what is no terminal, too.
+        Whether to show a bar in a terminal.
     """
     threshold = noise_threshold(recording) if threshold is None else threshold
     frames, detector = range(len(recording)), Combination(DoG(threshold))

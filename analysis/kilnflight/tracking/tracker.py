@@ -172,7 +172,7 @@ def steps(
     numbers, starts = np.unique(frames, return_index=True)
     spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
     parts = np.split(np.arange(len(frames)), starts[1:])
-    found = (
+    sequence = (
         Frame(number, span, rows[part], Detected(*(values[part] for values in known)))
         for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
     )
@@ -180,7 +180,7 @@ def steps(
     def associate(tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs) -> Any:
         return associator(pairs), {}, {}
 
-    yield from follow(found, motion, gate, associate, management.keeps)
+    yield from follow(sequence, motion, gate, associate, management.keeps)
 
 
 def check_parts(motion: Motion, gate: Gate, where: str) -> None:
