@@ -104,7 +104,7 @@ def test_a_continuous_fit_does_not_jump_and_costs_little(seed, degree):
     fitted = fit_depth_segments(captured, true, degree=degree, continuous=True)
     np.testing.assert_allclose(fitted.jumps(), 0.0, atol=1e-6)
     free = fit_depth_segments(captured, true, degree=degree)
-    cost = [np.sum((one(captured) - true) ** 2) for one in (free, fitted)]
+    cost = [np.sum((fit(captured) - true) ** 2) for fit in (free, fitted)]
     assert cost[0] <= cost[1] * (1 + 1e-9)
 
 
@@ -188,12 +188,12 @@ def test_inside_is_what_counting_edges_and_matplotlib_say(corners, seed):
         return
     points = np.random.default_rng(seed).uniform(-2, 22, (200, 2))
     expected = np.array([_even_odd(corners, p) for p in points])
-    found = inside(corners, *points.T)
-    np.testing.assert_array_equal(found, expected)
+    within = inside(corners, *points.T)
+    np.testing.assert_array_equal(within, expected)
     if len(corners) == 3:
-        np.testing.assert_array_equal(found, Path(corners).contains_points(points))
+        np.testing.assert_array_equal(within, Path(corners).contains_points(points))
     turned = inside(np.roll(corners, 1, axis=0)[::-1], *points.T)
-    np.testing.assert_array_equal(turned, found)
+    np.testing.assert_array_equal(turned, within)
     assert inside(corners, *np.transpose(corners)).all()
 
 

@@ -30,13 +30,13 @@ def twin(monkeypatch, small):
     def open_scene(name, seed=None):
         if name != "small":
             raise InputError(f"unknown scene {name!r}; there is small.")
-        asked.append(seed)
+        seeds.append(seed)
         return small
 
-    asked = []
+    seeds = []
     monkeypatch.setattr("kilnflight.twin.scenes.open_scene", open_scene)
     monkeypatch.setattr("kilnflight.twin.truth.tables", lambda *_: TRUTH)
-    return asked
+    return seeds
 
 
 def test_import_says_what_it_found(manifest, tmp_path, capsys):
@@ -126,13 +126,13 @@ def test_a_recording_is_detected_and_tracked(small, tmp_path, capsys):
     folder, table, tracks = tmp_path / "a.zarr", tmp_path / "d.csv", tmp_path / "t.csv"
     write_recording(small, folder)
     assert main(["detect", str(folder), str(table), "--threshold", "200"]) == 0
-    found = pd.read_csv(table)
-    assert f"{len(found)} detections in 5 frames" in capsys.readouterr().out
+    detections = pd.read_csv(table)
+    assert f"{len(detections)} detections in 5 frames" in capsys.readouterr().out
     for extra in ([], ["--raw"], ["--jpda", "--raw"]):
         assert main(["track", str(table), str(tracks), *extra]) == 0
         linked = pd.read_csv(tracks)
-        assert len(linked) == len(found)
-        assert list(linked.columns) == [*found.columns, "particle"]
+        assert len(linked) == len(detections)
+        assert list(linked.columns) == [*detections.columns, "particle"]
     assert main(["track", str(table), str(tmp_path / "t.xml"), "--format", "challenge"]) == 0
     assert "TrackContestISBI2012" in (tmp_path / "t.xml").read_text()
     flight = pd.DataFrame({"frame": range(6), "row": np.arange(6) * 9.0, "col": 40.0})

@@ -51,12 +51,12 @@ def stored(stored_flights):
 def test_the_whole_way_and_its_report(stored_flights, tmp_path, capsys):
     command = ["run", str(stored_flights), "--to", str(tmp_path), "--threshold", "200"]
     assert main(command) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"tracks +3 with \d+ detections", said)
-    assert re.search(r"trajectories fitted +\d", said)
-    assert re.search(r"threshold of DoG +200 grey values \(given\)", said)
-    assert re.search(r"jobs +1\n", said)
-    assert "without the texture term" in said
+    output = capsys.readouterr().out
+    assert re.search(r"tracks +3 with \d+ detections", output)
+    assert re.search(r"trajectories fitted +\d", output)
+    assert re.search(r"threshold of DoG +200 grey values \(given\)", output)
+    assert re.search(r"jobs +1\n", output)
+    assert "without the texture term" in output
     tracks = pd.read_parquet(tmp_path / "tracks.parquet")
     assert tracks["particle"].max() == 2
     written = TRAJECTORIES.check(pd.read_parquet(tmp_path / "trajectories.parquet"))
@@ -99,9 +99,9 @@ def test_without_depth_there_are_tracks_in_2d(stored, tmp_path, capsys):
     folder = tmp_path / "flat.zarr"
     write_recording(Changed(stored, flat, lance_mm=None, name="<b>&"), folder)
     assert main(["run", str(folder), "--to", str(tmp_path / "out"), "--threshold", "200"]) == 0
-    said = capsys.readouterr().out
-    assert "note: The recording has no depth: tracks are 2D." in said
-    assert re.search(r"tracks +[1-9]", said)
+    output = capsys.readouterr().out
+    assert "note: The recording has no depth: tracks are 2D." in output
+    assert re.search(r"tracks +[1-9]", output)
     assert pd.read_parquet(tmp_path / "out" / "trajectories.parquet").empty
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<h1>&lt;b&gt;&amp;</h1>" in page
@@ -138,8 +138,8 @@ def test_numbers_that_make_no_sense(option, stored_flights, tmp_path, capsys):
 
 
 def test_a_threshold_from_the_noise(stored, tmp_path):
-    found = run.noise_threshold(stored)
-    assert 5 * run.LEAST_NOISE < found < 1000
+    outcome = run.noise_threshold(stored)
+    assert 5 * run.LEAST_NOISE < outcome < 1000
     rng = np.random.default_rng(0)
     noisy = np.abs(rng.normal(0, 100, (256, 256))).astype(np.float32)
     noise = run.block_noise(noisy)
@@ -186,15 +186,15 @@ def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored,
 def test_the_summary_says_what_was_settings(stored_flights, tmp_path):
     options = run.Options(200.0)
     prepared = run.prepare(stored_flights, tmp_path, options)[0]
-    said = dict(settings(prepared, options, "2"))
-    assert said["threshold of DoG"] == "200 grey values (given)"
-    assert said["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
-    assert f"{prepared.exit_point_mm[2]:.1f} mm" in said["lance's outlet, after Eq. 2.4"]
-    assert said["kiln's axis"].startswith("through ")
-    assert said["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
-    assert said["taken for in the air"] == "up to 800 mm from the axis"
-    assert said["taken for alight when first seen"] == "not asked"
-    assert said["jobs"] == "2"
+    output = dict(settings(prepared, options, "2"))
+    assert output["threshold of DoG"] == "200 grey values (given)"
+    assert output["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
+    assert f"{prepared.exit_point_mm[2]:.1f} mm" in output["lance's outlet, after Eq. 2.4"]
+    assert output["kiln's axis"].startswith("through ")
+    assert output["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
+    assert output["taken for in the air"] == "up to 800 mm from the axis"
+    assert output["taken for alight when first seen"] == "not asked"
+    assert output["jobs"] == "2"
     bare = dict(settings(replace(prepared, exit_point_mm=None, wall=None), run.Options(), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
     assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"
@@ -202,10 +202,10 @@ def test_the_summary_says_what_was_settings(stored_flights, tmp_path):
 
 def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
     prepared = run.prepare(stored_flights, tmp_path, run.Options(200.0))[0]
-    found = results(replace(prepared, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
-    assert found.notes[0] == "first"
-    assert re.search(r"trajectories were fitted, but none starts at the lance", found.notes[1])
-    assert re.search(r"lie \d{5} mm from it \(median\)\.", found.notes[1])
+    outcome = results(replace(prepared, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
+    assert outcome.notes[0] == "first"
+    assert re.search(r"trajectories were fitted, but none starts at the lance", outcome.notes[1])
+    assert re.search(r"lie \d{5} mm from it \(median\)\.", outcome.notes[1])
 
 
 def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
@@ -223,8 +223,8 @@ def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
     track["gray"] = 5000.0 + np.sin(7 * frame)
-    for prepared, told in ((plain, "none"), (asked, "before seen")):
-        assert kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist() == [told]
+    for prepared, ignitions in ((plain, "none"), (asked, "before seen")):
+        assert kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist() == [ignitions]
 
 
 def test_alight_when_first_seen_has_a_line_of_its_own(flown):
@@ -239,7 +239,7 @@ def test_alight_when_first_seen_has_a_line_of_its_own(flown):
 def flown(stored, stored_flights, tmp_path):
     """An outcome with made-up flights."""
     prepared, _ = run.prepare(stored_flights, tmp_path, run.Options(200.0))
-    found = results(prepared, ("a <note>",))
+    outcome = results(prepared, ("a <note>",))
     rows = [
         (1, 0.5, "landed", True, "seen", 0.21),
         (2, 0.7, "burnt out", True, "none", np.nan),
@@ -250,7 +250,7 @@ def flown(stored, stored_flights, tmp_path):
     velocities = pd.DataFrame(
         {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
     )
-    return found._replace(flights=table, slices=velocities.assign(observed=True))
+    return outcome._replace(flights=table, slices=velocities.assign(observed=True))
 
 
 def test_the_summary_counts_flights_from_the_lance(flown, stored):
@@ -274,13 +274,13 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
 def test_the_summary_names_what_to_doubt(flown):
     table = flown.trajectories.head(3).assign(particle=[1, 2, 3], rmse_z_mm=[200.0, 1400.0, 9e9])
     slices = flown.slices.assign(observed=[True, False, True], velocity_m_s=[10.0, -99.0, 12.0])
-    found = flown._replace(trajectories=table, slices=slices)
-    value = summary(found).set_index("what")["value"]
+    outcome = flown._replace(trajectories=table, slices=slices)
+    value = summary(outcome).set_index("what")["value"]
     assert value["RMSE of their fits in x, y, z, median"].endswith(", 800 mm")
     assert value["largest RMSE in depth"] == "1400 mm (particle 2)"  # 3 is not from the lance
     assert value["fastest metre"] == "-99.0 m/s (particle 1, up to 2 m)"
     assert value["metres passed before the particle was first seen"] == "1 of 3"
-    none = found._replace(flights=found.flights.head(0), slices=slices.head(0))
+    none = outcome._replace(flights=outcome.flights.head(0), slices=slices.head(0))
     assert not [what for what in summary(none)["what"] if "RMSE" in what or "fastest" in what]
 
 
@@ -324,8 +324,8 @@ def test_a_file_is_no_folder_to_write_to(stored_flights, tmp_path, capsys):
 def test_ignition_may_be_read_above_the_background(stored_flights, tmp_path):
     options = run.Options(200.0, above_background=True)
     prepared, _ = run.prepare(stored_flights, tmp_path, options)
-    told = dict(settings(prepared, options, "1"))
-    assert told["ignition"] == "a step of the grey values above the background"
+    ignitions = dict(settings(prepared, options, "1"))
+    assert ignitions["ignition"] == "a step of the grey values above the background"
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))

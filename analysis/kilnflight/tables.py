@@ -57,24 +57,21 @@ class Table:
         if not isinstance(table, pd.DataFrame) or list(table.columns) != self.names:
             check_columns(table, self.names, where)
             table = table[self.names]
-        for column, kind in zip(self.columns, table.dtypes, strict=True):
-            if not _holds(table[column.name], column.kind):
+        for column in self.columns:
+            values = table[column.name]
+            if not _holds(values, column.kind):
                 raise InputError(
-                    f"{where}: column {column.name} holds {kind}, expected "
+                    f"{where}: column {column.name} holds {values.dtype}, expected "
                     f"{column.kind.__name__} ({column.unit}). Convert it first."
                 )
-        counted = [column for column in self.columns if column.kind is not str]
-        names = [column.name for column in counted]
-        numbers = table[names].to_numpy(dtype=np.float64)
-        may_miss = np.array([column.missing for column in counted], dtype=np.bool_)
-        finite = np.isfinite(numbers) | (np.isnan(numbers) & may_miss)
-        if not finite.all():
-            row, column_number = np.argwhere(~finite)[0]
-            raise InputError(
-                f"{where}: column {names[column_number]} is not finite in row "
-                f"{table.index[row]}. Leave rows without a measurement out; this column has no "
-                "place-holders."
-            )
+            numbers = np.zeros(0) if column.kind is str else values.to_numpy(np.float64)
+            finite = np.isfinite(numbers) | (np.isnan(numbers) & column.missing)
+            if not finite.all():
+                row = table.index[int(finite.argmin())]
+                raise InputError(
+                    f"{where}: column {column.name} is not finite in row {row}. Leave rows "
+                    "without a measurement out; this column has no place-holders."
+                )
         return table
 
 

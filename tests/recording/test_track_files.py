@@ -44,13 +44,13 @@ def write(tmp_path, text, name="file"):
 
 
 def test_a_file_of_the_challenge(tmp_path):
-    found = files.read_challenge(write(tmp_path, CHALLENGE))
-    assert found.to_numpy().tolist() == [
+    entries = files.read_challenge(write(tmp_path, CHALLENGE))
+    assert entries.to_numpy().tolist() == [
         [0, 0, 21, 9.5, 0],
         [1, 0, 20, 10.5, 0],
         [4, 2, 2, 1, 3],
     ]
-    assert found.columns.tolist() == [*NAMES, "plane"]
+    assert entries.columns.tolist() == [*NAMES, "plane"]
 
 
 @pytest.mark.parametrize("header", [1, 4])
@@ -58,9 +58,9 @@ def test_a_file_of_the_challenge(tmp_path):
 def test_a_table_of_trackmate_with_its_lines_of_names(tmp_path, header, end):
     lines = TRACKMATE.splitlines()
     text = end.join([*lines[:header], *lines[4:], ""])
-    found = files.read_trackmate(write(tmp_path, text.replace('"a, b",8,,', '"a, b",8,None,')))
-    assert found.to_numpy().tolist() == [[0, -1, 21, 11.5, 0], [1, 2, 20, 10.5, 0]]
-    assert files.read_trackmate(write(tmp_path, text)).equals(found)
+    entries = files.read_trackmate(write(tmp_path, text.replace('"a, b",8,,', '"a, b",8,None,')))
+    assert entries.to_numpy().tolist() == [[0, -1, 21, 11.5, 0], [1, 2, 20, 10.5, 0]]
+    assert files.read_trackmate(write(tmp_path, text)).equals(entries)
 
 
 def test_a_table_of_trackpy_with_its_index(tmp_path):
@@ -68,28 +68,28 @@ def test_a_table_of_trackpy_with_its_index(tmp_path):
     table["particle"] = [0.0, 0.0]
     table.to_csv(tmp_path / "tracks.csv")
     expected = [[1, 0, 1.0, 3.0], [3, 0, 2.5, 7.0]]
-    for found in (files.read_trackpy(tmp_path / "tracks.csv"), files.from_trackpy(table)):
-        assert found.to_numpy().tolist() == expected
-        assert found["frame"].dtype == found["particle"].dtype == np.int64
-        assert found.columns.tolist() == NAMES
+    for entries in (files.read_trackpy(tmp_path / "tracks.csv"), files.from_trackpy(table)):
+        assert entries.to_numpy().tolist() == expected
+        assert entries["frame"].dtype == entries["particle"].dtype == np.int64
+        assert entries.columns.tolist() == NAMES
 
 
 def test_trackpy_links_what_it_is_given_and_we_read_it():
     trackpy = pytest.importorskip("trackpy")
     trackpy.quiet()
-    seen = pd.DataFrame({"frame": [0, 1, 2] * 2, "y": [0.0, 1, 2, 50, 51, 52], "x": 5.0})
+    detections = pd.DataFrame({"frame": [0, 1, 2] * 2, "y": [0.0, 1, 2, 50, 51, 52], "x": 5.0})
     with warnings.catch_warnings():  # its own calls of pandas
         warnings.simplefilter("ignore")
-        linked = trackpy.link(seen, search_range=5)
-    found = files.from_trackpy(linked)
-    assert found.groupby("particle")["row"].apply(list).tolist() == [[0, 1, 2], [50, 51, 52]]
+        linked = trackpy.link(detections, search_range=5)
+    entries = files.from_trackpy(linked)
+    assert entries.groupby("particle")["row"].apply(list).tolist() == [[0, 1, 2], [50, 51, 52]]
 
 
 def test_a_layer_of_napari():
     assert files.from_napari([[7, 3, 1, 2, 9]]).to_numpy().tolist() == [[3, 7, 2, 9, 1]]
     assert files.from_napari(np.empty((0, 4))).columns.tolist() == NAMES
-    one = files.from_napari([[7, 3, 2, 9]])
-    assert files.to_napari(one).tolist() == [[7, 3, 2, 9]]
+    variant = files.from_napari([[7, 3, 2, 9]])
+    assert files.to_napari(variant).tolist() == [[7, 3, 2, 9]]
 
 
 def test_a_trajectory_of_figure_5_11(tmp_path):
@@ -228,10 +228,12 @@ rows = st.lists(
 )
 
 
-def table(found, planes=True):
+def table(entries, planes=True):
     names = ["frame", "particle", "row", "col", "plane"]
-    made = pd.DataFrame(found, columns=names).sort_values(["particle", "frame"], ignore_index=True)
-    return made if planes else made.drop(columns="plane")
+    ordered = pd.DataFrame(entries, columns=names).sort_values(
+        ["particle", "frame"], ignore_index=True
+    )
+    return ordered if planes else ordered.drop(columns="plane")
 
 
 def returned(name, tracks):
@@ -239,7 +241,7 @@ def returned(name, tracks):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tracks.txt"
         write(tracks, path)
-        assert [one.name for one in Path(folder).iterdir()] == ["tracks.txt"]
+        assert [variant.name for variant in Path(folder).iterdir()] == ["tracks.txt"]
         return read(path)
 
 
@@ -255,9 +257,9 @@ def expected(name, tracks):
 
 
 @formats
-@given(found=rows, planes=st.booleans())
-def test_every_digit_comes_back(name, found, planes):
-    tracks = table(found, planes)
+@given(entries=rows, planes=st.booleans())
+def test_every_digit_comes_back(name, entries, planes):
+    tracks = table(entries, planes)
     if name == "manual" and (tracks["particle"] < 0).all():
         return
     pd.testing.assert_frame_equal(returned(name, tracks), expected(name, tracks), check_exact=True)
@@ -265,24 +267,24 @@ def test_every_digit_comes_back(name, found, planes):
 
 @formats
 def test_no_tracks_are_a_file_without_tracks(name, tmp_path):
-    none = table([])[:0].astype({"frame": int, "particle": int, "row": float, "col": float})
+    empty = table([])[:0].astype({"frame": int, "particle": int, "row": float, "col": float})
     if name == "manual":
         with pytest.raises(InputError, match="holds no track"):
-            files.write_manual(none, tmp_path / "none")
+            files.write_manual(empty, tmp_path / "none")
         return
-    again = returned(name, none.astype({"plane": float}))
+    again = returned(name, empty.astype({"plane": float}))
     assert again.empty
     assert again.columns.tolist() == ["frame", "particle", "row", "col", "plane"]
     assert again["frame"].dtype == again["particle"].dtype == np.int64
 
 
 @given(rows)
-def test_tables_in_memory_come_back(found):
-    tracks = table(found)
+def test_tables_in_memory_come_back(entries):
+    tracks = table(entries)
     kept = tracks[tracks["particle"] >= 0].reset_index(drop=True)
-    for one in (kept, kept.drop(columns="plane")):
-        pd.testing.assert_frame_equal(files.from_trackpy(files.to_trackpy(one)), one)
-        pd.testing.assert_frame_equal(files.from_napari(files.to_napari(one)), one)
+    for variant in (kept, kept.drop(columns="plane")):
+        pd.testing.assert_frame_equal(files.from_trackpy(files.to_trackpy(variant)), variant)
+        pd.testing.assert_frame_equal(files.from_napari(files.to_napari(variant)), variant)
 
 
 @formats

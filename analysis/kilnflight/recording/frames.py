@@ -200,11 +200,10 @@ class ArrayRecording:
 
 
 NO_POINTS = (np.empty((0, 2), np.int32), np.empty((0, 3), np.float32))  # pixels, xyz
-REMEDIES = {
-    "gray": " Give the camera's 16-bit frames; stretched 8-bit or rescaled frames have lost the "
-    "gray values that thresholds mean.",
-    "labels": " Give the numbers of the classes of Table 5.1.",
-}
+GRAY_REMEDY = (
+    " Give the camera's 16-bit frames; stretched 8-bit or rescaled frames have lost the gray "
+    "values that thresholds mean."
+)
 
 
 def check_array(
@@ -212,12 +211,11 @@ def check_array(
 ) -> None:
     """Raise an `InputError` unless an array of a frame has its type and shape.
 
-    The last word of ``where`` is the name of the array.
+    ``where`` ends in the name of the array.
     """
     if array.dtype != kind:
-        name = where.split()[-1]
-        verb = "are" if name.endswith("s") else "is"
-        remedy = REMEDIES.get(name, "")
+        verb = "are" if where.endswith("s") else "is"
+        remedy = GRAY_REMEDY if where.endswith(" gray") else " Convert it first."
         raise InputError(f"{where} {verb} {array.dtype}, expected {kind}.{remedy}")
     check_shape(array, shape, where)
 

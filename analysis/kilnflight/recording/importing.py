@@ -62,10 +62,10 @@ import struct
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -102,43 +102,28 @@ Points = tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]
 Section = Mapping[str, Any]  # a table of the manifest, complete with defaults
 
 
-class Key(NamedTuple):
-    """A key of a table in the manifest: what it may be, what else is said, its default."""
-
-    name: str
-    fits: Callable[[Any], bool]
-    fault: str
-    default: Any = None
-
-
-PATTERN = Key("pattern", lambda v: isinstance(v, str), "pattern is {!r}, expected str", NEEDED)
-KEY = Key("key", lambda v: isinstance(v, str), "key is {!r}, expected str")
-SECTIONS = {
-    "gray": (PATTERN, KEY),
-    "coordinates": (
-        PATTERN,
-        Key("form", FORMS.__contains__, f"form is {{!r}}, expected one of {FORMS}", NEEDED),
-        KEY,
-        Key(
-            "invalid",
-            lambda v: v == "nan" or is_number(v),
-            "invalid is {!r}, expected a number or 'nan'",
-            "nan",
-        ),
-        Key("unit", UNITS.__contains__, f"unit is {{!r}}, expected one of {UNITS}", "mm"),
-        Key(
-            "columns",
-            lambda v: isinstance(v, list) and len(v) == 5,
-            "columns must be five names",
-            ("row", "col", "x", "y", "z"),
-        ),
-        Key("origin", (0, 1).__contains__, "origin must be 0 or 1", 0),
+# The tables of the manifest: each key with its default.
+SECTIONS: dict[str, Section] = {
+    "gray": {"pattern": NEEDED, "key": None},
+    "coordinates": {
+        **{"pattern": NEEDED, "form": NEEDED, "key": None, "invalid": "nan", "unit": "mm"},
+        **{"columns": ("row", "col", "x", "y", "z"), "origin": 0},
+    },
+    "labels": {"pattern": NEEDED, "classes": NEEDED, "key": None},
+}
+# Of each key: what it may be, and what is said of anything else.
+RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "pattern": (lambda v: isinstance(v, str), "pattern is {!r}, expected str"),
+    "key": (lambda v: isinstance(v, str), "key is {!r}, expected str"),
+    "form": (FORMS.__contains__, f"form is {{!r}}, expected one of {FORMS}"),
+    "invalid": (
+        lambda v: v == "nan" or is_number(v),
+        "invalid is {!r}, expected a number or 'nan'",
     ),
-    "labels": (
-        PATTERN,
-        Key("classes", lambda v: isinstance(v, dict), "classes is {!r}, expected dict", NEEDED),
-        KEY,
-    ),
+    "unit": (UNITS.__contains__, f"unit is {{!r}}, expected one of {UNITS}"),
+    "columns": (lambda v: isinstance(v, list) and len(v) == 5, "columns must be five names"),
+    "origin": ((0, 1).__contains__, "origin must be 0 or 1"),
+    "classes": (lambda v: isinstance(v, dict), "classes is {!r}, expected dict"),
 }
 
 
@@ -298,24 +283,24 @@ def _section(name: str, table: object, where: str) -> Section:
     """Return a table of the manifest with its defaults, or raise an `InputError`."""
     if not isinstance(table, dict):
         raise InputError(f"{where} is {table!r}, expected a table with a pattern.")
-    keys = SECTIONS[name]
-    known = [key.name for key in keys]
-    needed = [key.name for key in keys if key.default is NEEDED]
-    _check_keys(table, needed, known, where, f"its keys are {', '.join(known)}")
-    for key in keys:
-        if key.name in table and not key.fits(table[key.name]):
-            raise InputError(f"{where}: {key.fault.format(table[key.name])}.")
+    defaults = SECTIONS[name]
+    needed = [key for key, default in defaults.items() if default is NEEDED]
+    _check_keys(table, needed, defaults, where, f"its keys are {', '.join(defaults)}")
+    for key, value in table.items():
+        fits, fault = RULES[key]
+        if not fits(value):
+            raise InputError(f"{where}: {fault.format(value)}.")
     for theirs, ours in table.get("classes", {}).items():
         if not re.fullmatch(r"-?\d+", theirs) or ours not in range(len(LABELS)):
             raise InputError(
                 f"{where}: classes has {theirs} = {ours!r}, expected their number = 0 to "
                 f"{len(LABELS) - 1} ({', '.join(LABELS)})."
             )
-    return {key.name: key.default for key in keys} | table
+    return {**defaults, **table}
 
 
 def _check_keys(
-    table: Section, needed: Sequence[str], known: Sequence[str], where: str, rule: str
+    table: Section, needed: Sequence[str], known: Collection[str], where: str, rule: str
 ) -> None:
     """Raise an `InputError` if a table lacks keys or has others than those known."""
     unknown = [name for name in table if name not in known]
