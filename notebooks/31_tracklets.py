@@ -23,7 +23,7 @@ import pandas as pd
 
 from kilnflight import tracklets
 from kilnflight.experiments import campaigns, post_processing, tracking
-from kilnflight.project import claims, figures, style
+from kilnflight.project import figures, style
 
 style.use_style()
 origin = figures.trace("31_tracklets", {"scale": scale}, seed=seed)
@@ -110,11 +110,7 @@ figures.save("tracklet-readings", readings, caption=caption, provenance=origin)
 # ## Table 5.16
 
 # %%
-published = claims.published("table_5.16", as_printed=True)
-values = tracklets.parameters()
-table = pd.DataFrame({"letter": list(values), "unit": published["unit"].str.strip()})
-table["printed"] = published["value"].replace({"$10^{11}$": "1e11"}).astype(float)
-table["used"] = list(values.values())
+table = post_processing.table_5_16()
 caption = (
     "Parameters of the post-processing as printed and as used here. The weights d and e are read "
     "as printed: d of the gap, e of the overlap; f belongs to the thesis's grey values."

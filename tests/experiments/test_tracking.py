@@ -164,3 +164,9 @@ def test_a_smoke_run_leaves_claims_about_four_fractions_undecided(window):
     assert sorted(found) == [f"track-{k}" for k in range(1, 7)]
     assert found["track-3"] == claims.REPRODUCED  # both are the same tracker here
     assert {found[f"track-{k}"] for k in (1, 2, 5)} == {claims.NOT_DECIDABLE}
+
+
+def test_the_defaults_are_the_printed_values_in_their_order():
+    table = post_processing.table_5_16()
+    assert table["used"].tolist() == pytest.approx(table["printed"].tolist())
+    assert len(table) == 16

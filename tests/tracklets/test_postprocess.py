@@ -4,9 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.project import claims
 from kilnflight.tables import DETECTIONS
 from kilnflight.tracklets import STEPS, postprocess, stages, tracked
 
@@ -135,9 +133,3 @@ def test_whole_frames_may_be_held_as_floats(flights, step):
     floats = tracks.astype({"frame": float, "particle": float})
     expected = step(tracks)
     pd.testing.assert_frame_equal(step(floats), expected.astype({"frame": float}))
-
-
-def test_the_defaults_are_the_printed_values_in_their_order():
-    said = claims.published("table_5.16", as_printed=True)["value"].tolist()
-    printed = [1e11 if value == "$10^{11}$" else float(value) for value in said]
-    assert list(tracklets.parameters().values()) == pytest.approx(printed)

@@ -154,6 +154,38 @@ def texture_table(streaks: Sequence[Array], empty: Sequence[Array]) -> pd.DataFr
     return table.sort_values("ratio", ascending=False).reset_index(names="masks")
 
 
+def table_5_16() -> pd.DataFrame:
+    """Return the parameters of the post-processing as printed in Table 5.16, and as used here.
+
+    D, V and R are of `Elimination`; kn and t of `Connection`; theta and dV of
+    `OutlierRemoval`; a to f of `Costs`; w of `LevelEdge`; the bare epsilon of `Fusion`.
+    """
+    connection, outliers = tracklets.Connection(), tracklets.OutlierRemoval()
+    elimination, costs = tracklets.Elimination(), tracklets.Costs()
+    used = {
+        "D_eps": elimination.duration,
+        "t_eps, connect": connection.gap,
+        "V_eps": elimination.speed,
+        "kn_eps, merge": connection.overlap,
+        "R_eps": elimination.regularity,
+        "z_eps": connection.depth,
+        "dV_eps": outliers.change,
+        "eps": tracklets.Fusion().distance,
+        "theta_eps": outliers.angle_deg,
+        "a": costs.angle,
+        "b": costs.change,
+        "c": costs.depth,
+        "d": costs.gap,
+        "e": costs.overlap,
+        "f": costs.feature,
+        "w": tracklets.LevelEdge().half_width,
+    }
+    published = claims.published("table_5.16", as_printed=True)
+    table = pd.DataFrame({"letter": list(used), "unit": published["unit"].str.strip()})
+    table["printed"] = published["value"].replace({"$10^{11}$": "1e11"}).astype(float)
+    return table.assign(used=list(used.values()))
+
+
 def verdicts(plans: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]:
     """Return the verdicts on Figs 4.13 and 4.14, from `compare_plans` and `texture_table`."""
     alpha = plans.groupby("reading")["alpha"].mean()

@@ -83,33 +83,6 @@ def postprocess(
     return table
 
 
-def parameters() -> dict[str, float]:
-    """Return the defaults of the steps by their letters in Table 5.16, in its order.
-
-    D, V and R are of `Elimination`; kn and t of `Connection`; theta and dV of
-    `OutlierRemoval`; a to f of `Costs`; w of `LevelEdge`; the bare epsilon of `Fusion`.
-    """
-    false, joined, outliers, costs = Elimination(), Connection(), OutlierRemoval(), Costs()
-    return {
-        "D_eps": false.duration,
-        "t_eps, connect": joined.gap,
-        "V_eps": false.speed,
-        "kn_eps, merge": joined.overlap,
-        "R_eps": false.regularity,
-        "z_eps": joined.depth,
-        "dV_eps": outliers.change,
-        "eps": Fusion().distance,
-        "theta_eps": outliers.angle_deg,
-        "a": costs.angle,
-        "b": costs.change,
-        "c": costs.depth,
-        "d": costs.gap,
-        "e": costs.overlap,
-        "f": costs.feature,
-        "w": LevelEdge().half_width,
-    }
-
-
 __all__ = [
     "STEPS",
     "Connection",
@@ -126,7 +99,6 @@ __all__ = [
     "Step",
     "energies",
     "listed",
-    "parameters",
     "postprocess",
     "stages",
     "tracked",
