@@ -19,7 +19,10 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
-MAKEFLAGS += $(if $(filter test,$(MAKECMDGOALS)),-Otarget)
+ifneq ($(filter test,$(MAKECMDGOALS)),)
+MAKEFLAGS += -Otarget
+$(info test: two halves side by side, each printed when it has run)
+endif
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
 KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
@@ -33,7 +36,7 @@ STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 EXECUTED := $(STEMS:%=build/%.ipynb)
 FIRST := build/00_claims.ipynb
 number = $(firstword $(subst _, ,$(1)))
-SOURCES := $(filter-out %/notebooks.py %/site.py,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
+SOURCES := $(filter-out %/notebooks.py %/site.py %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
 # What others wait for starts early, beside what does not wait: 30 to 34 share the detections
 # that 31 makes, 50 to 56 those that 50 makes. The first that share compiled code start beside
 # those of the belt: together they would compile it twice.
@@ -68,8 +71,8 @@ data: $(VENV)/installed ## fetch the authors' public data (optional; needs a net
 	@$(RUN) -m kilnflight.project.data
 	@mkdir -p build && touch build/folders.settings
 test: test-rooms test-whole ## run the tests, in two halves side by side
-test-rooms: tests_of := tests/*/ analysis
-test-whole: tests_of := tests/*.py
+test-rooms: tests_of := $(sort $(dir $(wildcard tests/*/test_*.py))) analysis
+test-whole: tests_of := $(wildcard tests/test_*.py)
 test-rooms test-whole: $(VENV)/installed
 	@$(RUN) -m pytest -m "not published" $(tests_of)
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
