@@ -18,7 +18,6 @@ jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 
 # %%
-import numpy as np
 import pandas as pd
 
 from kilnflight.experiments import campaigns, confidence, flight_pictures, plots, statements
@@ -49,7 +48,7 @@ both = {"simulated": simulated, "measured": measured}
 
 # %%
 picture = flight_pictures.simulated_in_space(flown, 30, bar)
-ends = [(name, ENDS[end]) for name in names for end in np.sort(flown[name].end)]
+ends = [(name, ENDS[end]) for name in names for end in sorted(flown[name].end)]
 data = pd.DataFrame(ends, columns=["fraction", "end"]).groupby(["fraction", "end"], sort=False)
 data = data.size().reset_index(name="particles")
 caption = (
@@ -157,9 +156,9 @@ figures.save("simulated-penetration", reach, caption=caption, provenance=origin)
 
 # %%
 far = agree.dropna(subset="p")
-differ = int((far["p"] < 0.05).sum())
 result = (
-    f"Simulated and measured distributions differ beyond chance in {differ} of {len(far)} cases; "
+    f"Simulated and measured distributions differ beyond chance in "
+    f"{(far['p'] < 0.05).sum()} of {len(far)} cases; "
     f"distances {far['distance'].min():.2f} to {far['distance'].max():.2f}."
 )
 figures.conclude(result, [], origin)

@@ -104,8 +104,8 @@ def test_a_track_belongs_to_whom_at_least_half_of_it_belongs():
 def test_the_true_depth_replaces_the_measured_one_where_the_owner_is_known():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": np.nan, "y": np.nan, "z": [1.0, 2.0, 3.0]})
-    found = accuracy.with_true_depth(tracks, np.array([7, 7, -1]), true)
-    assert found["z"].tolist() == [6000.0, 5900.0, 3.0]
+    replaced = accuracy.with_true_depth(tracks, np.array([7, 7, -1]), true)
+    assert replaced["z"].tolist() == [6000.0, 5900.0, 3.0]
 
 
 def test_every_quantity_has_a_unit():
@@ -124,27 +124,27 @@ def seen(campaign):
 
 
 def flights(campaign, tracks):
-    found = dict(accuracy.replace_steps(campaign, tracks))
-    assert tuple(found) == accuracy.STEPS
-    for one in found.values():
-        assert set(one.flights["particle"]) <= set(one.particles.index)
-    return {name: one.flights.reset_index(drop=True) for name, one in found.items()}
+    replaced = dict(accuracy.replace_steps(campaign, tracks))
+    assert tuple(replaced) == accuracy.STEPS
+    for tables in replaced.values():
+        assert set(tables.flights["particle"]) <= set(tables.particles.index)
+    return {name: tables.flights.reset_index(drop=True) for name, tables in replaced.items()}
 
 
 def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
     true = seen(campaign)
-    found = flights(campaign, true)
-    assert len(found["whole chain"]) > 3
+    replaced = flights(campaign, true)
+    assert len(replaced["whole chain"]) > 3
     for name in ("true links", "true depth", "true trajectories"):
-        pd.testing.assert_frame_equal(found[name], found["whole chain"])
+        pd.testing.assert_frame_equal(replaced[name], replaced["whole chain"])
 
 
 def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
     true = seen(campaign)
     own = accuracy.fit_tracks(campaign.run, true)
     given = dict(accuracy.replace_steps(campaign, true, own))
-    for name, one in accuracy.replace_steps(campaign, true):
-        pd.testing.assert_frame_equal(given[name].flights, one.flights)
+    for name, tables in accuracy.replace_steps(campaign, true):
+        pd.testing.assert_frame_equal(given[name].flights, tables.flights)
     none = dict(accuracy.replace_steps(campaign, true, {}))
     assert not none["whole chain"].flights["from_lance"].any()
     assert len(none["true positions and links"].flights) > 3
@@ -154,21 +154,21 @@ def test_each_step_takes_away_the_error_of_that_step_alone(campaign):
     true = seen(campaign)
     exact = flights(campaign, true)["whole chain"]
     wrong = true.assign(z=true["z"] + np.where(true["frame"] % 2, 300.0, -200.0))
-    found = flights(campaign, wrong)
+    replaced = flights(campaign, wrong)
     for name in ("true depth", "true trajectories", "true positions and links"):
-        ours = found[name]["t0_s"]
+        ours = replaced[name]["t0_s"]
         np.testing.assert_allclose(ours, exact["t0_s"], err_msg=name)
     for name in ("true links", "weighted axes", "weighted, robust", "whole chain"):
-        assert np.abs(found[name]["t0_s"] - exact["t0_s"]).max() > 1e-4, name
+        assert np.abs(replaced[name]["t0_s"] - exact["t0_s"]).max() > 1e-4, name
 
 
 def test_links_that_are_wrong_are_mended_where_links_are_true(campaign):
     true = seen(campaign)
     late = true["frame"] > true.groupby("particle")["frame"].transform("median")
     torn = true.assign(particle=2 * true["particle"] + late)
-    found = flights(campaign, torn)
-    assert len(found["whole chain"]) > len(found["true links"])
-    pd.testing.assert_frame_equal(found["true links"], found["true positions and links"])
+    replaced = flights(campaign, torn)
+    assert len(replaced["whole chain"]) > len(replaced["true links"])
+    pd.testing.assert_frame_equal(replaced["true links"], replaced["true positions and links"])
 
 
 def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign):
@@ -176,16 +176,16 @@ def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign
     blind = true["particle"].iloc[0]
     unknown = true["particle"].to_numpy() == blind
     dark = true.assign(**{axis: true[axis].mask(unknown) for axis in "xyz"})
-    found = flights(campaign, dark)
-    assert blind not in set(found["true trajectories"]["particle"])
-    assert blind in set(found["true depth"]["particle"])
-    assert len(found["true trajectories"]) == len(found["whole chain"])
+    replaced = flights(campaign, dark)
+    assert blind not in set(replaced["true trajectories"]["particle"])
+    assert blind in set(replaced["true depth"]["particle"])
+    assert len(replaced["true trajectories"]) == len(replaced["whole chain"])
 
 
 def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": 1.0, "y": 2.0, "z": [7499.0, 7400.0, 9000.0]})
-    found = accuracy.link_by_truth(tracks, np.array([7, 7, -1]), true)
-    assert found["particle"].tolist() == [7, 7, -1]
-    np.testing.assert_equal(found["z"].to_numpy(), [7499.0, np.nan, 9000.0])
-    np.testing.assert_equal(found["x"].to_numpy(), [1.0, np.nan, 1.0])
+    replaced = accuracy.link_by_truth(tracks, np.array([7, 7, -1]), true)
+    assert replaced["particle"].tolist() == [7, 7, -1]
+    np.testing.assert_equal(replaced["z"].to_numpy(), [7499.0, np.nan, 9000.0])
+    np.testing.assert_equal(replaced["x"].to_numpy(), [1.0, np.nan, 1.0])

@@ -34,15 +34,15 @@ def test_the_scales_are_those_of_the_thesis_or_parts():
 def test_few_frames_give_all_tables_and_two_processes_the_same(monkeypatch, tmp_path):
     monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 4))
     some = campaigns.campaigns("quick", LEARNED, scenario="small")
-    found = campaigns.measure(some)
-    for table, kind in zip(found[1:], (TRAJECTORIES, FLIGHTS, SLICES), strict=True):
+    tables = campaigns.measure(some)
+    for table, kind in zip(tables[1:], (TRAJECTORIES, FLIGHTS, SLICES), strict=True):
         assert list(table.columns) == ["fraction", "pressure_bar", *kind.names]
         kind.check(table)
     files = {file.name: file.read_bytes() for file in (tmp_path / "derived").glob("*.parquet")}
     assert len(files) == 2 * 5
     monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "two"))
     again = campaigns.measure(some, Workers(2))
-    for one, other in zip(found, again, strict=True):
+    for one, other in zip(tables, again, strict=True):
         pd.testing.assert_frame_equal(one, other)
     for name, content in files.items():
         assert (tmp_path / "two" / name).read_bytes() == content

@@ -1,4 +1,4 @@
-"""Every number that is said of flights has an interval, made by hand where one can."""
+"""Intervals of the numbers about flights, on values made by hand."""
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,7 @@ def test_a_metre_of_few_has_a_median_but_no_interval():
         assert not row["covers"]
 
 
-def test_what_is_told_apart_with_our_numbers_need_not_be_with_the_theses():
+def test_a_difference_resolved_with_our_numbers_need_not_be_with_those_of_the_thesis():
     draw = np.random.default_rng(0)
     groups = {
         ("wood chip", 4.5): draw.normal(0.30, 0.1, 400),
@@ -59,9 +59,9 @@ def test_what_is_told_apart_with_our_numbers_need_not_be_with_the_theses():
     table = confidence.differences(groups, pairs, draw)
     assert table["resolved"].tolist() == [True, True]  # the third pair was not measured
     assert table["resolved_with_table_5_15"].tolist() == [False, True]
-    said = confidence.in_words(table, "medians")
-    assert "wood chip 4.5 < confetti 4.5 / PE granule 4.5 > confetti 4.5" in said
-    assert said.endswith("with the numbers of Table 5.15: 1 of 2")
+    text = confidence.in_words(table, "medians")
+    assert "wood chip 4.5 < confetti 4.5 / PE granule 4.5 > confetti 4.5" in text
+    assert text.endswith("with the numbers of Table 5.15: 1 of 2")
     assert confidence.trajectory_counts(groups) == {first: 7, second: 37, third: 25}
     assert confidence.in_words(confidence.differences(groups, [], draw), "medians") == ""
 
@@ -71,21 +71,21 @@ def lit(number, of):
     return np.where(np.arange(of) < number, 0.1, np.nan)
 
 
-def test_shares_are_told_apart_likewise():
+def test_differences_of_shares_are_resolved_likewise():
     groups = {("confetti", 4.5): lit(100, 400), ("confetti", 5.0): lit(140, 400)}
     table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0), shares=True)
     assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, False]]
     assert "shares resolved: confetti 4.5 < confetti 5.0" in confidence.in_words(table, "shares")
 
 
-def test_a_quantity_that_nobody_has_is_not_told_apart():
+def test_a_quantity_without_values_is_not_resolved():
     groups = {("confetti", 4.5): np.full(9, np.nan), ("confetti", 5.0): np.linspace(0, 1, 9)}
     table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0))
     assert table["resolved"].tolist() == [False]
     assert "none; not: confetti 4.5, confetti 5.0" in confidence.in_words(table, "medians")
 
 
-def test_metres_that_nobody_saw_are_counted_and_left_out_beside():
+def test_metres_before_the_first_detection_are_counted_and_left_out_beside():
     speed, seen = [8.0, 9.0, 10.0, 50.0, 40.0], [True, True, True, False, True]
     rows = {"fraction": CELL[0], "pressure_bar": CELL[1], "particle": range(5), "slice_m": 1.0}
     slices = pd.DataFrame({**rows, "velocity_m_s": speed, "observed": seen})

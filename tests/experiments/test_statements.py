@@ -31,11 +31,11 @@ def test_every_statement_names_an_outcome():
 
 
 def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
-    said = statements.targets()
-    assert set(zip(said["fraction"], said["pressure_bar"], strict=True)) == set(statements.CELLS)
-    kinds = set(said["outcome"].str.split(" ").str[0])
+    rows = statements.targets()
+    assert set(zip(rows["fraction"], rows["pressure_bar"], strict=True)) == set(statements.CELLS)
+    kinds = set(rows["outcome"].str.split(" ").str[0])
     assert kinds == {"velocity", "remaining", "dwell", "ignited"}
-    assert set(said.loc[said["outcome"].str.startswith("ignited"), "outcome"]) == {"ignited (%)"}
+    assert set(rows.loc[rows["outcome"].str.startswith("ignited"), "outcome"]) == {"ignited (%)"}
     everything = statements.statements()
     held_out = everything[everything["use"] == statements.HELD_OUT]
     assert {"PE granule", "paper shred"} <= set(held_out["fraction"])
@@ -55,8 +55,8 @@ def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
     ],
 )
 def test_a_misfit_is_the_distance_from_the_bounds(low, high, value, misfit):
-    said = pd.DataFrame([{"outcome": "velocity 0-1 m (m/s)", "low": low, "high": high}])
-    assert statements.misfits(said, pd.Series([value]))[0] == pytest.approx(misfit)
+    rows = pd.DataFrame([{"outcome": "velocity 0-1 m (m/s)", "low": low, "high": high}])
+    assert statements.misfits(rows, pd.Series([value]))[0] == pytest.approx(misfit)
 
 
 KEYS = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]

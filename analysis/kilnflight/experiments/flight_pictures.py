@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -53,15 +53,19 @@ def longest_slices(tables: Measurement) -> tuple[Figure, pd.DataFrame, str]:
     longest = lengths.sort_values(["sum", "size"], kind="stable").tail(1)
     if longest.empty:
         return picture, front.head(0), "flight (no metre was passed)"
-    row = longest.iloc[0]
-    flight, trajectory, passed = (
-        one.loc[one["particle"] == row["particle"]].drop(columns=KEYS)
-        for table in (tables.flights, tables.trajectories, tables.slices)
-        for one in [of_campaign(table, (row["fraction"], row["pressure_bar"]))]
-    )
-    space_slices(grid[0, 0], fits(trajectory)[row["particle"]], passed, flight["end_s"].iloc[0])
+    fraction, bar, particle = longest[[*KEYS, "particle"]].iloc[0]
+    trajectory, flight, passed = _of_particle(tables[1:], (fraction, bar), particle)
+    space_slices(grid[0, 0], fits(trajectory)[particle], passed, flight["end_s"].iloc[0])
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
-    return picture, passed, f"{row['fraction']} at {row['pressure_bar']} bar"
+    return picture, passed, f"{fraction} at {bar} bar"
+
+
+def _of_particle(
+    tables: Iterable[pd.DataFrame], key: CampaignKey, particle: int
+) -> list[pd.DataFrame]:
+    """Return the rows of a particle of a campaign in each table."""
+    parts = [of_campaign(table, key) for table in tables]
+    return [part[part["particle"] == particle].drop(columns=KEYS) for part in parts]
 
 
 def velocity_boxes(
@@ -113,11 +117,11 @@ def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
     for axes, bar in zip(grid[0], bars, strict=False):
         parts = [of_campaign(data, (name, bar)) for name in names]
         groups = {
-            "true": [one["true_s"].to_numpy() for one in parts],
+            "true": [part["true_s"].to_numpy() for part in parts],
             "true, of those measured": [
-                one.loc[one["track"] >= 0, "true_s"].to_numpy() for one in parts
+                part["true_s"][part["track"] >= 0].to_numpy() for part in parts
             ],
-            "measured": [one["measured_s"].to_numpy() for one in parts],
+            "measured": [part["measured_s"].to_numpy() for part in parts],
         }
         grouped_boxes(axes, groups, names)
         axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
@@ -137,10 +141,7 @@ def dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
         if case in flights:
             flight = flights[case]
             key = flight["fraction"], flight["pressure_bar"]
-            track, trajectory = (
-                table[table["particle"] == flight["particle"]].drop(columns=KEYS)
-                for table in (of_campaign(table, key) for table in tables[:2])
-            )
+            track, trajectory = _of_particle(tables[:2], key, flight["particle"])
             dwell_time(axes, fits(trajectory)[flight["particle"]], flight, track)
             title += f": {key[0]}, {key[1]} bar"
         axes.set(title=title if case in flights else f"{title}: none measured")
@@ -193,7 +194,7 @@ def budget_steps(budget: pd.DataFrame) -> Figure:
     groups = budget.groupby(["way", "fraction"])
     for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
         bias, spread = (
-            groups[f"{quantity}_{what}"].mean().unstack() for what in ("bias", "spread")
+            groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread")
         )
         for k, way in enumerate(STEPS):
             place = np.arange(len(names)) + 0.11 * (k - 3.5)
@@ -213,8 +214,8 @@ def measures_by_order(by_order: pd.DataFrame) -> Figure:
     titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)"}
     titles |= {"r2": "R2", "r2_adjusted": "adjusted R2"}
     for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
-        for k, (axis, one) in enumerate(by_order.groupby("axis")):
-            axes.plot(one["order"], one[name], ls=LINES[k], marker=MARKERS[k], label=axis)
+        for k, (axis, part) in enumerate(by_order.groupby("axis")):
+            axes.plot(part["order"], part[name], ls=LINES[k], marker=MARKERS[k], label=axis)
         axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
     for axes in grid[1]:
         axes.set_xlabel("order of the polynomials")
@@ -238,8 +239,8 @@ def fits_in_space(
         parts.append(tracks.sort_values("particle", kind="stable"))
         for row, gray in enumerate((False, True)):
             axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
-            groups = [one for _, one in tracks.groupby("particle")]
-            curves(axes, list(fitted.values()), groups, gray)
+            each = [track for _, track in tracks.groupby("particle")]
+            curves(axes, list(fitted.values()), each, gray)
             axes.view_init(elev=15, azim=-65)
             title = "grey values" if gray else "detections (thin) and fits"
             axes.set_title(f"{key[0]}, {title}", y=0.98)
@@ -252,7 +253,7 @@ def simulated_paths(
 ) -> Figure:
     """Return simulated flights from the side, coloured by a value, a panel for each fraction."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=95, sharex=True, sharey=True)
-    every = np.concatenate([one.ravel() for one in values.values()])
+    every = np.concatenate([each.ravel() for each in values.values()])
     limits = np.nanquantile(every, [0.05, 0.95])
     for axes, name in zip(grid.flat, flown, strict=False):
         lines = from_the_side(axes, flown[name], values[name], limits, most)
@@ -280,7 +281,7 @@ def along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     table
         `kilnflight.experiments.statements.along_the_way`; published bounds become broad bars.
     versions
-        The dotted and the solid one.
+        First the dotted, then the solid version.
     """
     names, quantities = (list(table[column].unique()) for column in ("fraction", "quantity"))
     quantities.sort(reverse=True)
@@ -315,9 +316,9 @@ def true_dwell(table: pd.DataFrame) -> Figure:
     for panels, version in zip(grid, table["version"].unique(), strict=True):
         panels[0].set_ylabel("dwell time (s)")
         for axes, bar in zip(panels, (4.5, 5.0), strict=True):
-            some = table[(table["version"] == version) & (table["pressure_bar"] == bar)]
+            rows = table[(table["version"] == version) & (table["pressure_bar"] == bar)]
             axes.axhspan(0.3, 0.5, color=COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
-            boxes(axes, some)
-            names = list(some["fraction"])
+            boxes(axes, rows)
+            names = list(rows["fraction"])
             axes.set(title=f"{version}, {bar} bar", xticks=range(len(names)), xticklabels=names)
     return picture
