@@ -51,10 +51,7 @@ picture = flight_pictures.simulated_in_space(flown, 30, bar)
 ends = [(name, ENDS[end]) for name in names for end in sorted(flown[name].end)]
 data = pd.DataFrame(ends, columns=["fraction", "end"]).groupby(["fraction", "end"], sort=False)
 data = data.size().reset_index(name="particles")
-caption = (
-    "Thirty simulated flights each, dots 1 m apart in depth, after Fig. A.5; the table says how "
-    "the flights of all fractions end."
-)
+caption = "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end."
 figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -157,7 +154,7 @@ figures.save("simulated-penetration", reach, caption=caption, provenance=origin)
 # %%
 far = agree.dropna(subset="p")
 result = (
-    f"Simulated and measured distributions differ beyond chance in "
+    "Simulated and measured distributions differ beyond chance in "
     f"{(far['p'] < 0.05).sum()} of {len(far)} cases; "
     f"distances {far['distance'].min():.2f} to {far['distance'].max():.2f}."
 )

@@ -103,14 +103,7 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true, one row per true particle whose whole flight is recorded.
 
     Of several tracks of a particle the longest in time counts. False flights, which start at
-    the lance and belong to no particle, come last, without truth.
-
-    Parameters
-    ----------
-    measured
-        Flights that were worked out in one way.
-    true
-        `true_flights`.
+    the lance and belong to no particle, come last, without truth. ``true``: of `true_flights`.
 
     Returns
     -------
