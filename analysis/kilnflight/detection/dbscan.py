@@ -101,13 +101,10 @@ class DBSCAN:
             return np.empty(0, dtype=np.intp)
         # Two points of one cell are within eps; two within eps are at most two cells apart.
         # The small margin keeps both true after rounding.
-        side = self.eps / np.sqrt(3.0) * (1 - 1e-8)
-        cells = sort_into_cells(cloud, side, REACH, "DBSCAN: points")
-        steps = rows_around(cells.layer, cells.row, REACH)
-        limit, wanted = float(self.eps * self.eps), int(self.min_points)
-        core = _core_points(cells, steps, limit, wanted)
-        parents = _connected_cells(cells, steps, core, limit)
-        return _labels(cells, steps, core, parents, limit)
+        cells = sort_into_cells(cloud, self.eps / np.sqrt(3.0) * (1 - 1e-8))
+        limit = float(self.eps * self.eps)
+        core = _core_points(cells, limit, int(self.min_points))
+        return np.asarray(_labels(cells, core, _connected_cells(cells, core, limit), limit))
 
 
 @dataclass(frozen=True)
@@ -176,32 +173,21 @@ class Cells(NamedTuple):
         (m,) numbers of the occupied cells, ascending.
     starts
         (m + 1,) first point of each occupied cell.
-    layer, row
-        Steps in the number of a cell for one step along x and along y.
+    steps
+        (25,) steps from a cell's number to the rows within reach, the nearest first.
     """
 
     order: npt.NDArray[np.int64]
     points: npt.NDArray[np.float64]
     keys: npt.NDArray[np.int64]
     starts: npt.NDArray[np.int64]
-    layer: int
-    row: int
+    steps: npt.NDArray[np.int64]
 
 
-def sort_into_cells(points: npt.NDArray[np.float64], side: float, reach: int, where: str) -> Cells:
-    """Return the points sorted into cubes of ``side``, counted from the smallest x, y and z.
+def sort_into_cells(points: npt.NDArray[np.float64], side: float) -> Cells:
+    """Return points (n, 3), at least one, sorted into cubes from the smallest x, y and z.
 
-    Parameters
-    ----------
-    points
-        (n, 3), at least one.
-    side
-        In the unit of the points.
-    reach
-        Steps to the farthest neighbour cell that is asked for: so many cells after each
-        row and layer stay empty.
-    where
-        What to call the points in an error.
+    So many cells as neighbours may be away stay empty after each row and layer.
 
     Raises
     ------
@@ -213,23 +199,18 @@ def sort_into_cells(points: npt.NDArray[np.float64], side: float, reach: int, wh
     extent = float((high - low).max())
     if not extent <= side * LARGEST:
         raise InputError(
-            f"{where}: a cloud of {extent:.3g} mm has more than {LARGEST} cells of {side:.3g} mm "
-            "along an axis. Remove far points or take larger cells."
+            f"DBSCAN: points: a cloud of {extent:.3g} mm has more than {LARGEST} cells of "
+            f"{side:.3g} mm along an axis. Remove far points or take larger cells."
         )
-    along = ((high - low) / side).astype(np.int64) + 1 + reach
+    along = ((high - low) / side).astype(np.int64) + 1 + REACH
     row, layer = int(along[2]), int(along[1] * along[2])
     keys = _number(points, low, side, layer, row)
     keys, order = _radix_sort(keys, layer * int(along[0]))
     sorted_points, occupied, starts = _gather(points, keys, order)
-    return Cells(order, sorted_points, occupied, starts, layer, row)
-
-
-def rows_around(layer: int, row: int, reach: int) -> npt.NDArray[np.int64]:
-    """Return the steps from a cell to the rows at most ``reach`` away, the nearest first."""
-    along = np.arange(-reach, reach + 1)
-    squares = (along.reshape(-1, 1) ** 2 + along.reshape(1, -1) ** 2).ravel()
-    steps = (along.reshape(-1, 1) * layer + along.reshape(1, -1) * row).ravel()
-    return np.asarray(steps[np.argsort(squares, kind="stable")], dtype=np.int64)
+    around = np.arange(-REACH, REACH + 1)
+    steps = np.add.outer(around * layer, around * row).ravel()
+    nearest = np.argsort(np.add.outer(around**2, around**2).ravel(), kind="stable")
+    return Cells(order, sorted_points, occupied, starts, steps[nearest])
 
 
 @njit(cache=True)
@@ -330,13 +311,13 @@ def _count_near(axes: Any, a: int, begin: int, end: int, limit: float) -> int:
 
 
 @njit(cache=True)
-def _core_points(cells: Cells, steps: Any, limit: float, wanted: int) -> Any:
+def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
     """Tell of each sorted point whether it is a core point.
 
     The cells within reach in one row are neighbours in the order of the points, the point's
     own among them; most points know after the nearest rows, so that others are not looked up.
     """
-    points, keys, starts = cells.points, cells.keys, cells.starts
+    points, keys, starts, steps = cells.points, cells.keys, cells.starts, cells.steps
     axes = (points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy())
     first = np.zeros(25, np.int64)
     begin, end = np.zeros(25, np.int64), np.zeros(25, np.int64)
@@ -372,12 +353,12 @@ def _touch(points: Any, starts: Any, core: Any, one: int, other: int, limit: flo
 
 
 @njit(cache=True)
-def _connected_cells(cells: Cells, steps: Any, core: Any, limit: float) -> Any:
+def _connected_cells(cells: Cells, core: Any, limit: float) -> Any:
     """Return the forest of cells whose core points share a cluster.
 
     Adjacent cells first: then most cells two steps apart are known to be connected.
     """
-    keys, starts = cells.keys, cells.starts
+    keys, starts, steps = cells.keys, cells.starts, cells.steps
     parents = np.arange(len(keys))
     for reach in range(1, 3):
         first = np.zeros(25, np.int64)
@@ -418,9 +399,9 @@ def _number_clusters(cells: Cells, core: Any, parents: Any) -> Any:
 
 
 @njit(cache=True)
-def _labels(cells: Cells, steps: Any, core: Any, parents: Any, limit: float) -> Any:
+def _labels(cells: Cells, core: Any, parents: Any, limit: float) -> Any:
     """Return the label of each point of the caller's cloud."""
-    points, keys, starts = cells.points, cells.keys, cells.starts
+    points, keys, starts, steps = cells.points, cells.keys, cells.starts, cells.steps
     numbers = _number_clusters(cells, core, parents)
     first = np.zeros(25, np.int64)
     labels = np.empty(len(points), np.intp)

@@ -57,10 +57,9 @@ class DoG:
 
     Notes
     -----
-    The difference is taken as the narrow minus the wide Gaussian, the negative of
-    Eq. 2.23, so that a bright blob is the "local maximum" by which the thesis calls its
-    parameter. The text looks for minima, too; in |frame - background|, where every
-    particle is bright, they are gaps between particles, and they are left out.
+    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright
+    blob is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also looks for,
+    are gaps between particles in |frame - background| and are left out.
 
     The threshold applies to the difference itself: it is neither divided by the number
     of layers (as OpenCV does) nor scaled by the grey values' range. A sample below half
@@ -70,10 +69,9 @@ class DoG:
     2.8 px. Lowe doubles it first: pass the image at twice its size and twice the
     ``camera_blur``.
 
-    The radius is the one of the uniform disc that answers most strongly at the
-    keypoint's scale s, that is, the zero of the difference of Gaussians:
-    s k sqrt(2 ln(k^2) / (k^2 - 1)), 1.58 s. For a Gaussian blob it is the square root
-    of 2 times its standard deviation. The thesis does not say how it draws its circles.
+    The radius is that of the uniform disc that answers most strongly at the keypoint's scale
+    (`disc_radius`). For a Gaussian blob it is the square root of 2 times its standard
+    deviation. The thesis does not say how it draws its circles.
 
     References
     ----------
@@ -121,16 +119,6 @@ class DoG:
         ------
         InputError
             If the foreground is not 2D, not of numbers or not finite.
-
-        Examples
-        --------
-        What a camera of 8 bits would have left of a blob of 120 grey values:
-
-        >>> at = np.arange(64.0)
-        >>> slope = np.exp(-((at - 30) ** 2) / 32)
-        >>> faint = 120 * np.outer(slope, slope)
-        >>> len(DoG(10)(faint)), len(DoG(10)(np.rint(faint / 257) * 257))
-        (1, 0)
         """
         return self.graded(foreground, within)[:, :3]
 
@@ -138,12 +126,7 @@ class DoG:
         """Return the particles (n, 4) with the largest threshold at which each is found.
 
         So the particles at any higher threshold are the rows whose last value is not below
-        it, to the bit: one look at a foreground answers for a whole sweep.
-
-        Parameters
-        ----------
-        foreground, within
-            As of a call.
+        it, to the bit: one call answers for a whole sweep. Arguments as of a call.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         octaves, spacing = [np.empty((0, 4))], 1.0
@@ -167,24 +150,21 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, BLOCK * spacing)
         kernels = tuple(taps(sigma) for sigma in sigmas)
-        found = [np.empty((0, 7))]
-        for box in _boxes(live, image.shape):
-            top, bottom, left, right = box
-            around = top - WALK, bottom + WALK, left - WALK, right + WALK
-            ends = WALK + 1 - top, WALK + image.shape[0] - 1 - top
-            sides = WALK + 1 - left, WALK + image.shape[1] - 1 - left
-            stack = differences(image, around, kernels)
-            points = keypoints(stack, ends + sides, self.threshold, self.edge)
-            points[:, 1:3] += around[0], around[2]
-            found.append(points)
-        points = np.concatenate(found)
+        parts = [np.empty((0, 7))]
+        for top, bottom, left, right in _boxes(live, image.shape):
+            first, start = top - WALK, left - WALK
+            stack = differences(image, (first, bottom + WALK, start, right + WALK), kernels)
+            visit = 1 - first, image.shape[0] - 1 - first, 1 - start, image.shape[1] - 1 - start
+            points = keypoints(stack, visit, self.threshold, self.edge)
+            points[:, 1:3] += first, start
+            parts.append(points)
+        points = np.concatenate(parts)
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
         scale = self.sigma * 2.0 ** ((points[:, 0] + points[:, 3]) / self.layers)
-        place = points[:, 1:3] + points[:, 4:6]
-        radius = scale * disc_radius(self.layers)
-        return np.column_stack([place * spacing, radius * spacing, points[:, 6]])
+        discs = np.column_stack([points[:, 1:3] + points[:, 4:6], scale * disc_radius(self.layers)])
+        return np.column_stack([discs * spacing, points[:, 6]])
 
 
 def disc_radius(layers: int) -> float:
@@ -199,18 +179,14 @@ def disc_radius(layers: int) -> float:
     return k * math.sqrt(2.0 * math.log(k**2) / (k**2 - 1.0))
 
 
-def reach(sigma: float) -> int:
-    """Return at how many px a Gaussian is cut."""
-    return math.ceil(REACH * sigma)
-
-
 @lru_cache(maxsize=64)
 def taps(sigma: float) -> Image:
     """Return centre and right half of a normalised Gaussian (Eq. 2.22, one axis).
 
     That of 0 px changes nothing.
     """
-    weight = np.exp(-0.5 * (np.arange(reach(sigma) + 1) / max(sigma, 1e-9)) ** 2)
+    away = np.arange(math.ceil(REACH * sigma) + 1)
+    weight = np.exp(-0.5 * (away / max(sigma, 1e-9)) ** 2)
     return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
 
 
@@ -302,7 +278,10 @@ def _patch(image: Any, box: Box) -> Any:
 
 @njit(cache=True)
 def differences(image: Any, box: Box, kernels: Any) -> Any:
-    """Return the differences of neighbouring Gaussians in a box of an image.
+    """Return the differences (Gaussians - 1, rows, cols) of Gaussians in a box of an image.
+
+    Narrow minus wide, so bright blobs are positive. Compiled: the box stays in the cache, so
+    it takes half of OpenCV's time.
 
     Parameters
     ----------
@@ -312,15 +291,6 @@ def differences(image: Any, box: Box, kernels: Any) -> Any:
         First row, end row, first column, end column; may reach beyond the border.
     kernels
         `taps` of each Gaussian, from narrow to wide, all relative to the image.
-
-    Returns
-    -------
-    ndarray
-        (Gaussians - 1, rows, columns): narrow minus wide, so bright blobs are positive.
-
-    Notes
-    -----
-    Compiled: the box stays in the cache, so it takes half of OpenCV's time.
     """
     top, bottom, left, right = box
     rows, cols = bottom - top, right - left
@@ -358,7 +328,7 @@ def maxima(stack: Any, level: float) -> Any:
     nearer than `WALK` to the border.
     """
     layers, rows, cols = stack.shape
-    found = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
+    places = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
     count = 0
     for layer in range(1, layers - 1):
         for row in range(WALK, rows - WALK):
@@ -373,16 +343,17 @@ def maxima(stack: Any, level: float) -> Any:
                     before = place < (1, 1, 1)
                     highest = highest and not (other > value or (before and other == value))
                 if highest:
-                    found[count] = layer, row, col
+                    places[count] = layer, row, col
                     count += 1
-    return found[:count].copy()
+    return places[:count].copy()
 
 
 @njit(cache=True)
 def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
     """Return the keypoints of a stack, from quadratics through its maxima (Eqs 2.25-2.28).
 
-    The fit moves by one pixel at a time; in scale it stays with the largest layer.
+    The fit moves by one pixel at a time; in scale it stays with the largest layer. Compiled:
+    most boxes hold one maximum or none, too few for numpy.
 
     Parameters
     ----------
@@ -398,13 +369,9 @@ def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
     ndarray
         (n, 7): layer, row, col of the sample, the offset of the extremum from it, and the
         largest threshold with which the same keypoint is found from the same maximum.
-
-    Notes
-    -----
-    Compiled: most boxes hold one maximum or none, too few for numpy.
     """
     places = maxima(stack, threshold / 2)
-    found, count = np.empty((len(places), 7)), 0
+    points, count = np.empty((len(places), 7)), 0
     for layer, row, col in places:
         sample = np.float64(stack[layer, row, col])
         for fit in range(FITS):
@@ -421,11 +388,11 @@ def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
         blob = determinant > 0 and trace**2 * edge < (edge + 1) ** 2 * determinant
         peak = value + np.dot(gradient, offset) / 2
         if blob and np.abs(offset).max() < BELIEVED and peak >= threshold:
-            found[count, 0], found[count, 1], found[count, 2] = layer, row, col
-            found[count, 3], found[count, 4], found[count, 5] = offset
-            found[count, 6] = min(peak, 2 * sample)
+            points[count, 0], points[count, 1], points[count, 2] = layer, row, col
+            points[count, 3:6] = offset
+            points[count, 6] = min(peak, 2 * sample)
             count += 1
-    return found[:count].copy()
+    return points[:count].copy()
 
 
 @njit(cache=True)
@@ -465,9 +432,9 @@ def _positive(narrow: float, wide: float) -> tuple[int, float]:
     largest value within the radius - the smallest value under the kernel).
     """
     inner, outer = (np.concatenate([taps(s)[:0:-1], taps(s)]) for s in (narrow, wide))
-    inner = np.pad(inner, reach(wide) - reach(narrow))
+    inner, middle = np.pad(inner, (len(outer) - len(inner)) // 2), len(outer) // 2
     weight = np.multiply.outer(inner, inner) - np.multiply.outer(outer, outer)
-    radius = int(np.abs(np.argwhere(weight > 0) - reach(wide)).max(initial=0))
+    radius = int(np.abs(np.argwhere(weight > 0) - middle).max(initial=0))
     return radius, float(weight[weight > 0].sum(dtype=np.float64))
 
 
@@ -505,7 +472,7 @@ def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDAr
     live = np.zeros(low.shape, dtype=np.bool_)
     for narrow, wide in pairwise(sigmas[1:-1]):
         radius, mass = _positive(narrow, wide)
-        near, far = (np.ones(2 * [2 * -(-r // BLOCK) + 1]) for r in (radius, reach(wide)))
+        near, far = (np.ones(2 * [2 * -(-r // BLOCK) + 1]) for r in (radius, len(taps(wide)) - 1))
         live |= (cv2.dilate(high, near) - cv2.erode(low, far)) * mass + rounding >= level
     return live
 

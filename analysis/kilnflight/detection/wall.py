@@ -1,4 +1,4 @@
-r"""The kiln's wall as a cylinder, and who is in the air (thesis, sections 3.2 and 5.1.4).
+r"""The kiln's wall as a cylinder, and what is in the air (thesis, sections 3.2 and 5.1.4).
 
 ::
 
@@ -20,7 +20,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from kilnflight.checks import InputError, check_finite, check_positive, check_shape
+from kilnflight.checks import (
+    InputError,
+    check_count,
+    check_finite,
+    check_positive,
+    check_shape,
+)
 
 Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -31,12 +37,13 @@ GAUSSIAN_95 = 1.96  # an inlier stays within 1.96 sigma (Torr and Zisserman, 95 
 ROUNDS = 30  # of least squares, at most
 SETTLED_MM = 0.1
 EM_STEPS = 5  # Torr and Zisserman: "two or three" suffice
+ENDS = (0.02, 0.98)  # quantiles of the places along the axis
 SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder without ends and, where it was fitted, how well (else None).
+    """Cylinder without ends and, where it was fitted, how well (else None).
 
     Parameters
     ----------
@@ -44,34 +51,20 @@ class Cylinder:
         Point of the axis; of a fit, the middle of the inliers along it.
     direction
         Of the axis; any length, kept as a unit vector. Table 5.12 prints the vector from
-        end to end of the inliers, here ``length_mm`` times ``direction``.
+        end to end of the inliers.
     radius_mm
         Of the wall.
-    angle_deg
-        Between axis and reference; close to the limit the cloud says little about the axis.
-    length_mm, arc_deg
-        Extent of the inliers along the axis (2nd to 98th percentile) and around it.
-    inliers, points
-        Points within the maximum distance, and all.
+    inliers
+        Points within the maximum distance.
     rms_mm
         Root mean square distance of the inliers from the wall.
-    mixing
-        Share of points on the wall, as the likelihood has it (EM), before refinement.
-    trials
-        Cylinders that were compared.
     """
 
     centre_mm: Vector
     direction: Vector
     radius_mm: float
-    angle_deg: float | None = None
-    length_mm: float | None = None
-    arc_deg: float | None = None
     inliers: int | None = None
-    points: int | None = None
     rms_mm: float | None = None
-    mixing: float | None = None
-    trials: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no cylinder; make the direction a unit vector."""
@@ -104,19 +97,18 @@ class CylinderFit:
     trials: int = 1000  # at most
     confidence: float = 0.99  # that a good trial was among them
     min_share: float = 0.5  # of the points, that must be inliers: the wall is the majority
-    refine: bool = True  # least squares (soft L1) of the geometric distances of inliers
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
+        """Refuse parameters out of range; make the reference a unit vector."""
         check_positive(self.max_distance_mm, "CylinderFit: max_distance_mm")
-        _unit(self.reference, "CylinderFit: reference")
+        reference = _unit(self.reference, "CylinderFit: reference")
+        object.__setattr__(self, "reference", tuple(reference.tolist()))
+        check_count(self.trials, "CylinderFit: trials")
         for name, high in (("max_angle_deg", 90), ("confidence", 1), ("min_share", 1)):
             if not 0 < getattr(self, name) < high:
                 raise InputError(
                     f"CylinderFit: {name} is {getattr(self, name)}; take one between 0 and {high}."
                 )
-        if not isinstance(self.trials, int) or self.trials < 1:
-            raise InputError(f"CylinderFit: trials is {self.trials!r}; take a whole number from 1.")
 
     def __call__(self, points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
         """Return the cylinder of a wall's cluster.
@@ -145,15 +137,12 @@ class CylinderFit:
         scored = points
         if len(points) > SCORED_POINTS:
             scored = points[generator.choice(len(points), SCORED_POINTS, replace=False)]
-        reference = _unit(self.reference, "CylinderFit: reference")
-        limits = Limits(reference, self.max_angle_deg, self.max_distance_mm)
-        found = search(scored, limits, self.trials, self.confidence, generator)
-        if found is None:
+        trial = search(scored, self, generator)
+        if trial is None:
             raise _no_cylinder("its points are in one line or plane")
-        axis = refine(points, found.axis, limits) if self.refine else found.axis
-        return self._judged(points, axis, reference, found)
+        return self._checked(points, refine(points, trial, self))
 
-    def _judged(self, points: Array, axis: Axis, reference: Array, found: Found) -> Cylinder:
+    def _checked(self, points: Array, axis: Axis) -> Cylinder:
         """Return the cylinder with its quality, or raise where the cloud holds none."""
         signed = residuals(points, axis)
         near = np.abs(signed) <= self.max_distance_mm
@@ -172,21 +161,13 @@ class CylinderFit:
             raise _no_cylinder(f"an arc of {np.degrees(arc):.1f} degrees is flat, a plane")
         if abs(bend) > self.max_distance_mm:
             raise _no_cylinder(f"it bends by {abs(bend):.0f} mm along the axis, a ball")
-        low, high = np.quantile(along[near], [0.02, 0.98])
-        x, y, z = (axis.centre + (low + high) / 2 * axis.direction).tolist()
-        cosine = min(float(axis.direction @ reference), 1.0)
+        middle = np.quantile(along[near], ENDS).mean()
         return Cylinder(
-            centre_mm=(x, y, z),
+            centre_mm=tuple((axis.centre + middle * axis.direction).tolist()),
             direction=tuple(axis.direction.tolist()),
             radius_mm=axis.radius,
-            angle_deg=float(np.degrees(np.arccos(cosine))),
-            length_mm=float(high - low),
-            arc_deg=float(np.degrees(arc)),
             inliers=inliers,
-            points=len(points),
             rms_mm=float(np.sqrt(np.mean(signed[near] ** 2))),
-            mixing=found.mixing,
-            trials=found.trials,
         )
 
 
@@ -221,15 +202,13 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
     return residuals(points, Axis(np.array(cylinder.centre_mm), np.array(cylinder.direction), 0.0))
 
 
-def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike, *, by_number: bool = False) -> float:
+def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
     """Return where the Gaussians of two sets of distances cross between their means, in mm.
 
     Parameters
     ----------
     in_air_mm, wall_mm
         Distances from the axis of particles in the air and on the wall; two or more each.
-    by_number
-        Whether each Gaussian is as high as its set has particles.
 
     Raises
     ------
@@ -240,8 +219,7 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike, *, by_number: boo
     Notes
     -----
     Section 3.2 takes "expectation and standard deviation of the respective distance" and
-    names no number, so both Gaussians have area 1; the axis of Fig. 3.11 counts particles,
-    which ``by_number`` follows.
+    names no number, so both Gaussians have area 1.
     """
     sets = [check_finite(values, "crossing: distances").ravel() for values in (in_air_mm, wall_mm)]
     if any(len(values) < 2 or np.ptp(values) == 0 for values in sets):
@@ -256,14 +234,13 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike, *, by_number: boo
             f"crossing: particles in the air are {low:.1f} mm from the axis on average, those on "
             f"the wall {high:.1f} mm. Is the order of the arguments right?"
         )
-    weights = [len(values) if by_number else 1 for values in sets]
     # Twice the log of the ratio of both Gaussians, a quadratic of the distance.
     first, second = (
         np.array([1.0, -2 * mean, mean**2]) / sigma**2
         for mean, sigma in zip((0.0, high - low), sigmas, strict=True)
     )
     ratio = second - first
-    ratio[-1] += 2 * np.log(weights[0] * sigmas[1] / (weights[1] * sigmas[0]))
+    ratio[-1] += 2 * np.log(sigmas[1] / sigmas[0])
     between = [x.real for x in np.roots(ratio) if x.imag == 0 and 0 <= x.real <= high - low]
     if not between:
         raise InputError(
@@ -289,26 +266,23 @@ class InAir:
         A row of three NaN is a detection without 3D. The thesis classifies "only particles
         with 3D information"; such a row is False here and in `on_wall`.
         """
-        distance, known = self._distance(points_mm, cylinder)
-        return known & (distance <= self.threshold_mm)
+        return _known_distance(points_mm, cylinder) <= self.threshold_mm
 
     def on_wall(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> npt.NDArray[np.bool_]:
         """Return which points (n, 3) are on the wall, (n,); False without 3D."""
-        distance, known = self._distance(points_mm, cylinder)
-        return known & (distance > self.threshold_mm)
+        return _known_distance(points_mm, cylinder) > self.threshold_mm
 
-    @staticmethod
-    def _distance(
-        points_mm: npt.ArrayLike, cylinder: Cylinder
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
-        points = np.asarray(points_mm, dtype=np.float64)
-        if points.size == 0:
-            points = points.reshape(0, 3)
-        check_shape(points, (None, 3), "InAir: points")
-        known = np.asarray(~np.isnan(points).all(axis=1))
-        distance = np.zeros(len(points))
-        distance[known] = distance_to_axis(points[known], cylinder)
-        return distance, known
+
+def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
+    """Return the distance (n,) of points (n, 3) from the axis, NaN for a row of three NaN."""
+    points = np.asarray(points_mm, dtype=np.float64)
+    if points.size == 0:
+        points = points.reshape(0, 3)
+    check_shape(points, (None, 3), "InAir: points")
+    known = ~np.isnan(points).all(axis=1)
+    distance = np.full(len(points), np.nan)
+    distance[known] = distance_to_axis(points[known], cylinder)
+    return distance
 
 
 class Axis(NamedTuple):
@@ -319,36 +293,14 @@ class Axis(NamedTuple):
     radius: float
 
 
-class Limits(NamedTuple):
-    """What a cylinder may be: near which direction, and how far its points lie from it."""
-
-    reference: Array
-    max_angle_deg: float
-    max_distance_mm: float
-
-
-class Found(NamedTuple):
-    """The most likely trial, the share of points on it, and how many were made."""
-
-    axis: Axis
-    mixing: float
-    trials: int
-
-
 def residuals(points: Array, axis: Axis) -> Array:
     """Return the signed distances (n,) of points (n, 3) from the surface, outside positive."""
     side = np.cross(points - axis.centre, axis.direction)
     return np.asarray(np.linalg.norm(side, axis=1) - axis.radius)
 
 
-def search(
-    points: Array,
-    limits: Limits,
-    trials: int,
-    confidence: float,
-    generator: np.random.Generator,
-) -> Found | None:
-    """Return the most likely of at most ``trials`` cylinders; None if none was one.
+def search(points: Array, fit: CylinderFit, generator: np.random.Generator) -> Axis | None:
+    """Return the most likely of the cylinders tried; None if none was one.
 
     A trial is a direction drawn evenly from the cone and the circle through three points
     seen along it.
@@ -357,54 +309,53 @@ def search(
     local = points - middle
     # Outliers are as likely anywhere across the cloud; far ones must not widen it.
     reach = np.quantile(np.linalg.norm(local, axis=1), 0.95)
-    width = max(2 * float(reach), limits.max_distance_mm)
-    half_length = float(np.quantile(np.abs(local @ limits.reference), 0.95))
-    directions = draw_directions(limits, trials, generator)
-    triples = local[generator.integers(len(points), size=(trials, 3))]
+    width = max(2 * float(reach), fit.max_distance_mm)
+    half_length = float(np.quantile(np.abs(local @ fit.reference), 0.95))
+    directions = draw_directions(fit, generator)
+    triples = local[generator.integers(len(points), size=(len(directions), 3))]
     centres, radii = circles(triples, directions)
     # A larger circle is flatter over the cloud than the maximum distance: as good as a plane.
-    flat = width**2 / (8 * limits.max_distance_mm)
-    usable = (radii > limits.max_distance_mm) & (radii < flat)
-    sigma = limits.max_distance_mm / GAUSSIAN_95
-    good = good_directions(limits, half_length)
-    least, best, mixing, tried = np.inf, -1, 0.0, 0
-    while tried < trials and (1 - good * mixing**3) ** tried >= 1 - confidence:
+    flat = width**2 / (8 * fit.max_distance_mm)
+    usable = (radii > fit.max_distance_mm) & (radii < flat)
+    sigma = fit.max_distance_mm / GAUSSIAN_95
+    good = good_directions(fit, half_length)
+    least, best, share, tried = np.inf, -1, 0.0, 0
+    while tried < fit.trials and (1 - good * share**3) ** tried >= 1 - fit.confidence:
         batch = tried + np.flatnonzero(usable[tried : tried + BATCH])
         costs, shares = likelihood(
             local, centres[batch], directions[batch], radii[batch], sigma, width
         )
         if len(batch) and costs.min() < least:
             first = int(np.argmin(costs))
-            least, best, mixing = float(costs[first]), int(batch[first]), float(shares[first])
-        tried = min(tried + BATCH, trials)
+            least, best, share = float(costs[first]), int(batch[first]), float(shares[first])
+        tried += BATCH
     if best < 0:
         return None
-    return Found(Axis(centres[best] + middle, directions[best], float(radii[best])), mixing, tried)
+    return Axis(centres[best] + middle, directions[best], float(radii[best]))
 
 
-def good_directions(limits: Limits, half_length_mm: float) -> float:
+def good_directions(fit: CylinderFit, half_length_mm: float) -> float:
     """Return the share of the cone that keeps both ends of the cloud within the distance."""
-    widest = np.radians(limits.max_angle_deg)
-    angle = min(limits.max_distance_mm / max(half_length_mm, 1e-9), widest)
+    widest = np.radians(fit.max_angle_deg)
+    angle = min(fit.max_distance_mm / max(half_length_mm, 1e-9), widest)
     return float((1 - np.cos(angle)) / (1 - np.cos(widest)))
 
 
-def across(directions: Array) -> tuple[Array, Array]:
-    """Return two unit vectors (n, 3) that are normal to each direction and each other."""
-    helper = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(directions, first)
+def across(direction: Array | Vector) -> Array:
+    """Return two unit vectors (2, 3) that are normal to a unit vector and to each other."""
+    along = np.asarray(direction)
+    first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(along, first)])
 
 
-def draw_directions(limits: Limits, count: int, generator: np.random.Generator) -> Array:
-    """Return unit vectors (count, 3), even over the cone round the reference."""
-    cosine = 1 - generator.random(count) * (1 - np.cos(np.radians(limits.max_angle_deg)))
-    sine = np.sqrt(1 - cosine**2)
-    turn = generator.uniform(0, 2 * np.pi, count)
-    first, second = across(limits.reference[None])
-    side = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    return cosine[:, None] * limits.reference + sine[:, None] * side
+def draw_directions(fit: CylinderFit, generator: np.random.Generator) -> Array:
+    """Return unit vectors (trials, 3), even over the cone round the reference."""
+    widest = np.radians(fit.max_angle_deg)
+    cosine = 1 - generator.random(int(fit.trials)) * (1 - np.cos(widest))
+    turn = generator.uniform(0, 2 * np.pi, len(cosine))
+    side = np.column_stack([np.cos(turn), np.sin(turn)]) @ across(fit.reference)
+    return cosine[:, None] * fit.reference + np.sqrt(1 - cosine**2)[:, None] * side
 
 
 def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
@@ -412,17 +363,15 @@ def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
 
     The triples are seen along the directions (n, 3); the radius is NaN where they are in line.
     """
-    first, second = across(directions)
-    u = np.einsum("nki,ni->nk", triples, first)
-    v = np.einsum("nki,ni->nk", triples, second)
-    du, dv = u[:, 1:] - u[:, :1], v[:, 1:] - v[:, :1]
-    square = du**2 + dv**2
-    twice_area = 2 * (du[:, 0] * dv[:, 1] - du[:, 1] * dv[:, 0])
-    safe = np.where(twice_area == 0, np.nan, twice_area)
-    cu = (square[:, 0] * dv[:, 1] - square[:, 1] * dv[:, 0]) / safe
-    cv = (square[:, 1] * du[:, 0] - square[:, 0] * du[:, 1]) / safe
-    centres = (u[:, 0] + cu)[:, None] * first + (v[:, 0] + cv)[:, None] * second
-    return centres, np.hypot(cu, cv)
+    heights = np.einsum("nki,ni->nk", triples, directions)
+    flat = triples - heights[:, :, None] * directions[:, None]
+    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    normal = np.cross(first, second)
+    square = (normal**2).sum(axis=1, keepdims=True)
+    weighted = (first**2).sum(axis=1, keepdims=True) * second
+    weighted -= (second**2).sum(axis=1, keepdims=True) * first
+    way = np.cross(weighted, normal) / np.where(square == 0, np.nan, 2 * square)
+    return flat[:, 0] + way, np.linalg.norm(way, axis=1)
 
 
 def likelihood(
@@ -446,31 +395,31 @@ def likelihood(
     return costs, mixings
 
 
-def refine(points: Array, start: Axis, limits: Limits) -> Axis:
+def refine(points: Array, start: Axis, fit: CylinderFit) -> Axis:
     """Return the least squares cylinder (soft L1) of its own inliers.
 
     The inliers are taken anew until axis and radius stay: one round would keep the mark of the
     trial it started from, on a short arc some centimetres of the radius.
     """
-    frame = np.concatenate(across(limits.reference[None]))
-    widest = np.tan(np.radians(limits.max_angle_deg))
+    frame = across(fit.reference)
+    widest = np.tan(np.radians(fit.max_angle_deg))
     centre, direction, radius = start
 
     def axis(unknown: Array) -> Axis:
         # A smooth map of the whole plane into the cone: no bounds are needed.
         tilt = widest * unknown[:2] / np.sqrt(1 + unknown[:2] @ unknown[:2])
-        along = limits.reference + tilt @ frame
+        along = fit.reference + tilt @ frame
         place = centre + radius * (unknown[2:4] @ frame)
         return Axis(place, along / np.linalg.norm(along), radius * float(unknown[4]))
 
     def cost(inliers: Array, unknown: Array) -> Array:
         return residuals(inliers, axis(unknown))
 
-    tilt = frame @ direction / (direction @ limits.reference) / widest
+    tilt = frame @ direction / (direction @ fit.reference) / widest
     tilt *= min(1.0, 0.9 / max(float(np.linalg.norm(tilt)), 0.9))
     unknown = np.array([*(tilt / np.sqrt(1 - tilt @ tilt)), 0.0, 0.0, 1.0])
     for _ in range(ROUNDS):
-        near = np.abs(residuals(points, axis(unknown))) <= limits.max_distance_mm
+        near = np.abs(residuals(points, axis(unknown))) <= fit.max_distance_mm
         if np.count_nonzero(near) < len(unknown):
             break
         before = unknown
@@ -478,7 +427,7 @@ def refine(points: Array, start: Axis, limits: Limits) -> Axis:
             partial(cost, points[near]),
             unknown,
             loss="soft_l1",
-            f_scale=limits.max_distance_mm / GAUSSIAN_95,
+            f_scale=fit.max_distance_mm / GAUSSIAN_95,
             max_nfev=20,
         ).x
         if np.abs(unknown - before).max() * radius < SETTLED_MM:
@@ -488,9 +437,8 @@ def refine(points: Array, start: Axis, limits: Limits) -> Axis:
 
 def covered_arc(points: Array, axis: Axis) -> float:
     """Return the angle in rad that inliers (n, 3) cover, without the few beside the wall."""
-    first, second = across(axis.direction[None])
-    side = (points - axis.centre) @ np.concatenate([first, second]).T
-    angles = np.arctan2(side[:, 1], side[:, 0])
+    side = across(axis.direction) @ (points - axis.centre).T
+    angles = np.arctan2(side[1], side[0])
     counts = np.histogram(angles, bins=36, range=(-np.pi, np.pi))[0]
     filled = np.flatnonzero(counts > 0.2 * counts[counts > 0].mean())
     gaps = np.diff(filled, append=filled[0] + 36)
@@ -505,6 +453,6 @@ def bending(along: Array, signed: Array, distance: float) -> float:
     Nothing for a cylinder; on a ball, the sagitta of the band within ``distance``.
     """
     near = np.abs(signed) <= distance
-    low, high = np.quantile(along[near], [0.02, 0.98])
+    low, high = np.quantile(along[near], ENDS)
     place = (along[near] - (low + high) / 2) / max(float(high - low) / 2, 1e-9)
     return float(np.linalg.lstsq(np.vander(place, 3), signed[near])[0][0])
