@@ -5,9 +5,8 @@ r"""The kiln's wall as a cylinder, and what is in the air (thesis, sections 3.2 
     wall points -> CylinderFit -> Cylinder -> distance_to_axis -> crossing (the threshold)
                                          \-> InAir
 
-The fit is MLESAC: P. Torr, A. Zisserman, MLESAC: A new robust estimator with application to
-estimating image geometry, Computer Vision and Image Understanding 78, 2000 (reference 113 of
-the thesis).
+The fit is MLESAC (Torr and Zisserman, Computer Vision and Image Understanding 78, 2000;
+reference 113 of the thesis).
 """
 
 from __future__ import annotations
@@ -20,13 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from kilnflight.checks import (
-    InputError,
-    check_count,
-    check_finite,
-    check_positive,
-    check_shape,
-)
+from kilnflight.checks import InputError, check_count, check_finite, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -50,8 +43,7 @@ class Cylinder:
     centre_mm
         Point of the axis; of a fit, the middle of the inliers along it.
     direction
-        Of the axis; any length, kept as a unit vector. Table 5.12 prints the vector from
-        end to end of the inliers.
+        Of the axis; any length, kept as a unit vector.
     radius_mm
         Of the wall.
     inliers
