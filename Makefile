@@ -19,10 +19,6 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
-ifneq ($(filter test,$(MAKECMDGOALS)),)
-MAKEFLAGS += -Otarget
-$(info test: two halves side by side, each printed when it has run)
-endif
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
 KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
@@ -55,7 +51,7 @@ $(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(SCALE) $(filter-out
 $(call keep,build/folders.settings,folders: $(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES))
 endif
 
-.PHONY: all $(OTHER) test-rooms test-whole
+.PHONY: all $(OTHER)
 quick_note := a smoke run; figures/ is as it was
 standard_note := figures/ holds this run now; git checkout figures gives back those of make full, to be cited
 full_note := cite from figures/
@@ -70,11 +66,12 @@ setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data
 	@mkdir -p build && touch build/folders.settings
-test: test-rooms test-whole ## run the tests, in two halves side by side
-test-rooms: tests_of := $(sort $(dir $(wildcard tests/*/test_*.py))) analysis
-test-whole: tests_of := $(wildcard tests/test_*.py)
-test-rooms test-whole: $(VENV)/installed
-	@$(RUN) -m pytest -m "not published" $(tests_of)
+test: $(VENV)/installed ## run the tests, those of the whole project beside those of the rooms
+	@mkdir -p build; echo "test: the rooms here; beside them the whole project, shown at the end (build/tests.log)"
+	@$(RUN) -m pytest -m "not published" tests/test_*.py > build/tests.log 2>&1 & whole=$$!; failed=0; \
+	trap "kill $$whole 2> /dev/null || true" EXIT; \
+	$(RUN) -m pytest -m "not published" tests/*/test_*.py analysis || failed=1; \
+	wait $$whole || failed=1; cat build/tests.log; exit $$failed
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
 	@$(VENV)/bin/lint-imports
