@@ -30,14 +30,14 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 EXECUTED := $(STEMS:%=build/%.ipynb)
-FIRST := build/00_claims.ipynb
+SUMMARY := build/00_claims.ipynb
 number = $(firstword $(subst _, ,$(1)))
 SOURCES := $(filter-out %/notebooks.py %/site.py %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
 # What others wait for starts early, beside what does not wait: 30 to 34 share the detections
 # that 31 makes, 50 to 56 those that 50 makes. The first that share compiled code start beside
 # those of the belt: together they would compile it twice.
 QUEUE := $(foreach start,10 40 41 20 42 46 22 43 11 24 30 31 12 13 21 23 25 50 32 33,$(filter build/$(start)_%,$(EXECUTED)))
-QUEUE += $(filter-out $(QUEUE) $(FIRST),$(EXECUTED))
+QUEUE += $(filter-out $(QUEUE) $(SUMMARY),$(EXECUTED))
 
 # A notebook runs again when its settings change (scale, its own parameters, folders), which
 # are kept in files, or when one of its figures has gone missing.
@@ -100,6 +100,6 @@ build/external.txt: build/folders.settings analysis/kilnflight/project/data.py |
 	@touch $@
 $(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
 	@$(RUN) -m kilnflight.project.notebooks $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
-$(FIRST): $(QUEUE) # it collects what the others conclude
-site/index.html: $(QUEUE) $(FIRST) $(wildcard analysis/kilnflight/project/site.*)
+$(SUMMARY): $(QUEUE) # it collects what the others conclude
+site/index.html: $(QUEUE) $(SUMMARY) $(wildcard analysis/kilnflight/project/site.*)
 	@$(RUN) -m kilnflight.project.site $(EXECUTED)

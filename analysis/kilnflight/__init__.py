@@ -17,6 +17,7 @@ The rooms:
 room             what it does
 ===============  ===============================================================
 recording        frames of a plenoptic camera: read, write, import, summarise
+camera           depth calibration, Eq. 2.4 of the thesis
 background       six background models, section 2.2.1 of the thesis
 detection        Otsu, DoG; DBSCAN, MO, QCC; combined 2D+3D detector; the wall
 association      gated pairs -> weights: NN, GNN, PDA, exact JPDA
@@ -26,14 +27,13 @@ regression       trajectories -> polynomials through the lance's exit, chapter 4
 flight           trajectories -> flights: dwell time, velocity by metre, section 5.3
 ignition         when a particle ignites
 scores           detections, tracks and flights against the truth, with intervals
-camera           depth calibration, Eq. 2.4 of the thesis
+tables, checks   columns and units of every table; the one place that words errors
 kiln             the whole way from a frame to a flight
 run              a recording of one's own: open, detect, track, plot, all with a report
 twin             a kiln whose truth is known: flights, combustion, camera, scenes
 belt             the sorter of both papers: simulation, pictures, models, valves
 experiments      what only notebooks ask
 project          figures, claims, notebooks, site, cache; no physics
-tables, checks   columns and units of every table; the one place that words errors
 ===============  ===============================================================
 """
 

@@ -44,7 +44,7 @@ LARGEST_PNG = 300_000  # bytes
 # Share of the resolution, greys and other colours: tried in turn until a PNG is small enough
 REDUCTIONS = ((1.0, 64, 192), (0.8, 64, 192), (0.64, 64, 64), (0.5, 32, 32), (0.4, 16, 0))
 TABLE_REDUCTIONS = ((1.0, 16, 0), (0.8, 16, 0))  # text
-YEAR = 2026  # of the release, as in CITATION.cff
+YEAR = 2026  # of the release
 ENTRY = Template(Path(__file__).with_name("gallery_entry.md").read_text("utf-8"))
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")

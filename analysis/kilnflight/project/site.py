@@ -34,8 +34,11 @@ MATHJAX = "tex-svg-full.js"
 STYLE_SHEET = Path(__file__).with_name("site.css")
 MARK = "<!-- results: made by `make full`, do not edit -->"
 END_MARK = "<!-- end of results -->"
-# Whose results README.md shows, by number, and where the reader goes from there.
-SHOWN = {"01": "figures/errata.csv", "24": "figures/table-5-11-detection.csv"}
+# Results that README.md shows, by number of the notebook: topic and table.
+SHOWN = {
+    "01": ("Printed numbers", "figures/errata.csv"),
+    "24": ("Detection", "figures/table-5-11-detection.csv"),
+}
 
 CONFIGURATION: dict[str, object] = {
     "project": "kilnflight",
@@ -160,10 +163,10 @@ def imports(package: Path) -> nx.DiGraph:
 
 
 def draw_rooms(rooms: nx.DiGraph) -> Figure:
-    """Draw rooms on floors, each above what it imports; implied imports are left out."""
-    floors = dict(enumerate(nx.topological_generations(rooms.reverse())))
-    places = nx.multipartite_layout(rooms, subset_key=floors, align="horizontal")
-    figure, ((axes,),) = canvas(width_mm=PAGE_MM, height_mm=15.0 * len(floors))
+    """Draw rooms in layers, each above what it imports; implied imports are left out."""
+    layers = dict(enumerate(nx.topological_generations(rooms.reverse())))
+    places = nx.multipartite_layout(rooms, subset_key=layers, align="horizontal")
+    figure, ((axes,),) = canvas(width_mm=PAGE_MM, height_mm=15.0 * len(layers))
     box = {"boxstyle": "round", "facecolor": "white", "edgecolor": "0.4", "lw": 0.6}
     with style():
         drawn = nx.transitive_reduction(rooms)
@@ -177,7 +180,7 @@ def _rooms_page(rooms: nx.DiGraph) -> str:
     rows = [(room, rooms.nodes[room]["purpose"], ", ".join(sorted(rooms[room]))) for room in rooms]
     return (
         "# The rooms of the package\n\n![Rooms and their imports](rooms.svg)\n\n"
-        "A room imports from floors below only. Imports that follow from others are not drawn.\n\n"
+        "A room imports from layers below only. Imports that follow from others are not drawn.\n\n"
         + figures.markdown(pd.DataFrame(rows, columns=["room", "what it is for", "imports"]))
     )
 
@@ -188,7 +191,8 @@ def results_block() -> str:
     lines = [MARK, f"- {_claims_sentence()} [Every verdict](figures/claims.csv)."]
     for stem, result in results.items():
         if str(stem)[:2] in SHOWN:
-            lines.append(f"- {result} [Table]({SHOWN[str(stem)[:2]]}).")
+            topic, table = SHOWN[str(stem)[:2]]
+            lines.append(f"- {topic}: {result} [Table]({table}).")
     return "\n".join([*lines, END_MARK])
 
 
