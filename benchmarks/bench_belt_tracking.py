@@ -25,9 +25,9 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from kilnflight.belt.camera import TRACKED, FindCorners, calibrate
+from kilnflight.belt.camera import TRACKED, FindCorners, calibrate_camera
 from kilnflight.belt.machine import BULKS
-from kilnflight.belt.pictures import Pictures, Spots, average, measure
+from kilnflight.belt.pictures import Pictures, Spots, average, measure_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
 
@@ -59,7 +59,7 @@ def measured(frames: int) -> pd.DataFrame:
     """Return what a camera measures of them, good to 0.1 mm."""
     table = bodies(frames)
     table[["x", "y"]] += np.random.default_rng(1).normal(0, 0.1, (len(table), 2))
-    return table[TRACKED.holds(table[["x", "y"]].to_numpy())].reset_index(drop=True)
+    return table[TRACKED.contains(table[["x", "y"]].to_numpy())].reset_index(drop=True)
 
 
 def with_ours(table: pd.DataFrame) -> np.ndarray:
@@ -90,7 +90,7 @@ def with_scipy(table: pd.DataFrame) -> np.ndarray:
             square = cdist(expected, seen, "mahalanobis", VI=np.linalg.inv(s))[0] ** 2
             cost = square / 2 + np.log(2 * np.pi * np.sqrt(np.linalg.det(s))) - np.log(1 - missed)
             whole[i, :m] = np.where(square < 16, cost, 1e9)
-            whole[i, m + i] = -np.log(looks.gone(expected, s[None])[0][0])
+            whole[i, m + i] = -np.log(looks.unobserved_likelihood(expected, s[None])[0][0])
         row, column = linear_sum_assignment(whole)
         takes = dict(zip(row.tolist(), column.tolist(), strict=True))
         kept = []
@@ -164,7 +164,7 @@ def with_pictures(frames: int = 30) -> Row:
     recording = Pictures(truth, BULKS["spheres"], 0)
     pictures = list(recording.frames(range(frames)))
     background = average(replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0]))
-    calibration, spots = calibrate(FindCorners()(background)), Spots()
+    calibration, spots = calibrate_camera(FindCorners()(background)), Spots()
 
     def by_scipy() -> pd.DataFrame:
         parts = []
@@ -177,17 +177,17 @@ def with_pictures(frames: int = 30) -> Row:
             places = calibration.millimetres(places[area >= spots.least_px])
             parts.append(pd.DataFrame(places, columns=["x", "y"]).assign(frame=frame))
         every = pd.concat(parts, ignore_index=True)
-        inside = TRACKED.holds(every[["x", "y"]].to_numpy())
+        inside = TRACKED.contains(every[["x", "y"]].to_numpy())
         return every[inside].reset_index(drop=True)
 
-    ours = measure(pictures, background, spots, calibration)
+    ours = measure_spots(pictures, background, spots, calibration)
     order = ["frame", "x", "y"]
     both = [one[order].sort_values(order).to_numpy() for one in (ours, by_scipy())]
     np.testing.assert_allclose(*both)
     what = ("belt pictures to tracks, 100 in view", "frames", frames, "scipy.ndimage, filterpy")
     return compare(
         what,
-        lambda: with_ours(measure(pictures, background, spots, calibration)),
+        lambda: with_ours(measure_spots(pictures, background, spots, calibration)),
         lambda: with_scipy(by_scipy()),
         2,
     )

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from measure import Row
 
-from kilnflight.belt.bodies import compiled, engine, missing
-from kilnflight.belt.evaluation import motion_profile, velocities
+from kilnflight.belt.bodies import build_model, engine, missing_reason
+from kilnflight.belt.evaluation import motion_profile, step_velocities
 from kilnflight.belt.machine import BULKS, Bulk, Conveyor
 from kilnflight.belt.sorter import calibrated_sorter
 from kilnflight.project import figures
@@ -43,7 +43,7 @@ def places(count: int, bulk: Bulk) -> np.ndarray:
 
 def surface(count: int, bulk: Bulk) -> tuple[Any, Any]:
     """Return particles on our belt, a plane at rest whose surface moves."""
-    model = compiled(bulk, calibrated_sorter().contacts, count, Conveyor())
+    model = build_model(bulk, calibrated_sorter().contacts, count, Conveyor())
     data = engine().MjData(model)
     data.qpos.reshape(-1, 7)[:, :3] = places(count, bulk)
     data.qvel.reshape(-1, 6)[:, 0] = START_MM_S
@@ -100,7 +100,7 @@ def convergence(count: int = 150, seed: int = 1) -> pd.DataFrame:
             start = time.process_time()
             tracks = sorter(bulk, count, np.random.default_rng(seed))
             spent = (time.process_time() - start) / tracks["time_s"].max()
-            one = motion_profile(velocities(tracks), np.array([450.0, 550.0, 650.0, 750.0]))
+            one = motion_profile(step_velocities(tracks), np.array([450.0, 550.0, 650.0, 750.0]))
             one = one[["x_mm", "mean_m_s", "std_m_s", "particles"]]
             one.insert(0, "data_set", name)
             one.insert(1, "step_ms", 1000.0 * step)
@@ -110,8 +110,8 @@ def convergence(count: int = 150, seed: int = 1) -> pd.DataFrame:
 
 def save() -> None:
     """Save what a simulated second costs, and what the time step changes, if MuJoCo is here."""
-    if missing():
-        print(f"bench_sorter: skipped. {missing()}", flush=True)
+    if missing_reason():
+        print(f"bench_sorter: skipped. {missing_reason()}", flush=True)
         return
     origin = figures.trace("benchmarks/bench_sorter", {"scale": "full"})
     caption = (

@@ -7,7 +7,7 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import recordings
-from kilnflight.belt.evaluation import Evaluation, velocities
+from kilnflight.belt.evaluation import Evaluation, step_velocities
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import PHASE
 from kilnflight.project import claims, figures, style
@@ -49,7 +49,7 @@ pd.DataFrame({key: len(part.last) for key, part in observed.items()}, ["particle
 # %%
 parts = []
 for data_set in belt_2020.DATA_SETS:
-    steps = velocities(tracks[source, data_set])
+    steps = step_velocities(tracks[source, data_set])
     chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
     parts.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
 

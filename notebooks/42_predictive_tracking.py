@@ -6,13 +6,13 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import pictures
-from kilnflight.belt.bodies import is_installed, missing
+from kilnflight.belt.bodies import is_installed, missing_reason
 from kilnflight.belt.machine import BULKS
 from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import claims, figures, style
 
 engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction model"
-Markdown(f"**Own simulation**: {engine}. {missing()}".rstrip())
+Markdown(f"**Own simulation**: {engine}. {missing_reason()}".rstrip())
 
 # %% [markdown]
 # **Published** (2016 paper). A camera sees the whole belt, a tracker follows its particles up to
@@ -39,7 +39,7 @@ count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per mat
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=files.values())
-bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in BULKS}
+bodies = {name: belt_2016.simulate_bodies(name, count, seed, jobs) for name in BULKS}
 pictured = {
     name: belt_camera.track_pictures(pictures.Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()

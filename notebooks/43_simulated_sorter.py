@@ -12,7 +12,7 @@ files = recordings.find_dem()
 beside = (
     "The authors' DEM tracks stand beside it." if files else "The authors' tracks are not here."
 )
-absent = f" {bodies.missing()}".rstrip()
+absent = f" {bodies.missing_reason()}".rstrip()
 Markdown(f"**Input:** {belt_2020.describe_own()}.{absent} {beside}")
 
 # %% [markdown]

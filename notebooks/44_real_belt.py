@@ -2,6 +2,8 @@
 # # The tracker and the models on a real sorting belt
 
 # %% tags=["hide-input"]
+from itertools import product
+
 import pandas as pd
 from IPython.display import Markdown
 
@@ -18,23 +20,24 @@ files = recordings.find_recordings()
 absent = "**The authors' recordings are not here**: nothing is shown and nothing concluded. `make "
 absent += "data` fetches them, or name their folder in `KILNFLIGHT_RECORDINGS` (with `Kugeln`, "
 absent += "`Weizen` or `Zylinder` in it)."
-given = f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
-Markdown(given if files else absent)
+input_note = (
+    f"**Input:** {sum(map(len, files.values()))} recordings of a real sorter by the authors."
+)
+Markdown(input_note if files else absent)
 
 # %% [markdown]
 # **Published.** Both belt papers evaluate on simulations; their authors also published what they
 # measured on a real sorter (spheres, wheat, cylinders): positions in pixels and their own
 # tracking result. No number about these recordings is printed.
 #
-# **Here.** The tracker of the 2016 paper on the same positions, held against the links of the
-# authors; then the models of the 2020 paper, predicted over the last quarter of what is seen
-# and compared with what was observed there. Frame rate and scale are not told, so lengths are px
-# and times are frames. There is no truth: a position is a measurement, and the camera's view is
-# not corrected. The claims on the 2020 paper stay with the simulations.
+# **Here.** First the tracker of the 2016 paper on the same positions, compared with the authors'
+# links. Then the models of the 2020 paper, predicted over the last quarter of the visible belt
+# and compared with the measurements there. Frame rate and scale are not published, so lengths
+# are px and times are frames. There is no truth: a position is a measurement, and the camera's
+# perspective is not corrected. The claims on the 2020 paper stay with the simulations.
 #
-# No setting is published, either. Velocity (85 px per frame), its spread, the noise, the seen
-# area and the arrivals were read off these recordings themselves, so how far the links agree
-# depends on them.
+# No setting is published, either. Velocity (85 px per frame), its spread, noise, visible area
+# and arrivals were read off these recordings. So the agreement of the links depends on them.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one recording per material), standard or full
@@ -47,10 +50,15 @@ draws = draws or {"quick": 2, "standard": 50, "full": 200}[scale]
 used = {name: paths[:1] if scale == "quick" else paths for name, paths in files.items()}
 inputs = [path for paths in used.values() for path in paths]
 origin = figures.trace("44_real_belt", {"scale": scale, "draws": draws}, seed=seed, inputs=inputs)
-measured = {name: recordings.joined(map(recordings.read_recording, used[name])) for name in used}
-known = {"velocity": (85.0, 0.0), "velocity_sd": 8.0, "measurement_sd": 1.0}  # px, frames
-motions = {"CV filter": ConstantVelocity(**known), "CA filter": ConstantAcceleration(**known)}
-view = Appearance(Area(0, 1700, 2250), arrivals=0.5, entry_mm=85.0, entry_blur_mm=10.0)
+measured = {
+    name: recordings.join_recordings(map(recordings.read_recording, used[name])) for name in used
+}
+motion_settings = {"velocity": (85.0, 0.0), "velocity_sd": 8.0, "measurement_sd": 1.0}  # px, frames
+motions = {
+    "CV filter": ConstantVelocity(**motion_settings),
+    "CA filter": ConstantAcceleration(**motion_settings),
+}
+appearance = Appearance(Area(0, 1700, 2250), arrivals=0.5, entry_mm=85.0, entry_blur_mm=10.0)
 phase = PredictionPhase(1150.0, 1550.0)
 
 # %% [markdown]
@@ -61,23 +69,25 @@ phase = PredictionPhase(1150.0, 1550.0)
 
 # %%
 followed, rows = {}, []
-for (name, table), (kind, motion) in ((a, b) for a in measured.items() for b in motions.items()):
-    tracks = followed[name, kind] = BeltTracker(motion, view, frame_s=1.0)(table)
+for (name, table), (kind, motion) in product(measured.items(), motions.items()):
+    tracks = followed[name, kind] = BeltTracker(motion, appearance, frame_s=1.0)(table)
     states = tracks.states[tracks.states["row"] >= 0]
-    ours = pd.Series(states["particle"].to_numpy(), states["row"]).reindex(range(len(table)))
-    ours = recordings.links(table.assign(ours=ours.fillna(-1)), "ours")
-    theirs = recordings.links(table, "theirs")
-    both, ends = len(ours.intersection(theirs)), tracks.ends["reason"].value_counts()
+    track = pd.Series(states["particle"].to_numpy(), states["row"]).reindex(range(len(table)))
+    tracker_links = recordings.links(table.assign(track=track.fillna(-1)), "track")
+    author_links = recordings.links(table, "author_track")
+    shared = 100 * len(tracker_links.intersection(author_links))
     row = {"material": name, "filter": kind, "measurements": len(table)}
-    row |= {"links_authors": len(theirs), "links_ours": len(ours)}
-    row |= {"found_percent": 100 * both / len(theirs), "agreed_percent": 100 * both / len(ours)}
+    row |= {"links_authors": len(author_links), "links_tracker": len(tracker_links)}
+    row["recall_percent"] = shared / len(author_links)
+    row["agreed_percent"] = shared / len(tracker_links)
+    ends = tracks.ends["reason"].value_counts()
     rows.append(row | {f"tracks {reason}": count for reason, count in ends.items()})
 
 # %%
 links = pd.DataFrame(rows).fillna(0)
 caption = (
-    "Links of the authors' tracks that the tracker found, and share of its own links that are "
-    "theirs, too; how its tracks ended."
+    "Links of the authors' tracks and of the tracker. Recall: share of the authors' links that "
+    "the tracker has. Agreed: share of its links that the authors have. Then how its tracks ended."
 )
 figures.save("belt-real-links", links, caption=caption, provenance=origin) if files else None
 
@@ -88,23 +98,27 @@ figures.save("belt-real-links", links, caption=caption, provenance=origin) if fi
 # the filter's at the last measurement before. CALV needs the belt's velocity, which is not
 # known here, so it and LV-DSC are left out.
 #
-# A track is left out, by the first of these that applies, if a frame is missing in it (velocity
-# and arrival need frames on both sides), if it has fewer than three measurements before 1150 px
-# (dirt, pieces of a broken track, particles that came into view late), or if it is not seen at
-# 1550 px: lost, over the side, or still under way when a recording ended. Tracks over all
-# recordings, and how many are left out by reason:
+# A track is left out for one of three reasons, counted by the first that applies:
+#
+# - A frame is missing in it: velocity and arrival need frames on both sides.
+# - It has fewer than three measurements before 1150 px: dirt, pieces of a broken track, or
+#   particles that came into view late.
+# - It is not seen at 1550 px: lost, over the side, or still under way when a recording ended.
+#
+# Tracks over all recordings, and how many are left out by reason:
 
 # %%
-compare, kinds = evaluation.Evaluation(draws=draws), {}
-kinds["arrival_frames"] = evaluation.arrival_deviations, 0.001  # from thousandths of a frame
-kinds["lateral_px"] = evaluation.lateral_deviations, 1.0
+evaluate, quantities = evaluation.Evaluation(draws=draws), {}
+# Arrivals come in thousandths of a frame.
+quantities["arrival_frames"] = evaluation.arrival_deviations, 0.001
+quantities["lateral_px"] = evaluation.lateral_deviations, 1.0
 parts, omitted = [], []
 for (name, kind), tracks in followed.items():
     observed = evaluation.observe(tracks, measured[name], phase, 1.0)
     row = {"data_set": name, "filter": kind, "predicted": len(observed.last)}
     omitted.append(row | observed.left_out)
-    for quantity, (deviations, unit) in kinds.items():
-        table = belt_2020.over_draws(compare(observed, phase, deviations, seed))
+    for quantity, (deviations, unit) in quantities.items():
+        table = belt_2020.over_draws(evaluate(observed, phase, deviations, seed))
         table[evaluation.SUMMARY[1:8]] *= unit
         keys = {"data_set": name, "filter": kind, "quantity": quantity}
         parts.append(table.assign(**keys, left_out=sum(observed.left_out.values())))
@@ -136,8 +150,8 @@ for row, (quantity, label) in zip(
 
 # %%
 caption = (
-    "Deviations on real recordings with the constant-velocity filter: box plots without outliers, "
-    "the numbers are the widths of the boxes. After Figs 9 and 10 of the 2020 paper, which show "
+    "Deviations on real recordings with the constant-velocity filter: box plots without outliers. "
+    "The numbers are the widths of the boxes. After Figs 9 and 10 of the 2020 paper, which show "
     "simulations. Axes differ between panels. Left out are tracks with a gap, too short, or not "
     "seen at the target."
 )
@@ -156,10 +170,10 @@ belt_claims.hold_on_recordings(models) if files else None
 # %%
 result = "The authors' recordings are not here; nothing is concluded."
 if files:
-    share, agreed = links["found_percent"], links["agreed_percent"]
+    recall, agreed = links["recall_percent"], links["agreed_percent"]
     result = (
-        f"The tracker finds {share.min():.2f} to {share.max():.2f} % of the authors' links on real "
-        f"recordings, and {agreed.min():.2f} to {agreed.max():.2f} % of its own are theirs. No "
-        "claim is tested."
+        f"The tracker finds {recall.min():.2f} to {recall.max():.2f} % of the authors' links on "
+        f"real recordings, and {agreed.min():.2f} to {agreed.max():.2f} % of its own are theirs. "
+        "No claim is tested."
     )
 figures.conclude(result, [], origin)

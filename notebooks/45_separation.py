@@ -9,7 +9,7 @@ from IPython.display import Markdown
 
 from kilnflight import belt
 from kilnflight.belt import recordings
-from kilnflight.belt.valves import MODELS, ValveBar, shares
+from kilnflight.belt.valves import MODELS, ValveBar, hit_shares
 from kilnflight.experiments import belt_2020
 from kilnflight.project import figures, style
 
@@ -23,19 +23,19 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 # With 1.5 mm "a reliable separation is ensured for commonly used separation mechanisms" (2016,
 # section IV.C); how many particles are hit was not evaluated.
 #
-# **Here.** A bar of evenly spaced valves at the end of the prediction phase (773 mm, 15 mm before
-# the edge, for every source: the authors' tracks end at the edge). One particle in ten is to be
-# blown out: the valve nearest to its predicted place opens around its predicted time. A particle
-# is hit if its centre passes an open valve, whoever that was opened for; its size and the way of
-# the air are neglected. Number of valves, width and time are ours to vary; no claim is tested.
+# **Here.** A bar of evenly spaced valves at the end of the prediction phase: 773 mm, 15 mm before
+# the edge, since the authors' tracks end there. One particle in ten is to be blown out. The valve
+# nearest to its predicted place opens around its predicted time. A particle is hit if its centre
+# passes an open valve, even one that was opened for another. Its size and the way of the air are
+# neglected. Number of valves, width and time are our choice; no claim is tested.
 #
 # Predictions start from the simulation's exact positions. No camera takes part: no noise of
-# pictures, no particle that is missed, nor two seen as one (notebook 42). So these shares are what
+# pictures, no missed particle, no two seen as one (notebook 42). So these shares are what
 # the models allow, not what a sorter with a camera reaches.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
-seed = 2020  # of who calibrates, who is blown out, and of our own simulation
+seed = 2020  # of calibration particles, particles to be blown out, and our own simulation
 blown = 0.1  # share of the particles to be blown out
 jobs = 2  # processes of our own simulation
 
@@ -47,18 +47,20 @@ origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values(
 phase = belt.PredictionPhase()
 loaded = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {
-    name: phase.observe(tracks) for (given, name), tracks in loaded.items() if given == source
+    name: phase.observe(tracks)
+    for (track_source, name), tracks in loaded.items()
+    if track_source == source
 }
 times_ms = (0.5, 1, 2, 3, 5, 7, 10, 15, 20)
 widths_mm = (1, 2, 3, 4, 7.5, 10, 15, 20)
-usual = ValveBar()  # 32 valves, each as wide as its pitch, open for 5 ms
-bars = [usual, *(replace(usual, open_s=time / 1000) for time in times_ms if time != 5)]
-bars += [replace(usual, valve_mm=float(width)) for width in widths_mm]
-bars += [replace(usual, valves=count) for count in (8, 16, 64, 128)]
+default = ValveBar()  # 32 valves, each as wide as its pitch, open for 5 ms
+bars = [default, *(replace(default, open_s=time / 1000) for time in times_ms if time != 5)]
+bars += [replace(default, valve_mm=float(width)) for width in widths_mm]
+bars += [replace(default, valves=count) for count in (8, 16, 64, 128)]
 
 # %%
 parts = {
-    (name, draw): shares(part, phase, bars, seed + draw, blown)
+    (name, draw): hit_shares(part, phase, bars, seed + draw, blown)
     for name, part in observed.items()
     for draw in range(draws)
 }
@@ -66,9 +68,13 @@ every = pd.concat(parts, names=["data_set", "draw"]).droplevel(-1).reset_index()
 keys = ["data_set", "model", "valves", "valve_mm", "open_ms"]
 table = every.drop(columns="draw").groupby(keys, sort=False).mean().reset_index()
 table.insert(0, "source", source)
-as_wide = table["valve_mm"] == usual.belt_mm / table["valves"]
-usual_time, usual_count = table["open_ms"] == 1000 * usual.open_s, table["valves"] == usual.valves
-varied = {"open_ms": table[usual_count & as_wide], "valve_mm": table[usual_count & usual_time]}
+width_is_pitch = table["valve_mm"] == default.belt_mm / table["valves"]
+default_time = table["open_ms"] == 1000 * default.open_s
+default_count = table["valves"] == default.valves
+tables_by_axis = {
+    "open_ms": table[default_count & width_is_pitch],
+    "valve_mm": table[default_count & default_time],
+}
 
 # %% [markdown]
 # ## Over the time that a valve is open
@@ -77,17 +83,17 @@ varied = {"open_ms": table[usual_count & as_wide], "valve_mm": table[usual_count
 # turn errors of prediction into what a sorter is built for, which neither paper does.
 
 # %% tags=["hide-input"]
-shown = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
+shown_models = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
 styles = list(zip(style.COLOURS, style.LINES, style.MARKERS, strict=True))
 labels = {"open_ms": "time that a valve is open (ms)", "valve_mm": "width of a valve's jet (mm)"}
 share = ["particles to be blown out\nthat are hit (%)", "other particles\nthat are hit (%)"]
 size = {"width_mm": style.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
-drawn = {along: style.canvas(2, len(observed), **size) for along in varied}
+figures_by_axis = {along: style.canvas(2, len(observed), **size) for along in tables_by_axis}
 
 # %% tags=["hide-input"]
-for along, (_, grid) in drawn.items():
-    for (name, part), column in zip(varied[along].groupby("data_set"), grid.T, strict=True):
-        for model, (colour, line, mark) in zip(shown, styles, strict=False):
+for along, (_, grid) in figures_by_axis.items():
+    for (name, part), column in zip(tables_by_axis[along].groupby("data_set"), grid.T, strict=True):
+        for model, (colour, line, mark) in zip(shown_models, styles, strict=False):
             rows = part[part["model"] == model].sort_values(along).set_index(along)
             look = {"color": colour, "ls": line, "marker": mark}
             column[0].plot(rows["hit_percent"], label=model, **look)
@@ -101,27 +107,27 @@ for along, (_, grid) in drawn.items():
 # %%
 caption = (
     "Hits and inadvertent hits over the time that a valve is open, by model: 32 valves, one "
-    f"particle in ten to be blown out ({source}, exact positions, no camera). IV-Straight is what "
-    "a line-scan camera assumes; arrival model, then lateral model."
+    f"particle in ten to be blown out ({source}, exact positions, no camera). Models: arrival, "
+    "then lateral. IV-Straight is what a line-scan camera assumes."
 )
-part = {"picture": drawn["open_ms"][0], "caption": caption, "provenance": origin}
-figures.save("fig-belt-separation", varied["open_ms"], **part)
+part = {"picture": figures_by_axis["open_ms"][0], "caption": caption, "provenance": origin}
+figures.save("fig-belt-separation", tables_by_axis["open_ms"], **part)
 
 # %% [markdown]
 # ## Over the width of a valve
 #
-# The same 32 valves, their jets narrower than the pitch of 5.6 mm (gaps between them) or wider
-# (they overlap); each is open for 5 ms. The valve is chosen as before, by the predicted place. A
-# particle's centre lies anywhere in its pitch, so that a narrow jet misses it however good the
-# prediction; beyond the pitch a jet makes up for bad predictions across and hits more others.
+# The same 32 valves, each open for 5 ms. Jets narrower than the pitch of 5.6 mm leave gaps, wider
+# ones overlap. The valve is chosen as before, by the predicted place. A particle's centre lies
+# anywhere in its pitch, so a narrow jet may miss it even with a perfect prediction. A jet wider
+# than the pitch makes up for bad predictions across the belt, and hits more other particles.
 
 # %%
 caption = (
-    "Hits and inadvertent hits over the width of a valve's jet, by model: 32 valves at a pitch of "
-    f"5.6 mm, each open for 5 ms, one particle in ten to be blown out ({source})."
+    "Hits and inadvertent hits over the width of a valve's jet, by model. 32 valves at a pitch of "
+    f"5.6 mm are open for 5 ms each; one particle in ten is to be blown out ({source})."
 )
-part = {"picture": drawn["valve_mm"][0], "caption": caption, "provenance": origin}
-figures.save("fig-belt-separation-width", varied["valve_mm"], **part)
+part = {"picture": figures_by_axis["valve_mm"][0], "caption": caption, "provenance": origin}
+figures.save("fig-belt-separation-width", tables_by_axis["valve_mm"], **part)
 
 # %% [markdown]
 # ## By the number of valves
@@ -130,17 +136,18 @@ figures.save("fig-belt-separation-width", varied["valve_mm"], **part)
 # percent, by model and number of valves across 180 mm:
 
 # %%
-five = table[usual_time & as_wide]
+by_count = table[default_time & width_is_pitch]
 values = ["hit_percent", "inadvertent_percent"]
-wide = five.pivot(index=["data_set", "model"], columns="valves", values=values)
+wide = by_count.pivot(index=["data_set", "model"], columns="valves", values=values)
 wide.reindex([name for name, _, _ in MODELS], level="model").round(1)
 
 # %%
-at = table[usual_count & usual_time & as_wide].set_index(["model", "data_set"])["hit_percent"]
-first, best = at["IV-Straight"], at["IA-Ratio"]
+default_rows = table[default_count & default_time & width_is_pitch]
+hits = default_rows.set_index(["model", "data_set"])["hit_percent"]
+straight, ratio = hits["IV-Straight"], hits["IA-Ratio"]
 result = (
-    f"32 valves open for 5 ms hit {first.min():.0f} to {first.max():.0f} % of the particles by the "
-    f"old model (IV-Straight), {best.min():.0f} to {best.max():.0f} % by IA-Ratio ({source}, exact "
-    "positions, no camera). No claim is tested."
+    f"32 valves open for 5 ms hit {straight.min():.0f} to {straight.max():.0f} % of the particles "
+    f"by the old model (IV-Straight), {ratio.min():.0f} to {ratio.max():.0f} % by IA-Ratio "
+    f"({source}, exact positions, no camera). No claim is tested."
 )
 figures.conclude(result, [], origin)

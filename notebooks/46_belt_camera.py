@@ -7,23 +7,23 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import tracker
-from kilnflight.belt.bodies import is_installed, missing
+from kilnflight.belt.bodies import is_installed, missing_reason
 from kilnflight.belt.machine import BULKS
 from kilnflight.belt.pictures import Pictures
 from kilnflight.experiments import belt_2016, belt_camera
 from kilnflight.project import figures, style
 
 engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction model"
-Markdown(f"**Own simulation**: {engine}. {missing()}".rstrip())
+Markdown(f"**Own simulation**: {engine}. {missing_reason()}".rstrip())
 
 # %% [markdown]
 # **Published** (2016 paper, sections II.B and IV.B). The belt's corners calibrate the camera,
 # particles are connected areas that differ from the background, and the tracker associates them
 # with likelihoods that a track begins or is not observed any more.
 #
-# **Here.** Synthetic pictures of 1064 x 708 px at 200 frames/s of our own simulation. What measures
-# in the pictures finds the belt's corners itself; it knows neither the camera nor the true places.
-# What is predicted from them is in notebook 42; no claim is tested here.
+# **Here.** Synthetic pictures of 1064 x 708 px at 200 frames/s of our own simulation. The
+# measurement finds the belt's corners in the pictures and knows neither the camera nor the true
+# places. Notebook 42 predicts from these pictures; no claim is tested here.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -34,50 +34,49 @@ jobs = 2  # processes of the simulation
 style.use_style()
 count = {"quick": 80, "standard": 300, "full": 1500}[scale]  # particles per material, as in 42
 origin = figures.trace("46_belt_camera", {"scale": scale, "count": count}, seed=seed)
-bodies = {name: belt_2016.bodies(name, count, seed, jobs) for name in BULKS}
+bodies = {name: belt_2016.simulate_bodies(name, count, seed, jobs) for name in BULKS}
 pictured = {
     name: belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed))
     for name, tracks in bodies.items()
 }
 
 # %% [markdown]
-# ## What is found of the belt
+# ## Errors of calibration and positions
 #
-# Corners are where lines through the belt's edges meet. The error reported is that of the
-# corners. It knows nothing of a particle's height: 1 m below the camera, a centre 2.5 mm above
-# the belt and 20 cm from the middle is seen 0.5 mm too far out. So the places that are measured
-# are much less exact than the corners: bias and rms hold spots of single particles against the
-# nearest true centres.
+# Corners are where lines through the belt's edges meet. The calibration's error is that of the
+# corners and leaves out a particle's height. Seen from 1 m, a centre 2.5 mm above the belt and
+# 20 cm from the middle appears 0.5 mm too far out. So measured positions are much less exact than
+# the corners. Bias and rms compare spots of single particles with the nearest true centres.
 #
-# The background is the plain mean, as published: a particle that rests in a part of the pictures
-# is not found while it lies (if in most of them), or leaves a ghost where it lay, which is followed
-# as a track at rest and never predicted to arrive.
+# The background is the plain mean, as published. A particle that rests in most of the pictures
+# is not found while it lies. One that rests in fewer may leave a ghost where it lay. The ghost is
+# followed as a track at rest and never predicted to arrive.
 #
-# The table is ours: neither paper says how well places are measured, and notebook 42 rests on it.
+# The table is ours: neither paper says how well places are measured, and notebook 42 uses them.
 
 # %%
 caption = (
-    "Calibration; error of the places of single particles along and across the belt, spot minus "
-    "truth (bias, root mean square); spots found in the pictures, share of spots that are larger "
-    "than one particle, tracks that never became valid, and how the valid ones ended."
+    "Calibration; error of the positions of single particles along and across the belt, spot minus "
+    "truth (bias, root mean square). Spots in the pictures, share of spots larger than one "
+    "particle, tracks that never became valid, and how the valid ones ended."
 )
 errors = belt_camera.describe_pictures(pictured, bodies)
 figures.save("belt16-pictures", errors, caption=caption, provenance=origin)
 
 # %%
 spheres, view = pictured["spheres"], Pictures(bodies["spheres"], BULKS["spheres"], seed)
-busy = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
-states = spheres.followed.states.query("frame == @busy and valid == 1")
-at = spheres.calibration.pixels(states[["x", "y"]].to_numpy())
+busiest = int(spheres.spots["frame"].value_counts().sort_index().idxmax())
+states = spheres.followed.states.query("frame == @busiest and valid == 1")
+dots = spheres.calibration.pixels(states[["x", "y"]].to_numpy())
 edges = np.array([[388.0, 90.0], [688.0, 90.0], [788.0, 90.0]])
 names = ("tracking phase", "prediction phase", "edge")
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=style.PAGE_MM, height_mm=92)
-axes.imshow(view[busy], cmap="gray", vmin=0, vmax=255)
+axes.imshow(view[busiest], cmap="gray", vmin=0, vmax=255)
 speed = {"c": states["velocity_x_mm_s"] / 1000, "cmap": "viridis", "edgecolors": "black"}
-dots = axes.scatter(at[:, 1], at[:, 0], s=12, linewidths=0.4, **speed)
-picture.colorbar(dots, ax=axes, label="velocity along the belt (m/s)", shrink=0.8)
+marks = axes.scatter(dots[:, 1], dots[:, 0], s=12, linewidths=0.4, **speed)
+picture.colorbar(marks, ax=axes, label="velocity along the belt (m/s)", shrink=0.8)
 for place, text in zip(spheres.calibration.pixels(edges)[:, 1], names, strict=True):
     axes.axvline(place, color="white", lw=0.8, ls="--")
     axes.text(place + 4, 135, text, color="white", fontsize=7)
@@ -99,8 +98,8 @@ figures.save("fig-belt16-5-picture", table, picture=picture, caption=caption, pr
 likelihoods, x = tracker.Appearance(), np.arange(388.0, 711.0, 0.5)
 along = np.column_stack([x, np.full(len(x), 90.0)])
 new = likelihoods.new(along) * likelihoods.area.square_mm
-gone, _ = likelihoods.gone(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
-table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": gone})
+unobserved, _ = likelihoods.unobserved_likelihood(along, np.tile(4.0 * np.eye(2), (len(x), 1, 1)))
+table = pd.DataFrame({"x_mm": x, "new_per_frame_and_area": new, "not_observed": unobserved})
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=50)
@@ -116,34 +115,34 @@ for axes in panels:
 # %%
 caption = (
     "Likelihood that a measurement stems from a new track, and that a track is not observed, after "
-    "Fig. 2 of the 2016 paper; on the belt's middle line, for a prediction good to 2 mm. Grey: end "
-    "of the observed region."
+    "Fig. 2 of the 2016 paper. On the belt's middle line, for a standard deviation of the "
+    "prediction of 2 mm. Grey: end of the observed region."
 )
 figures.save("fig-belt16-2-likelihoods", table, picture=picture, caption=caption, provenance=origin)
 
 # %%
-whole, taken = belt_camera.matrix_of_frame(spheres.spots)
-n, m = len(taken), len(whole) - len(taken)  # tracks and measurements
+matrix, detection = belt_camera.matrix_of_frame(spheres.spots)
+n, m = len(detection), len(matrix) - len(detection)  # tracks and measurements
 picture, ((axes,),) = style.canvas(width_mm=110, height_mm=95)
-axes.imshow(whole, cmap="Greys", vmin=-5, vmax=40)
-for (i, j), value in np.ndenumerate(whole):
+axes.imshow(matrix, cmap="Greys", vmin=-5, vmax=40)
+for (i, j), value in np.ndenumerate(matrix):
     if np.isfinite(value):
         axes.text(j, i, f"{round(value)}", ha="center", va="center", fontsize=5)
-for i, j in enumerate(taken):
+for i, j in enumerate(detection):
     axes.plot(j if j >= 0 else m + i, i, "s", ms=13, mfc="none", mec="#D55E00")
 axes.axhline(n - 0.5, color="black", lw=0.8, ls="-")
 axes.axvline(m - 0.5, color="black", lw=0.8, ls="-")
-axes.set_xticks(range(n + m), whole.columns, rotation=90)
-_ = axes.set_yticks(range(n + m), whole.index)
+axes.set_xticks(range(n + m), matrix.columns, rotation=90)
+_ = axes.set_yticks(range(n + m), matrix.index)
 
 # %%
 caption = (
     "The matrix of one frame, after Fig. 3 of the 2016 paper: -ln of the likelihoods; blank is "
     "impossible. Rows below the line: new tracks; columns beyond it: tracks not observed. Squares: "
-    "what each track takes in the likeliest association."
+    "the likeliest association."
 )
-table = whole.round(2).reset_index(drop=True)
-table.columns = [f"{name}_{k}" for k, name in enumerate(whole.columns)]
+table = matrix.round(2).reset_index(drop=True)
+table.columns = [f"{name}_{k}" for k, name in enumerate(matrix.columns)]
 figures.save("fig-belt16-3-matrix", table, picture=picture, caption=caption, provenance=origin)
 
 # %%

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from kilnflight.belt import bodies
-from kilnflight.belt.bodies import Batch, compiled, engine, missing
-from kilnflight.belt.machine import BULKS, Contacts, Conveyor, Fed
+from kilnflight.belt.bodies import Batch, build_model, engine, missing_reason
+from kilnflight.belt.machine import BULKS, Contacts, Conveyor, Feed
 from kilnflight.belt.sorter import Sorter
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_BODIES
@@ -20,7 +20,7 @@ DRY = Contacts(belt_friction=0.2, rolling_friction=0.0)
 
 def one(material, velocity=(1000.0, 0.0), spin=0.0, yaw=0.0, contacts=DRY, **conveyor):
     """Return the way of one particle that is put on the belt."""
-    fed = Fed(
+    fed = Feed(
         np.zeros(1),
         np.full(1, 90.0),
         np.array([[*velocity, 0.0]]),
@@ -77,7 +77,7 @@ def test_what_lies_on_the_belt_is_never_inside_it(material):
 
 def laid(material, slip, steps, contacts):
     """Return heights and slip of a body laid on the belt, step by step, in mm and mm/s."""
-    model = compiled(BULKS[material], contacts, 1, Conveyor())
+    model = build_model(BULKS[material], contacts, 1, Conveyor())
     data = mujoco.MjData(model)
     down = [np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0] if material == "cylinders" else [1.0, 0, 0, 0]
     data.qpos[:] = [400.0, 90.0, BULKS[material].rest_mm, *down]
@@ -104,7 +104,9 @@ def test_the_last_slip_fades_over_four_milliseconds():
 
 def restitution(step_s, closing=100.0):
     """Return relative speeds after and before two spheres meet, by the moment of meeting."""
-    model = compiled(BULKS["spheres"], Contacts(particle_friction=0.0), 2, Conveyor(step_s=step_s))
+    model = build_model(
+        BULKS["spheres"], Contacts(particle_friction=0.0), 2, Conveyor(step_s=step_s)
+    )
     model.opt.gravity[:] = 0.0
     shares = []
     for part in np.linspace(0.0, 1.0, 5):
@@ -130,7 +132,7 @@ def test_a_wall_keeps_a_particle_on_the_belt():
 
 
 def test_beyond_the_edge_the_velocity_stays():
-    fed = Fed(
+    fed = Feed(
         np.zeros(1), np.full(1, 90.0), np.array([[1000.0, 40.0, 0.0]]), np.zeros(1), np.zeros(1)
     )
     table = Batch(Conveyor(), DRY, BULKS["cuboids"], fed, np.zeros(1)).table()
@@ -141,7 +143,7 @@ def test_beyond_the_edge_the_velocity_stays():
 
 
 def test_two_at_one_place_come_one_after_the_other():
-    fed = Fed(
+    fed = Feed(
         np.zeros(2), np.full(2, 90.0), np.tile([1000.0, 0.0, 0.0], (2, 1)), np.zeros(2), np.zeros(2)
     )
     table = Batch(Conveyor(), DRY, BULKS["spheres"], fed, np.zeros(2)).table()
@@ -171,10 +173,10 @@ def test_halving_the_step_moves_a_particle_by_ever_less():
 def test_mujoco_that_is_missing_or_old_is_told(monkeypatch):
     import sys
 
-    assert missing() == ""
+    assert missing_reason() == ""
     monkeypatch.delattr(mujoco.MjModel, "geom_surfacevel")
-    assert "needs MuJoCo 4" in missing()
-    assert "not installed" not in missing()
+    assert "needs MuJoCo 4" in missing_reason()
+    assert "not installed" not in missing_reason()
     with pytest.raises(InputError, match="needs MuJoCo 4"):
         engine()
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -186,14 +188,14 @@ def test_mujoco_that_is_missing_or_old_is_told(monkeypatch):
 def test_nothing_depends_on_how_many_bodies_there_are_at_first(material, monkeypatch):
     bulk = BULKS[material]
     known = Sorter()(bulk, 40, np.random.default_rng(3))
-    monkeypatch.setattr(bodies, "FIRST", 12)  # fewer than 10: the engine has dense matrices
-    monkeypatch.setattr(bodies, "MORE", 7)
+    monkeypatch.setattr(bodies, "POOL", 12)  # fewer than 10: the engine has dense matrices
+    monkeypatch.setattr(bodies, "POOL_STEP", 7)
     assert Sorter()(bulk, 40, np.random.default_rng(3)).equals(known)
 
 
 def test_more_bodies_keep_what_was_set_and_what_was_told(monkeypatch):
-    monkeypatch.setattr(bodies, "FIRST", 1)
-    fed = Fed(np.zeros(2), np.full(2, 90.0), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
+    monkeypatch.setattr(bodies, "POOL", 1)
+    fed = Feed(np.zeros(2), np.full(2, 90.0), np.zeros((2, 3)), np.zeros(2), np.zeros(2))
     some = Batch(Conveyor(), DRY, BULKS["spheres"], fed, np.zeros(2))
     some.model.pair_solimp[:, :2] = 0.95
     some.data.warning.number[0] = 1

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.belt.camera import BELT, TRACKED, Corners, FindCorners, View, calibrate
+from kilnflight.belt.camera import BELT, TRACKED, CameraView, Corners, FindCorners, calibrate_camera
 from kilnflight.belt.machine import BULKS
 from kilnflight.belt.pictures import Pictures
 from kilnflight.checks import InputError
@@ -24,14 +24,14 @@ def true_corners(view):
     return view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
 
 
-VIEW = View()
+VIEW = CameraView()
 PICTURE = empty_belt(VIEW)
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(-2, 2), st.floats(-2, 2))
 def test_corners_are_found_to_a_tenth_of_a_pixel(turn, tilt):
-    view = View(turned_deg=turn, tilted_deg=tilt)
+    view = CameraView(turned_deg=turn, tilted_deg=tilt)
     found = FindCorners()(empty_belt(view))
     np.testing.assert_allclose(found.places, true_corners(view), atol=0.15)
     assert not found.hidden.any()
@@ -46,7 +46,7 @@ def test_the_error_reported_is_that_of_noise():
 
 
 def test_the_mapping_takes_pixels_to_the_belt_and_back():
-    calibration = calibrate(FindCorners()(PICTURE))
+    calibration = calibrate_camera(FindCorners()(PICTURE))
     inside = np.random.default_rng(0).uniform([388, 0], [788, 180], (50, 2))
     seen = VIEW.pixels(np.column_stack([inside, np.zeros(50)]))
     np.testing.assert_allclose(calibration.millimetres(seen), inside, atol=0.06)
@@ -57,13 +57,13 @@ def test_the_mapping_takes_pixels_to_the_belt_and_back():
 
 
 def test_a_particle_above_the_belt_is_off_as_the_note_says():
-    calibration = calibrate(FindCorners()(PICTURE))
+    calibration = calibrate_camera(FindCorners()(PICTURE))
     seen = VIEW.pixels(np.array([[688.0, 90.0, 2.5]]))
     assert calibration.millimetres(seen)[0, 0] == pytest.approx(688.0 + 100 * 2.5 / 1000, abs=0.05)
 
 
 def test_a_window_shows_the_area_and_stays_in_the_picture():
-    calibration = calibrate(FindCorners()(PICTURE))
+    calibration = calibrate_camera(FindCorners()(PICTURE))
     rows, cols = calibration.window(TRACKED, 5.0, PICTURE.shape)
     seen = true_corners(VIEW)
     assert rows.start == pytest.approx(seen[:, 0].min() - 5, abs=2)
@@ -79,7 +79,7 @@ def test_a_hidden_corner_is_where_its_edges_meet(corner):
     found = FindCorners()(covered)
     assert found.hidden.tolist() == [k == corner for k in range(4)]
     np.testing.assert_allclose(found.places, true_corners(VIEW), atol=0.3)
-    assert calibrate(found).hidden == 1
+    assert calibrate_camera(found).hidden == 1
 
 
 def test_a_hidden_edge_is_told_by_name():
@@ -105,6 +105,6 @@ def test_what_is_no_picture_and_no_quadrangle_is_told():
         FindCorners()(PICTURE.astype(float))
     line = Corners(np.array([[0, 0], [1, 1], [2, 2], [0, 9]]) * 10.0, np.ones(4), np.zeros(4, bool))
     with pytest.raises(InputError, match="on one line"):
-        calibrate(line)
+        calibrate_camera(line)
     with pytest.raises(InputError, match="profiles"):
         FindCorners(profiles=3)

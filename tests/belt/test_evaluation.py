@@ -15,8 +15,8 @@ from kilnflight.belt.evaluation import (
     last_states,
     lateral_deviations,
     motion_profile,
-    summarise,
-    velocities,
+    step_velocities,
+    summarise_deviations,
 )
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
@@ -33,22 +33,22 @@ def observed():
 
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=40))
 def test_a_summary_is_the_box_plot_of_matplotlib(values):
-    found, expected = summarise(np.array(values)), boxplot_stats(values)[0]
+    found, expected = summarise_deviations(np.array(values)), boxplot_stats(values)[0]
     for name, theirs in {"median": "med", "q25": "q1", "q75": "q3"}.items():
         assert found[name] == pytest.approx(expected[theirs])
     assert found["mae"] == pytest.approx(np.mean(np.abs(values)))
 
 
 def test_whiskers_end_at_the_last_value_within_reach():
-    found = summarise(np.array([-9.0, -1.0, 0.0, 0.0, 1.0, 1.5, 50.0]))
+    found = summarise_deviations(np.array([-9.0, -1.0, 0.0, 0.0, 1.0, 1.5, 50.0]))
     assert (found["whisker_low"], found["whisker_high"]) == (-1.0, 1.5)
 
 
 def test_what_has_no_prediction_is_counted_and_left_out():
-    found = summarise(np.array([1.0, np.nan, 3.0]))
+    found = summarise_deviations(np.array([1.0, np.nan, 3.0]))
     assert (found["n"], found["unpredicted"], found["median"]) == (2, 1, 2.0)
     with pytest.raises(InputError, match="no particle has a prediction"):
-        summarise(np.array([np.nan]))
+        summarise_deviations(np.array([np.nan]))
 
 
 def test_positive_means_earlier_than_predicted(observed):
@@ -104,7 +104,7 @@ def test_too_few_particles_and_wrong_settings_are_told(observed):
 
 
 def test_velocity_between_two_observations_stands_at_their_midpoint(constant_acceleration):
-    steps = velocities(constant_acceleration)
+    steps = step_velocities(constant_acceleration)
     first = steps.iloc[0]
     assert first["velocity_x_mm_s"] == pytest.approx(1000.0 + 1500.0 * 0.005)
     x = constant_acceleration["x"]
@@ -112,14 +112,14 @@ def test_velocity_between_two_observations_stands_at_their_midpoint(constant_acc
 
 
 def test_no_velocity_across_a_gap_or_between_particles(constant_acceleration):
-    whole = velocities(constant_acceleration)
+    whole = step_velocities(constant_acceleration)
     assert len(whole) == len(constant_acceleration) - 3
     assert (whole["velocity_x_mm_s"] > 0).all()
-    assert len(velocities(constant_acceleration.drop(index=[5]))) == len(whole) - 2
+    assert len(step_velocities(constant_acceleration.drop(index=[5]))) == len(whole) - 2
 
 
 def test_the_profile_is_mean_and_spread_of_those_seen_there(constant_acceleration):
-    steps = velocities(constant_acceleration)
+    steps = step_velocities(constant_acceleration)
     grid = np.array([350.0, 500.0, 700.0])
     profile = motion_profile(steps, grid)
     expected = [
@@ -133,14 +133,14 @@ def test_the_profile_is_mean_and_spread_of_those_seen_there(constant_acceleratio
 
 
 def test_no_tracks_give_an_empty_profile():
-    steps = velocities(BELT_TRACKS.empty())
+    steps = step_velocities(BELT_TRACKS.empty())
     profile = motion_profile(steps, np.array([500.0]))
     assert isinstance(profile, pd.DataFrame)
     assert profile["particles"].tolist() == [0]
 
 
 def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constant_acceleration):
-    steps = velocities(constant_acceleration)
+    steps = step_velocities(constant_acceleration)
     profile = motion_profile(steps, np.array([350.0, 500.0]))
     across = [
         np.interp(500.0, one["x"], one["velocity_y_mm_s"]) / 1000
@@ -149,7 +149,9 @@ def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constan
     assert profile["lateral_m_s"][1] == pytest.approx(np.median(np.abs(across)))
     assert profile["lateral_std_m_s"][1] == pytest.approx(np.std(across, ddof=1))
     assert profile.loc[0, ["lateral_m_s", "lateral_std_m_s"]].isna().all()
-    assert motion_profile(velocities(BELT_TRACKS.empty()), np.array([500.0]))["particles"][0] == 0
+    assert (
+        motion_profile(step_velocities(BELT_TRACKS.empty()), np.array([500.0]))["particles"][0] == 0
+    )
 
 
 def test_only_valid_tracks_that_entered_the_phase_are_predicted():

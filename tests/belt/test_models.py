@@ -23,7 +23,7 @@ from kilnflight.belt.models import (
     Ratio,
     Straight,
     checked,
-    only,
+    select,
     time_to_cover,
 )
 from kilnflight.checks import InputError
@@ -335,7 +335,7 @@ def test_columns_are_those_of_the_tables_and_not_checked_again():
     assert list(seen) == BELT_ARRIVAL.names
     assert checked(last, BELT_LAST) is last
     assert checked(seen, BELT_ARRIVAL) is seen
-    assert only(last, np.array([False, True]))["particle"].tolist() == [2]
+    assert select(last, np.array([False, True]))["particle"].tolist() == [2]
     assert [len(column) for column in checked(BELT_LAST.empty(), BELT_LAST).values()] == [0] * 8
 
 

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from kilnflight.belt.camera import BELT, Area, Calibration, View
+from kilnflight.belt.camera import BELT, Area, Calibration, CameraView
 from kilnflight.belt.machine import BULKS
-from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
+from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure_spots
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
-LEVEL = View(turned_deg=0.0, tilted_deg=0.0)
+LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)
 
 
 def one_track(x=500.0, y=90.0, frames=3, step=5):
@@ -34,7 +34,7 @@ def test_a_level_camera_has_the_scale_of_the_paper():
 
 def test_the_whole_belt_is_in_view_whatever_the_mounting():
     for turn, tilt in [(0.3, 0.3), (-1.0, 1.0)]:
-        view = View(turned_deg=turn, tilted_deg=tilt)
+        view = CameraView(turned_deg=turn, tilted_deg=tilt)
         seen = view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
         assert ((seen > 10) & (seen < [698, 1054])).all()
         middle = view.pixels(np.array([[588.0, 90.0, 0.0]]))
@@ -113,7 +113,7 @@ def test_what_cannot_be_drawn_is_told():
     with pytest.raises(InputError, match="no rows 200 times a second"):
         at_rate(slow, 200.0)
     with pytest.raises(InputError, match="mm_per_px"):
-        View(mm_per_px=0.0)
+        CameraView(mm_per_px=0.0)
     with pytest.raises(InputError, match="not beyond"):
         Area(start_mm=10.0, end_mm=5.0)
     with pytest.raises(InputError, match="soft_px"):
@@ -159,17 +159,17 @@ def test_particles_that_touch_are_one_spot_and_marked():
 
 def test_an_empty_belt_has_no_spots():
     assert Spots()(EMPTY, EMPTY).shape == (0, 4)
-    table = measure([EMPTY, EMPTY], EMPTY, Spots(), HALF)
+    table = measure_spots([EMPTY, EMPTY], EMPTY, Spots(), HALF)
     assert table.columns.tolist() == BELT_SPOTS.names
     assert len(BELT_SPOTS.check(table)) == 0
-    assert len(measure([], EMPTY, Spots(), HALF)) == 0
+    assert len(measure_spots([], EMPTY, Spots(), HALF)) == 0
     with pytest.raises(InputError, match="no particle in the pictures"):
         Spots().calibrated([EMPTY], EMPTY)
 
 
 def test_a_particle_that_rests_in_all_pictures_is_background():
     still = [with_discs((30, 40), (80, 20 + 30 * k)) for k in range(4)]
-    found = measure(still, average(still), Spots(), HALF)
+    found = measure_spots(still, average(still), Spots(), HALF)
     assert not ((found["row"] - 30).abs() < 3).any()
 
 
@@ -180,7 +180,7 @@ def test_a_particle_that_rests_for_a_while_is_found_or_leaves_a_ghost(share, lyi
     """The contrast is 140, the threshold 40 grey values."""
     rests = round(20 * share)
     pictures = [with_discs((30, 40))] * rests + [EMPTY] * (20 - rests)
-    found = measure(pictures, average(pictures), Spots(), HALF)
+    found = measure_spots(pictures, average(pictures), Spots(), HALF)
     before = list(range(rests)) if lying else []
     after = list(range(rests, 20)) if ghost else []
     assert found["frame"].tolist() == before + after
@@ -205,20 +205,20 @@ def test_spots_are_those_of_scipy(seed):
 
 def test_places_are_millimetres_and_outside_is_left_out():
     pictures = [with_discs((30, 40)), EMPTY, with_discs((30, 40), (90, 140))]
-    table = BELT_SPOTS.check(measure(pictures, EMPTY, Spots(), HALF, BELT))
+    table = BELT_SPOTS.check(measure_spots(pictures, EMPTY, Spots(), HALF, BELT))
     assert table["frame"].tolist() == [0, 2, 2]
     np.testing.assert_allclose(table[["x", "y"]].iloc[2], [388 + 70, 45])
     narrow = replace(BELT, end_mm=428.0)
-    assert measure(pictures, EMPTY, Spots(), HALF, narrow)["frame"].tolist() == [0, 2]
+    assert measure_spots(pictures, EMPTY, Spots(), HALF, narrow)["frame"].tolist() == [0, 2]
 
 
 def test_cutting_the_picture_changes_nothing():
     rng = np.random.default_rng(0)
     pictures = [with_discs(*rng.integers(0, [120, 160], (6, 2)).tolist()) for _ in range(5)]
     area = replace(BELT, end_mm=430.0, width_mm=40.0)
-    cut = measure(pictures, EMPTY, Spots(), HALF, area)
-    whole = measure(pictures, EMPTY, Spots(), HALF, BELT)
-    inside = whole[area.holds(whole[["x", "y"]].to_numpy())].reset_index(drop=True)
+    cut = measure_spots(pictures, EMPTY, Spots(), HALF, area)
+    whole = measure_spots(pictures, EMPTY, Spots(), HALF, BELT)
+    inside = whole[area.contains(whole[["x", "y"]].to_numpy())].reset_index(drop=True)
     np.testing.assert_allclose(cut.sort_values(["frame", "x"]), inside.sort_values(["frame", "x"]))
 
 
@@ -226,7 +226,7 @@ def test_pictures_that_do_not_fit_are_told():
     with pytest.raises(InputError, match="do not fit"):
         Spots()(EMPTY[1:], EMPTY)
     with pytest.raises(InputError, match="frame 1"):
-        measure([EMPTY, EMPTY[1:]], EMPTY, Spots(), HALF)
+        measure_spots([EMPTY, EMPTY[1:]], EMPTY, Spots(), HALF)
     for wrong in ({"threshold": 0}, {"least_px": 0}, {"touching_from": 0.5}, {"single_px": -1}):
         with pytest.raises(InputError, match=f"Spots: {next(iter(wrong))}"):
             Spots(**wrong)

@@ -14,7 +14,7 @@ from kilnflight.belt.recordings import (
     TRACKED,
     find_dem,
     find_recordings,
-    joined,
+    join_recordings,
     links,
     read_dem,
     read_recording,
@@ -144,7 +144,7 @@ def test_positions_and_the_tracks_of_the_authors(folder):
         "spheres": ["001.csv.gz"]
     }
     table = read_recording(files["spheres"][0])
-    assert table.columns.tolist() == ["frame", "x", "y", "theirs"]
+    assert table.columns.tolist() == ["frame", "x", "y", "author_track"]
     assert table.to_numpy().tolist() == [[0, 10, 5, 0], [0, 30, 50, -1], [1, 95, 5.5, 0]]
 
 
@@ -177,17 +177,17 @@ def test_beside_the_other_data_only_the_published_files_are_used(folder, monkeyp
 
 def test_links_leave_out_what_is_in_no_track(folder):
     table = read_recording(find_recordings()["spheres"][0])
-    assert links(table, "theirs").tolist() == [(0, 2)]
+    assert links(table, "author_track").tolist() == [(0, 2)]
 
 
 def test_joined_recordings_share_neither_frames_nor_tracks(folder):
     one = read_recording(find_recordings()["spheres"][0])
-    both = joined([one, one])
-    assert both["theirs"].tolist() == [0, -1, 0, 1, -1, 1]
+    both = join_recordings([one, one])
+    assert both["author_track"].tolist() == [0, -1, 0, 1, -1, 1]
     assert both["frame"].iloc[3] - both["frame"].iloc[2] == 100
-    assert len(links(both, "theirs")) == 2
+    assert len(links(both, "author_track")) == 2
     with pytest.raises(InputError, match="at least one"):
-        joined([])
+        join_recordings([])
 
 
 def test_where_nothing_is_there(tmp_path, monkeypatch):
@@ -235,13 +235,13 @@ def test_a_recording_without_a_measurement_is_empty_and_joins(folder, rows, trac
     assert len(empty) == 0
     assert empty.columns.tolist() == whole.columns.tolist()
     pd.testing.assert_series_equal(empty.dtypes, whole.dtypes)
-    both = joined([empty, whole, empty, whole], pause=50)
+    both = join_recordings([empty, whole, empty, whole], pause=50)
     assert both["frame"].min() == 50
     first, second = both[: len(whole)], both[len(whole) :]
     apart = second["frame"].to_numpy() - first["frame"].to_numpy()
     assert (apart == whole["frame"].max() + 2 * 50).all()
-    assert not set(first["theirs"]) & set(second["theirs"]) - {-1}
-    pd.testing.assert_frame_equal(joined([empty, empty]), empty)
+    assert not set(first["author_track"]) & set(second["author_track"]) - {-1}
+    pd.testing.assert_frame_equal(join_recordings([empty, empty]), empty)
 
 
 def real():
@@ -267,7 +267,8 @@ def test_the_belt_tracker_finds_the_links_of_the_authors(material):
     seen = tracker(table).states.query("row >= 0")
     ours = np.full(len(table), -1)
     ours[seen["row"]] = seen["particle"]
-    theirs, found = links(table, "theirs"), links(table.assign(ours=ours), "ours")
-    both = len(theirs.intersection(found))
-    assert both >= 0.99 * len(theirs)
-    assert both >= 0.99 * len(found)
+    authors = links(table, "author_track")
+    linked = links(table.assign(ours=ours), "ours")
+    shared = len(authors.intersection(linked))
+    assert shared >= 0.99 * len(authors)
+    assert shared >= 0.99 * len(linked)

@@ -72,18 +72,18 @@ def test_new_tracks_begin_at_the_start():
     assert density.sum() * 180 == pytest.approx(1.1, abs=0.1)
 
 
-def test_gone_is_missed_inside_and_certain_outside():
+def test_unobserved_is_missed_inside_and_certain_outside():
     places = np.array([[500.0, 90.0], [688.0, 90.0], [800.0, 90.0], [500.0, -50.0], [500.0, 0.0]])
-    gone, outside = Appearance().gone(places, np.tile(np.eye(2), (5, 1, 1)))
+    unobserved, outside = Appearance().unobserved_likelihood(places, np.tile(np.eye(2), (5, 1, 1)))
     np.testing.assert_allclose(outside, [0, 0.5, 1, 1, 0.5], atol=1e-12)
-    np.testing.assert_allclose(gone, [0.1, 0.55, 1, 1, 0.55], atol=1e-12)
+    np.testing.assert_allclose(unobserved, [0.1, 0.55, 1, 1, 0.55], atol=1e-12)
 
 
 @settings(deadline=None)
 @given(st.floats(300, 800), st.floats(-50, 250), st.floats(0.1, 20), st.floats(0.1, 20))
 def test_outside_by_the_normal_distribution(x, y, along, across):
     residual = np.diag([along**2, across**2])[None]
-    _, outside = Appearance().gone(np.array([[x, y]]), residual)
+    _, outside = Appearance().unobserved_likelihood(np.array([[x, y]]), residual)
     inside = np.diff(norm.cdf([388, 688], x, along)) * np.diff(norm.cdf([0, 180], y, across))
     assert outside[0] == pytest.approx(1 - inside[0], abs=1e-9)
 
@@ -103,13 +103,13 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     rng = np.random.default_rng(seed)
     _, _, _, pairs = scene(seed, tracks, detections)
     costs = pair_costs(pairs, 0.1)
-    gone, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
-    likelihoods = Likelihoods(costs, gone, new, np.zeros(tracks))
+    unobserved, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
+    likelihoods = Likelihoods(costs, unobserved, new, np.zeros(tracks))
     whole = likelihoods.matrix()
     assert whole.shape == (tracks + detections, tracks + detections)
     rows, columns = linear_sum_assignment(np.where(np.isinf(whole), 1e9, whole))
     column = likelihoods.detection()
-    total = sum(costs[i, j] if j >= 0 else -np.log(gone[i]) for i, j in enumerate(column))
+    total = sum(costs[i, j] if j >= 0 else -np.log(unobserved[i]) for i, j in enumerate(column))
     total -= np.log(np.delete(new, column[column >= 0])).sum()
     assert total == pytest.approx(whole[rows, columns].sum())
 
@@ -141,7 +141,7 @@ def test_one_particle_is_one_track_with_its_velocity(tracker):
 def test_a_crowd_is_followed_as_it_is(tracker, seed):
     table = crowd(seed)
     found = owners(table, tracker(table))
-    inside = TRACKED.holds(table[["x", "y"]].to_numpy())
+    inside = TRACKED.contains(table[["x", "y"]].to_numpy())
     assert (found[inside] >= 0).all()
     pairs = pd.DataFrame({"truth": table["particle"], "track": found})[inside].drop_duplicates()
     assert len(pairs) <= 60 + 2
@@ -214,7 +214,7 @@ def test_a_ghost_is_one_track_at_rest_and_never_predicted(tracker):
 
 
 def test_two_that_touch_for_a_while_are_one_missed_track():
-    """One measurement at their common place instead of two: nobody follows both."""
+    """One measurement at their common place instead of two: no tracker follows both."""
     upper, lower = moving(y=90.0, across=-20.0), moving(y=86.0, across=20.0, particle=1)
     table = pd.concat([upper, lower], ignore_index=True)
     together = table["frame"].between(18, 21)

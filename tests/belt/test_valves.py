@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kilnflight.belt import PredictionPhase, evaluation
 from kilnflight.belt.friction import MATERIALS
-from kilnflight.belt.valves import MODELS, ValveBar, shares
+from kilnflight.belt.valves import MODELS, ValveBar, hit_shares
 from kilnflight.checks import InputError
 
 BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
@@ -17,22 +17,22 @@ BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
 
 def world(seed, count=40):
     rng = np.random.default_rng(seed)
-    wanted = rng.random(count) < 0.4
+    chosen = rng.random(count) < 0.4
     true = rng.uniform(0, 0.3, count), rng.uniform(0, 180, count)
     predicted = true[0] + rng.normal(0, 0.004, count), true[1] + rng.normal(0, 4, count)
-    return wanted, predicted, true
+    return chosen, predicted, true
 
 
-def by_definition(bar, wanted, predicted, true):
+def by_definition(bar, chosen, predicted, true):
     """Every valve against every particle, in plain code."""
     pitch = bar.belt_mm / bar.valves
     width = pitch if bar.valve_mm is None else bar.valve_mm
-    hit = np.zeros(len(wanted), dtype=bool)
-    for i in np.flatnonzero(wanted):
+    hit = np.zeros(len(chosen), dtype=bool)
+    for i in np.flatnonzero(chosen):
         if not (np.isfinite(predicted[0][i]) and np.isfinite(predicted[1][i])):
             continue
         valve = min(range(bar.valves), key=lambda k: abs((k + 0.5) * pitch - predicted[1][i]))
-        for j in range(len(wanted)):
+        for j in range(len(chosen)):
             across = abs((valve + 0.5) * pitch - true[1][j]) <= width / 2
             hit[j] |= across and abs(predicted[0][i] - true[0][j]) <= bar.open_s / 2
     return hit
@@ -47,49 +47,49 @@ def by_definition(bar, wanted, predicted, true):
 )
 def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
     bar = ValveBar(valves=valves, valve_mm=width, open_s=open_s)
-    wanted, predicted, true = world(seed)
+    chosen, predicted, true = world(seed)
     predicted[0][::7] = np.nan
-    blown = bar(wanted, predicted, true)
-    np.testing.assert_array_equal(blown.hit, by_definition(bar, wanted, predicted, true))
+    separation = bar(chosen, predicted, true)
+    np.testing.assert_array_equal(separation.hit, by_definition(bar, chosen, predicted, true))
 
 
 def test_by_hand():
-    wanted = np.array([True, False, False, True])
+    chosen = np.array([True, False, False, True])
     true = np.array([0.1, 0.102, 0.1, 0.3]), np.array([15.0, 16.0, 35.0, 90.0])
     predicted = np.array([0.1, 9.0, 9.0, 0.32]), np.array([12.0, 16.0, 35.0, 90.0])
-    blown = BAR(wanted, predicted, true)
-    assert blown.hit.tolist() == [True, True, False, False]
-    assert (blown.hit_share, blown.inadvertent_share) == (0.5, 0.5)
+    separation = BAR(chosen, predicted, true)
+    assert separation.hit.tolist() == [True, True, False, False]
+    assert (separation.hit_share, separation.inadvertent_share) == (0.5, 0.5)
 
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_perfect_predictions_hit_all_and_longer_times_never_fewer(seed):
-    wanted, predicted, true = world(seed)
-    assert BAR(wanted, true, true).hit[wanted].all()
+    chosen, predicted, true = world(seed)
+    assert BAR(chosen, true, true).hit[chosen].all()
     longer = replace(BAR, open_s=0.03)
-    assert (longer(wanted, predicted, true).hit >= BAR(wanted, predicted, true).hit).all()
+    assert (longer(chosen, predicted, true).hit >= BAR(chosen, predicted, true).hit).all()
 
 
 def test_without_particles_or_prediction_nothing_is_hit():
     none, empty = np.zeros(0, dtype=bool), (np.zeros(0), np.zeros(0))
-    blown = BAR(none, empty, empty)
-    assert len(blown.hit) == 0
-    assert np.isnan(blown.hit_share)
-    assert np.isnan(blown.inadvertent_share)
-    wanted, _, true = world(1)
+    separation = BAR(none, empty, empty)
+    assert len(separation.hit) == 0
+    assert np.isnan(separation.hit_share)
+    assert np.isnan(separation.inadvertent_share)
+    chosen, _, true = world(1)
     unknown = np.full(40, np.nan)
-    assert not BAR(wanted, (unknown, unknown), true).hit.any()
+    assert not BAR(chosen, (unknown, unknown), true).hit.any()
 
 
 def test_what_cannot_be_separated_is_told():
-    wanted, predicted, true = world(2)
+    chosen, predicted, true = world(2)
     with pytest.raises(InputError, match="predicted places"):
-        BAR(wanted, (predicted[0], predicted[1][:3]), true)
+        BAR(chosen, (predicted[0], predicted[1][:3]), true)
     with pytest.raises(InputError, match="not finite"):
-        BAR(wanted, predicted, (true[0], true[1] * np.nan))
+        BAR(chosen, predicted, (true[0], true[1] * np.nan))
     with pytest.raises(InputError, match="True and False"):
-        BAR(wanted.astype(int), predicted, true)
+        BAR(chosen.astype(int), predicted, true)
     for wrong in ({"valves": 0}, {"belt_mm": 0.0}, {"valve_mm": -1.0}, {"open_s": -0.1}):
         with pytest.raises(InputError, match=f"ValveBar: {next(iter(wrong))}"):
             ValveBar(**wrong)
@@ -106,18 +106,18 @@ def observed():
 
 
 def test_every_model_and_bar_has_a_row(observed):
-    table = shares(observed, PHASE, BARS, seed=1)
+    table = hit_shares(observed, PHASE, BARS, seed=1)
     assert len(table) == len(MODELS) * 2
     assert table["model"].unique().tolist() == [name for name, _, _ in MODELS]
     assert table["hit_percent"].between(0, 100).all()
-    assert (table["wanted"] + table["others"] == len(observed.last) - 4).all()
+    assert (table["ejected"] + table["remaining"] == len(observed.last) - 4).all()
     longer = table.pivot(index="model", columns="open_ms", values="hit_percent")
     assert (longer[10.0] >= longer[2.0]).all()
 
 
 def test_a_wider_jet_hits_no_fewer(observed):
     bars = [ValveBar(valve_mm=width) for width in (2.0, None, 20.0)]
-    table = shares(observed, PHASE, bars, seed=1)
+    table = hit_shares(observed, PHASE, bars, seed=1)
     assert table["valve_mm"].unique().tolist() == [2.0, 180.0 / 32, 20.0]
     for column in ("hit_percent", "inadvertent_percent"):
         wide = table.pivot(index="model", columns="valve_mm", values=column)
@@ -126,9 +126,9 @@ def test_a_wider_jet_hits_no_fewer(observed):
 
 
 def test_the_same_seed_gives_the_same_shares(observed):
-    one, other = (shares(observed, PHASE, BARS, seed=1) for _ in range(2))
-    assert one.equals(other)
-    assert not one.equals(shares(observed, PHASE, BARS, seed=2))
+    first, again = (hit_shares(observed, PHASE, BARS, seed=1) for _ in range(2))
+    assert first.equals(again)
+    assert not first.equals(hit_shares(observed, PHASE, BARS, seed=2))
 
 
 def test_predictions_are_what_the_lateral_deviations_come_from(observed):
@@ -143,6 +143,6 @@ def test_predictions_are_what_the_lateral_deviations_come_from(observed):
 def test_too_few_particles_are_told(observed):
     few = observed._replace(last=observed.last[:5], arrival=observed.arrival[:5])
     with pytest.raises(InputError, match="less than one"):
-        shares(few, PHASE, BARS, seed=0)
+        hit_shares(few, PHASE, BARS, seed=0)
     with pytest.raises(InputError, match="blown"):
-        shares(observed, PHASE, BARS, seed=0, blown=2.0)
+        hit_shares(observed, PHASE, BARS, seed=0, blown=2.0)

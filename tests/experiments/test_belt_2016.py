@@ -164,9 +164,9 @@ def test_the_order_of_rows_does_not_matter(bodies):
 def test_an_unknown_material_is_told_with_and_without_mujoco(monkeypatch, installed):
     monkeypatch.setattr(belt_2016, "is_installed", lambda: installed)
     with pytest.raises(InputError, match="no material 'peas'; there are spheres"):
-        belt_2016.bodies("peas", 10, 0)
+        belt_2016.simulate_bodies("peas", 10, 0)
     with pytest.raises(InputError, match="count"):
-        belt_2016.bodies("spheres", -1, 0)
+        belt_2016.simulate_bodies("spheres", -1, 0)
 
 
 def test_who_was_predicted_is_counted():
@@ -174,8 +174,8 @@ def test_who_was_predicted_is_counted():
     table = pd.DataFrame({"approach": "Tracking", "particle": [0, 2, 2]})
     table = pd.concat([table, table.assign(approach="Straight", particle=3)])
     counts = {"fed": 4, "predicted": 2, "predicted_twice": 1, "not_predicted": 2}
-    assert belt_2016.predicted(bodies, table) == counts
-    assert set(belt_2016.predicted(bodies[:0], table[:0]).values()) == {0}
+    assert belt_2016.predicted_counts(bodies, table) == counts
+    assert set(belt_2016.predicted_counts(bodies[:0], table[:0]).values()) == {0}
 
 
 def test_images_give_the_same_to_a_millimetre(bodies):
@@ -393,7 +393,7 @@ def test_the_matrix_of_a_frame_and_what_is_known_of_pictures(bodies):
     matrix, taken = belt_camera.matrix_of_frame(pictured.spots)
     assert matrix.shape == (len(taken) + 6, 6 + len(taken))
     assert sorted(taken) == list(range(6))
-    assert np.isfinite(matrix.loc["new", "gone"].to_numpy()).all()
+    assert np.isfinite(matrix.loc["new", "unobserved"].to_numpy()).all()
     row = belt_camera.describe_pictures({"spheres": pictured}, {"spheres": tracks}).iloc[0]
     assert row["spots"] == len(pictured.spots)
     assert row["corner_error_mm"] < 0.1

@@ -17,11 +17,11 @@ def test_the_frozen_values_lie_within_the_limits_and_cost_less():
     assert fitted_record()["cost_calibrated"] < fitted_record()["cost_inputs_only"] / 2
 
 
-def test_the_table_of_fitted_values_has_the_limits_they_were_looked_for_in():
+def test_the_table_of_fitted_values_has_the_limits_of_the_search():
     table = belt_calibration.fitted_table()
     assert table.index.tolist() == list(LIMITS)
-    assert (table["found_with_spheres"] > table["low"]).all()
-    assert (table["found_with_spheres"] < table["high"]).all()
+    assert (table["fitted_to_spheres"] > table["low"]).all()
+    assert (table["fitted_to_spheres"] < table["high"]).all()
     assert table.loc["belt_friction", "inputs_only"] == Contacts.belt_friction
 
 
@@ -43,19 +43,19 @@ def test_the_search_finds_values_that_made_the_targets(monkeypatch):
     assert evaluations > 7
 
 
-def test_misfits_count_in_their_scales_and_gaps_are_told():
-    wanted = pd.DataFrame({name: [1.0] for name in belt_calibration.SCALES})
-    found = wanted + pd.Series(belt_calibration.SCALES)
-    np.testing.assert_allclose(belt_calibration.misfits(found, wanted), 1.0)
+def test_misfits_count_in_their_scales_and_gaps_are_refused():
+    published = pd.DataFrame({name: [1.0] for name in belt_calibration.SCALES})
+    simulated = published + pd.Series(belt_calibration.SCALES)
+    np.testing.assert_allclose(belt_calibration.profile_misfits(simulated, published), 1.0)
     with pytest.raises(InputError, match="too few particles"):
-        belt_calibration.misfits(found * np.nan, wanted)
+        belt_calibration.profile_misfits(simulated * np.nan, published)
 
 
 def test_the_spheres_are_met_better_than_by_handbooks(authors_data, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(belt_calibration, "PARTICLES", 40)
-    wanted = belt_calibration.published_spheres()
-    costs = [belt_calibration.cost(one, wanted) for one in (fitted_values(), INPUTS_ONLY)]
+    published = belt_calibration.published_spheres()
+    costs = [belt_calibration.cost(values, published) for values in (fitted_values(), INPUTS_ONLY)]
     assert costs[0] < costs[1] / 20
 
 

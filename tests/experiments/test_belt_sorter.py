@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from kilnflight.belt.bodies import compiled
+from kilnflight.belt.bodies import build_model
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor
 from kilnflight.belt.sorter import Sorter
 from kilnflight.checks import InputError
@@ -31,7 +31,7 @@ def test_each_setting_differs_in_one_value_only():
 
 
 def test_the_impedance_is_that_of_the_physics():
-    model = compiled(BULKS["spheres"], Contacts(), 2, Conveyor())
+    model = build_model(BULKS["spheres"], Contacts(), 2, Conveyor())
     np.testing.assert_array_equal(model.pair_solimp[:, :2], study.IMPEDANCE)
 
 

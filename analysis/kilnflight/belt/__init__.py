@@ -2,7 +2,7 @@ r"""The belt sorter: when and where a particle leaves the belt (2016 and 2020 pa
 
     pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
-                              \-> what happened --------------------> deviation  (2020)
+                              \-> observed arrival -----------------> deviation  (2020)
                                               predictions -> separation by valves
 
 Pictures and bodies (`sorter`, `friction`, the authors' tracks in `recordings`) are input. The

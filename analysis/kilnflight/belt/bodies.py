@@ -1,15 +1,21 @@
 """Bodies on the belt in MuJoCo: a surface that moves, two walls, particles of one material.
 
-Units are millimetre, gram and second. MuJoCo comes with the extra ``sorter``; without it
-everything else in this package works.
+Units are millimetre, gram and second. MuJoCo comes with the extra ``sorter``; the rest of the
+package works without it.
 
-Surfaces that slip fast ask for care. MuJoCo's friction is convex: what slides is also pushed
-away, with about ``mu slip b_t / b_n``, the damping rates ``b = 2 / time constant`` being
-those along the surfaces and the normal. With equal rates that is 150 mm/s at most where 1000 mm/s
-meet the belt, and particles hop by some tenths of a millimetre. Here friction has a slower
-time constant of its own (which only explicit pairs of bodies can have), so that the push is
-below 12 mm/s and what is laid on the belt stays within a hundredth of a millimetre. The
-price: the last ``mu g / b_t`` of slip, 12 mm/s, fades over ``1 / b_t``, 4 ms.
+A `Batch` has a pool of bodies that wait above the belt. A particle that is fed takes a waiting
+body and gives it back at the edge. In between MuJoCo moves the body by gravity and by contact
+with belt, walls and other particles. Beyond the edge a particle keeps its velocity.
+
+MuJoCo's friction model also pushes what slides away from the surface, at about
+``mu slip b_t / b_n``. The rates ``b = 2 / time constant`` damp the motion along the surface (t)
+and along its normal (n). With equal rates a particle of 1000 mm/s would leave the belt of
+1500 mm/s at up to 150 mm/s and hop by some tenths of a millimetre.
+
+So friction has a slower time constant of its own here, ``slip_time_s``. MuJoCo allows that for
+explicit pairs of bodies only (`_pairs`). The push is then below 12 mm/s, and what is laid on the
+belt stays within a hundredth of a millimetre. The price: the last ``mu g / b_t`` of slip,
+12 mm/s, fades over ``1 / b_t``, 4 ms.
 """
 
 from __future__ import annotations
@@ -22,17 +28,17 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.machine import GRAVITY_MM_S2, Bulk, Contacts, Conveyor, Fed
+from kilnflight.belt.machine import GRAVITY_MM_S2, Bulk, Contacts, Conveyor, Feed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_BODIES
 
 Array = npt.NDArray[np.float64]
 
 SLOTS = 160  # bodies on the belt at once; one more waits at the feeder
-# Bodies at first, and how many more are made when they are not enough: each pair of bodies costs
-# time in every step, wherever they are. What bodies do does not depend on how many others wait,
-# to the last bit from 10 on, when the engine takes sparse matrices.
-FIRST, MORE = 96, 16
+# Bodies in the pool at first, and how many are added when all are taken. Each pair of bodies
+# costs time in every step, wherever they are. From 10 bodies on the engine takes sparse matrices;
+# then motion does not depend on how many others wait, to the last bit.
+POOL, POOL_STEP = 96, 16
 
 
 def engine() -> ModuleType:
@@ -58,7 +64,7 @@ def engine() -> ModuleType:
     return mujoco
 
 
-def missing() -> str:
+def missing_reason() -> str:
     """Return why the simulated sorter cannot run here; an empty text where it can."""
     try:
         engine()
@@ -69,23 +75,23 @@ def missing() -> str:
 
 def is_installed() -> bool:
     """Return whether the simulated sorter can run: MuJoCo is here and not too old."""
-    return not missing()
+    return not missing_reason()
 
 
-def compiled(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) -> Any:
+def build_model(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) -> Any:
     """Return a `mujoco.MjModel`: the belt is the plane z = 0, walls stand along its sides.
 
     Parameters
     ----------
     bulk, contacts
-        What moves, and how it touches.
+        Shape of the bodies, and parameters of their contacts.
     bodies
         How many can be on the belt at once; they wait 1 m above it, apart from each other.
     conveyor
         Width and velocity of the belt, time step.
     """
     size = " ".join(f"{length!r}" for length in bulk.half_mm)
-    near = [
+    body_elements = [
         f"""<body pos="{-100.0 - 20.0 * n} 90 1000.0"><freejoint/>
 <geom name="g{n}" type="{bulk.shape}" size="{size}" density="{bulk.density_g_mm3!r}"/></body>"""
         for n in range(bodies)
@@ -102,7 +108,7 @@ def compiled(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) ->
 <geom name="belt" type="plane" size="0 0 1" surfacevel="{speed!r} 0 0"/>
 <geom name="near" type="plane" size="0 0 1" zaxis="0 1 0"/>
 <geom name="far" type="plane" size="0 0 1" pos="0 {conveyor.width_mm!r} 0" zaxis="0 -1 0"/>
-{"".join(near)}
+{"".join(body_elements)}
 </worldbody>
 <contact>{"".join(_pairs(bulk, contacts, bodies))}</contact>
 </mujoco>"""
@@ -110,14 +116,14 @@ def compiled(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) ->
 
 
 def _pairs(bulk: Bulk, contacts: Contacts, bodies: int) -> Iterator[str]:
-    """Return every pair of bodies that can touch; only pairs have a slip time of their own."""
+    """Yield each pair of bodies that can touch, with its friction."""
     wall, body, mu = contacts.wall_friction, contacts.particle_friction, contacts.belt_friction
-    spin = max(contacts.spinning_mm, 1e-5)  # MuJoCo needs more than none
-    arm = max(contacts.rolling_friction * bulk.half_mm[0], 1e-5)
+    spinning = max(contacts.spinning_mm, 1e-5)  # mm; MuJoCo refuses 0
+    rolling = max(contacts.rolling_friction * bulk.half_mm[0], 1e-5)  # mm
     # A box has corners against rolling; six dimensions would cost twice and change nothing.
-    rolling = 3 if bulk.shape == "box" else 6
-    on_belt = f"""condim="{rolling}" solref="{contacts.belt_time_s!r} 1" """
-    on_belt += f"""friction="{mu!r} {mu!r} {spin!r} {arm!r} {arm!r}\""""
+    dimensions = 3 if bulk.shape == "box" else 6
+    on_belt = f"""condim="{dimensions}" solref="{contacts.belt_time_s!r} 1" """
+    on_belt += f"""friction="{mu!r} {mu!r} {spinning!r} {rolling!r} {rolling!r}\""""
     for n in range(bodies):
         yield f"""<pair geom1="belt" geom2="g{n}" {on_belt}/>"""
         for side in ("near", "far"):
@@ -127,34 +133,34 @@ def _pairs(bulk: Bulk, contacts: Contacts, bodies: int) -> Iterator[str]:
 
 
 class Batch:
-    """One batch on its way; bodies are taken from a pool and given back at the edge."""
+    """Particles that are simulated together, with bodies from a pool."""
 
     def __init__(
-        self, conveyor: Conveyor, contacts: Contacts, bulk: Bulk, fed: Fed, start: Array
+        self, conveyor: Conveyor, contacts: Contacts, bulk: Bulk, fed: Feed, start: Array
     ) -> None:
         self.conveyor, self.contacts, self.bulk, self.fed = conveyor, contacts, bulk, fed
         self.mujoco = engine()
-        self.most = min(len(start), SLOTS)
-        self._allot(min(self.most, FIRST))
-        # Where within the first millisecond a particle comes shifts it along the belt.
-        self.first = conveyor.start_mm + start * fed.velocity_mm_s[:, 0] / conveyor.sampling_hz
+        self.largest_pool = min(len(start), SLOTS)
+        self._make_pool(min(self.largest_pool, POOL))
+        # A particle that comes later within the first sample has moved less far.
+        self.first_x = conveyor.start_mm + start * fed.velocity_mm_s[:, 0] / conveyor.sampling_hz
         self.fed_at = np.zeros(len(start), dtype=np.int64)  # frame
-        self.left = np.zeros(len(start), dtype=bool)
+        self.has_left = np.zeros(len(start), dtype=bool)
 
-    def _allot(self, bodies: int) -> None:
-        """Make the engine's state for so many bodies, all of them waiting."""
-        self.model = compiled(self.bulk, self.contacts, bodies, self.conveyor)
+    def _make_pool(self, bodies: int) -> None:
+        """Make the engine's state for a number of bodies, all of them waiting."""
+        self.model = build_model(self.bulk, self.contacts, bodies, self.conveyor)
         self.data: Any = self.mujoco.MjData(self.model)
-        self.place: Array = self.data.qpos.reshape(bodies, 7)  # views into the engine's state
-        self.speed: Array = self.data.qvel.reshape(bodies, 6)
-        self.waiting: Array = self.place.copy()
-        self.particle = np.full(bodies, -1)  # which one a body is; -1: waits above the belt
+        self.pose: Array = self.data.qpos.reshape(bodies, 7)  # position, quaternion
+        self.velocity: Array = self.data.qvel.reshape(bodies, 6)
+        self.waiting: Array = self.pose.copy()
+        self.particle = np.full(bodies, -1)  # of each body; -1: the body waits above the belt
 
     def _grow(self) -> None:
-        """Make more bodies; those that are there go on as if nothing had happened."""
+        """Add bodies to the pool; the present ones keep their state."""
         bodies, model, data, particle = len(self.particle), self.model, self.data, self.particle
-        self._allot(min(bodies + MORE, self.most))
-        self.model.pair_solimp[:] = model.pair_solimp[0]  # may have been set from outside
+        self._make_pool(min(bodies + POOL_STEP, self.largest_pool))
+        self.model.pair_solimp[:] = model.pair_solimp[0]  # set from outside in a study of contacts
         self.data.qpos[: 7 * bodies] = data.qpos
         self.data.qvel[: 6 * bodies] = data.qvel
         self.data.qacc_warmstart[: 6 * bodies] = data.qacc_warmstart
@@ -163,18 +169,17 @@ class Batch:
         self.particle[:bodies] = particle
 
     def table(self) -> pd.DataFrame:
-        """Run to the end and return `kilnflight.tables.BELT_BODIES`, particle by particle."""
-        parts, flights, frame, upcoming = [], [], 0, 0
-        while not self.left.all():
+        """Simulate until all have left; return `kilnflight.tables.BELT_BODIES` by particle."""
+        parts, frame, upcoming = [], 0, 0
+        while not self.has_left.all():
             upcoming = self._feed(frame, upcoming)
             rows = self._rows(frame)
-            parts.append(rows)
-            flights.append(self._let_go(rows))
+            parts += [rows, self._flight(self._release(rows))]
             self._check(frame)
             self.mujoco.mj_step(self.model, self.data, self.conveyor.steps)
             self._park()
             frame += 1
-        rows = np.concatenate(parts + [self._flight(gone) for gone in flights if len(gone)])
+        rows = np.concatenate(parts)
         rows = rows[np.lexsort((rows[:, 0], rows[:, 1]))]
         table = pd.DataFrame(rows, columns=["frame", "particle", *BELT_BODIES.names[3:]])
         table = table.astype({"frame": np.int64, "particle": np.int64})
@@ -182,15 +187,18 @@ class Batch:
         return table[BELT_BODIES.names]
 
     def _feed(self, frame: int, upcoming: int) -> int:
-        """Put particles on the belt whose time has come, if their place and a body are free."""
+        """Put the particles that are due on the belt, if their place and a body are free.
+
+        Returns the number of the next particle.
+        """
         due = np.searchsorted(self.fed.time_s * self.conveyor.sampling_hz, frame, side="right")
         while upcoming < due:
-            place = np.array([self.first[upcoming], self.fed.y[upcoming]])
-            others = self.place[self.particle >= 0, :2]
+            place = np.array([self.first_x[upcoming], self.fed.y[upcoming]])
+            others = self.pose[self.particle >= 0, :2]
             if (np.linalg.norm(others - place, axis=1) < 2.0 * self.bulk.reach_mm).any():
                 break
             if (self.particle >= 0).all():
-                if len(self.particle) == self.most:
+                if len(self.particle) == self.largest_pool:
                     break
                 self._grow()
             self._start(int(np.argmin(self.particle)), upcoming, frame)
@@ -198,57 +206,62 @@ class Batch:
         return upcoming
 
     def _start(self, body: int, particle: int, frame: int) -> None:
+        """Lay a body on the belt as a particle leaves the slide."""
         yaw = self.fed.yaw_rad[particle]
         turn = np.array([np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)])  # about the vertical
-        if self.bulk.shape == "cylinder":  # MuJoCo's stands: lay it down first, along x
+        if self.bulk.shape == "cylinder":  # MuJoCo's cylinder stands; lay it along x first
             turn = np.sqrt(0.5) * np.array([turn[0], -turn[3], turn[0], turn[3]])
         height = self.bulk.rest_mm + 0.2  # mm of air: what starts inside is thrown up
-        self.place[body] = [self.first[particle], self.fed.y[particle], height, *turn]
-        self.speed[body] = 0.0
-        self.speed[body, :3] = self.fed.velocity_mm_s[particle]
-        # MuJoCo has the spin of a free body in the body's own axes; only spheres have one.
-        self.speed[body, 3:5] = self.fed.spin_1_s[particle] * np.array([np.sin(yaw), np.cos(yaw)])
+        self.pose[body] = [self.first_x[particle], self.fed.y[particle], height, *turn]
+        self.velocity[body] = 0.0
+        self.velocity[body, :3] = self.fed.velocity_mm_s[particle]
+        # MuJoCo has a free body's angular velocity in the body's own axes; only spheres spin.
+        spin = self.fed.spin_1_s[particle]
+        self.velocity[body, 3:5] = spin * np.array([np.sin(yaw), np.cos(yaw)])
         self.particle[body], self.fed_at[particle] = particle, frame
 
     def _rows(self, frame: int) -> Array:
         """Return frame, particle, x, y, z, angle, velocity along and across; one row a body."""
-        on = self.particle >= 0
+        fed = self.particle >= 0
         matrix = self.data.xmat[1:].reshape(-1, 3, 3)
         self.mujoco.mj_kinematics(self.model, self.data)
-        axis = matrix[on, :, 2 if self.bulk.shape == "cylinder" else 0]
+        axis = matrix[fed, :, 2 if self.bulk.shape == "cylinder" else 0]
         angle = np.arctan2(axis[:, 1], axis[:, 0])
-        rows = [np.full(on.sum(), frame), self.particle[on], *self.place[on, :3].T, angle]
-        return np.column_stack([*rows, *self.speed[on, :2].T])
+        rows = [np.full(fed.sum(), frame), self.particle[fed], *self.pose[fed, :3].T, angle]
+        return np.column_stack([*rows, *self.velocity[fed, :2].T])
 
-    def _let_go(self, rows: Array) -> Array:
-        """Free the bodies whose centre is beyond the edge; return their rows."""
-        gone = rows[rows[:, 2] >= self.conveyor.edge_mm]
-        leaving = gone[:, 1].astype(np.int64)
-        self.left[leaving] = True
-        self.particle[np.isin(self.particle, leaving)] = -1
+    def _release(self, rows: Array) -> Array:
+        """Give the bodies whose centre is beyond the edge back to the pool; return their rows."""
+        leaving = rows[rows[:, 2] >= self.conveyor.edge_mm]
+        particles = leaving[:, 1].astype(np.int64)
+        self.has_left[particles] = True
+        self.particle[np.isin(self.particle, particles)] = -1
         self._park()
-        return gone
+        return leaving
 
     def _park(self) -> None:
-        """Hold the bodies above the belt that are not on it."""
+        """Hold the waiting bodies above the belt."""
         idle = self.particle < 0
-        self.place[idle], self.speed[idle] = self.waiting[idle], 0.0
+        self.pose[idle], self.velocity[idle] = self.waiting[idle], 0.0
 
-    def _flight(self, gone: Array) -> Array:
+    def _flight(self, leaving: Array) -> Array:
         """Return the rows after the edge: in the air, with constant velocity."""
+        if not len(leaving):
+            return leaving
         step = 1.0 / self.conveyor.sampling_hz
-        length = (self.conveyor.end_mm - gone[:, 2]) / (gone[:, 6] * step)
+        length = (self.conveyor.end_mm - leaving[:, 2]) / (leaving[:, 6] * step)
         count = np.maximum(length, 0.0).astype(np.int64)
-        rows = np.repeat(gone, count, axis=0)
+        rows = np.repeat(leaving, count, axis=0)
         after = np.concatenate([np.arange(1, n + 1) for n in count])
         rows[:, 0] += after
         rows[:, 2:4] += (after * step)[:, None] * rows[:, 6:8]
         return rows
 
     def _check(self, frame: int) -> None:
-        """Raise for a particle that does not leave, or a state that MuJoCo gave up."""
-        on = self.particle[self.particle >= 0]
-        late = on[frame - self.fed_at[on] > self.conveyor.patience_s * self.conveyor.sampling_hz]
+        """Raise for a particle that does not leave, or a state in which MuJoCo warned."""
+        particles = self.particle[self.particle >= 0]
+        longest = self.conveyor.patience_s * self.conveyor.sampling_hz  # frames
+        late = particles[frame - self.fed_at[particles] > longest]
         if len(late):
             raise InputError(
                 f"particle {late[0]} has not left the belt after {self.conveyor.patience_s} s; "

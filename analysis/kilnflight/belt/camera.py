@@ -1,7 +1,7 @@
 """The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
 
-`View` is the camera that makes pictures. Measuring does not use it: the belt's
-four corners are found in a picture (`FindCorners`) and give the mapping (`calibrate`).
+`CameraView` is the camera that makes pictures. Measuring does not use it: the belt's
+four corners are found in a picture (`FindCorners`) and give the mapping (`calibrate_camera`).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Area:
         """Its size in mm^2."""
         return (self.end_mm - self.start_mm) * self.width_mm
 
-    def holds(self, places: Array) -> Flags:
+    def contains(self, places: Array) -> Flags:
         """Return which places (n, 2), x and y, lie in it."""
         x, y = places.T
         return (x >= self.start_mm) & (x <= self.end_mm) & (y >= 0) & (y <= self.width_mm)
@@ -68,7 +68,7 @@ TRACKED = Area(end_mm=688.0)  # the last 10 cm are the prediction phase, 2016, s
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A pinhole camera above the middle of the belt, without distortion of the lens.
 
     Notes
@@ -88,12 +88,12 @@ class View:
 
     def __post_init__(self) -> None:
         """Refuse a camera that sees nothing."""
-        check_count(self.rows, "View: rows")
-        check_count(self.cols, "View: cols")
+        check_count(self.rows, "CameraView: rows")
+        check_count(self.cols, "CameraView: cols")
         for name in ("mm_per_px", "frames_per_s", "height_mm"):
-            check_positive(getattr(self, name), f"View: {name}")
+            check_positive(getattr(self, name), f"CameraView: {name}")
         for name in ("turned_deg", "tilted_deg"):
-            check_between(getattr(self, name), -20, 20, f"View: {name}")
+            check_between(getattr(self, name), -20, 20, f"CameraView: {name}")
 
     def pixels(self, places: Array) -> Array:
         """Return row and col (n, 2) of places (n, 3): x, y and height above the belt in mm."""
@@ -120,7 +120,7 @@ class _Line(NamedTuple):
     point: Array  # (2,), row and col, in the middle of the points
     along: Array  # (2,), unit vector
     variance: Array  # (2,), of the offset in px^2 and of the slope
-    on: Flags  # (profiles,), which points lie on it
+    inliers: Flags  # (profiles,), which points lie on it
 
 
 @dataclass(frozen=True)
@@ -140,14 +140,14 @@ class FindCorners:
     profiles: int = 200  # across each side
     reach_px: float = 12.0  # a profile's length to each side of the edge
     tolerance_px: float = 1.0  # farther from the line is no point of it
-    least_seen: float = 0.5  # share of an edge that must be seen
+    least_visible: float = 0.5  # share of an edge that must be seen
 
     def __post_init__(self) -> None:
         """Refuse what finds no line."""
         check_count(self.profiles, "FindCorners: profiles", least=20)
         check_positive(self.reach_px, "FindCorners: reach_px")
         check_positive(self.tolerance_px, "FindCorners: tolerance_px")
-        check_between(self.least_seen, 0.1, 1, "FindCorners: least_seen")
+        check_between(self.least_visible, 0.1, 1, "FindCorners: least_visible")
 
     def __call__(self, picture: Picture) -> Corners:
         """Return the corners of the belt that fills the middle of ``picture`` (rows, cols).
@@ -169,7 +169,7 @@ class FindCorners:
         for k in range(4):
             before, after = lines[k - 1], lines[k]
             places[k], spreads[k] = _meet(before, after)
-            hidden[k] = min(before.on[-last:].mean(), after.on[:last].mean()) < 0.5
+            hidden[k] = min(before.inliers[-last:].mean(), after.inliers[:last].mean()) < 0.5
         return Corners(places, spreads, hidden)
 
     def _line(self, picture: Picture, start: Array, stop: Array, level: float, side: str) -> _Line:
@@ -183,26 +183,28 @@ class FindCorners:
         profile = cv2.remap(picture, grid[..., 1], grid[..., 0], cv2.INTER_LINEAR).astype(float)
         depth = _crossing(profile - level, steps)
         visible = np.isfinite(depth)
-        self._check_seen(visible, side)
+        self._check_visible(visible, side)
         # A line through the points that agree on one, from the median of slopes on.
         u, v = middle @ along, middle @ inwards + depth
         slope, offset = theilslopes(v[visible], u[visible])[:2]
         for _ in range(5):
-            on = visible & (np.abs(v - offset - slope * u) < self.tolerance_px)
-            self._check_seen(on, side)
-            fit = linregress(u[on] - u[on].mean(), v[on])  # errors of both are independent then
-            slope, offset = fit.slope, fit.intercept - fit.slope * u[on].mean()
-        point = u[on].mean() * along + fit.intercept * inwards
+            inliers = visible & (np.abs(v - offset - slope * u) < self.tolerance_px)
+            self._check_visible(inliers, side)
+            middle_u = u[inliers].mean()
+            # With u counted from its mean, the errors of slope and intercept are independent.
+            fit = linregress(u[inliers] - middle_u, v[inliers])
+            slope, offset = fit.slope, fit.intercept - fit.slope * middle_u
+        point = middle_u * along + fit.intercept * inwards
         turned = along + slope * inwards
         variance = np.array([fit.intercept_stderr, fit.stderr]) ** 2
-        return _Line(point, turned / np.linalg.norm(turned), variance, on)
+        return _Line(point, turned / np.linalg.norm(turned), variance, inliers)
 
-    def _check_seen(self, visible: Flags, side: str) -> None:
-        if visible.mean() < self.least_seen:
+    def _check_visible(self, visible: Flags, side: str) -> None:
+        if visible.mean() < self.least_visible:
             raise InputError(
                 f"the belt's edge ({side}) is seen over {visible.mean():.0%} of its length only, "
-                f"at least {self.least_seen:.0%} are needed. Clear the view, or light the belt so "
-                "that its edges stand out."
+                f"at least {self.least_visible:.0%} are needed. Clear the view, or light the belt "
+                "so that its edges stand out."
             )
 
 
@@ -285,7 +287,7 @@ def _mapped(matrix: Array, places: Array) -> Array:
     return mapped[:, :2] / mapped[:, 2:]
 
 
-def calibrate(corners: Corners) -> Calibration:
+def calibrate_camera(corners: Corners) -> Calibration:
     """Return the mapping of the corners found onto the belt's known corners.
 
     Parameters

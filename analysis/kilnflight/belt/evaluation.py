@@ -1,4 +1,4 @@
-"""How far predictions are from what happened (2016 paper, section IV; 2020 paper, section 5).
+"""Deviations of predictions from observations (2016 paper, sec. IV; 2020 paper, sec. 5).
 
 A deviation is prediction minus reference: positive means that the particle arrived
 earlier than predicted (caption of Fig. 9; section 5.1 words it the other way round).
@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
-from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, checked, only
+from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, checked, select
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError, check_positive
@@ -23,13 +23,13 @@ from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Deviations = Callable[[Observed, PredictionPhase, Flags], Iterator[tuple[str, Array]]]
-Both = tuple[Columns, Columns]  # last observations and arrivals
+LastAndArrival = tuple[Columns, Columns]  # last observations and arrivals
 Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
 
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
 
 
-def velocities(tracks: pd.DataFrame) -> pd.DataFrame:
+def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the velocity between consecutive observations, at their midpoint.
 
     Parameters
@@ -64,7 +64,7 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
     Parameters
     ----------
     steps
-        From `velocities`.
+        From `step_velocities`.
     x_mm
         Places, (n,), ascending.
 
@@ -75,17 +75,8 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
         ``lateral_m_s``, the median over particles of the absolute velocity (a few collisions
         would rule a standard deviation), and ``lateral_std_m_s``. NaN where no particle was seen.
     """
-    along, across = (
-        pd.DataFrame(
-            [
-                np.interp(x_mm, track["x"], track[name], left=np.nan, right=np.nan) / 1000.0
-                for _, track in steps.groupby("particle", sort=False)
-            ],
-            columns=range(len(x_mm)),
-            dtype=np.float64,
-        )
-        for name in ("velocity_x_mm_s", "velocity_y_mm_s")
-    )
+    along = _interpolated(steps, "velocity_x_mm_s", x_mm) / 1000.0
+    across = _interpolated(steps, "velocity_y_mm_s", x_mm) / 1000.0
     return pd.DataFrame(
         {
             "x_mm": x_mm,
@@ -98,8 +89,17 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
     )
 
 
+def _interpolated(steps: pd.DataFrame, column: str, x_mm: Array) -> pd.DataFrame:
+    """Return a column at places along the belt: a row per particle, NaN where it was not seen."""
+    rows = [
+        np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
+        for _, track in steps.groupby("particle", sort=False)
+    ]
+    return pd.DataFrame(rows, columns=range(len(x_mm)), dtype=np.float64)
+
+
 def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
-    """Return what is known of each track when it enters the prediction phase.
+    """Return the filtered state of each track as it enters the prediction phase.
 
     Parameters
     ----------
@@ -128,13 +128,13 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
 def observe(
     followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
 ) -> Observed:
-    """Return what a filter knew before the prediction phase, and what was measured after it.
+    """Return filtered states before the prediction phase, and the arrivals measured after it.
 
     Parameters
     ----------
     followed, measured
-        From `kilnflight.belt.tracker.BeltTracker` and what it was given; its area covers the
-        target, so that what happens there is observed, too.
+        From `kilnflight.belt.tracker.BeltTracker`, and its measurements; its area covers the
+        target, so that arrivals there are observed, too.
     phase
         Where observation ends and what is predicted to; `PredictionPhase.observe` says which
         tracks are left out.
@@ -151,7 +151,7 @@ def observe(
     return observed._replace(last=filtered.loc[keys].reset_index()[BELT_LAST.names])
 
 
-def summarise(deviation: Array) -> dict[str, float]:
+def summarise_deviations(deviation: Array) -> dict[str, float]:
     """Return count, quartiles, whiskers and mean absolute value of deviations, (n,).
 
     Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The
@@ -192,7 +192,7 @@ class Evaluation:
     def __call__(
         self, observed: Observed, phase: PredictionPhase, deviations: Deviations, seed: int
     ) -> pd.DataFrame:
-        """Return how far each model is off, one row per draw and model.
+        """Return the deviations of each model, one row per draw and model.
 
         Draw k depends on the seed and k alone, so that more draws keep the first ones.
 
@@ -227,7 +227,7 @@ class Evaluation:
             calibration = np.zeros(particles, dtype=bool)
             calibration[np.random.default_rng(child).choice(particles, size, replace=False)] = True
             for name, deviation in deviations(observed, phase, calibration):
-                rows.append({"draw": draw, "model": name, **summarise(deviation)})
+                rows.append({"draw": draw, "model": name, **summarise_deviations(deviation)})
         return pd.DataFrame(rows)
 
 
@@ -270,15 +270,15 @@ def predictions(
         yield name, times[arrival], place(last, times[arrival] - last["time_s"])
 
 
-def _split(observed: Observed, calibration: Flags) -> tuple[Both, Both, Both]:
-    """Return all particles, those that calibrate and the others, checked once for all models."""
+def _split(observed: Observed, calibration: Flags) -> tuple[LastAndArrival, ...]:
+    """Return all particles, the calibration particles and the others, checked once."""
     last, arrival = checked(observed.last, BELT_LAST), checked(observed.arrival, BELT_ARRIVAL)
-    calibrating = only(last, calibration), only(arrival, calibration)
-    return (last, arrival), calibrating, (only(last, ~calibration), only(arrival, ~calibration))
+    calibrating = select(last, calibration), select(arrival, calibration)
+    return (last, arrival), calibrating, (select(last, ~calibration), select(arrival, ~calibration))
 
 
 def _calibrated(
-    model: ArrivalModel, every: Both, calibrating: Both, target_mm: float
+    model: ArrivalModel, every: LastAndArrival, calibrating: LastAndArrival, target_mm: float
 ) -> ArrivalModel:
     # The paper gives IV the median of all particles, "the most favorable conditions".
     return model.calibrated(*(every if isinstance(model, IV) else calibrating), target_mm)

@@ -52,7 +52,7 @@ class FrictionBelt:
     kick_mm_s: float = 30.0  # standard deviation per axis; assumption
     belt_mm_s: float = BELT_VELOCITY_MM_S  # sec. 4
     start_mm: float = 390.0  # the authors' files: the belt runs from 388 to 788 mm
-    end_mm: float = 820.0  # somewhat beyond the edge, so that an observation follows it
+    end_mm: float = 820.0  # 32 mm beyond the edge, so that an observation follows it
     width_mm: float = 180.0  # sec. 3
     feed_s: float = 15.0  # over which the particles are fed; the authors' files: 15 s
     sampling_hz: float = 100.0  # as the authors' public files
@@ -123,8 +123,10 @@ class FrictionBelt:
             # Rolling resistance; friction at the contact then takes the particle along.
             speed = np.linalg.norm(state.rolling, axis=1, keepdims=True)
             loss = self.rolling_friction * GRAVITY_MM_S2 * step * (1.0 + 1.0 / self.inertia)
-            rest = np.divide(speed - loss, speed, out=np.zeros_like(speed), where=speed > loss)
-            state.rolling *= rest
+            remaining_share = np.divide(
+                speed - loss, speed, out=np.zeros_like(speed), where=speed > loss
+            )
+            state.rolling *= remaining_share
         kicked = generator.random(self.particles) < self.kicks_per_s * step
         state.velocity[kicked] += generator.normal(0.0, self.kick_mm_s, (int(kicked.sum()), 2))
         state.position += state.velocity * step

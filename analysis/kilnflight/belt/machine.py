@@ -187,7 +187,7 @@ class Contacts:
             )
 
 
-class Fed(NamedTuple):
+class Feed(NamedTuple):
     """Particles at the beginning of the belt, in the order in which they come; (n,) each."""
 
     time_s: Array  # ascending, from 0
@@ -246,7 +246,7 @@ class Slide:
 
     def __call__(
         self, bulk: Bulk, count: int, belt_mm: float, generator: np.random.Generator
-    ) -> Fed:
+    ) -> Feed:
         """Return ``count`` particles as they reach a belt of a width.
 
         The feeder covers the middle of the belt. The same state of the generator gives the
@@ -270,4 +270,4 @@ class Slide:
             yaw = np.radians(self.yaw_spread_deg) * generator.standard_normal(count)
         along, upwards = speed * factor * np.cos(down), -speed * factor * np.sin(down)
         spin = surface * factor / bulk.half_mm[0] if bulk.rolls else np.zeros(count)
-        return Fed(time_s, y, np.column_stack([along, across, upwards]), spin, yaw)
+        return Feed(time_s, y, np.column_stack([along, across, upwards]), spin, yaw)

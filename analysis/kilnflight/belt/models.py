@@ -28,10 +28,10 @@ BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
 
 
 Columns = dict[str, Array]  # of a table, (n,) each, checked
-Given = pd.DataFrame | Columns
+TableOrColumns = pd.DataFrame | Columns
 
 
-def checked(table: Given, kind: Table) -> Columns:
+def checked(table: TableOrColumns, kind: Table) -> Columns:
     """Return the columns of a table, checked; columns are returned as they are.
 
     A check costs more than a model, so an evaluation of many models does it once.
@@ -42,7 +42,7 @@ def checked(table: Given, kind: Table) -> Columns:
     return {name: known[name].to_numpy() for name in kind.names}
 
 
-def only(columns: Columns, which: npt.NDArray[Any]) -> Columns:
+def select(columns: Columns, which: npt.NDArray[Any]) -> Columns:
     """Return the particles that ``which`` (n,) marks."""
     return {name: values[which] for name, values in columns.items()}
 
@@ -68,7 +68,7 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
 
 @dataclass(frozen=True)
 class _Model:
-    """What both families share: a name, and a parameter that is NaN until it is calibrated."""
+    """Name and calibration of a model; its parameter is NaN until it is calibrated."""
 
     @property
     def name(self) -> str:
@@ -81,7 +81,9 @@ class _Model:
                 f"{self.name} is not calibrated; call {self.name}().calibrated(...) first."
             )
 
-    def _both(self, last: Given, arrival: Given) -> tuple[Columns, Columns]:
+    def _checked_pair(
+        self, last: TableOrColumns, arrival: TableOrColumns
+    ) -> tuple[Columns, Columns]:
         """Return both tables of the calibration particles, checked to belong together."""
         before, after = checked(last, BELT_LAST), checked(arrival, BELT_ARRIVAL)
         names, others = before["particle"], after["particle"]
@@ -96,7 +98,7 @@ class _Model:
 class ArrivalModel(_Model, ABC):
     """A model of when a particle reaches a place."""
 
-    def __call__(self, last: Given, target_mm: float) -> Array:
+    def __call__(self, last: TableOrColumns, target_mm: float) -> Array:
         """Return the predicted time of arrival at ``x = target_mm`` in s, (n,).
 
         Raises
@@ -110,9 +112,9 @@ class ArrivalModel(_Model, ABC):
         distance = _distance(table, target_mm)
         return table["time_s"] + self._duration(distance, velocity, acceleration)
 
-    def calibrated(self, last: Given, arrival: Given, target_mm: float) -> Self:
+    def calibrated(self, last: TableOrColumns, arrival: TableOrColumns, target_mm: float) -> Self:
         """Return the model with its parameter taken from particles that were seen to arrive."""
-        before, after = self._both(last, arrival)
+        before, after = self._checked_pair(last, arrival)
         duration = after["time_s"] - before["time_s"]
         if (duration <= 0).any():
             particle = after["particle"][int(np.argmax(duration <= 0))]
@@ -243,7 +245,7 @@ class IA(ArrivalModel):
 class LateralModel(_Model, ABC):
     """A model of where across the belt a particle arrives."""
 
-    def __call__(self, last: Given, remaining_s: Array) -> Array:
+    def __call__(self, last: TableOrColumns, remaining_s: Array) -> Array:
         """Return the lateral position in mm, ``remaining_s`` (n,) after the last observation."""
         self._check_calibrated()
         table = checked(last, BELT_LAST)
@@ -253,9 +255,9 @@ class LateralModel(_Model, ABC):
         velocity, acceleration = table["velocity_y_mm_s"], table["acceleration_y_mm_s2"]
         return table["y"] + self._way(remaining_s, velocity, acceleration)
 
-    def calibrated(self, last: Given, arrival: Given) -> Self:
+    def calibrated(self, last: TableOrColumns, arrival: TableOrColumns) -> Self:
         """Return the model with its parameter taken from particles that were seen to arrive."""
-        before, after = self._both(last, arrival)
+        before, after = self._checked_pair(last, arrival)
         return self._fitted(before["velocity_y_mm_s"], after["velocity_y_mm_s"])
 
     @abstractmethod

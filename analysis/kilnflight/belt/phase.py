@@ -1,4 +1,4 @@
-"""The prediction phase: what a model may know of a track, and what happened then.
+"""The prediction phase: the last observations before it, and the arrivals at its target.
 
 2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins; from
 there on only the crossing of the target is used, as the reference value.
@@ -50,7 +50,7 @@ class PredictionPhase:
             )
 
     def observe(self, tracks: pd.DataFrame) -> Observed:
-        """Split tracks into last observations and what happened at the target.
+        """Split tracks into last observations and arrivals at the target.
 
         Velocity and acceleration come from the last three positions, by the parabola
         through them: with noise-free positions "only the last few observations are

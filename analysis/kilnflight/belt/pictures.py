@@ -1,8 +1,8 @@
 """Pictures of particles on the belt, and what is measured in them (2016 paper, II.B, IV.B).
 
 Pictures are rendered on demand: particles are drawn from true places with their shape and
-direction, soft edges and noise. What measures in them (`average`, `Spots`, `measure`) does not
-know what they were made of.
+direction, soft edges and noise. The measurement (`average`, `Spots`, `measure_spots`) sees the
+pictures alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, View
+from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, CameraView
 from kilnflight.belt.machine import Bulk
 from kilnflight.checks import InputError, check_at_least, check_columns, check_positive
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
 
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
-_VIEW = View()
+_VIEW = CameraView()
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Pictures:
     tracks: pd.DataFrame  # BELT_TRACKS; z and angle_rad of BELT_BODIES too, if known
     bulk: Bulk
     seed: int
-    view: View = _VIEW
+    view: CameraView = _VIEW
     belt_gray: float = 60.0  # of 255; assumption, as are the next: a dark belt
     floor_gray: float = 130.0  # beside the belt
     particle_gray: float = 200.0  # wood
@@ -244,7 +244,7 @@ class Spots:
         return replace(self, single_px=float(np.median(np.concatenate(areas))))
 
 
-def measure(
+def measure_spots(
     pictures: Iterable[Picture],
     background: Picture,
     spots: Spots,
@@ -284,4 +284,4 @@ def measure(
     places = calibration.millimetres(every[:, 1:3])
     table = pd.DataFrame(np.column_stack([every, places]), columns=BELT_SPOTS.names)
     table = table.astype({"frame": np.int64, "touching": np.int64})
-    return table[area.holds(places)].reset_index(drop=True)
+    return table[area.contains(places)].reset_index(drop=True)

@@ -117,13 +117,13 @@ def find_recordings() -> dict[str, list[Path]]:
 
 
 def read_recording(path: Path) -> pd.DataFrame:
-    """Return the measured positions of one recording and whose they are to its authors.
+    """Return the measured positions of one recording and the authors' track of each.
 
     Returns
     -------
     DataFrame
         ``frame``, as the file counts (FrameNr); ``x`` along the belt and ``y`` across it in
-        px; ``theirs``, the authors' track, -1 where it is in none.
+        px; ``author_track``, the authors' track, -1 where it is in none.
 
     Raises
     ------
@@ -136,15 +136,15 @@ def read_recording(path: Path) -> pd.DataFrame:
     beside = [path.with_name(_stem(path) + TRACKED + ending) for ending in ENDINGS]
     history = next((file for file in beside if file.is_file()), None)
     if history is None:
-        return table.assign(theirs=-1)
+        return table.assign(author_track=-1)
     _, particle, across, along = _pairs(_cells(history), history)
-    theirs = pd.DataFrame({"x": along, "y": across, "theirs": particle})
-    both = table.merge(theirs.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
-    return both.fillna({"theirs": -1}).astype({"theirs": np.int64})
+    tracked = pd.DataFrame({"x": along, "y": across, "author_track": particle})
+    merged = table.merge(tracked.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
+    return merged.fillna({"author_track": -1}).astype({"author_track": np.int64})
 
 
-def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
-    """Return recordings one after the other, ``pause`` frames apart, names of tracks kept apart.
+def join_recordings(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
+    """Join recordings into one table, ``pause`` frames apart, with different track numbers.
 
     A recording without a measurement has no last frame: it adds the pause and nothing else.
 
@@ -155,10 +155,11 @@ def joined(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame
     """
     parts, frame, particle = [], 0, 0
     for table in recordings:
-        theirs = table["theirs"].where(table["theirs"] < 0, table["theirs"] + particle)
-        parts.append(table.assign(frame=table["frame"] + frame, theirs=theirs))
+        track = table["author_track"]
+        shifted = track.where(track < 0, track + particle)
+        parts.append(table.assign(frame=table["frame"] + frame, author_track=shifted))
         frame += pause + (int(table["frame"].max()) if len(table) else 0)
-        particle += 1 + (int(table["theirs"].max()) if len(table) else -1)
+        particle += 1 + (int(track.max()) if len(table) else -1)
     if not parts:
         raise InputError("no recording to join; give at least one.")
     return pd.concat(parts, ignore_index=True)

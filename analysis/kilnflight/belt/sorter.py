@@ -79,7 +79,7 @@ class FittedValues:
         return replace(sorter, contacts=contacts, slide=replace(sorter.slide, **values))
 
 
-def targets() -> dict[str, object]:
+def fit_targets() -> dict[str, object]:
     """Return what the fit is held against, as it is hashed: the file, the places, the scales."""
     spheres = data.BELT_DEM["spheres"]
     return {"sha256": data.SHA256[spheres], "places_mm": PLACES_MM.tolist(), "scales": SCALES}
@@ -87,7 +87,7 @@ def targets() -> dict[str, object]:
 
 def fitted_record(path: Path = FILE) -> dict[str, Any]:
     """Return the file of fitted values; see `cache.read_calibration` for errors."""
-    return cache.read_calibration(path, targets(), "kilnflight.experiments.belt_calibration")
+    return cache.read_calibration(path, fit_targets(), "kilnflight.experiments.belt_calibration")
 
 
 @lru_cache(maxsize=8)

@@ -38,7 +38,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
 
 BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
-LEAST = 1e-12  # a probability whose logarithm is taken
+LEAST_PROBABILITY = 1e-12  # of those whose logarithm is taken
 MEASURED = Table(
     "measurements on the belt",
     Column("frame", int, "1", "frame of the camera"),
@@ -127,7 +127,7 @@ class Appearance:
         """Refuse what is no number of particles."""
         for name in ("arrivals", "entry_mm", "entry_blur_mm", "clutter"):
             check_positive(getattr(self, name), f"Appearance: {name}")
-        check_between(self.missed, LEAST, 1 - LEAST, "Appearance: missed")
+        check_between(self.missed, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY, "Appearance: missed")
 
     @property
     def clutter_density(self) -> float:
@@ -139,10 +139,10 @@ class Appearance:
         check_shape(places, (None, 2), "places")
         density = self.arrivals / (self.entry_mm * self.area.width_mm)
         end = self.area.start_mm + self.entry_mm
-        near: Array = ndtr((end - places[:, 0]) / self.entry_blur_mm)
-        return self.clutter_density + density * near
+        entry_share: Array = ndtr((end - places[:, 0]) / self.entry_blur_mm)
+        return self.clutter_density + density * entry_share
 
-    def gone(self, places: Array, residual: Array) -> tuple[Array, Array]:
+    def unobserved_likelihood(self, places: Array, residual: Array) -> tuple[Array, Array]:
         """Return the probability that tracks are not observed, and that they are outside.
 
         Parameters
@@ -159,18 +159,18 @@ class Appearance:
         corners = self.area.corners[[0, 2]]
         below, above = (ndtr((corner - places) / spread) for corner in corners)
         inside: Array = (above - below).prod(axis=1)
-        return np.maximum(LEAST, 1.0 - (1.0 - self.missed) * inside), 1.0 - inside
+        return np.maximum(LEAST_PROBABILITY, 1.0 - (1.0 - self.missed) * inside), 1.0 - inside
 
 
 _MOTION, _APPEARANCE, _GATE = constant_velocity(), Appearance(), Gate()
 
 
 class Likelihoods(NamedTuple):
-    """What the association of a frame rests on (Fig. 3)."""
+    """Likelihoods that the association of a frame is made of (Fig. 3)."""
 
     costs: Array  # (n, m), -ln of (1 - missed) N(z; prediction, S); inf outside the gate
-    gone: Array  # (n,), likelihood that a track is not observed
-    new: Array  # (m,), that a measurement is of a track not known yet, per mm^2 as are the pairs
+    unobserved: Array  # (n,), likelihood that a track is not observed
+    new: Array  # (m,), that a measurement starts a track, per mm^2 as are the pairs
     outside: Array  # (n,), probability that the prediction lies outside the area
 
     def detection(self) -> Integers:
@@ -182,7 +182,7 @@ class Likelihoods(NamedTuple):
         ``new`` is paid but for the measurements that go to a track. Taking it off the pairs gives
         the same optimum from the (n, m) part alone; `matrix` writes the whole one out.
         """
-        return assign(self.costs + np.log(self.new), -np.log(self.gone))
+        return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
 
     def matrix(self) -> Array:
         """Return the matrix of Fig. 3, (n + m, m + n), inf where a pair is impossible.
@@ -197,7 +197,7 @@ class Likelihoods(NamedTuple):
         whole = np.full((n + m, m + n), np.inf)
         whole[:n, :m] = self.costs
         whole[n + np.arange(m), np.arange(m)] = -np.log(self.new)
-        whole[np.arange(n), m + np.arange(n)] = -np.log(self.gone)
+        whole[np.arange(n), m + np.arange(n)] = -np.log(self.unobserved)
         whole[n:, m:] = 0.0
         return whole
 
@@ -241,7 +241,7 @@ class BeltTracker:
     def __post_init__(self) -> None:
         """Refuse parts that cannot be used."""
         check_parts(self.motion, self.gate, "BeltTracker")
-        check_offers(self.appearance, ("new", "gone"), "BeltTracker: appearance")
+        check_offers(self.appearance, ("new", "unobserved_likelihood"), "BeltTracker: appearance")
         check_positive(self.frame_s, "BeltTracker: frame_s")
         check_between(self.false_valid, 1e-12, 0.5, "BeltTracker: false_valid")
         check_between(self.false_lost, 1e-12, 0.5, "BeltTracker: false_lost")
@@ -275,14 +275,14 @@ class BeltTracker:
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
     def steps(self, measured: pd.DataFrame, frames: int | None = None) -> Iterator[Step]:
-        """Yield what happens in each frame from the first measurement on; same arguments."""
+        """Yield the step of each frame from the first measurement on; arguments as for a call."""
         if frames is not None:
             check_count(frames, "BeltTracker: frames", least=0)
-        at, rows, places = self._read(measured)
-        if not len(at):
+        frame, rows, places = self._read(measured)
+        if not len(frame):
             return
-        numbers = np.arange(at[0], max(at[-1] + 1, int(frames or 0)))
-        edges = np.searchsorted(at, numbers[1:])
+        numbers = np.arange(frame[0], max(frame[-1] + 1, int(frames or 0)))
+        edges = np.searchsorted(frame, numbers[1:])
         parts = zip(np.split(rows, edges), np.split(places, edges), strict=True)
         pictures = (
             Frame(number, self.frame_s, row, Detected(place))
@@ -297,22 +297,23 @@ class BeltTracker:
         return float(np.log((1 - b) / a)), float(np.log((1 - a) / b))
 
     def likelihoods(self, predicted: Predicted, detected: Detected, pairs: Pairs) -> Likelihoods:
-        """Return what the association of a frame rests on."""
-        gone, outside = self.appearance.gone(*predicted[:2])
+        """Return the likelihoods that the association of a frame is made of."""
+        unobserved, outside = self.appearance.unobserved_likelihood(*predicted[:2])
         costs = pair_costs(pairs, self.appearance.missed)
-        return Likelihoods(costs, gone, self.appearance.new(detected.positions), outside)
+        return Likelihoods(costs, unobserved, self.appearance.new(detected.positions), outside)
 
     def associate(
         self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
     ) -> tuple[Array, Noted, Noted]:
         """Return weights of 0 and 1, and the scores, `NOTES`, of tracks and of new ones."""
-        chances = self.likelihoods(predicted, detected, pairs)
+        likelihoods = self.likelihoods(predicted, detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
-        detection = chances.detection()
-        gain, taken = np.log(chances.gone), np.flatnonzero(detection >= 0)
-        gain[taken] = -(chances.costs[taken, detection[taken]] + clutter)
-        notes = self._noted(tracks["score"] + gain, tracks["best"], chances.outside)
-        first = np.log(chances.new) - clutter
+        detection = likelihoods.detection()
+        gain, detected_tracks = np.log(likelihoods.unobserved), np.flatnonzero(detection >= 0)
+        pair_cost = likelihoods.costs[detected_tracks, detection[detected_tracks]]
+        gain[detected_tracks] = -(pair_cost + clutter)
+        notes = self._noted(tracks["score"] + gain, tracks["best"], likelihoods.outside)
+        first = np.log(likelihoods.new) - clutter
         return (
             one_hot(detection, len(first)),
             notes,
@@ -341,9 +342,9 @@ class BeltTracker:
                 f"{MEASURED.name}: frames run from {frames.min()} to {frames.max()} with "
                 f"{len(frames)} measurements; count the frames of one recording."
             )
-        inside = np.flatnonzero(self.appearance.area.holds(places))
+        inside = np.flatnonzero(self.appearance.area.contains(places))
         order = inside[np.lexsort((places[inside, 1], places[inside, 0], frames[inside]))]
-        _check_once(frames[order], places[order], order)
+        _check_unique(frames[order], places[order], order)
         return frames[order], order, np.ascontiguousarray(places[order])
 
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
@@ -361,7 +362,7 @@ class BeltTracker:
         return pd.DataFrame(dict(zip([*BELT_ENDS.names, "reason"], columns, strict=True)))
 
 
-def _check_once(frames: Integers, places: Array, rows: Integers) -> None:
+def _check_unique(frames: Integers, places: Array, rows: Integers) -> None:
     """Raise an `InputError` if a measurement is there twice; sorted by frame and place."""
     again = (np.diff(frames) == 0) & (np.diff(places, axis=0) == 0).all(axis=1)
     if again.any():
@@ -376,6 +377,12 @@ def _check_once(frames: Integers, places: Array, rows: Integers) -> None:
 def _states(frame: Integers, tracks: Tracks) -> pd.DataFrame:
     state = np.zeros((len(frame), 6))
     state[:, : tracks["state"].shape[1]] = tracks["state"]
-    known = (tracks[name] for name in ("particle", "row"))
-    columns = (frame, *known, tracks["valid"].astype(np.int64), tracks["score"], *state.T)
+    columns = (
+        frame,
+        tracks["particle"],
+        tracks["row"],
+        tracks["valid"].astype(np.int64),
+        tracks["score"],
+        *state.T,
+    )
     return pd.DataFrame(dict(zip(BELT_STATES.names, columns, strict=True)))

@@ -31,8 +31,8 @@ from kilnflight.checks import (
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-# Beside those of Fig. 10: the old, implicit model of a line-scan camera, the same velocity for
-# all and straight; and constant velocity without its bias, which Fig. 10 needs not, but a valve.
+# Fig. 10 and two more: what a line-scan camera implies (one velocity for all, straight), and
+# constant velocity without its bias. Fig. 10 shows spreads, but a valve suffers from a bias.
 MODELS = (
     ("IV-Straight", IV(), Straight()),
     *COMBINATIONS,
@@ -40,8 +40,8 @@ MODELS = (
 )
 
 
-class Blown(NamedTuple):
-    """What became of n particles."""
+class Separation(NamedTuple):
+    """Which of n particles are hit, and which were to be."""
 
     hit: Flags  # (n,), was at a valve while it was open
     chosen: Flags  # (n,), was to be blown out
@@ -91,8 +91,8 @@ class ValveBar:
 
     def __call__(
         self, chosen: Flags, predicted: tuple[Array, Array], true: tuple[Array, Array]
-    ) -> Blown:
-        """Return who is hit.
+    ) -> Separation:
+        """Return which particles are hit.
 
         Parameters
         ----------
@@ -102,12 +102,12 @@ class ValveBar:
             Times in s and places y in mm, (n,) each. Where either is NaN, no arrival was
             predicted and no valve opens.
         true
-            The same as it happened; finite.
+            True times and places; finite.
 
         Raises
         ------
         InputError
-            If lengths differ, or what happened is not finite.
+            If lengths differ, or true values are not finite.
         """
         if chosen.dtype != np.bool_:
             raise InputError(f"ValveBar: chosen holds {chosen.dtype}, pass True and False.")
@@ -120,20 +120,20 @@ class ValveBar:
         nearest = np.floor(place / self.pitch_mm).clip(0, self.valves - 1)
         hit = np.zeros(len(chosen), dtype=bool)
         for valve in range(self.valves):
-            away = np.abs(true[1] - (valve + 0.5) * self.pitch_mm)
-            there = np.flatnonzero(away <= self.width_mm / 2)
-            hit[there] |= self._open(np.sort(time[nearest == valve]), true[0][there])
-        return Blown(hit, chosen)
+            distance = np.abs(true[1] - (valve + 0.5) * self.pitch_mm)
+            passing = np.flatnonzero(distance <= self.width_mm / 2)
+            hit[passing] |= self._open(np.sort(time[nearest == valve]), true[0][passing])
+        return Separation(hit, chosen)
 
     def _open(self, opened: Array, time: Array) -> Flags:
         """Return whether one valve, opened around ascending times, is open at others."""
         padded = np.concatenate([[-np.inf], opened, [np.inf]])
         after = np.searchsorted(padded, time)
-        apart = np.minimum(padded[after] - time, time - padded[after - 1])
-        return apart <= self.open_s / 2
+        difference = np.minimum(padded[after] - time, time - padded[after - 1])
+        return difference <= self.open_s / 2
 
 
-def shares(
+def hit_shares(
     observed: Observed,
     phase: PredictionPhase,
     bars: Iterable[ValveBar],
@@ -150,7 +150,7 @@ def shares(
     bars
         Bars of valves to compare.
     seed
-        Of the draw of who calibrates and who is to be blown out.
+        Of the draw of calibration particles and of those to be blown out.
     blown
         Share of the particles to be blown out; an assumption, since no paper sorts.
     calibrating
@@ -159,23 +159,23 @@ def shares(
     Returns
     -------
     DataFrame
-        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``wanted`` (to be
-        blown out) and ``others`` (particles), ``hit_percent``, ``inadvertent_percent``.
+        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``ejected`` (particles
+        to be blown out), ``remaining`` (the others), ``hit_percent``, ``inadvertent_percent``.
 
     Raises
     ------
     InputError
         If there are too few particles for either share.
     """
-    check_between(blown, 0, 1, "shares: blown")
-    check_between(calibrating, 0, 1, "shares: calibrating")
+    check_between(blown, 0, 1, "hit_shares: blown")
+    check_between(calibrating, 0, 1, "hit_shares: calibrating")
     count, rng = len(observed.last), np.random.default_rng(seed)
     calibration = np.isin(np.arange(count), rng.permutation(count)[: int(calibrating * count)])
-    others = int((~calibration).sum())
-    chosen = np.isin(np.arange(others), rng.permutation(others)[: int(blown * others)])
+    evaluated = int((~calibration).sum())
+    chosen = np.isin(np.arange(evaluated), rng.permutation(evaluated)[: int(blown * evaluated)])
     if not (calibration.any() and chosen.any()):
         raise InputError(
-            f"shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
+            f"hit_shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
             "rest are blown out; that is less than one. Give more particles or larger shares."
         )
     arrival = observed.arrival[~calibration]
@@ -183,8 +183,8 @@ def shares(
     rows, bars, sizes = [], list(bars), (int(chosen.sum()), int((~chosen).sum()))
     for model, time, y in predictions(observed, phase, calibration, MODELS):
         for bar in bars:
-            blown_out = bar(chosen, (time, y), true)
-            percent = 100 * blown_out.hit_share, 100 * blown_out.inadvertent_share
+            separation = bar(chosen, (time, y), true)
+            percent = 100 * separation.hit_share, 100 * separation.inadvertent_share
             rows.append((model, bar.valves, bar.width_mm, 1000 * bar.open_s, *sizes, *percent))
-    columns = ["model", "valves", "valve_mm", "open_ms", "wanted", "others"]
+    columns = ["model", "valves", "valve_mm", "open_ms", "ejected", "remaining"]
     return pd.DataFrame(rows, columns=[*columns, "hit_percent", "inadvertent_percent"])

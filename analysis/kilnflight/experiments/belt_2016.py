@@ -1,4 +1,4 @@
-"""The evaluation of predictive tracking, written out once (2016 paper, section IV).
+"""The evaluation of predictive tracking (2016 paper, section IV).
 
 bodies -> velocity of the simulation, tracking, straight     (noise-free, Figs 6a and 6c)
        -> pictures -> spots -> tracking, straight            (images, Figs 6b and 6d)
@@ -15,7 +15,7 @@ import pandas as pd
 from kilnflight.belt import sorter
 from kilnflight.belt.bodies import is_installed
 from kilnflight.belt.camera import BELT, TRACKED
-from kilnflight.belt.evaluation import last_states, summarise
+from kilnflight.belt.evaluation import last_states, summarise_deviations
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.machine import check_material
 from kilnflight.belt.models import CA, CV, ArrivalModel, LateralCV
@@ -43,7 +43,7 @@ PLACED = ["frame", "particle", "x", "y"]
 _CV = CV()
 
 
-def bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
+def simulate_bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
     """Return tracks at 1000 Hz: of the simulated sorter, or of the friction model without MuJoCo.
 
     The friction model feeds as many particles per second as the papers, about 270.
@@ -54,12 +54,12 @@ def bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
         If there is no such material, or the number is none.
     """
     check_material(material)
-    check_count(count, "bodies: count", least=0)
+    check_count(count, "simulate_bodies: count", least=0)
     if is_installed():
         return sorter.tracks(material, count, seed, jobs)
-    usual = MATERIALS[material]
-    share = count / usual.particles
-    fast = replace(usual, particles=count, feed_s=share * usual.feed_s, sampling_hz=1000.0)
+    belt = MATERIALS[material]
+    feed_s = count / belt.particles * belt.feed_s
+    fast = replace(belt, particles=count, feed_s=feed_s, sampling_hz=1000.0)
     return replace(fast, steps_per_sample=2)(np.random.default_rng([seed, count]))
 
 
@@ -87,8 +87,8 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
     observed = PHASE.observe(bodies)
     names, last = ["velocity_x_mm_s", "velocity_y_mm_s"], observed.last
     if set(names) <= set(bodies.columns):
-        known = bodies[["particle", "time_s", *names]]
-        last = last.drop(columns=names).merge(known, on=["particle", "time_s"], how="left")
+        simulated = bodies[["particle", "time_s", *names]]
+        last = last.drop(columns=names).merge(simulated, on=["particle", "time_s"], how="left")
     frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
     tracked = last_states(rate_1000()(bodies, frames), TRUTH_S)
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
@@ -150,9 +150,9 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     Notes
     -----
     The function is "the euclidean norm of the euclidean distances between all estimated
-    positions and all corresponding ground truth positions". The paper does not say what counts
-    for a particle that is not there in some of the frames; here it is no candidate. Two tracks
-    may match the same particle.
+    positions and all corresponding ground truth positions". The paper leaves open how to treat
+    a particle that is absent in some of the frames; here it is no candidate. Two tracks may
+    match the same particle.
     """
     check_columns(states, PLACED, "states")
     check_columns(truth, PLACED, "truth")
@@ -173,24 +173,24 @@ def deviations(
     phase: PredictionPhase = PHASE,
     when: ArrivalModel = _CV,
 ) -> pd.DataFrame:
-    """Return how far predictions with a constant lateral velocity, or straight ones, are off.
+    """Return deviations of predictions: constant lateral velocity, or straight.
 
     Parameters
     ----------
     approach
         Its name; STRAIGHT keeps the lateral position and has no time.
     last, arrival
-        `kilnflight.tables.BELT_LAST` and `kilnflight.tables.BELT_ARRIVAL`; what did not arrive
-        is left out.
+        `kilnflight.tables.BELT_LAST` and `kilnflight.tables.BELT_ARRIVAL`; particles that did
+        not arrive are left out.
     phase, when
-        Where the edge of the belt is, and what predicts the time.
+        Where the edge of the belt is, and the model that predicts the time.
 
     Returns
     -------
     DataFrame
         ``approach``, ``particle``; ``lateral_mm`` (prediction minus truth); ``temporal_ms``,
-        positive where the particle has arrived earlier than predicted (Fig. 6). NaN where the
-        velocity never leads there.
+        positive where the particle has arrived earlier than predicted (Fig. 6). NaN where a
+        particle does not move towards the edge.
     """
     last = BELT_LAST.check(last[last["particle"].isin(arrival["particle"])])
     truth = BELT_ARRIVAL.check(arrival).set_index("particle").loc[last["particle"]]
@@ -210,10 +210,10 @@ def rate_1000() -> BeltTracker:
     A collision changes a velocity at once, by up to what particles differ in (433 mm/s). With
     exact positions the filter's state does not depend on this number, only the gate does.
     """
-    usual, names = Appearance(), ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
-    fewer = {name: getattr(usual, name) * (TRUTH_S / BELT_FRAME_S) for name in names}
+    appearance, names = Appearance(), ("arrivals", "entry_mm", "entry_blur_mm", "clutter")
+    per_frame = {name: getattr(appearance, name) * (TRUTH_S / BELT_FRAME_S) for name in names}
     motion = constant_velocity(TRUTH_S, NOISE_FREE_MM, 433.0 / TRUTH_S)
-    return BeltTracker(motion, replace(usual, **fewer), frame_s=TRUTH_S)
+    return BeltTracker(motion, replace(appearance, **per_frame), frame_s=TRUTH_S)
 
 
 def with_acceleration(pictured: PictureTracks, frames: int) -> PictureTracks:
@@ -221,8 +221,8 @@ def with_acceleration(pictured: PictureTracks, frames: int) -> PictureTracks:
     return pictured._replace(followed=BeltTracker(constant_acceleration())(pictured.spots, frames))
 
 
-def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
-    """Return how many particles were fed, and predicted by tracking: once or more, twice, never.
+def predicted_counts(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
+    """Count particles that were fed, and those predicted by tracking.
 
     Parameters
     ----------
@@ -232,15 +232,15 @@ def predicted(bodies: pd.DataFrame, table: pd.DataFrame) -> dict[str, int]:
         From `from_images` or `noise_free`: a row for each track that was predicted.
     """
     times = table.loc[table["approach"] == TRACKING, "particle"].value_counts()
-    fed, known = int(bodies["particle"].nunique()), len(times)
-    again = int((times > 1).sum())
-    return {"fed": fed, "predicted": known, "predicted_twice": again, "not_predicted": fed - known}
+    fed, tracked = int(bodies["particle"].nunique()), len(times)
+    counts = {"fed": fed, "predicted": tracked, "predicted_twice": int((times > 1).sum())}
+    return counts | {"not_predicted": fed - tracked}
 
 
 def count_predicted(
     pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame], images: pd.DataFrame
 ) -> pd.DataFrame:
-    """Return `predicted` by material: of all particles, and of those seen as one with another.
+    """Count predictions by material: of all particles, and of those in shared spots.
 
     ``images`` has ``material`` and the columns of `from_images`.
     """
@@ -251,7 +251,9 @@ def count_predicted(
         table = images[images["material"] == material]
         for label, names in (("all", bodies["particle"]), ("seen with another", shared)):
             fed, arrived = (part[part["particle"].isin(names)] for part in (bodies, table))
-            rows.append({"material": material, "particles": label, **predicted(fed, arrived)})
+            rows.append(
+                {"material": material, "particles": label, **predicted_counts(fed, arrived)}
+            )
     return pd.DataFrame(rows)
 
 
@@ -281,7 +283,7 @@ def compare_filters(
 def compare_sources(
     every: pd.DataFrame, bodies: Mapping[str, pd.DataFrame], authors: Mapping[str, pd.DataFrame]
 ) -> dict[tuple[str, str], pd.DataFrame]:
-    """Return deviations by source and material: what `judge_materials` takes.
+    """Return deviations by source and material, for `judge_materials`.
 
     Parameters
     ----------
@@ -298,12 +300,12 @@ def compare_sources(
 
 
 def summaries(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the box plots of Fig. 6: one row per what tells rows apart and quantity.
+    """Return the box plots of Fig. 6: a row per group and quantity.
 
     Parameters
     ----------
     table
-        ``approach``, ``lateral_mm``, ``temporal_ms`` and whatever else (material, data).
+        ``lateral_mm``, ``temporal_ms`` and columns that make the groups (approach, material ...).
     """
     values = ["lateral_mm", "temporal_ms"]
     names = [name for name in table.columns if name not in (*values, "particle")]
@@ -311,8 +313,8 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
     for key, part in table.groupby(names, sort=False):
         for quantity in values:
             if part[quantity].notna().any():
-                known = dict(zip(names, key, strict=True)) | {"quantity": quantity}
-                rows.append(known | summarise(part[quantity].to_numpy()))
+                row = dict(zip(names, key, strict=True)) | {"quantity": quantity}
+                rows.append(row | summarise_deviations(part[quantity].to_numpy()))
     return pd.DataFrame(rows)
 
 
@@ -324,25 +326,26 @@ def _check_1000(bodies: pd.DataFrame) -> None:
         row = table.iloc[int(np.argmax(late > 1e-6))]
         raise InputError(
             f"noise_free: frame {row['frame']:.0f} is at {row['time_s']:.6f} s; frame k must be at "
-            "k ms. Take tracks at 1000 Hz, counted from 0 s, as of belt_2016.bodies. The authors' "
-            "public tracks have 100 Hz; kilnflight.experiments.belt_2020 evaluates them."
+            "k ms. Take tracks at 1000 Hz, counted from 0 s, as of belt_2016.simulate_bodies. The "
+            "authors' public tracks have 100 Hz; kilnflight.experiments.belt_2020 evaluates them."
         )
     steps = table.groupby("particle")["frame"].diff().dropna()
     if (steps != 1).any():
-        who = table.loc[steps.index[(steps != 1).to_numpy()][0]]
+        faulty_row = table.loc[steps.index[(steps != 1).to_numpy()][0]]
         raise InputError(
-            f"noise_free: particle {who['particle']:.0f} skips or repeats a frame before frame "
-            f"{who['frame']:.0f}; the tracker takes a gap for a loss. Leave such particles out."
+            f"noise_free: particle {faulty_row['particle']:.0f} skips or repeats a frame before "
+            f"frame {faulty_row['frame']:.0f}; the tracker takes a gap for a loss. Leave such "
+            "particles out."
         )
 
 
 def judge_materials(parts: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFrame:
-    """Return what the claims' criteria say of each source and material.
+    """Judge the claims' criteria for each source and material.
 
     Parameters
     ----------
     parts
-        By source and material: what `tracking_answers` takes.
+        By source and material: tables for `tracking_answers`.
 
     Returns
     -------
@@ -372,11 +375,11 @@ def judge_spheres(
     every, boxes
         Deviations with ``material`` and ``data``, and their `summaries`.
     note
-        What the spheres are.
+        Number and origin of the spheres.
     fitted
-        Whether their friction and slide were fitted to the authors' spheres. How far a straight
-        prediction is off is then how fast they move across the belt, which was fitted, as was
-        whether they still accelerate.
+        Whether their friction and slide were fitted to the authors' spheres. Then a straight
+        prediction's deviation follows from the fitted velocity across the belt. Whether
+        particles still accelerate was fitted, too.
     """
     sim = boxes.query("quantity == 'temporal_ms' and data == 'noise-free' and approach == 'Sim'")
     medians = sim.set_index("material")["median"].drop("spheres")

@@ -28,7 +28,7 @@ from kilnflight.belt.evaluation import (
     arrival_deviations,
     lateral_deviations,
     motion_profile,
-    velocities,
+    step_velocities,
 )
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
@@ -108,7 +108,7 @@ def profiles(
     tracks: Mapping[Key, pd.DataFrame], x_mm: npt.NDArray[np.float64], name: str = "source"
 ) -> pd.DataFrame:
     """Return `motion_profile` of all tracks; columns ``name`` and ``data_set`` before its own."""
-    parts = {key: motion_profile(velocities(table), x_mm) for key, table in tracks.items()}
+    parts = {key: motion_profile(step_velocities(table), x_mm) for key, table in tracks.items()}
     return pd.concat(parts, names=[name, "data_set"]).droplevel(-1).reset_index()
 
 

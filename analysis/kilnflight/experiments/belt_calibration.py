@@ -1,13 +1,13 @@
-"""How the free values of the sorter were found: least squares on the authors' spheres.
+"""Fit the free values of the sorter by least squares to the authors' spheres.
 
 Run as ``python -m kilnflight.experiments.belt_calibration`` (some minutes, needs the authors' DEM
 tracks and MuJoCo); it writes belt/friction_values.json. Only the spheres' velocities are read:
 mean and standard deviation along the belt, and the median of the absolute velocity across it. No
 deviation of any motion model takes part.
 
-The search ends after `ROUNDS` (57 evaluations), converged or not. So these values are the best that
-were met, no proven optimum, and whether others would do as well was not asked. Their cost is
-that of the same 300 particles that they were found with.
+The search ends after `ROUNDS` (57 evaluations), converged or not. So these values are the best of
+the search, no proven optimum; other values may fit as well. Their cost is that of the 300
+particles of the fit.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 from kilnflight import __version__
-from kilnflight.belt.evaluation import motion_profile, velocities
+from kilnflight.belt.evaluation import motion_profile, step_velocities
 from kilnflight.belt.machine import BULKS
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import find_dem, read_dem
@@ -32,8 +32,8 @@ from kilnflight.belt.sorter import (
     SCALES,
     FittedValues,
     Sorter,
+    fit_targets,
     fitted_values,
-    targets,
 )
 from kilnflight.checks import InputError
 from kilnflight.project import cache
@@ -44,7 +44,7 @@ PARTICLES, GROUPS, SEED = 150, 2, 16  # the same particles for all evaluations
 ROUNDS = 8  # of the search, each one evaluation and one more per free value
 HERTZ = 100.0  # the rate of the authors' files
 INPUTS_ONLY = FittedValues()
-# What is conceivable, fixed before the search.
+# Conceivable values, fixed before the search.
 LIMITS = {
     "belt_friction": (0.05, 0.8),
     "rolling_friction": (0.001, 0.1),
@@ -58,14 +58,14 @@ LIMITS = {
 
 def fitted_table() -> pd.DataFrame:
     """Return each fitted value before (``inputs_only``) and after the fit, and its limits."""
-    columns = {"inputs_only": asdict(INPUTS_ONLY), "found_with_spheres": asdict(fitted_values())}
+    columns = {"inputs_only": asdict(INPUTS_ONLY), "fitted_to_spheres": asdict(fitted_values())}
     limits = {"low": {name: low for name, (low, _) in LIMITS.items()}}
     limits |= {"high": {name: high for name, (_, high) in LIMITS.items()}}
     return pd.DataFrame(columns | limits).rename_axis("value")
 
 
 def profile(values: FittedValues) -> pd.DataFrame:
-    """Return how spheres move in the simulation, at the rate of the authors' files."""
+    """Return the motion profile of simulated spheres, at the rate of the authors' files."""
     sorter = values.applied(Sorter())
     simulate = joblib.delayed(partial(sorter, BULKS["spheres"], PARTICLES))
     seeds = (np.random.default_rng([SEED, group]) for group in range(GROUPS))
@@ -73,10 +73,10 @@ def profile(values: FittedValues) -> pd.DataFrame:
     tracks = pd.concat(
         [part.assign(particle=part["particle"] + PARTICLES * k) for k, part in enumerate(parts)]
     )
-    return motion_profile(velocities(at_rate(tracks, HERTZ)), PLACES_MM)
+    return motion_profile(step_velocities(at_rate(tracks, HERTZ)), PLACES_MM)
 
 
-def misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
+def profile_misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
     """Return simulated minus published in units of `SCALES`, place by place for each quantity."""
     names = list(SCALES)
     misfit = (simulated[names] - published[names]) / pd.Series(SCALES)
@@ -88,9 +88,9 @@ def misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
 def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, int]:
     """Return the values of least squares within `LIMITS`, and how many profiles it took.
 
-    The search runs between 1 and 2 of each value's limits: a relative step of 3 % is then 3
-    to 6 % of them, wide enough to look past single collisions. Values are rounded as they will
-    be written.
+    Each value is scaled to run from 1 to 2 between its limits. A relative step of 3 % is then 3
+    to 6 % of that range, wide enough to look past single collisions. Values are rounded as they
+    are written.
     """
     low, high = (np.array(corner) for corner in zip(*LIMITS.values(), strict=True))
 
@@ -101,7 +101,7 @@ def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, in
         )
 
     def evaluate(point: Array) -> Array:
-        return misfits(profile(values(point)), published)
+        return profile_misfits(profile(values(point)), published)
 
     start = 1.0 + (np.array(list(asdict(INPUTS_ONLY).values())) - low) / (high - low)
     start = np.clip(start, 1.02, 1.98)  # off the limits, where a search would stick
@@ -112,26 +112,26 @@ def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, in
 
 def cost(values: FittedValues, published: pd.DataFrame) -> float:
     """Return the mean squared misfit."""
-    return float(np.mean(misfits(profile(values), published) ** 2))
+    return float(np.mean(profile_misfits(profile(values), published) ** 2))
 
 
 def published_spheres() -> pd.DataFrame:
-    """Return how spheres move in the authors' tracks."""
+    """Return the motion profile of the authors' spheres."""
     files = find_dem()
     if "spheres" not in files:
         raise InputError("the authors' DEM tracks are not here; run make data.")
-    return motion_profile(velocities(read_dem(files["spheres"])), PLACES_MM)
+    return motion_profile(step_velocities(read_dem(files["spheres"])), PLACES_MM)
 
 
 def calibrate() -> dict[str, object]:
-    """Return the content of friction_values.json: values and where they come from."""
+    """Fit the values and return them with their origin, for friction_values.json."""
     published = published_spheres()
     best, evaluations = fit(published)
     return {
         "inputs": asdict(best),
         "cost_inputs_only": cost(INPUTS_ONLY, published),
         "cost_calibrated": cost(best, published),
-        "targets_sha256": cache.content_hash(targets()),
+        "targets_sha256": cache.content_hash(fit_targets()),
         "limits": LIMITS,
         "particles": PARTICLES * GROUPS,
         "seed": SEED,
@@ -142,7 +142,7 @@ def calibrate() -> dict[str, object]:
 
 
 def main() -> int:
-    """Fit, write the file, and print what came out."""
+    """Fit, write the file, and print the values."""
     print(cache.write_calibration(FILE, calibrate()))
     return 0
 

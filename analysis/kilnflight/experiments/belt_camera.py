@@ -1,4 +1,4 @@
-"""What the belt's camera gives: tracks from pictures, and how good they are (2016 paper, IV.B)."""
+"""Tracks from pictures of the belt, and their errors (2016 paper, section IV.B)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, calibrate
-from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure
+from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, calibrate_camera
+from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed
 from kilnflight.checks import check_columns
 
 Integers = npt.NDArray[np.integer]
-APART_MM = 1e6  # what one frame is worth beside a distance: more than any belt is long
+FRAME_OFFSET_MM = 1e6  # a frame apart counts as this distance: more than any belt is long
 
 
 class PictureTracks(NamedTuple):
-    """What the camera's pictures gave."""
+    """Measurements in the camera's pictures, and their tracks."""
 
     background: npt.NDArray[np.uint8]
     calibration: Calibration
@@ -29,47 +29,47 @@ class PictureTracks(NamedTuple):
 
 
 def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTracks:
-    """Return what is measured in pictures and tracked: the whole way of the images (IV.B).
+    """Calibrate, measure and track in pictures of the belt (IV.B).
 
     Parameters
     ----------
     pictures
         A recording of the belt.
     background_of
-        Pictures, evenly spread, that background and the area of one particle come from.
+        Number of pictures, evenly spread, for the background and the area of one particle.
 
     Notes
     -----
-    An empty belt gives empty tables. Its corners are found all the same, in a picture of the
-    belt alone if nothing was ever fed. What rests for a part of the recording may leave a ghost
-    or go unseen (`kilnflight.belt.pictures.average`). Either is a track at rest, or none: it never
-    enters the prediction phase and is never predicted; who passes over a ghost is one spot with it.
+    An empty belt gives empty tables; its corners are found all the same. A particle that rests
+    for a part of the recording may leave a ghost or be missed
+    (`kilnflight.belt.pictures.average`). A ghost is a track at rest, which never enters the
+    prediction phase and is never predicted. A particle that passes over it is one spot with it.
     """
     step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
     background = average(pictures.frames(range(0, frames, step)))
-    calibration = calibrate(FindCorners()(background))
+    calibration = calibrate_camera(FindCorners()(background))
     spots = _sized(pictures, background, 10 * step)
-    measured = measure(pictures.frames(range(len(pictures))), background, spots, calibration)
+    measured = measure_spots(pictures.frames(range(len(pictures))), background, spots, calibration)
     return PictureTracks(background, calibration, measured, BeltTracker()(measured, len(pictures)))
 
 
 def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
-    """Return what finds particles, with the area of one if there is any in the pictures.
+    """Return `Spots` with the area of one particle, if the pictures show any.
 
     Every ``step``-th picture is taken, all of them if these show none.
     """
-    usual = Spots()
+    default = Spots()
     for numbers in (range(0, len(pictures), step), range(len(pictures))):
-        if any(len(usual(picture, background)) for picture in pictures.frames(numbers)):
-            return usual.calibrated(pictures.frames(numbers), background)
-    return usual
+        if any(len(default(picture, background)) for picture in pictures.frames(numbers)):
+            return default.calibrated(pictures.frames(numbers), background)
+    return default
 
 
 def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integers:
     """Return the particles whose nearest spot was marked as several, in any frame.
 
-    Two particles that touch are one spot at their common centroid, and nothing tells the
-    tracker so: each measurement goes to one track. What that costs is counted with the truth.
+    Two particles that touch are one spot at their common centroid. The tracker does not know
+    that, and each measurement goes to one track. The truth shows what that costs.
 
     Parameters
     ----------
@@ -82,18 +82,18 @@ def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integ
     Returns
     -------
     ndarray
-        Their names, each once, ascending; none where there is no spot.
+        Their numbers, each once, ascending; empty where there is no spot.
     """
     check_columns(spots, ["frame", "x", "y", "touching"], "spots")
     check_columns(truth, ["frame", "particle", "x", "y"], "truth")
-    inside = truth[TRACKED.holds(truth[["x", "y"]].to_numpy(np.float64))]
+    inside = truth[TRACKED.contains(truth[["x", "y"]].to_numpy(np.float64))]
     inside = inside[inside["frame"].isin(spots["frame"])]
     several = spots["touching"].to_numpy()[_nearest(inside, spots)] == 1
     return np.unique(inside["particle"].to_numpy(np.int64)[several])
 
 
 def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
-    """Return how far the places of single particles are off, spot minus nearest true centre.
+    """Return errors of the places of single particles, spot minus nearest true centre.
 
     Parameters
     ----------
@@ -114,16 +114,16 @@ def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
     nearest = truth.iloc[_nearest(single, truth)]
     errors = {}
     for name, column in (("along", "x"), ("across", "y")):
-        off = pd.Series(single[column].to_numpy(float) - nearest[column].to_numpy(float))
-        errors[f"bias_{name}_mm"] = float(off.mean())
-        errors[f"rms_{name}_mm"] = float((off**2).mean() ** 0.5)
+        error = pd.Series(single[column].to_numpy(float) - nearest[column].to_numpy(float))
+        errors[f"bias_{name}_mm"] = float(error.mean())
+        errors[f"rms_{name}_mm"] = float((error**2).mean() ** 0.5)
     return errors
 
 
 def describe_pictures(
     pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame]
 ) -> pd.DataFrame:
-    """Return by material the calibration, `place_errors`, and how many tracks ended how."""
+    """Return by material the calibration, `place_errors`, and counts of tracks by their end."""
     rows = []
     for material, (_, calibration, spots, followed) in pictured.items():
         row = {"material": material, "mm_per_px": calibration.mm_per_px}
@@ -142,7 +142,7 @@ def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
     -------
     DataFrame
         -ln of the likelihoods, NaN where impossible; index: the tracks, then ``new`` for each
-        measurement; columns: the measurements, then ``gone`` for each track.
+        measurement; columns: the measurements, then ``unobserved`` for each track.
     ndarray
         The measurement of each track in the likeliest association, -1: none.
     """
@@ -150,19 +150,19 @@ def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
     steps = tracker.steps(spots)
     step = next(step for step in steps if min(step.pairs.distance_squared.shape) >= 5)
     likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
-    whole, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
+    matrix, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
     rows = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
-    columns = [f"z{k + 1}" for k in range(m)] + ["gone"] * n
-    whole = np.where(np.isinf(whole), np.nan, whole)
-    return pd.DataFrame(whole, rows, columns), likelihoods.detection()
+    columns = [f"z{k + 1}" for k in range(m)] + ["unobserved"] * n
+    matrix = np.where(np.isinf(matrix), np.nan, matrix)
+    return pd.DataFrame(matrix, rows, columns), likelihoods.detection()
 
 
 def _nearest(table: pd.DataFrame, others: pd.DataFrame) -> npt.NDArray[np.intp]:
     """Return for each row which row of ``others`` is nearest to it in the same frame."""
     if not len(table):
         return np.empty(0, dtype=np.intp)
-    places, known = (
-        part[["frame", "x", "y"]].to_numpy(np.float64) * [APART_MM, 1.0, 1.0]
+    places, other_places = (
+        part[["frame", "x", "y"]].to_numpy(np.float64) * [FRAME_OFFSET_MM, 1.0, 1.0]
         for part in (table, others)
     )
-    return np.asarray(KDTree(known).query(places)[1])
+    return np.asarray(KDTree(other_places).query(places)[1])

@@ -20,8 +20,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight.belt import sorter as own
-from kilnflight.belt.bodies import Batch, compiled, engine, is_installed
-from kilnflight.belt.evaluation import motion_profile, velocities
+from kilnflight.belt.bodies import Batch, build_model, engine, is_installed
+from kilnflight.belt.evaluation import motion_profile, step_velocities
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.sorter import PLACES_MM, Sorter, calibrated_sorter
@@ -187,7 +187,7 @@ def restitution(setting: Setting) -> tuple[float, float]:
     mujoco, step = engine(), setting.sorter.conveyor.step_s
     contacts = replace(setting.sorter.contacts, particle_friction=0.0)
     bulk = BULKS["spheres"]
-    model = compiled(bulk, contacts, 2, Conveyor(step_s=step))
+    model = build_model(bulk, contacts, 2, Conveyor(step_s=step))
     model.pair_solimp[:, :2] = setting.impedance
     model.opt.gravity[:] = 0.0
     shares = []
@@ -209,7 +209,7 @@ def _with(sorter: Sorter, name: str, value: float) -> Setting:
 def _moved(setting: Setting, material: str, count: int, seed: int) -> dict[str, float]:
     """Return the means over the belt of the profile of one simulation."""
     bodies = simulated(setting, material, count, seed)
-    profile = motion_profile(velocities(at_rate(bodies, 100.0)), PLACES_MM)
+    profile = motion_profile(step_velocities(at_rate(bodies, 100.0)), PLACES_MM)
     along = profile["mean_m_s"]
     means = {"mean_m_s": along.mean(), "gain_m_s": along.iloc[-1] - along.iloc[0]}
     means |= {name: profile[name].mean() for name in QUANTITIES[2:]}
