@@ -145,7 +145,7 @@ def write_calibration(path: Path, content: dict[str, object]) -> str:
     """Write a calibration with its hash; return what came out, line by line."""
     content = json.loads(json.dumps(content))
     content["sha256"] = content_hash(content)
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    save(path, (json.dumps(content, indent=1) + "\n").encode())
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
     return "\n".join(f"{name}: {content[name]}" for name in names)
 
