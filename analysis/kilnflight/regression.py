@@ -1,23 +1,13 @@
-"""Trajectories in space: three polynomials through the lance's exit at one t0 (section 4.3).
+"""Fit trajectories in space: three polynomials through the lance's exit at one t0 (sec. 4.3).
 
     tracks -> `regress_all` -> `kilnflight.tables.TRAJECTORIES` -> `fits`
 
-================  =============  ===============================================================
-call              source         gives
-================  =============  ===============================================================
-`regress`         Eqs 4.26-4.33  the `Fit` of one track
-`regress_all`     Table 5.18     a table, one row per track; `fits` takes the fits out of it
-`order_measures`  Fig. 4.23      the measures under orders that are the same for all axes
-`Regression`      section 4.3    the method, its parameters and how it was read
-================  =============  ===============================================================
-
-A robust loss with the scatter of each axis bears depth jumps, for example
-``Regression(robust=True, scale_mm=(10.0, 10.0, 150.0))``.
+`regress` returns the `Fit` of one track (Eqs 4.26 to 4.33), `regress_all` a table (Table 5.18).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -25,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from numpy.polynomial import Chebyshev, chebyshev, legendre
+from numpy.polynomial import chebyshev, legendre
 
 from kilnflight.checks import (
     InputError,
@@ -36,23 +26,25 @@ from kilnflight.checks import (
     check_kind,
     check_positive,
     check_shape,
-    check_whole,
     known_numbers,
+    order_tracks,
 )
 from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES
 
 Array = npt.NDArray[np.float64]
 Three = tuple[float, float, float]
-Orders = tuple[int, int, int]
-Located = tuple[int, Array, Array]
+Orders = tuple[int, ...]
+Row = dict[str, Any]
+Located = Iterator[tuple[int, Array, Array]]
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
-# Fields of a `Fit` with several values and their columns in the table; others keep their names.
+# Columns of the table by field of a `Fit`; the other fields keep their names.
 PER_AXIS = {"exit_point_mm": "exit_{}", "orders": "order_{}", "rmse_mm": "rmse_{}_mm"}
 PER_AXIS |= {"mape_percent": "mape_{}_percent", "r2": "r2_{}", "r2_adjusted": "r2_adjusted_{}"}
 COLUMNS = {name: [column.format(axis) for axis in AXES] for name, column in PER_AXIS.items()}
 COLUMNS |= {"t0_range_s": ["t0_earliest_s", "t0_latest_s"]}
 COLUMNS |= {name: [name] for name in ("t0_s", "t0_at_bound", "first_s", "last_s", "points")}
+FACTORS = [[f"coefficient_{axis}_{k}" for k in range(1, HIGHEST_ORDER + 1)] for axis in AXES]
 MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 EXACT = 1e-6  # of the scale; a scatter below it is rounding, and no order can better it
 FARTHEST = 1e100  # mm; squares stay finite
@@ -62,22 +54,20 @@ ZOOMS = 10  # times that the grid of the random points is refined, each time by 
 DENSE = 0.1  # of the track's duration; the grid's steps grow with the distance from here
 SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
 CLOSE = 1e-11  # of the robust cost; farther from the polynomial, its interval is halved
-HALVINGS = 20  # at most
-STEPS = 50  # of the robust fit at most
+HALVINGS, STEPS = 20, 50  # of the interval, and of the robust fit, at most
 SETTLED = 1e-12  # of the cost; a step of the robust fit that gains less is the last
 DEGREE = 12  # of the cost as a polynomial in t0 between three values of the grid
 NODES = chebyshev.chebpts1(DEGREE + 1)
 TO_CURVE = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))  # costs at these -> the polynomial
+TO_SLOPE = chebyshev.chebder(np.eye(DEGREE + 1))  # polynomial -> its derivative
 
 
 @dataclass(frozen=True)
 class Fit:
     """A regressed trajectory: called with times (n,) in s, it returns places (n, 3) in mm.
 
-    What holds one value per axis is in the order x, y, z. Along each axis the place is
-    ``exit + c_1 (t - t0) + c_2 (t - t0)^2 + ...``, Eq. 4.29 written with the time since t0.
-    R2 and its adjusted form are NaN along an axis along which the detections do not move,
-    MAPE is NaN along one where all coordinates are 0: there they are not defined.
+    Along each axis (x, y, z) the place is ``exit + c_1 (t - t0) + c_2 (t - t0)^2 + ...``
+    (Eq. 4.29 by the time since t0). A measure that is not defined along an axis is NaN.
 
     >>> fit = Fit((0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
     ...           ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60)
@@ -106,22 +96,18 @@ class Fit:
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Return the places (n, 3) in mm at times (n,) in s, or at one time."""
-        since = self._since(time_s)
-        curves = [np.polyval([*reversed(axis), 0.0], since) for axis in self.coefficients]
-        places: Array = np.stack(curves, axis=-1) + np.array(self.exit_point_mm)
-        return places
+        return self._sums([(0.0, *axis) for axis in self.coefficients], time_s) + self.exit_point_mm
 
     def velocity(self, time_s: npt.ArrayLike) -> Array:
         """Return the velocities (n, 3) in mm/s at times (n,) in s, or at one time."""
-        since = self._since(time_s)
-        rates = [[c * (k + 1) for k, c in enumerate(axis)] for axis in self.coefficients]
-        return np.stack([np.polyval(axis[::-1], since) for axis in rates], axis=-1)
+        rates = [[k * c for k, c in enumerate(axis, 1)] for axis in self.coefficients]
+        return self._sums(rates, time_s)
 
-    def _since(self, time_s: npt.ArrayLike) -> Array:
-        """Return the times since t0."""
+    def _sums(self, factors: Sequence[Sequence[float]], time_s: npt.ArrayLike) -> Array:
+        """Return polynomials (n, 3) of the time since t0, from factors by ascending power."""
         time = np.atleast_1d(check_finite(time_s, "Fit: time"))
         check_shape(time, (None,), "Fit: time")
-        return time - self.t0_s
+        return np.stack([np.polyval(axis[::-1], time - self.t0_s) for axis in factors], axis=-1)
 
 
 class Solution(NamedTuple):
@@ -137,55 +123,35 @@ class Regression:
     """Nonlinear least squares over t0 and the coefficients, with an order for each axis.
 
     Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it
-    returns a `Fit`. Without scatter and robust loss the cost is the sum of the squared
-    residuals of all three axes, as printed.
-
-    Notes
-    -----
-    Readings. (1) For a given t0 the best coefficients are linear and solved for, so one
-    unknown is left, t0: a grid, then the cost as a polynomial in t0. The ranges that the thesis
-    sets for the coefficients keep its solver in bounds; here they are not needed. Under a
-    robust loss the best coefficients for a given t0 are those of a convex problem. (2) The
-    range of t0 and its first guess come from `draws` times three random points
-    (`range_of_start`); where depth scatters the range is all that `longest_s` allows. The
-    minimum found is the one downhill of the first guess; it need not be the least of all.
-    `Fit.t0_at_bound` tells a t0 at an end of its range. At the latest end the first detection
-    is as near the exit as its scatter can tell, which is common for particles detected from
-    the exit on. At the earliest end the track does not lead back to the exit.
-    (3) "Stopped if the optimization of the measures is less than 1% for each order of
-    enhancement" is taken as: from the lowest orders, the axis whose RMSE (Eq. 4.30, which
-    counts the coefficients) falls most by one order more gets it, until none falls by 1 %.
-    Combinations that this never looks at are not solved.
-    (4) An order leaves at least one degree of freedom, n - (k + 1) > 0, by the number n of
-    detections. (5) The thesis prints no weights between the axes; `scale_mm` states them.
-    With a robust loss the residual over the scale goes into it, and RMSE in (3) is that of
-    the loss; the measures in the result are always those printed, over all detections.
+    returns a `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear or,
+    under a robust loss, convex problem: t0 is the one unknown left. (2) The range of t0 and its
+    first guess come from three random points, `draws` times; the minimum is the one downhill of
+    the guess. At the earliest t0 of the range the track does not lead back to the exit. (3) From
+    the lowest orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more
+    gets it, until none falls by 1 %. (4) An order leaves n - (k + 1) > 0 degrees of freedom.
+    (5) No weights of the axes are printed; `scale_mm` states them. Measures are as printed.
     """
 
     lowest: int = 2  # order, section 4.3
     highest: int = 6  # order, section 4.3
     gain: float = 0.01  # relative, section 4.3
-    # Scatter in mm by which each axis is divided; equal: not weighted, as printed.
-    scale_mm: Three = (1.0, 1.0, 1.0)
+    scale_mm: Three = (1.0, 1.0, 1.0)  # scatter that divides each axis; equal as printed
     robust: bool = False  # squares, as printed; True: scipy's "soft_l1", which is ours
     draws: int = 20  # "a few randomly selected points", section 4.3; the number is ours
-    # From the exit to the first detection; ours: as long as the longest flights (Fig. 5.19).
-    longest_s: float = 1.0
+    longest_s: float = 1.0  # from exit to first detection; ours: the longest flights (Fig. 5.19)
     seed: int = 0  # of the random points; the same for every track
 
     def __post_init__(self) -> None:
         """Refuse parameters that no regression has."""
-        check_count(self.lowest, "Regression: lowest")
-        check_count(self.highest, "Regression: highest", int(self.lowest))
+        for name, least in ("lowest", 1), ("highest", self.lowest), ("draws", 1), ("seed", 0):
+            check_count(getattr(self, name), f"Regression: {name}", int(least))
         check_between(self.highest, 1, HIGHEST, "Regression: highest")
         check_between(self.gain, 0.0, 1.0, "Regression: gain")
         check_shape(np.array(self.scale_mm), (3,), "Regression: scale_mm")
         for scale in self.scale_mm:
             check_positive(scale, "Regression: scale_mm")
         check_kind(self.robust, bool, "Regression: robust")
-        check_count(self.draws, "Regression: draws")
         check_positive(self.longest_s, "Regression: longest_s")
-        check_count(self.seed, "Regression: seed", 0)
 
     @property
     def fewest(self) -> int:
@@ -195,13 +161,7 @@ class Regression:
     def __call__(
         self, time_s: npt.ArrayLike, places_mm: npt.ArrayLike, exit_point_mm: npt.ArrayLike
     ) -> Fit:
-        """Return the regressed trajectory, whatever the order of the points.
-
-        Raises
-        ------
-        InputError
-            If there are too few points, two at one time, or what is no finite number.
-        """
+        """Return the regressed trajectory, or raise an `InputError` if the points allow none."""
         time, places = check_finite(time_s, "time"), check_finite(places_mm, "places")
         exit_point = check_finite(exit_point_mm, "exit_point")
         check_shape(exit_point, (3,), "exit_point")
@@ -216,12 +176,8 @@ class Regression:
             raise InputError(f"places: farther than {FARTHEST:g} mm. Convert them to millimetres.")
         rank = np.argsort(time, kind="stable")
         time, places = time[rank], places[rank]
-        repeated = np.flatnonzero(np.diff(time) <= 0)
-        if len(repeated):
-            raise InputError(
-                f"track: two points at {time[repeated[0]]} s. A particle is at one place at a "
-                "time; keep one of them."
-            )
+        if (np.diff(time) <= 0).any():
+            raise InputError(f"track: two points at {time[np.diff(time).argmin()]} s. Keep one.")
         return self._fit(time, places, exit_point)
 
     def _fit(self, time: Array, places: Array, exit_point: Array) -> Fit:
@@ -244,16 +200,16 @@ class Regression:
             factors.append(tuple((solved / ((1.0 - start) * duration) ** powers).tolist()))
             quality.append(measures(places[:, axis], exit_point[axis] + basis @ solved, order))
         return Fit(
-            tuple(exit_point.tolist()),
-            float(time[0] + start * duration),
-            int(start >= limits[1] - near) - int(start <= limits[0] + near),
-            tuple((time[0] + limits * duration).tolist()),
-            orders,
-            tuple(factors),
-            float(time[0]),
-            float(time[-1]),
-            len(time),
-            *zip(*quality, strict=True),
+            exit_point_mm=tuple(exit_point.tolist()),
+            t0_s=float(time[0] + start * duration),
+            t0_at_bound=int(start >= limits[1] - near) - int(start <= limits[0] + near),
+            t0_range_s=tuple((time[0] + limits * duration).tolist()),
+            orders=orders,
+            coefficients=tuple(factors),
+            first_s=float(time[0]),
+            last_s=float(time[-1]),
+            points=len(time),
+            **dict(zip(MEASURES, map(tuple, np.transpose(quality).tolist()), strict=True)),
         )
 
     def choose(self, costs: Callable[[Orders], Array], highest: int, points: int) -> Orders:
@@ -262,14 +218,13 @@ class Regression:
         def rmse(orders: Orders) -> Array:
             return np.sqrt(costs(orders) / (points - np.array(orders) - 1))  # Eq. 4.30
 
-        orders = (self.lowest,) * 3
+        orders: Orders = (self.lowest,) * 3
         while True:
-            reached, gains, higher = rmse(orders), np.full(3, -np.inf), [orders] * 3
-            for axis in range(3):
-                if orders[axis] < highest and reached[axis] >= EXACT:
-                    x, y, z = (order + (axis == k) for k, order in enumerate(orders))
-                    higher[axis] = x, y, z
-                    gains[axis] = 1 - rmse((x, y, z))[axis] / reached[axis]
+            before, gains = rmse(orders), np.full(3, -np.inf)
+            higher = [(*orders[:k], orders[k] + 1, *orders[k + 1 :]) for k in range(3)]
+            for k in range(3):
+                if orders[k] < highest and before[k] >= EXACT:
+                    gains[k] = 1 - rmse(higher[k])[k] / before[k]
             best = int(np.argmax(gains))
             if gains[best] < self.gain:
                 return orders
@@ -281,21 +236,16 @@ def range_of_start(
 ) -> tuple[Array, float]:
     """Return the earliest and latest t0 and the first guess, from random points.
 
-    ``time`` (n,) runs from 0 to 1, the first and the last detection; so do the results.
-    ``places`` (3, n) are from the exit on.
-
-    Each draw solves Eq. 4.29 for three points, the fewest that tell seven unknowns. The
-    median of the solutions is the first guess. Their range, widened by itself on both sides,
-    as a few draws do not reach its ends, and by at least a step between detections, is
-    that of t0; it ends before the first detection.
+    ``time`` (n,) runs from 0 to 1, as do the results; ``places`` (3, n) are from the exit on.
+    Each draw solves Eq. 4.29 for three points, the fewest that tell seven unknowns. The guess
+    is the median of the solutions; their range is widened by itself or by a step.
     """
     widest = np.array([-max(longest, 2 * SHORTEST), -SHORTEST])
     drawn = np.sort(np.argsort(generator.random((draws, len(time))), axis=1)[:, :3], axis=1)
     at = time[drawn]
-    # Second divided differences are blind to the quadratics through the exit at t0, if each
-    # place is divided by its time since t0: what is left of the places is the residual.
-    others = [[1, 2], [0, 2], [0, 1]]
-    differences = 1.0 / np.prod(at[:, :, None] - at[:, others], axis=2)
+    # Second divided differences of place over time since t0 vanish for quadratics through the
+    # exit at t0: what is left is the residual.
+    differences = 1.0 / np.prod(at[:, :, None] - at[:, [[1, 2], [0, 2], [0, 1]]], axis=2)
 
     def cost(start: Array) -> Array:
         factors = differences / (at - start[..., None])
@@ -318,50 +268,49 @@ def trajectory_solver(
 ) -> Callable[[Orders], Solution]:
     """Return what solves a combination of orders, by least squares or under the robust loss.
 
-    A polynomial through the exit at t0 is the time u since t0 times a polynomial of one order
-    less. Its orthogonal basis serves all orders at once, and t0 is the only unknown left.
-    The cost is a smooth curve over t0: between two steps of the grid a polynomial.
+    A polynomial through the exit at t0 is the time since t0 times one of an order less, so one
+    orthogonal basis serves all orders. Between steps of the grid the cost is a polynomial.
     """
     powers = legendre.legvander(2 * time - 1, highest - 1)
     # Denser towards the first detection, where the cost changes faster with t0.
     grid = np.clip(DENSE - np.geomspace(DENSE - limits[0], DENSE - limits[1], GRID), *limits)
 
     @cache
-    def bases(*starts: float) -> Array:
-        return np.linalg.qr((time - np.array(starts)[:, None])[:, :, None] * powers)[0]
+    def bases(*ends: float) -> Array:
+        """Return the bases on the grid, at one t0, or at the nodes between two."""
+        starts = np.array(ends) if ends else grid
+        if len(ends) == 2:
+            starts = ends[0] + (NODES + 1) * (ends[1] - ends[0]) / 2
+        return np.linalg.qr((time - starts[:, None])[:, :, None] * powers)[0]
 
     @cache
-    def costs(axis: int, order: int, *starts: float) -> Array:
-        return loss(residuals(bases(*starts)[:, :, :order], places[axis], robust), robust)
+    def costs(axis: int, order: int, *ends: float) -> Array:
+        return loss(residuals(bases(*ends)[:, :, :order], places[axis], robust), robust)
 
-    def total(orders: Orders, starts: Array) -> Array:
-        """Return the cost (n,) of orders for each of the t0."""
-        return np.sum([costs(*of, *starts.tolist()) for of in enumerate(orders)], axis=0)
+    def total(orders: Orders, *ends: float) -> Array:
+        return np.sum([costs(*of, *ends) for of in enumerate(orders)], axis=0)
 
     def solve(orders: Orders) -> Solution:
-        cost = total(orders, grid)
-        at = int(np.argmin(np.abs(grid - first)))
+        cost, at = total(orders), int(np.argmin(np.abs(grid - first)))
         before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         while cost[at] > min(cost[before], cost[after]):  # downhill
             at = before if cost[before] < cost[after] else after
             before, after = max(at - 1, 0), min(at + 1, GRID - 1)
         low, high = float(grid[before]), float(grid[after])
         for _ in range(HALVINGS if robust else 1):
-            nodes = low + (NODES + 1) * (high - low) / 2
-            cost = total(orders, nodes)
-            curve = Chebyshev(TO_CURVE @ cost, [low, high])
-            flat = curve.deriv().roots()
-            inside = (flat.imag == 0) & (low < flat.real) & (flat.real < high)
-            ends = np.append(flat.real[inside], [low, high])
-            start = float(ends[np.argmin(curve(ends))])
-            basis = bases(start)
-            left = np.concatenate(
-                [residuals(basis[:, :, :k], p, robust) for k, p in zip(orders, places, strict=True)]
-            )
-            if abs(loss(left, robust).sum() - curve(start)) <= CLOSE * cost.max():
+            cost = total(orders, low, high)
+            curve = TO_CURVE @ cost
+            flat = chebyshev.chebroots(TO_SLOPE @ curve)
+            flat = np.append(flat.real[(flat.imag == 0) & (np.abs(flat) < 1)], [-1.0, 1.0])
+            values = chebyshev.chebval(flat, curve)
+            lowest = low + (flat[np.argmin(values)] + 1) * (high - low) / 2
+            start = float(np.clip(lowest, low, high))
+            parts = zip(orders, places, strict=True)
+            left = np.concatenate([residuals(bases(start)[:, :, :k], p, robust) for k, p in parts])
+            if abs(loss(left, robust).sum() - values.min()) <= CLOSE * cost.max():
                 break
             reach = (high - low) / 4
-            low, high = max(low, start - reach), min(high, start + reach)
+            low, high = np.clip([start - reach, start + reach], low, high).tolist()
         return Solution(start, loss(left, robust), places - left if robust else places)
 
     return solve
@@ -369,21 +318,17 @@ def trajectory_solver(
 
 def loss(left: Array, robust: bool) -> Array:
     """Return the sum of squares over the last axis, or of the robust 2 (sqrt(1 + r^2) - 1)."""
-    squares = left**2
-    # written so that small residuals do not cancel
+    squares = left**2  # the robust loss is written so that small residuals do not cancel
     return np.asarray((2 * squares / (1 + np.sqrt(1 + squares)) if robust else squares).sum(-1))
 
 
 def residuals(basis: Array, places: Array, robust: bool) -> Array:
-    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n).
-
-    Under the robust loss the problem is convex and solved by damped Newton steps. With a
-    damping of 1 or more the weights are at least those of reweighted least squares, whose
-    steps never raise the cost.
-    """
+    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n)."""
     left = np.asarray(places - (basis @ (places @ basis)[..., None])[..., 0])
+    if not robust:
+        return left
     cost, damping = loss(left, robust), np.ones(len(basis))
-    for _ in range(STEPS if robust else 0):
+    for _ in range(STEPS):  # damped Newton; a damping of 1 or more never raises the cost
         root = np.sqrt(1 + left**2)
         weights = root**-3 + damping[:, None] / root
         matrix = basis.swapaxes(1, 2) @ (weights[:, :, None] * basis)
@@ -398,31 +343,18 @@ def residuals(basis: Array, places: Array, robust: bool) -> Array:
     return left
 
 
-def measures(places: Array, fitted: Array, order: int) -> tuple[float, float, float, float]:
-    """Return RMSE, MAPE in %, R2 and adjusted R2 of one axis (Eqs 4.30 to 4.33, thesis).
+def measures(places: Array, fitted: Array, order: int) -> Array:
+    """Return RMSE, MAPE in %, R2 and adjusted R2 of an axis (n,) in mm (Eqs 4.30 to 4.33).
 
-    Parameters
-    ----------
-    places, fitted
-        (n,) coordinates in mm, measured and regressed; n - (order + 1) is above 0.
-
-    Notes
-    -----
-    Points whose coordinate is exactly 0 have no relative error (Eq. 4.31 divides by it);
-    they are left out of its sum and of its n. Points near 0 stay, as printed: one of
-    them can make MAPE large, which is why Table 5.18 gives medians over trajectories.
+    MAPE leaves points at 0 out. Points near 0 can make it large, so Table 5.18 gives medians.
     """
-    n, k = len(places), order
-    squares = float(np.sum((places - fitted) ** 2))
-    rmse = float(np.sqrt(squares / (n - (k + 1))))
-    there = places != 0
-    relative = np.abs((places[there] - fitted[there]) / places[there])
-    mape = float(100 * relative.mean()) if there.any() else np.nan
-    about_mean = float(np.sum((places - places.mean()) ** 2))
-    if places.min() == places.max() or about_mean == 0:  # Eq. 4.32 divides by it
-        return rmse, mape, np.nan, np.nan
-    r2 = 1 - squares / about_mean
-    return rmse, mape, r2, r2 - (1 - r2) * k / (n - (k + 1))
+    squares, free = np.sum((places - fitted) ** 2), len(places) - (order + 1)
+    known = places != 0
+    relative = np.abs((places[known] - fitted[known]) / places[known])
+    mape = 100 * relative.mean() if known.any() else np.nan
+    about_mean = np.sum((places - places.mean()) ** 2) if places.min() < places.max() else 0.0
+    r2 = 1 - squares / about_mean if about_mean > 0 else np.nan  # Eq. 4.32 divides by it
+    return np.array([np.sqrt(squares / free), mape, r2, r2 - (1 - r2) * order / free])
 
 
 def regress(
@@ -431,24 +363,10 @@ def regress(
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
 ) -> Fit:
-    """Return the regressed trajectory of one track.
+    """Return the regressed trajectory of one track, or raise an `InputError` if it has none.
 
-    Parameters
-    ----------
-    track
-        One row per detection in any order: ``x``, ``y``, ``z`` in mm, NaN where there is no
-        depth (such rows are left out), and ``frame``, or ``time_s`` if no frame rate is
-        given.
-    exit_point
-        (3,) the lance's exit in mm.
-    parameters
-        What regresses; None: `Regression` as published.
-
-    Raises
-    ------
-    InputError
-        If the track cannot be regressed: no depth, too few points, two at one time, more
-        than one particle, or values that are no numbers.
+    ``track`` has one row per detection: ``x``, ``y``, ``z`` in mm (rows with NaN are left out),
+    and ``frame``, or ``time_s`` without a frame rate; ``exit_point`` (3,) is the lance's, mm.
     """
     check_columns(track, AXES, "track")
     if "particle" in track.columns and len(track["particle"].unique()) > 1:
@@ -468,124 +386,62 @@ def regress_all(
 ) -> pd.DataFrame:
     """Return `kilnflight.tables.TRAJECTORIES`, one row per particle by ascending number.
 
-    The arguments are those of `regress`, with whole numbers in the column ``particle``;
-    rows of particle -1 belong to no track. What cannot be regressed keeps its row: the
-    column ``outcome`` says why, and what is not known is NaN, orders 0.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or no numbers, or a particle is in two places at one time.
+    As `regress`, with a column ``particle``; rows of -1 are in no track. What cannot be
+    regressed keeps its row: ``outcome`` says why, what is unknown is NaN or 0.
     """
-    parameters = parameters or Regression()
-    if parameters.highest > HIGHEST_ORDER:
+    method = parameters or Regression()
+    if method.highest > HIGHEST_ORDER:
         raise InputError(f"regress_all: the table ends at order {HIGHEST_ORDER}; use regress.")
     exit_mm = check_finite(exit_point, "exit_point")
     check_shape(exit_mm, (3,), "exit_point")
-    points = _located(tracks, frame_rate_hz, "tracks")
-    rows = [_row(*points_of_track, exit_mm, parameters) for points_of_track in points]
-    if not rows:
-        return TRAJECTORIES.empty()
+    located = _located(tracks, frame_rate_hz, "tracks")
+    rows = [_row(*points, exit_mm, method) for points in located]
     kinds: dict[str, Any] = {column.name: column.kind for column in TRAJECTORIES.columns}
-    return TRAJECTORIES.check(pd.DataFrame(rows, columns=TRAJECTORIES.names).astype(kinds))
+    absent = {name: 0 for name, kind in kinds.items() if kind is int}
+    table = pd.DataFrame(rows, columns=TRAJECTORIES.names).fillna(absent)
+    return TRAJECTORIES.check(table.astype(kinds))
 
 
 def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
     """Return the `Fit` of every fitted particle of a table of `regress_all`."""
-    table = TRAJECTORIES.check(trajectories)
-    fitted = table[table["outcome"] == FITTED]
-    return {row["particle"]: _fit(row) for row in fitted.to_dict("records")}
+    table, known = TRAJECTORIES.check(trajectories), {}
+    for row in table[table["outcome"] == FITTED].to_dict("records"):
+        values = {name: tuple(row[c] for c in columns) for name, columns in COLUMNS.items()}
+        fields: Row = {name: v if len(v) > 1 else v[0] for name, v in values.items()}
+        factors = zip(FACTORS, fields["orders"], strict=True)
+        fields["coefficients"] = tuple(tuple(row[c] for c in cs[:k]) for cs, k in factors)
+        known[row["particle"]] = Fit(**fields)
+    return known
 
 
-def order_measures(
-    tracks: pd.DataFrame,
-    exit_point: npt.ArrayLike,
-    frame_rate_hz: float | None = None,
-    orders: Iterable[int] = range(2, 8),
-) -> pd.DataFrame:
-    """Return the measures of each track under fixed orders, the same for all axes (Fig. 4.23).
-
-    Tracks with too few points for the highest of the orders are left out under all, so
-    that every order is measured on the same tracks.
-
-    Returns
-    -------
-    Columns particle, order, axis, rmse_mm, mape_percent, r2, r2_adjusted.
-    """
-    methods = [Regression(lowest=k, highest=k) for k in orders]
-    fewest = max((method.fewest for method in methods), default=0)
-    kinds = {"particle": int, "order": int, "axis": str} | dict.fromkeys(MEASURES, float)
-    rows = []
-    for particle, time, places in _located(tracks, frame_rate_hz, "tracks"):
-        for method in methods if len(time) >= fewest else []:
-            fit = method(time, places, exit_point)
-            values = zip(AXES, *(getattr(fit, name) for name in MEASURES), strict=True)
-            rows += [(particle, method.lowest, *of_axis) for of_axis in values]
-    return pd.DataFrame(rows, columns=list(kinds)).astype(kinds)
-
-
-def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Iterator[Located]:
-    """Yield of each particle, by ascending number, its rows with a place, by ascending time.
-
-    Particle, times (n,) in s and places (n, 3) in mm.
-    """
-    clock = "time_s" if frame_rate_hz is None else "frame"
+def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Located:
+    """Yield each particle, the times (n,) in s of its rows with a place, and the places (n, 3)."""
+    clock, rate = ("time_s", 1.0) if frame_rate_hz is None else ("frame", frame_rate_hz)
+    check_positive(rate, "frame_rate_hz")
     check_columns(tracks, ("particle", clock, *AXES), where)
-    particle = check_whole(tracks["particle"], f"{where}: column particle")
-    if frame_rate_hz is None:
-        time = check_finite(tracks[clock].to_numpy(), f"{where}: column time_s")
-    else:
-        check_positive(frame_rate_hz, "frame_rate_hz")
-        time = check_whole(tracks[clock], f"{where}: column frame") / frame_rate_hz
+    rows, particle, moment = order_tracks(tracks, where, clock)
     places = np.stack([known_numbers(tracks[a], f"{where}: column {a}") for a in AXES], axis=1)
     if np.isinf(places).any():
         row = tracks.index[int(np.argwhere(np.isinf(places))[0, 0])]
         raise InputError(f"{where}: a place is infinite in row {row}. Use NaN where it is unknown.")
-    rank = np.lexsort((time, particle))
-    rank = rank[particle[rank] >= 0]
-    particle, time, places = particle[rank], time[rank], places[rank]
-    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
-    if len(repeated):
-        row = repeated[0]
-        raise InputError(
-            f"{where}: two rows of particle {particle[row]} at {time[row]:.9g} s. A particle is at "
-            "one place at a time; keep one, or give it another number or -1."
-        )
+    time, places = moment.astype(np.float64) / rate, places[rows]
     names, starts = np.unique(particle, return_index=True)
-    for name, rows in zip(names, np.split(np.arange(len(rank)), starts[1:]), strict=False):
-        known = rows[np.isfinite(places[rows]).all(axis=1)]
+    for name, part in zip(names, np.split(np.arange(len(rows)), starts[1:]), strict=False):
+        known = part[np.isfinite(places[part]).all(axis=1)]
         yield int(name), time[known], places[known]
 
 
-def _row(
-    particle: int, time: Array, places: Array, exit_mm: Array, parameters: Regression
-) -> dict[str, object]:
-    """Return the row of one track in the table."""
-    row: dict[str, Any] = {
-        column.name: np.nan if column.kind is float else 0 for column in TRAJECTORIES.columns
-    }
-    row |= {"particle": particle, "points": len(time)}
+def _row(particle: int, time: Array, places: Array, exit_mm: Array, method: Regression) -> Row:
+    """Return the row of one track in the table, without what is not known."""
+    row: Row = {"particle": particle, "points": len(time)}
     row |= zip(COLUMNS["exit_point_mm"], exit_mm.tolist(), strict=True)
-    if not len(time):
-        return row | {"outcome": NO_DEPTH}
-    row |= {"first_s": time[0], "last_s": time[-1]}
-    if len(time) < parameters.fewest:
-        return row | {"outcome": TOO_FEW}
-    fit = parameters(time, places, exit_mm)
+    if len(time):
+        row |= {"first_s": time[0], "last_s": time[-1]}
+    if len(time) < method.fewest:
+        return row | {"outcome": TOO_FEW if len(time) else NO_DEPTH}
+    fit = method(time, places, exit_mm)
     for name, columns in COLUMNS.items():
         row |= zip(columns, np.atleast_1d(getattr(fit, name)).tolist(), strict=True)
-    for axis, factors in zip(AXES, fit.coefficients, strict=True):
-        padded = (*factors, *[0.0] * HIGHEST_ORDER)[:HIGHEST_ORDER]
-        row |= {f"coefficient_{axis}_{k}": factor for k, factor in enumerate(padded, 1)}
+    for columns, factors in zip(FACTORS, fit.coefficients, strict=True):
+        row |= dict.fromkeys(columns, 0.0) | dict(zip(columns, factors, strict=False))
     return row | {"outcome": FITTED}
-
-
-def _fit(row: dict[Any, Any]) -> Fit:
-    """Return the fit that a row of the table stands for."""
-    values = {name: tuple(row[column] for column in columns) for name, columns in COLUMNS.items()}
-    fields: dict[str, Any] = {name: v if len(v) > 1 else v[0] for name, v in values.items()}
-    fields["coefficients"] = tuple(
-        tuple(row[f"coefficient_{axis}_{k}"] for k in range(1, order + 1))
-        for axis, order in zip(AXES, fields["orders"], strict=True)
-    )
-    return Fit(**fields)

@@ -34,7 +34,7 @@ from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import Attributes
 from kilnflight.scores.flights import METRES, FlightValues, outcomes
-from kilnflight.tables import TRAJECTORIES
+from kilnflight.tables import AXES, TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scene import Twin
@@ -370,15 +370,21 @@ def fit_outcomes(tables: Measurement) -> pd.DataFrame:
 def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
 
-    Over the first trajectories from the lance of each campaign, at most so many.
+    Over the first trajectories from the lance of each campaign, at most so many. Those with
+    too few points for the highest order are left out under all.
     """
-    parts = []
+    orders, columns, rows = range(2, 8), list(regression.MEASURES), []
     for campaign in results.campaigns:
-        _, tracks = fits_from_lance(results.tables, campaign.key, most)
+        fits, tracks = fits_from_lance(results.tables, campaign.key, most)
         rate, exit_point = campaign.run.frame_rate_hz, campaign.run.exit_point_mm
         if exit_point is None:
             raise InputError(f"{campaign.key}: the lance's exit is not known.")
-        parts.append(regression.order_measures(tracks, exit_point, rate))
-    columns = ["rmse_mm", "mape_percent", "r2", "r2_adjusted"]
-    orders = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
-    return orders.groupby(["order", "axis"])[columns].median().reset_index()
+        methods = {order: regression.Regression(lowest=order, highest=order) for order in orders}
+        long = [k for k, fit in fits.items() if fit.points >= methods[orders[-1]].fewest]
+        for particle, order in product(long, orders):
+            track = tracks[tracks["particle"] == particle]
+            fit = regression.regress(track, exit_point, rate, methods[order])
+            measures = zip(AXES, *(getattr(fit, name) for name in columns), strict=True)
+            rows += [(order, *of_axis) for of_axis in measures]
+    table = pd.DataFrame(rows, columns=["order", "axis", *columns])
+    return table.groupby(["order", "axis"])[columns].median().reset_index()

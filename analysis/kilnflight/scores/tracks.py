@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
-from kilnflight.checks import InputError, check_columns, check_finite, check_positive, check_whole
+from kilnflight.checks import InputError, check_columns, check_finite, check_positive, order_tracks
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -186,24 +186,9 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list
     Rows of particle -1 are in no track.
     """
     check_columns(table, ["frame", "particle", *columns], where)
-    particle = check_whole(table["particle"], f"{where}: column particle")
-    if (particle < -1).any():
-        raise InputError(
-            f"{where}: particle {particle.min()}; tracks are numbered from 0, -1 is in no track."
-        )
-    frame = check_whole(table["frame"], f"{where}: column frame")
-    order = np.lexsort((frame, particle))
-    order = order[np.count_nonzero(particle < 0) :]
-    particle, frame = particle[order], frame[order]
+    order, particle, frame = order_tracks(table, where)
     axes = [check_finite(table[name].to_numpy()[order], f"{where}, {name}") for name in columns]
     points = np.column_stack(axes) + 0.0  # no -0.0
-    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(frame) == 0))
-    if len(repeated):
-        row = repeated[0]
-        raise InputError(
-            f"{where}: particle {particle[row]} has two rows in frame {frame[row]}. A track is at "
-            "one place at a time; keep one of them."
-        )
     names, starts = np.unique(particle, return_index=True)
     frames, places = np.split(frame, starts[1:]), np.split(points, starts[1:])
     tracks = map(Track, names.tolist(), frames, places)

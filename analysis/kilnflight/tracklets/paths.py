@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_whole, known_numbers
+from kilnflight.checks import InputError, check_columns, check_whole, known_numbers, order_tracks
 
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -58,38 +58,21 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
         If a column is missing or holds what it must not, or if a tracklet has two rows in
         one frame.
     """
-    frame, particle, place = _columns(tracks, where)
-    kept = np.flatnonzero(particle >= 0)
-    rows = kept[np.lexsort((frame[kept], particle[kept]))]
-    same = np.diff(particle[rows]) == 0
-    twice = np.flatnonzero(same & (np.diff(frame[rows]) == 0))
-    if len(twice):
-        row = rows[twice[0]]
-        raise InputError(
-            f"{where}: particle {particle[row]} has two rows in frame {frame[row]}. A particle "
-            "is at one place at a time; give one of them another number or -1."
-        )
-    starts = np.append(np.flatnonzero(np.append(True, ~same)[: len(rows)]), len(rows))
-    first = rows[starts[:-1]]
+    rows, particle, frame = order_tracks(tracks, where)
+    place = _known_places(tracks, where)[rows]
+    _, first, name = np.unique(particle, return_index=True, return_inverse=True)
     rank = np.lexsort((particle[first], place[first, 1], place[first, 0], frame[first]))
-    lengths = np.diff(starts)
-    steps = np.repeat(starts[:-1][rank], lengths[rank])  # gather whole tracklets by rank
-    starts = np.concatenate([[0], np.cumsum(lengths[rank])]).astype(np.int64)
-    rows = rows[steps + np.arange(len(rows)) - np.repeat(starts[:-1], lengths[rank])]
-    return Paths(rows, frame[rows], np.ascontiguousarray(place[rows]), starts)
+    number = np.argsort(rank)[name]
+    points = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[points], np.arange(len(first) + 1))
+    return Paths(rows[points], frame[points], place[points], starts)
 
 
-def _columns(tracks: pd.DataFrame, where: str) -> tuple[Integers, Integers, Floats]:
-    """Return frame, particle and place of every row, checked."""
-    check_columns(tracks, ("frame", "particle", *PIXELS), where)
+def _known_places(tracks: pd.DataFrame, where: str) -> Floats:
+    """Return the places of every row, checked."""
+    check_columns(tracks, PIXELS, where)
     names = _places(tracks)
     check_columns(tracks, names, where)
-    whole = [check_whole(tracks[name], f"{where}: column {name}") for name in ("frame", "particle")]
-    below = whole[1][whole[1] < LOST]
-    if len(below):
-        raise InputError(
-            f"{where}: particle {below[0]}; tracks are numbered from 0, -1 is in no track."
-        )
     place = np.full((len(tracks), max(3, len(names))), np.nan)
     for column, name in enumerate(names):
         place[:, column] = known_numbers(tracks[name], f"{where}: column {name}")
@@ -101,7 +84,7 @@ def _columns(tracks: pd.DataFrame, where: str) -> tuple[Integers, Integers, Floa
                 f"{tracks.index[bad[0]]}. Leave rows without a position out; only a depth may "
                 "be missing (NaN)."
             )
-    return whole[0], whole[1], place
+    return place
 
 
 def _places(tracks: pd.DataFrame) -> list[str]:
