@@ -53,8 +53,8 @@ answers = {version: statements.answer(printed, rows[version]) for version in ver
 # measured length, angle or wind.
 
 # %%
-record = twin_calibration.record()
-targets = statements.targets()
+record = twin_calibration.read_fit()
+targets = statements.calibration_targets()
 again = [twin_calibration.cost(free, targets, seed=seed) for free in versions.values()]
 values = pd.DataFrame({name: vars(free) for name, free in versions.items()}).rename_axis("input")
 limits = pd.DataFrame(twin_calibration.LIMITS, index=["lowest", "highest"]).T
@@ -86,7 +86,7 @@ figures.save("table-twin-flights", table, caption=caption, provenance=origin)
 
 # %%
 data = statements.along_the_way(rows, printed)
-picture = flight_pictures.along_the_way(data, list(versions))
+picture = flight_pictures.draw_along_the_way(data, list(versions))
 caption = (
     "True velocity along the kiln within each metre, and the share of particles that pass it, "
     "after Figs 5.21 to 5.24. Broad bars: published values or bounds of the text, to the left "
@@ -107,7 +107,7 @@ boxes = pd.DataFrame(
 )
 
 # %%
-picture = flight_pictures.true_dwell(boxes)
+picture = flight_pictures.draw_true_dwell(boxes)
 caption = (
     "True dwell time from the lance to landing or burning out, after Fig. 5.19: box plots without "
     "outliers, the numbers are the widths of the boxes (s). Shaded: where the text puts the "
@@ -124,7 +124,7 @@ values = {
     version: {key: truth.flight_values(flights[key]) for key in keys}
     for version, flights in flown.items()
 }
-picture, data = flight_pictures.ignition_bars(values, keys, printed)
+picture, data = flight_pictures.draw_ignition_bars(values, keys, printed)
 caption = (
     "True ignition in flight in steps of 0.1 s, in per cent of all particles, after Figs 5.25 and "
     "5.26. Diamonds: published share within 0.1 s."

@@ -33,7 +33,7 @@ origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[LIGHT_FI
 # the inputs shows how far they moved, and which ended near a limit.
 
 # %%
-record = twin_exposure.record()
+record = twin_exposure.read_fit()
 limits = pd.DataFrame(twin_exposure.LIMITS, index=["lowest", "highest"]).T
 assumed = asdict(LightInputs())
 fitted = pd.DataFrame({"input": limits.index, "assumed": assumed.values()})

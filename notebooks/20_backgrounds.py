@@ -68,7 +68,7 @@ images = {
 
 # %%
 named = {f"frame {t}": gray, **images}
-picture = detection_pictures.backgrounds(named, (950, 1400, 500, 1500))
+picture = detection_pictures.draw_backgrounds(named, (950, 1400, 500, 1500))
 caption = (
     f"Part of a frame of subset {subset.name} and of four backgrounds, after Fig. 5.2; the data "
     "are row 1180 of each."
@@ -109,7 +109,7 @@ summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[F
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
-plots.intervals(axes, summary, "f1_published", "f1_in_pixels")
+plots.draw_intervals(axes, summary, "f1_published", "f1_in_pixels")
 caption = (
     "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: gate of 45 px, with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels (section 5.1.1); diamonds: published."
@@ -124,7 +124,7 @@ keypoints = DoG(level)(next(iter(models["Median"](stack, [t]))))
 
 # %%
 size = {"width_mm": 120, "height_mm": 92}
-picture = detection_pictures.keypoints_and_clusters(gray, keypoints, None, roi, **size)
+picture = detection_pictures.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     f"Detections of SIFT in a frame of {subset.name} after the median background, each a circle "

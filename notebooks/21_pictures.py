@@ -91,7 +91,7 @@ figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 recall = detection.class_recall(pd.concat([otsu, sift]), ["method", "subset"])
 unlit = dict(zip(scenes.SUBSETS, twin_exposure.UNLIT_RECALL, strict=True))
 printed = [unlit[subset.name] for subset in subsets]
-picture = detection_pictures.class_recall(recall, "method", printed)
+picture = detection_pictures.draw_class_recall(recall, "method", printed)
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 

@@ -56,7 +56,7 @@ counts = (6, 10, 15)  # minPts of Table 5.8
 shown = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
 distances = {f"distance_{k}_mm": detectors.k_distances(cloud, k)[shown] for k in counts}
 curves = pd.DataFrame({"point": shown + 1, **distances})
-picture = detection_pictures.k_distances(curves, (10, 15, 30, 50, 70))
+picture = detection_pictures.draw_k_distances(curves, (10, 15, 30, 50, 70))
 caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
@@ -89,7 +89,7 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 # %%
 totals = detection_claims.cluster_totals(tables)
 printed = {family: claims.published(table) for family, table in families.items()}
-picture = detection_pictures.precision_recall(totals, printed, detection_claims.PARAMETERS)
+picture = detection_pictures.draw_precision_recall(totals, printed, detection_claims.PARAMETERS)
 table = pd.concat(totals, names=["family"]).reset_index("family")
 names = ["minPts", "epsilon_mm", "R", "K", "alpha", "precision", "recall", "f1", "f1_published"]
 table = table[["family", *names]]
@@ -126,7 +126,7 @@ figures.save("mo-readings", readings, caption=caption, provenance=origin)
 
 # %%
 recall = detection_claims.analysed_recall(attempts, ["family", "subset"])
-picture = detection_pictures.class_recall(recall, "family")
+picture = detection_pictures.draw_class_recall(recall, "family")
 caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
 

@@ -47,7 +47,7 @@ threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, sc
 
 # %%
 flame = segment_flame(view.gray, known.flame_roi)
-picture = detection_pictures.flame(view.gray, flame.mask, known.flame_roi)
+picture = detection_pictures.draw_flame(view.gray, flame.mask, known.flame_roi)
 size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.mask.sum())], "of_px": [flame.mask.size]})
 caption = "The burner's flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
@@ -69,7 +69,7 @@ print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} poten
 
 # %%
 size = {"width_mm": style.PAGE_MM, "height_mm": 135}
-picture = detection_pictures.keypoints_and_clusters(
+picture = detection_pictures.draw_keypoints_and_clusters(
     view.gray, keypoints, clusters, known.roi, **size
 )
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
@@ -93,7 +93,7 @@ for case, spots, groups in cases:
     parts = (keypoints[spots], clusters.take(groups))
     particles = combination.decide_case(case, *parts, evidence, rule.margin_px)
     examples[case].append((*parts, particles))
-picture = detection_pictures.cases(view.gray, examples)
+picture = detection_pictures.draw_cases(view.gray, examples)
 
 # %%
 counts = pd.DataFrame(
@@ -117,7 +117,7 @@ peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
 first, second = (combination.widened(cluster.rectangle(), 3) for cluster in (several, alone))
 images = {"case 2: peaks": (view.gray, first), "case 4: frame": (view.gray, second)}
 images["case 4: difference"] = (change, second)
-picture = detection_pictures.cuts(images, peaks)
+picture = detection_pictures.draw_cuts(images, peaks)
 table = pd.DataFrame(peaks[:, :2], columns=["row", "col"])
 caption = (
     "Peaks counted in a cluster's rectangle (crosses); a cluster alone, in the frame and in its "

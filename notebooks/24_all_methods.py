@@ -59,7 +59,7 @@ f1 = f1.assign(f1_published_recomputed=again)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
-plots.intervals(axes, f1, "f1_published_recomputed", "f1_in_pixels")
+plots.draw_intervals(axes, f1, "f1_published_recomputed", "f1_in_pixels")
 caption = (
     "F1 of the eleven methods beside Table 5.11. Dots: gate of 45 px with 95 % intervals over "
     "draws of frames; squares: within a particle's pixels; diamonds: published, from its counts."

@@ -56,7 +56,7 @@ figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origi
 
 # %%
 points = wall[:: max(1, len(wall) // 8000)]
-picture = detection_pictures.fitted_wall(points, fit)
+picture = detection_pictures.draw_fitted_wall(points, fit)
 caption = (
     "The wall's points and the fitted cylinder, after Fig. 3.10: along the axis, and by depth."
 )
@@ -81,7 +81,7 @@ crossing = cylinder.crossing(air_mm, wall_mm)
 thresholds = {"crossing_plus_40": crossing + 40.0, "crossing": crossing, "printed_800": 800.0}
 
 # %%
-picture = detection_pictures.axis_distances(air_mm, wall_mm, thresholds)
+picture = detection_pictures.draw_axis_distances(air_mm, wall_mm, thresholds)
 caption = (
     "Distance of marked particles with 3D from the kiln's axis, after Fig. 3.11, with Gaussians of "
     "the same mean and standard deviation. Dotted: their crossing, the same plus 40 mm, and 800 mm."

@@ -71,7 +71,7 @@ figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 cells = tracking.beside_table_5_17(measured)
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=130, sharex=True)
 for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
-    plots.beside_published(axes, cells[cells["measure"] == measure])
+    plots.draw_beside_published(axes, cells[cells["measure"] == measure])
     axes.set(title=measure, xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)

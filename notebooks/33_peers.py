@@ -91,7 +91,7 @@ picture, grid = style.canvas(
 )
 for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enumerate(fractions)):
     here = scores[scores["fraction"] == fraction]
-    plots.before_after(grid[row, k], here, "tracker", "postprocessing", measure)
+    plots.draw_before_after(grid[row, k], here, "tracker", "postprocessing", measure)
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
 handles = grid[0, 0].get_legend_handles_labels()

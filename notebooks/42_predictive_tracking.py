@@ -85,7 +85,7 @@ for row, (quantity, label) in zip(panels, units.items(), strict=True):
     for axes, data in zip(row, ("noise-free", "images"), strict=True):
         table = shown.loc[[(quantity, data)]]
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        style.boxes(axes, table)
+        style.draw_boxes(axes, table)
         axes.set_xticks(range(len(table)), table["approach"])
         axes.set(title=data, ylabel=label, xlim=(-0.6, 2.6))
 

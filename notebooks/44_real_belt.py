@@ -144,7 +144,7 @@ for row, (quantity, label) in zip(
         table = filtered.loc[[(quantity, name)]]
         table = table[~table["model"].isin(["CA", "CA-CA", "IA-CA"])]  # this filter has none
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        style.boxes(axes, table)
+        style.draw_boxes(axes, table)
         axes.set_xticks(range(len(table)), table["model"], rotation=60)
         axes.set(title=name, ylabel=f"predicted minus observed\n{label}")
 

@@ -64,7 +64,7 @@ figures.save("table-5-18-regression", ours, caption=caption, provenance=origin)
 
 # %%
 by_order = campaigns.measures_by_order(results)
-picture = flight_pictures.measures_by_order(by_order)
+picture = flight_pictures.draw_measures_by_order(by_order)
 caption = (
     "Medians of the four measures with the same order along all axes, over up to 40 trajectories "
     "of each campaign that are long enough for all orders; after Fig. 4.23."
@@ -76,7 +76,7 @@ figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, prov
 
 # %%
 keys = [each.key for each in results.campaigns if each.pressure_bar == 4.5][:2]
-picture, data = flight_pictures.fits_in_space(tables, keys, 8)
+picture, data = flight_pictures.draw_fits_in_space(tables, keys, 8)
 caption = (
     "Fitted trajectories of eight particles each with their detections, above as thin lines, below "
     "as points from dark (grey value 0) to yellow (30,000 or more); the red cross is the lance. "

@@ -57,7 +57,7 @@ captions = {
     f"neighbouring frames, and all trajectories from the lance; after Fig. A.{k + 1}."
     for k, name in enumerate(names)
 }
-drawn = {name: plots.sums_and_tracks(name, sums, by_campaign) for name in names}
+drawn = {name: plots.draw_sums_and_tracks(name, sums, by_campaign) for name in names}
 columns = ["fraction", "pressure_bar", "particle", "frame", "row", "col"]
 data = tracks[columns].groupby("fraction")
 

@@ -54,7 +54,7 @@ caption = (
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=origin)
 
 # %%
-picture, cases = flight_pictures.dwell_cases(results.tables)
+picture, cases = flight_pictures.draw_dwell_cases(results.tables)
 caption = (
     "What dwell time means, after Fig. 5.18, on measured flights from the side: from the lance to "
     "landing or burning out. Of each case the one with the median dwell time."
@@ -65,7 +65,7 @@ figures.save("fig-5-18-cases", cases, picture=picture, caption=caption, provenan
 # ## Dwell times, measured and true
 
 # %%
-picture = flight_pictures.dwell_boxes(data, list(results.measured))
+picture = flight_pictures.draw_dwell_boxes(data, list(results.measured))
 columns = ["track", "measured_s", "ending", "particle", "true_s", "true_ending"]
 data = data[["fraction", "pressure_bar", *columns]]
 caption = (

@@ -40,7 +40,7 @@ sources = {"true": results.true, "measured": results.measured}
 # Eq. 5.8 on the flight that was detected over most metres.
 
 # %%
-picture, passed, name = flight_pictures.longest_slices(results.tables)
+picture, passed, name = flight_pictures.draw_longest_slices(results.tables)
 caption = (
     f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20: V_n is one metre over the "
     "time between passing metre n - 1 and metre n."
@@ -53,7 +53,7 @@ figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, proven
 # %%
 quantities = ["velocity", "remaining", "landed"]
 printed = statements.beside_published(results.measured, results.true, quantities)
-picture = flight_pictures.velocity_boxes(sources, list(results.measured), printed)
+picture = flight_pictures.draw_velocity_boxes(sources, list(results.measured), printed)
 pairs = accuracy.compare_velocities(results.campaigns, results.tables)
 caption = (
     "Velocity in depth within each metre from the lance (Eq. 5.8), true of all flights in the same "
@@ -73,7 +73,7 @@ figures.save("fig-5-21-velocity", table, picture=picture, caption=caption, prove
 outcomes = {source: campaigns.outcome_table(values) for source, values in sources.items()}
 table = statements.along_the_way(outcomes, printed)
 table = table[table["quantity"] == "remaining"]
-picture = flight_pictures.along_the_way(table, list(sources))
+picture = flight_pictures.draw_along_the_way(table, list(sources))
 caption = (
     "Share of the particles that pass each metre: true of all flights in the same frames, and "
     "measured, where what is lost on the way counts as not remaining. Broad bars: published, to "

@@ -66,7 +66,7 @@ figures.save("ignition-detected", table, caption=caption, provenance=origin)
 
 # %%
 keys = [key for key in results.true if key[0] in statements.PAPERS]
-picture, _ = flight_pictures.ignition_bars(sources, keys, statements.statements())
+picture, _ = flight_pictures.draw_ignition_bars(sources, keys, statements.statements())
 caption = (
     "When confetti and paper shreds ignite, in per cent of all particles: true of all flights in "
     "the same frames, and measured by both readings; after Figs 5.25 and 5.26."

@@ -47,7 +47,7 @@ both = {"simulated": simulated, "measured": measured}
 # ## Simulated trajectories
 
 # %%
-picture = flight_pictures.simulated_in_space(flown, 30, bar)
+picture = flight_pictures.draw_simulated_in_space(flown, 30, bar)
 ends = [(name, ENDS[end]) for name in names for end in sorted(flown[name].end)]
 data = pd.DataFrame(ends, columns=["fraction", "end"]).groupby(["fraction", "end"], sort=False)
 data = data.size().reset_index(name="particles")
@@ -60,7 +60,7 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 # %%
 shown = 40  # flights of each fraction
 times = {name: each.end_s for name, each in flown.items()}
-picture = flight_pictures.simulated_paths(flown, times, shown, "dwell time (s)", bar)
+picture = flight_pictures.draw_simulated_paths(flown, times, shown, "dwell time (s)", bar)
 parts = {
     name: pd.DataFrame({"end_s": times[name], "depth_m": each.end_position_m[:, 0]}).head(shown)
     for name, each in flown.items()
@@ -78,7 +78,7 @@ figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance
 # %%
 picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
 groups = {kind: [values[name, bar].dwell_s for name in names] for kind, values in both.items()}
-plots.grouped_boxes(axes, groups, names)
+plots.draw_grouped_boxes(axes, groups, names)
 axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
 _ = axes.legend(*axes.get_legend_handles_labels())
 data = pd.DataFrame(
@@ -96,7 +96,7 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 
 # %%
 speeds = {name: each.velocity_m_s[:, :, 0] for name, each in flown.items()}
-picture = flight_pictures.simulated_paths(flown, speeds, shown, "velocity in depth (m/s)", bar)
+picture = flight_pictures.draw_simulated_paths(flown, speeds, shown, "velocity in depth (m/s)", bar)
 parts = {
     name: pd.DataFrame(each.velocity_m_s, columns=flights.METRES).head(shown)
     for (name, _), each in simulated.items()
@@ -112,7 +112,7 @@ caption = (
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture = flight_pictures.velocity_boxes(both, list(simulated))
+picture = flight_pictures.draw_velocity_boxes(both, list(simulated))
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
     "that passed it; after the right part of Fig. A.7."

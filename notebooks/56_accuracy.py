@@ -67,7 +67,7 @@ columns = ["fraction", "pressure_bar", "way", "true", "found", "spurious"]
 kinds = ("n", "bias", "low", "high", "spread")
 columns += [f"{name}_{kind}" for name in accuracy.QUANTITIES for kind in kinds]
 data = budget[columns]
-picture = flight_pictures.budget_steps(data)
+picture = flight_pictures.draw_budget_steps(data)
 caption = (
     "Measured minus true, by what was replaced by the truth: median (mark) and half the range that "
     "holds 68 % (bar), means over both pressures. What remains with true positions and links is "

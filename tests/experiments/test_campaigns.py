@@ -34,14 +34,14 @@ def test_the_scales_are_those_of_the_thesis_or_parts():
 def test_few_frames_give_all_tables_and_two_processes_the_same(monkeypatch, tmp_path):
     monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 4))
     some = campaigns.campaigns("quick", LEARNED, scenario="small")
-    tables = campaigns.measure(some)
+    tables = campaigns.measure_campaigns(some)
     for table, kind in zip(tables[1:], (TRAJECTORIES, FLIGHTS, SLICES), strict=True):
         assert list(table.columns) == ["fraction", "pressure_bar", *kind.names]
         kind.check(table)
     files = {file.name: file.read_bytes() for file in (tmp_path / "derived").glob("*.parquet")}
     assert len(files) == 2 * 5
     monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / "two"))
-    again = campaigns.measure(some, Workers(2))
+    again = campaigns.measure_campaigns(some, Workers(2))
     for one, other in zip(tables, again, strict=True):
         pd.testing.assert_frame_equal(one, other)
     for name, content in files.items():

@@ -56,14 +56,14 @@ def test_a_difference_resolved_with_our_numbers_need_not_be_with_those_of_the_th
     }
     first, second, third = groups
     pairs = [(first, second), (third, second), (first, ("paper shred", 4.5))]
-    table = confidence.differences(groups, pairs, draw)
+    table = confidence.group_differences(groups, pairs, draw)
     assert table["resolved"].tolist() == [True, True]  # the third pair was not measured
     assert table["resolved_with_table_5_15"].tolist() == [False, True]
     text = confidence.in_words(table, "medians")
     assert "wood chip 4.5 < confetti 4.5 / PE granule 4.5 > confetti 4.5" in text
     assert text.endswith("with the numbers of Table 5.15: 1 of 2")
     assert confidence.trajectory_counts(groups) == {first: 7, second: 37, third: 25}
-    assert confidence.in_words(confidence.differences(groups, [], draw), "medians") == ""
+    assert confidence.in_words(confidence.group_differences(groups, [], draw), "medians") == ""
 
 
 def lit(number, of):
@@ -73,14 +73,16 @@ def lit(number, of):
 
 def test_differences_of_shares_are_resolved_likewise():
     groups = {("confetti", 4.5): lit(100, 400), ("confetti", 5.0): lit(140, 400)}
-    table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0), shares=True)
+    table = confidence.group_differences(
+        groups, [tuple(groups)], np.random.default_rng(0), shares=True
+    )
     assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, False]]
     assert "shares resolved: confetti 4.5 < confetti 5.0" in confidence.in_words(table, "shares")
 
 
 def test_a_quantity_without_values_is_not_resolved():
     groups = {("confetti", 4.5): np.full(9, np.nan), ("confetti", 5.0): np.linspace(0, 1, 9)}
-    table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0))
+    table = confidence.group_differences(groups, [tuple(groups)], np.random.default_rng(0))
     assert table["resolved"].tolist() == [False]
     assert "none; not: confetti 4.5, confetti 5.0" in confidence.in_words(table, "medians")
 
@@ -110,22 +112,22 @@ def test_metres_before_the_first_detection_are_counted_and_left_out_beside():
 def test_as_large_a_part_of_table_5_15_has_a_value():
     values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
     groups = {("confetti", 4.5): values, ("PE granule", 4.5): values + 5}
-    table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0))
+    table = confidence.group_differences(groups, [tuple(groups)], np.random.default_rng(0))
     assert table["number"].tolist() == [40]  # a quarter of 80, twice
     # a quarter of 37 and of 25 trajectories are 9 and 6: just enough for an interval
     assert table[["resolved", "resolved_with_table_5_15"]].to_numpy().tolist() == [[True, True]]
     few = {key: one[:20] for key, one in groups.items()}
     few[("wood chip", 4.5)] = few.pop(("PE granule", 4.5))  # a quarter of 7 are 2: too few
-    table = confidence.differences(few, [tuple(few)], np.random.default_rng(0))
+    table = confidence.group_differences(few, [tuple(few)], np.random.default_rng(0))
     assert table["resolved_with_table_5_15"].tolist() == [False]
 
 
 def test_true_differences_stand_beside():
     groups = {("confetti", 4.5): np.linspace(0, 1, 9), ("confetti", 5.0): np.linspace(1, 2, 9)}
-    table = confidence.differences(groups, [tuple(groups)], np.random.default_rng(0), groups)
+    table = confidence.group_differences(groups, [tuple(groups)], np.random.default_rng(0), groups)
     assert table["true"].tolist() == table["estimate"].tolist() == [-1.0]
     groups = {("confetti", 4.5): lit(40, 100), ("confetti", 5.0): lit(10, 100)}
-    table = confidence.differences(
+    table = confidence.group_differences(
         groups, [tuple(groups)], np.random.default_rng(0), groups, shares=True
     )
     assert table["true"].tolist() == [pytest.approx(0.3)]

@@ -60,7 +60,7 @@ def test_of_each_case_the_flight_with_the_median_dwell_time():
 
 
 def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_ends(axes):
-    plots.dwell_time(axes, FIT, FLIGHT, TRACK)
+    plots.draw_dwell_time(axes, FIT, FLIGHT, TRACK)
     drawn = lines(axes)
     np.testing.assert_allclose(drawn["detections"], [[1.0, -0.1]])
     np.testing.assert_allclose(drawn["unlit"][0], [0.0, 0.0], atol=1e-12)
@@ -72,7 +72,7 @@ def test_a_flight_begins_at_the_lance_burns_from_ignition_on_and_ends_where_it_e
 
 
 def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
-    plots.dwell_time(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
+    plots.draw_dwell_time(axes, FIT, {**FLIGHT, "end_s": 1.6}, TRACK)
     last, speed = FIT(0.6)[0], FIT.velocity(0.6)[0]
     far = (np.array(FIT.exit_point_mm) - last - speed)[2:] / 1000
     np.testing.assert_allclose(lines(axes)["end: landed"][0][:1], far)
@@ -80,7 +80,7 @@ def test_past_its_last_detection_a_flight_is_drawn_straight(axes):
 
 
 def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
-    plots.dwell_time(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
+    plots.draw_dwell_time(axes, FIT, {**FLIGHT, "ignition": "none", "ignition_s": np.nan}, TRACK)
     drawn = lines(axes)
     assert "burning" not in drawn
     np.testing.assert_allclose(drawn["unlit"][-1], drawn["end: landed"][0])
@@ -88,7 +88,7 @@ def test_what_never_burns_is_drawn_unlit_to_its_end(axes):
 
 def test_metres_are_passed_on_the_trajectory_and_velocities_are_those_of_the_table(axes):
     passed = slices({3: FIT}, {3: 0.6})
-    plots.space_slices(axes, FIT, passed.sample(frac=1.0, random_state=0), 0.6)
+    plots.draw_space_slices(axes, FIT, passed.sample(frac=1.0, random_state=0), 0.6)
     time, depth = lines(axes)["a metre is passed"].T
     np.testing.assert_allclose(depth, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(9.0 * time - 4.0 * time**2, depth)
@@ -100,7 +100,7 @@ def test_a_flight_with_a_gap_among_its_slices_is_refused(axes):
     passed = slices({3: FIT}, {3: 0.6})
     for some in (passed[passed["slice_m"] != 2.0], passed.head(0)):
         with pytest.raises(InputError, match="slices: not every slice"):
-            plots.space_slices(axes, FIT, some, 0.6)
+            plots.draw_space_slices(axes, FIT, some, 0.6)
 
 
 @pytest.mark.parametrize("by_sample", [False, True])
@@ -110,12 +110,12 @@ def test_simulated_flights_are_coloured_as_far_as_they_fly(axes, by_sample):
         flights.position_m[k, :samples] = np.arange(3.0 * samples).reshape(samples, 3)
     ends = np.array([0.3, 0.5, 0.7])
     values = np.tile(np.arange(len(flights.age_s), dtype=float), (3, 1)) if by_sample else ends
-    drawn = plots.from_the_side(axes, flights, values, (0.0, 1.0), 3)
+    drawn = plots.draw_from_the_side(axes, flights, values, (0.0, 1.0), 3)
     assert len(drawn.get_segments()) == 3 + 0 + 5
     expected = [0, 1, 2, 0, 1, 2, 3, 4] if by_sample else [0.3] * 3 + [0.7] * 5
     np.testing.assert_allclose(drawn.get_array(), expected)
     np.testing.assert_allclose(drawn.get_segments()[0], [[0.0, 2.0], [3.0, 5.0]])
-    fewer = plots.from_the_side(axes, flights, values, (0.0, 1.0), 2)
+    fewer = plots.draw_from_the_side(axes, flights, values, (0.0, 1.0), 2)
     assert len(fewer.get_segments()) == 3
 
 
@@ -133,7 +133,7 @@ def test_boxes_stand_side_by_side_with_their_numbers(axes):
         "true": [np.array([1.0, 2, 3]), np.empty(0)],
         "measured": [np.array([2.0, np.nan])] * 2,
     }
-    plots.grouped_boxes(axes, groups, ["a", "b"])
+    plots.draw_grouped_boxes(axes, groups, ["a", "b"])
     assert [text.get_text() for text in axes.texts] == ["3", "0", "1", "1"]
     assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "b"]
     names = [handle.get_label() for handle in axes.get_legend_handles_labels()[0]]
@@ -143,7 +143,7 @@ def test_boxes_stand_side_by_side_with_their_numbers(axes):
 def test_open_bounds_run_to_the_edge(axes):
     axes.set_ylim(0, 10)
     bounds = pd.DataFrame({"at": [1.0, 2.0], "low": [3.0, np.nan], "high": [np.nan, 4.0]})
-    plots.published(axes, bounds)
+    plots.draw_published(axes, bounds)
     ends = [segment[:, 1] for segment in axes.collections[0].get_segments()]
     np.testing.assert_allclose(ends, [[2.92, 10.08], [-0.08, 4.08]])
     assert axes.get_ylim() == (0, 10)
@@ -152,7 +152,7 @@ def test_open_bounds_run_to_the_edge(axes):
 def test_curves_start_at_the_lance_and_points_without_depth_are_left_out():
     figure = plt.figure()
     axes = figure.add_subplot(projection="3d")
-    plots.curves(axes, [CURVE], [GRAY_TRACK])
+    plots.draw_curves(axes, [CURVE], [GRAY_TRACK])
     depth, across, _ = axes.lines[0].get_data_3d()
     assert (depth[0], across[0]) == (pytest.approx(6.5), pytest.approx(0.0))
     assert len(axes.lines[1].get_data_3d()[0]) == 1

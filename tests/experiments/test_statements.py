@@ -31,7 +31,7 @@ def test_every_statement_names_an_outcome():
 
 
 def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
-    rows = statements.targets()
+    rows = statements.calibration_targets()
     assert set(zip(rows["fraction"], rows["pressure_bar"], strict=True)) == set(statements.CELLS)
     kinds = set(rows["outcome"].str.split(" ").str[0])
     assert kinds == {"velocity", "remaining", "dwell", "ignited"}
@@ -159,13 +159,15 @@ def test_a_printed_number_holds_within_its_bounds_or_its_unit():
 
 def test_pictures_have_a_panel_for_each_campaign_or_fraction(values):
     printed = statements.beside_published(values, values, ["velocity", "remaining", "landed"])
-    boxes = flight_pictures.velocity_boxes({"true": values, "measured": values}, KEYS, printed)
+    boxes = flight_pictures.draw_velocity_boxes({"true": values, "measured": values}, KEYS, printed)
     assert [axes.get_title() for axes in boxes.axes] == [f"{a}, {b} bar" for a, b in KEYS]
     outcomes = dict.fromkeys(("true", "measured"), campaigns.outcome_table(values))
     table = statements.along_the_way(outcomes, printed)
-    way = flight_pictures.along_the_way(table, list(outcomes))
+    way = flight_pictures.draw_along_the_way(table, list(outcomes))
     assert [axes.get_title() for axes in way.axes] == 2 * sorted(FRACTIONS)
     papers = [key for key in KEYS if key[0] in statements.PAPERS]
-    bars, bins = flight_pictures.ignition_bars({"true": values}, papers, statements.statements())
+    bars, bins = flight_pictures.draw_ignition_bars(
+        {"true": values}, papers, statements.statements()
+    )
     assert [axes.get_title() for axes in bars.axes] == [f"{a}, {b} bar" for a, b in papers]
     assert bins.groupby(["kind", "fraction", "pressure_bar"]).ngroups == len(papers)

@@ -123,7 +123,7 @@ def test_readings_are_plans_and_the_first_is_as_printed(window):
     assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
     assert table.loc["as printed", "alpha"] == steps["alpha"].iloc[-1]
     without = tracklets.postprocess(track(window.detections))  # no differences, no texture
-    measures = tracking.measures(window.truth, without)
+    measures = tracking.measure_tracks(window.truth, without)
     assert table.loc["no texture", "alpha"] == measures["alpha"]
 
 

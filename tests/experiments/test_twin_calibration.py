@@ -9,7 +9,7 @@ from kilnflight.twin.fitted import FlightInputs, flight_inputs
 
 
 def test_the_frozen_inputs_cost_less_and_as_much_as_the_file_says():
-    content, targets = calibration.record(), statements.targets()
+    content, targets = calibration.read_fit(), statements.calibration_targets()
     before = calibration.cost(FlightInputs(), targets)
     after = calibration.cost(flight_inputs(), targets)
     assert after < before / 2
@@ -18,7 +18,7 @@ def test_the_frozen_inputs_cost_less_and_as_much_as_the_file_says():
 
 
 def test_another_seed_agrees_that_they_cost_less():
-    targets = statements.targets()
+    targets = statements.calibration_targets()
     values = [
         calibration.cost(inputs, targets, seed=3) for inputs in (flight_inputs(), FlightInputs())
     ]
@@ -31,7 +31,7 @@ def test_the_frozen_inputs_lie_within_the_limits():
 
 
 def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
-    targets = statements.targets()
+    targets = statements.calibration_targets()
     assert set(targets["use"]) == {statements.CALIBRATED}
     flown, original = [], truth.released
 
@@ -46,7 +46,7 @@ def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
 
 
 def test_held_out_numbers_do_not_change_the_targets(monkeypatch):
-    before = calibration.target_rows(statements.targets())
+    before = calibration.target_rows(statements.calibration_targets())
     read = statements.claims.published
 
     def other(name, **how):
@@ -56,7 +56,7 @@ def test_held_out_numbers_do_not_change_the_targets(monkeypatch):
         return table
 
     monkeypatch.setattr(statements.claims, "published", other)
-    assert calibration.target_rows(statements.targets()) == before
+    assert calibration.target_rows(statements.calibration_targets()) == before
 
 
 def test_the_search_is_deterministic_and_keeps_to_the_limits():

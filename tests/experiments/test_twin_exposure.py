@@ -12,12 +12,12 @@ from kilnflight.twin.scenes import fed, ground_truth, small
 
 
 def test_the_targets_are_the_published_row():
-    row = exposure.targets().set_index("subset").loc["V5"]
+    row = exposure.otsu_targets().set_index("subset").loc["V5"]
     assert row.tolist() == [0.9920, 0.4758, 0.35]
 
 
 def test_no_misfit_costs_nothing_and_units_are_the_spreads():
-    published = exposure.targets()
+    published = exposure.otsu_targets()
     assert exposure.cost(published, published) == 0
     off = published.assign(recall=published["recall"] + 0.05)
     assert exposure.cost(off, published) == pytest.approx(5.0)
@@ -38,7 +38,7 @@ def test_the_row_is_what_otsu_detects_and_depends_on_the_light():
     twin = Twin(small(ground_truth("V3")))
     fitted = light_inputs()
     row = exposure.otsu_row([twin], fitted)
-    assert list(row.columns) == list(exposure.targets().columns)
+    assert list(row.columns) == list(exposure.otsu_targets().columns)
     assert row[["precision", "recall", "unlit"]].to_numpy().min() >= 0
     assert row[["precision", "recall", "unlit"]].to_numpy().max() <= 1
     pd.testing.assert_frame_equal(row, exposure.otsu_row([twin], fitted))
@@ -47,7 +47,7 @@ def test_the_row_is_what_otsu_detects_and_depends_on_the_light():
 
 
 def test_the_frozen_file_fits_the_targets_and_overexposes_flames():
-    record = exposure.record()
+    record = exposure.read_fit()
     assert record["cost_calibrated"] < record["cost_inputs_only"]
     assert LightInputs(**record["inputs"]) == light_inputs()
     assert light_inputs().flame_reach >= 1

@@ -35,7 +35,7 @@ def test_lines_differ_in_grey_or_in_dashes():
 def test_boxes_are_drawn_where_the_summary_says():
     _, ((axes,),) = style.canvas()
     row = {"whisker_low": -3.0, "q25": -1.0, "median": 0.5, "q75": 1.0, "whisker_high": 4.0}
-    style.boxes(axes, pd.DataFrame([row, row]))
+    style.draw_boxes(axes, pd.DataFrame([row, row]))
     heights = {tuple(line.get_ydata()) for line in axes.lines}
     assert {(-1.0, -3.0), (1.0, 4.0), (0.5, 0.5)} <= heights
     assert len(axes.patches) == 2
@@ -60,12 +60,12 @@ def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
     gray = np.zeros((7, 9), np.uint16)
     gray[:2, :2] = 400
     _, ((axes,),) = style.canvas()
-    style.frame(axes, gray)
+    style.draw_frame(axes, gray)
     image = axes.images[0]
     assert image.get_array().shape == (3, 4)
     assert image.get_array()[0, 0] == 20.0
     assert tuple(image.get_extent()) == (-0.5, 7.5, 5.5, -0.5)
-    style.circles(axes, np.array([[2.0, 3.0, 1.5]]), "black")
+    style.draw_circles(axes, np.array([[2.0, 3.0, 1.5]]), "black")
     (path,) = axes.collections[0].get_paths()
     assert path.get_extents().get_points().tolist() == [[1.5, 0.5], [4.5, 3.5]]
     style.plt.close("all")

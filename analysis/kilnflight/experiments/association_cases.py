@@ -166,7 +166,7 @@ def draw_associations(
     covariance: Array,
     distance: float,
 ) -> Figure:
-    """Return what associators (rows) make of situations (columns).
+    """Draw what associators (rows) make of situations (columns).
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def draw_associations(
 def draw_events(
     places: Places, covariance: Array, distance: float, validation: Matrices, table: pd.DataFrame
 ) -> Figure:
-    """Return gates, validation and feasibility matrices, and probabilities (Fig. 2.23).
+    """Draw gates, validation and feasibility matrices, and probabilities (Fig. 2.23).
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def draw_events(
 
 
 def draw_gate(table: pd.DataFrame, unseen: tuple[int, ...], depth_mm: float) -> Figure:
-    """Return the gate of a track by frame in the image and in depth (Fig. 4.2).
+    """Draw the gate of a track by frame in the image and in depth (Fig. 4.2).
 
     Parameters
     ----------

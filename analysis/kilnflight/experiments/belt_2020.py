@@ -43,7 +43,7 @@ from kilnflight.experiments.belt_claims import (
     lateral_notes,
 )
 from kilnflight.project import claims
-from kilnflight.project.style import MARKERS, PAGE_MM, boxes, canvas
+from kilnflight.project.style import MARKERS, PAGE_MM, canvas, draw_boxes
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
@@ -390,7 +390,7 @@ def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Fi
     Parameters
     ----------
     summaries
-        ``source``, ``data_set``, ``model`` and what `style.boxes` takes.
+        ``source``, ``data_set``, ``model`` and what `style.draw_boxes` takes.
     label
         Of the vertical axes, below the source.
     height_mm
@@ -404,7 +404,7 @@ def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Fi
         for axes, data_set in zip(panels, sets, strict=True):
             table = summaries[(summaries["source"] == source) & (summaries["data_set"] == data_set)]
             axes.axhline(0, color="0.6", lw=0.6, ls="-")
-            boxes(axes, table)
+            draw_boxes(axes, table)
             axes.set(title=data_set)
             turned = 60 if len(table) > 5 else 0
             axes.set_xticks(range(len(table)), table["model"], rotation=turned)

@@ -170,7 +170,7 @@ class Measurement(NamedTuple):
     slices: pd.DataFrame
 
 
-def measure(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
+def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
     """Return the tables of the campaigns, made where they are not there.
 
     ``particle`` tells particles of one campaign apart, not of all.
@@ -225,7 +225,7 @@ def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
     The true positions in their frames are cached, too.
     """
     recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
-    tables, workers = measure(recorded, Workers(jobs)), Workers(jobs)
+    tables, workers = measure_campaigns(recorded, Workers(jobs)), Workers(jobs)
     workers(true_positions, recorded, [len(each.frames) for each in recorded], "truth")
     return Results(recorded, tables, values_by_campaign(tables), true_values(recorded))
 

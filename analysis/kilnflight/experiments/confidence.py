@@ -145,7 +145,7 @@ def ignited_shares(sources: Mapping[str, Values]) -> pd.DataFrame:
 
 
 def all_differences(measured: Values, true: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return `differences` of dwell time, velocity in the first metre and ignited share.
+    """Return `group_differences` of dwell time, velocity in the first metre and ignited share.
 
     Between fractions at one pressure, and between pressures of one fraction.
     """
@@ -158,11 +158,13 @@ def all_differences(measured: Values, true: Values, generator: np.random.Generat
     tables = {}
     for name, of in quantities.items():
         ours, real = ({key: of(each) for key, each in kind.items()} for kind in (measured, true))
-        tables[name] = differences(ours, pairs, generator, real, shares=name == "ignited share")
+        tables[name] = group_differences(
+            ours, pairs, generator, real, shares=name == "ignited share"
+        )
     return pd.concat(tables, names=["quantity"]).reset_index("quantity")
 
 
-def differences(
+def group_differences(
     groups: Mapping[Key, Array],
     pairs: Sequence[tuple[Key, Key]],
     generator: np.random.Generator,
@@ -237,7 +239,7 @@ def trajectory_counts(keys: Iterable[Key]) -> dict[Key, int]:
 
 
 def in_words(table: pd.DataFrame, quantity: str) -> str:
-    """Return which `differences` are beyond chance, as part of a reason.
+    """Return which `group_differences` are beyond chance, as part of a reason.
 
     Examples
     --------

@@ -14,15 +14,15 @@ from scipy.stats import norm
 
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Clusters
-from kilnflight.experiments.plots import bars
-from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, circles, frame
+from kilnflight.experiments.plots import draw_bars
+from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
 
 Array = npt.NDArray[np.float64]
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
 
 
-def k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
-    """Return sorted k-distance curves: ``point``, and ``distance_<k>_mm`` for each k."""
+def draw_k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
+    """Draw sorted k-distance curves: ``point``, and ``distance_<k>_mm`` for each k."""
     picture, ((axes,),) = canvas()
     for name, line in zip(curves.columns[1:], LINES, strict=False):
         axes.plot(curves["point"], curves[name], ls=line, label=f"k = {name.split('_')[1]}")
@@ -35,12 +35,12 @@ def k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
     return picture
 
 
-def precision_recall(
+def draw_precision_recall(
     tables: Mapping[str, pd.DataFrame],
     published: Mapping[str, pd.DataFrame],
     parameters: Mapping[str, Sequence[str]],
 ) -> Figure:
-    """Return precision over recall of clusterers, ours and published, by family.
+    """Draw precision over recall of clusterers, ours and published, by family.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def precision_recall(
     return picture
 
 
-def class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
-    """Return the recall of each class by subset, a panel for each value of a column.
+def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
+    """Draw the recall of each class by subset, a panel for each value of a column.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ())
     groups = recall.groupby(by, sort=False)
     picture, (panels,) = canvas(1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, table) in zip(panels, groups, strict=True):
-        bars(axes, table, "subset", "kind", "recall")
+        draw_bars(axes, table, "subset", "kind", "recall")
         axes.set_title(name)
     if len(published):
         look = {"color": "black", "ms": 3, "label": "published, non-burning"}
@@ -92,8 +92,8 @@ def class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ())
     return picture
 
 
-def fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
-    """Return the wall's points (n, 3) in mm along the fitted axis, and their distance to it."""
+def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
+    """Draw the wall's points (n, 3) in mm along the fitted axis, and their distance to it."""
     picture, (panels,) = canvas(1, 2, width_mm=PAGE_MM, height_mm=75)
     panels[0].plot(points[:, 0], points[:, 1], ",", color="black")
     distance = cylinder.distance_to_axis(points, fit)
@@ -113,10 +113,10 @@ def fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     return picture
 
 
-def axis_distances(
+def draw_axis_distances(
     air_mm: pd.Series, wall_mm: pd.Series, thresholds: Mapping[str, float]
 ) -> Figure:
-    """Return histograms of distances from the axis, their Gaussians, and thresholds."""
+    """Draw histograms of distances from the axis, their Gaussians, and thresholds."""
     picture, ((axes,),) = canvas(width_mm=120, height_mm=65)
     bins, shown = np.arange(0, 1201, 25), np.linspace(0, 1200, 400)
     kinds = {"in the air": (air_mm, COLOURS[2], "-"), "on the wall": (wall_mm, COLOURS[1], "--")}
@@ -140,8 +140,10 @@ def _part(axes: Axes, image: npt.NDArray[Any], box: Sequence[int], title: str, *
     axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
 
 
-def flame(gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequence[int]) -> Figure:
-    """Return the burner's rectangle (top, bottom, left, right) and the flame in it."""
+def draw_flame(
+    gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequence[int]
+) -> Figure:
+    """Draw the burner's rectangle (top, bottom, left, right) and the flame in it."""
     top, bottom, left, right = roi
     picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
     for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
@@ -151,27 +153,27 @@ def flame(gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequen
     return picture
 
 
-def keypoints_and_clusters(
+def draw_keypoints_and_clusters(
     gray: npt.NDArray[np.uint16],
     keypoints: Array,
     clusters: Clusters | None,
     roi: Sequence[tuple[float, float]],
     **size: Any,
 ) -> Figure:
-    """Return a frame with keypoints as circles, clusters as dots and the region of interest."""
+    """Draw a frame with keypoints as circles, clusters as dots and the region of interest."""
     picture, ((axes,),) = canvas(**size)
-    frame(axes, gray, 4 if clusters is not None else 2)
+    draw_frame(axes, gray, 4 if clusters is not None else 2)
     if clusters is not None:
         spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
         axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[COLOURS[k] for k in spread])
-    circles(axes, keypoints, COLOURS[5])
+    draw_circles(axes, keypoints, COLOURS[5])
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
     return picture
 
 
-def cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -> Figure:
-    """Return up to three examples (keypoints, clusters, decided particles) of each case."""
+def draw_cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -> Figure:
+    """Draw up to three examples (keypoints, clusters, decided particles) of each case."""
     middle = np.sqrt(np.median(gray))
     picture, grid = canvas(len(examples), 3, width_mm=110, height_mm=38 * len(examples))
     for (case, rows), panels in zip(examples.items(), grid, strict=True):
@@ -183,7 +185,7 @@ def cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -
             (y, x) = where.mean(axis=0)
             axes.imshow(np.sqrt(gray), cmap="gray", vmin=0.6 * middle, vmax=256)
             axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=COLOURS[6])
-            circles(axes, spots, COLOURS[5])
+            draw_circles(axes, spots, COLOURS[5])
             for particle in particles:
                 axes.plot(particle.col, particle.row, "x", color=COLOURS[1], ms=7)
             half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
@@ -192,8 +194,8 @@ def cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -
     return picture
 
 
-def cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Figure:
-    """Return rectangles (top, bottom, left, right) of images; the first with its peaks."""
+def draw_cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Figure:
+    """Draw rectangles (top, bottom, left, right) of images; the first with its peaks."""
     picture, (panels,) = canvas(1, len(images), width_mm=PAGE_MM, height_mm=62)
     for axes, (title, (image, box)) in zip(panels, images.items(), strict=True):
         _part(axes, image, box, title)
@@ -201,8 +203,8 @@ def cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Fig
     return picture
 
 
-def backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
-    """Return a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
+def draw_backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
+    """Draw a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
     top, bottom, left, right = box
     picture, grid = canvas(3, 2, width_mm=PAGE_MM, height_mm=135)
     first = next(iter(images.values()))[top:bottom, left:right]

@@ -23,16 +23,16 @@ from kilnflight.experiments.campaigns import (
 )
 from kilnflight.experiments.confidence import Values
 from kilnflight.experiments.plots import (
-    curves,
-    dwell_time,
+    draw_curves,
+    draw_dwell_time,
+    draw_flown_paths,
+    draw_from_the_side,
+    draw_grouped_boxes,
+    draw_published,
+    draw_space_slices,
     examples,
-    flown_paths,
-    from_the_side,
-    grouped_boxes,
-    published,
-    space_slices,
 )
-from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, boxes, canvas
+from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas, draw_boxes
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, ignition_histogram
 from kilnflight.twin.flight import Flights
@@ -42,8 +42,10 @@ TOPS = {"velocity": 18.0, "remaining": 105.0}  # of the axes
 LABELS = {"velocity": "median velocity (m/s)", "remaining": "remaining particles (%)"}
 
 
-def longest_slices(tables: Measurement) -> tuple[Figure, pd.DataFrame, str]:
-    """Return `space_slices` of the flight detected over most metres, its slices and its name.
+def draw_longest_slices(tables: Measurement) -> tuple[Figure, pd.DataFrame, str]:
+    """Draw the space slices of the flight detected over most metres.
+
+    Its slices and its name come with the picture.
 
     An empty picture if no metre was passed.
     """
@@ -55,7 +57,7 @@ def longest_slices(tables: Measurement) -> tuple[Figure, pd.DataFrame, str]:
         return picture, front.head(0), "flight (no metre was passed)"
     fraction, bar, particle = longest[[*KEYS, "particle"]].iloc[0]
     trajectory, flight, passed = _of_particle(tables[1:], (fraction, bar), particle)
-    space_slices(grid[0, 0], fits(trajectory)[particle], passed, flight["end_s"].iloc[0])
+    draw_space_slices(grid[0, 0], fits(trajectory)[particle], passed, flight["end_s"].iloc[0])
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
     return picture, passed, f"{fraction} at {bar} bar"
 
@@ -68,12 +70,12 @@ def _of_particle(
     return [part[part["particle"] == particle].drop(columns=KEYS) for part in parts]
 
 
-def velocity_boxes(
+def draw_velocity_boxes(
     sources: Mapping[str, Values],
     keys: Sequence[CampaignKey],
     bounds: pd.DataFrame | None = None,
 ) -> Figure:
-    """Return box plots of the velocity within each metre, a panel for each campaign.
+    """Draw box plots of the velocity within each metre, a panel for each campaign.
 
     Parameters
     ----------
@@ -90,19 +92,19 @@ def velocity_boxes(
     metres = [f"{metre - 1}-{metre} m" for metre in METRES]
     for axes, key in zip(grid.flat, keys, strict=False):
         groups = {name: list(values[key].velocity_m_s.T) for name, values in sources.items()}
-        grouped_boxes(axes, groups, metres)
+        draw_grouped_boxes(axes, groups, metres)
         axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-5, 25))
         if bounds is not None:
             at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
-            published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
+            draw_published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
     for axes in grid[:, 0]:
         axes.set_ylabel("velocity in depth (m/s)")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
     return picture
 
 
-def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
-    """Return box plots of dwell times by fraction, a panel for each pressure.
+def draw_dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
+    """Draw box plots of dwell times by fraction, a panel for each pressure.
 
     Parameters
     ----------
@@ -123,7 +125,7 @@ def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
             ],
             "measured": [part["measured_s"].to_numpy() for part in parts],
         }
-        grouped_boxes(axes, groups, names)
+        draw_grouped_boxes(axes, groups, names)
         axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
     grid[0, 0].set_ylabel("dwell time (s)")
@@ -131,8 +133,8 @@ def dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
     return picture
 
 
-def dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
-    """Return the cases of Fig. 5.18 on measured `examples`, and these."""
+def draw_dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
+    """Draw the cases of Fig. 5.18 on measured `examples`; return their flights too."""
     picture, grid = canvas(1, 3, width_mm=PAGE_MM, height_mm=62, sharey=True)
     flights = examples(tables.flights)
     handles: dict[str, Artist] = {}
@@ -142,7 +144,7 @@ def dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
             flight = flights[case]
             key = flight["fraction"], flight["pressure_bar"]
             track, trajectory = _of_particle(tables[:2], key, flight["particle"])
-            dwell_time(axes, fits(trajectory)[flight["particle"]], flight, track)
+            draw_dwell_time(axes, fits(trajectory)[flight["particle"]], flight, track)
             title += f": {key[0]}, {key[1]} bar"
         axes.set(title=title if case in flights else f"{title}: none measured")
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
@@ -153,10 +155,10 @@ def dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
     return picture, pd.DataFrame(list(flights.values()), columns=columns)
 
 
-def ignition_bars(
+def draw_ignition_bars(
     kinds: Mapping[str, Values], keys: Sequence[CampaignKey], printed: pd.DataFrame
 ) -> tuple[Figure, pd.DataFrame]:
-    """Return histograms of ignition times in steps of 0.1 s, a panel for each campaign, and these.
+    """Draw histograms of ignition times in steps of 0.1 s, a panel for each campaign.
 
     Parameters
     ----------
@@ -185,8 +187,8 @@ def ignition_bars(
     return picture, pd.concat(tables, names=["kind", *KEYS]).reset_index(["kind", *KEYS])
 
 
-def budget_steps(budget: pd.DataFrame) -> Figure:
-    """Return bias and spread of the `accuracy.error_budget`, means over both pressures."""
+def draw_budget_steps(budget: pd.DataFrame) -> Figure:
+    """Draw bias and spread of the `accuracy.error_budget`, means over both pressures."""
     names = budget["fraction"].unique()
     labels = {"dwell_s": "dwell time (s)", "velocity_m_s": "velocity 0-1 m (m/s)"}
     labels |= {"ignition_s": "ignition time (s)"}
@@ -208,8 +210,8 @@ def budget_steps(budget: pd.DataFrame) -> Figure:
     return picture
 
 
-def measures_by_order(by_order: pd.DataFrame) -> Figure:
-    """Return the four measures of fits over the order, a line for each axis (Fig. 4.23)."""
+def draw_measures_by_order(by_order: pd.DataFrame) -> Figure:
+    """Draw the four measures of fits over the order, a line for each axis (Fig. 4.23)."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=100, sharex=True)
     titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)"}
     titles |= {"r2": "R2", "r2_adjusted": "adjusted R2"}
@@ -224,10 +226,10 @@ def measures_by_order(by_order: pd.DataFrame) -> Figure:
     return picture
 
 
-def fits_in_space(
+def draw_fits_in_space(
     tables: Measurement, keys: Sequence[CampaignKey], most: int
 ) -> tuple[Figure, pd.DataFrame]:
-    """Return the first trajectories of some campaigns in space, and their detections.
+    """Draw the first trajectories of some campaigns in space, and their detections.
 
     Above with the detections as lines, below as points by grey value.
     """
@@ -240,7 +242,7 @@ def fits_in_space(
         for row, gray in enumerate((False, True)):
             axes = picture.add_subplot(2, 2, 1 + k + 2 * row, projection="3d")
             each = [track for _, track in tracks.groupby("particle")]
-            curves(axes, list(fitted.values()), each, gray)
+            draw_curves(axes, list(fitted.values()), each, gray)
             axes.view_init(elev=15, azim=-65)
             title = "grey values" if gray else "detections (thin) and fits"
             axes.set_title(f"{key[0]}, {title}", y=0.98)
@@ -248,33 +250,33 @@ def fits_in_space(
     return picture, pd.concat(parts, ignore_index=True)[columns]
 
 
-def simulated_paths(
+def draw_simulated_paths(
     flown: Mapping[str, Flights], values: Mapping[str, Array], most: int, label: str, bar: float
 ) -> Figure:
-    """Return simulated flights from the side, coloured by a value, a panel for each fraction."""
+    """Draw simulated flights from the side, coloured by a value, a panel for each fraction."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=95, sharex=True, sharey=True)
     every = np.concatenate([each.ravel() for each in values.values()])
     limits = np.nanquantile(every, [0.05, 0.95])
     for axes, name in zip(grid.flat, flown, strict=False):
-        lines = from_the_side(axes, flown[name], values[name], limits, most)
+        lines = draw_from_the_side(axes, flown[name], values[name], limits, most)
         axes.set_title(f"{name}, {bar} bar")
         axes.label_outer()
     picture.colorbar(lines, ax=grid, label=label, extend="both")
     return picture
 
 
-def simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> Figure:
-    """Return simulated flights of the first and third fraction in space (Fig. A.5)."""
+def draw_simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> Figure:
+    """Draw simulated flights of the first and third fraction in space (Fig. A.5)."""
     picture = plt.figure(figsize=(PAGE_MM / 25.4, 70 / 25.4))
     for k, name in enumerate(list(flown)[::2][:2]):
         axes = picture.add_subplot(1, 2, k + 1, projection="3d")
-        flown_paths(axes, flown[name], most)
+        draw_flown_paths(axes, flown[name], most)
         axes.set_title(f"{name}, {bar} bar")
     return picture
 
 
-def along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
-    """Return velocity and remaining share along the way, a row for each, by fraction.
+def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
+    """Draw velocity and remaining share along the way, a row for each, by fraction.
 
     Parameters
     ----------
@@ -310,15 +312,15 @@ def along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     return picture
 
 
-def true_dwell(table: pd.DataFrame) -> Figure:
-    """Return dwell times as boxes, rows by ``version``, columns by pressure; see `style.boxes`."""
+def draw_true_dwell(table: pd.DataFrame) -> Figure:
+    """Draw dwell times as boxes: a row for each ``version``, a column for each pressure."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharey=True)
     for panels, version in zip(grid, table["version"].unique(), strict=True):
         panels[0].set_ylabel("dwell time (s)")
         for axes, bar in zip(panels, (4.5, 5.0), strict=True):
             rows = table[(table["version"] == version) & (table["pressure_bar"] == bar)]
             axes.axhspan(0.3, 0.5, color=COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
-            boxes(axes, rows)
+            draw_boxes(axes, rows)
             names = list(rows["fraction"])
             axes.set(title=f"{version}, {bar} bar", xticks=range(len(names)), xticklabels=names)
     return picture

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.tracking import MEASURES, Tracker, Window, measures, run
+from kilnflight.experiments.tracking import MEASURES, Tracker, Window, measure_tracks, run
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -202,7 +202,7 @@ def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]
         return {**nothing, "seconds": perf_counter() - begin, "note": f"not run: {error}"}
     seconds = perf_counter() - begin
     pairs = zip(windows, tracks, strict=True)
-    table = pd.DataFrame([measures(window.truth, rows) for window, rows in pairs])
+    table = pd.DataFrame([measure_tracks(window.truth, rows) for window, rows in pairs])
     return {**table[list(MEASURES)].mean(), "seconds": seconds, "note": ""}
 
 

@@ -19,7 +19,7 @@ from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
-from kilnflight.project.style import BOXES, COLOURS, HATCHES, LINES, PAGE_MM, canvas, frame
+from kilnflight.project.style import BOXES, COLOURS, HATCHES, LINES, PAGE_MM, canvas, draw_frame
 from kilnflight.recording.frames import PictureRecording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
@@ -31,7 +31,9 @@ SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
-def grouped_boxes(axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> None:
+def draw_grouped_boxes(
+    axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]
+) -> None:
     """Draw box plots side by side: a place per label, a box per group, outliers as crosses.
 
     Below each box stands how many values it has.
@@ -61,7 +63,7 @@ def grouped_boxes(axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Seq
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45))
 
 
-def published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
+def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open)."""
     bottom, top = axes.get_ylim()
     look: dict[str, Any] = {"color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3}
@@ -72,7 +74,7 @@ def published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     axes.set_ylim(bottom, top)
 
 
-def curves(
+def draw_curves(
     axes: Any, fits: Sequence[Fit], tracks: Sequence[pd.DataFrame], gray: bool = False
 ) -> None:
     """Draw fitted trajectories in space, thick, with their detections, thin or by grey value.
@@ -112,7 +114,7 @@ def _label_space(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: i
     axes.locator_params(nbins=4)
 
 
-def flown_paths(axes: Any, flights: Flights, most: int) -> None:
+def draw_flown_paths(axes: Any, flights: Flights, most: int) -> None:
     """Draw simulated flights in space, with a dot for every metre in depth (Fig. A.5)."""
     for k in range(min(most, len(flights.end))):
         path = flights.position_m[k]
@@ -135,7 +137,7 @@ def summed_changes(recording: PictureRecording, frames: range) -> Array:
     return total
 
 
-def sums_and_tracks(
+def draw_sums_and_tracks(
     fraction: str, sums: Mapping[CampaignKey, Array], tracks: Mapping[CampaignKey, pd.DataFrame]
 ) -> Figure:
     """Return summed frame differences above the tracks in the same frames, by pressure."""
@@ -146,7 +148,7 @@ def sums_and_tracks(
         total = sums[cell]
         low, high = np.quantile(total, [0.05, 0.999])
         shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
-        frame(panels[0], shown * 60000.0, 8)
+        draw_frame(panels[0], shown * 60000.0, 8)
         for k, (_, track) in enumerate(tracks[cell].groupby("particle")):
             look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
             panels[1].plot(track["col"], track["row"], **look)
@@ -225,7 +227,7 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
     return {case: cases[case][(len(cases[case]) - 1) // 2] for case in CASES if cases[case]}
 
 
-def dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
+def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
     """Draw a flight from the side, from the lance to its end, thick where it burns.
 
     Past its last detection it flies straight on, as `kilnflight.flight.Landing` has it.
@@ -265,7 +267,7 @@ def _from_the_lance(fit: Fit, places: Array) -> Array:
     return np.column_stack([-depth, -down])
 
 
-def space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
+def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
     """Draw when a flight passes which metre, and the velocity between two of them (Eq. 5.8).
 
     Parameters
@@ -311,7 +313,7 @@ def space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> No
     axes.margins(x=0.2)
 
 
-def from_the_side(
+def draw_from_the_side(
     axes: Axes, flights: Flights, values: Array, limits: npt.ArrayLike, most: int
 ) -> LineCollection:
     """Draw simulated flights from the side, as dark as a value is low; return what is coloured.
@@ -342,7 +344,7 @@ def from_the_side(
     return lines
 
 
-def beside_published(axes: Axes, table: pd.DataFrame) -> None:
+def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
     """Draw values without and with a treatment, ours above the published ones.
 
     Parameters
@@ -372,7 +374,7 @@ def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: s
         axes.plot(wide[stage], place, ls="", **look)
 
 
-def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
+def draw_before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
     """Draw what each entry has "without" and "with" something, joined by a line.
 
     Parameters
@@ -393,7 +395,7 @@ def before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value:
     axes.set(yticks=range(len(wide)), yticklabels=wide.index)
 
 
-def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
+def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
     """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, in shades of grey.
 
     Parameters
@@ -415,7 +417,7 @@ def bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> 
     axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
 
 
-def intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
+def draw_intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
     """Draw F1 of methods with intervals, beside another criterion and the publication.
 
     Parameters

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments.tracking import MEASURES, Tables, Window, measures
+from kilnflight.experiments.tracking import MEASURES, Tables, Window, measure_tracks
 from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining
@@ -44,7 +44,7 @@ def compare_steps(
             kept = tracklets.tracked(table)
             row = {"fraction": window.fraction, "after": step, "positions": len(kept)}
             row |= {"tracks": kept["particle"].nunique()}
-            rows.append(row | measures(window.truth, table))
+            rows.append(row | measure_tracks(window.truth, table))
     columns = ["fraction", "after", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
     return pd.DataFrame(rows)[columns], after
 
@@ -79,7 +79,7 @@ def compare_plans(windows: Iterable[Window], plans: Mapping[str, Plan]) -> pd.Da
         for name, plan in plans.items():
             table = tracklets.postprocess(tracks, window.differences, plan)
             row = {"fraction": window.fraction, "reading": name}
-            rows.append(row | measures(window.truth, table))
+            rows.append(row | measure_tracks(window.truth, table))
     return pd.DataFrame(rows)[["fraction", "reading", *MEASURES]]
 
 
@@ -200,14 +200,14 @@ def verdicts(plans: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]
 
 
 def draw_steps(windows: Sequence[Window], tables: Tables) -> Figure:
-    """Return tracks after each step of the post-processing, and the true ones below."""
+    """Draw tracks after each step of the post-processing, and the true ones below."""
     rows = 1 + len(next(iter(tables.values())))
     picture, grid = style.canvas(rows, len(windows), width_mm=style.PAGE_MM, height_mm=250)
     for window, column in zip(windows, grid.T, strict=True):
         stages = {**tables[window.fraction], "truth": window.truth}
         low, high = (window.truth[["row", "col"]].agg(edge) for edge in ("min", "max"))
         for axes, (name, table) in zip(column, stages.items(), strict=True):
-            style.tracks(axes, tracklets.tracked(table))
+            style.draw_tracks(axes, tracklets.tracked(table))
             axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)")
             axes.set(xlim=(low["col"] - 80, high["col"] + 80))
             axes.set(ylim=(high["row"] + 80, low["row"] - 80))
@@ -216,7 +216,7 @@ def draw_steps(windows: Sequence[Window], tables: Tables) -> Figure:
 
 
 def draw_textures(images: Sequence[Array]) -> Figure:
-    """Return windows of summed differences side by side, lettered, equally bright."""
+    """Draw windows of summed differences side by side, lettered, equally bright."""
     picture, (panels,) = style.canvas(1, len(images), width_mm=style.PAGE_MM, height_mm=62)
     lightest = np.sqrt(np.max(images[:-1]))
     for axes, image, name in zip(panels, images, "abcdefgh", strict=False):

@@ -24,7 +24,7 @@ from kilnflight.experiments.campaigns import (
     of_campaign,
     outcome_table,
 )
-from kilnflight.experiments.confidence import Array, Values, differences, in_words
+from kilnflight.experiments.confidence import Array, Values, group_differences, in_words
 from kilnflight.project import claims
 from kilnflight.scores.flights import along, place_of
 from kilnflight.twin import truth
@@ -110,7 +110,7 @@ def statements() -> pd.DataFrame:
     return table[[*columns, "printed", "low", "high", "use"]]
 
 
-def targets() -> pd.DataFrame:
+def calibration_targets() -> pd.DataFrame:
     """Return the statements that the calibration may see; it reads no others."""
     every = statements()
     return every[every["use"] == CALIBRATED].reset_index(drop=True)
@@ -297,7 +297,7 @@ def _resolved(
 ) -> dict[str, str]:
     """Return by claim which differences of medians are beyond chance."""
     return {
-        claim: in_words(differences(values, each, generator), "medians")
+        claim: in_words(group_differences(values, each, generator), "medians")
         for claim, each in pairs.items()
     }
 
@@ -366,8 +366,8 @@ def ignition_verdicts(
     pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
     pairs += [((name, 5.0), (name, 4.5)) for name in papers]
     times = {key: each.ignition_s for key, each in values.items()}
-    shares = in_words(differences(times, pairs, generator, shares=True), "shares")
-    medians = in_words(differences(times, pairs, generator), "median times")
+    shares = in_words(group_differences(times, pairs, generator, shares=True), "shares")
+    medians = in_words(group_differences(times, pairs, generator), "median times")
     other = by_pressure(above_background, "ignited (%)")
     texts = [f"{name} {bar} bar {other[bar][name]:.0f} %" for name, bar in values]
     note = f"grey values as they are; above the background: {', '.join(texts)}"
@@ -415,7 +415,7 @@ def regression_verdicts(
             for name, part in from_lance(tables, "trajectories").groupby("fraction")
             for axis in "xyz"
         }
-        resolved[claim] = in_words(differences(groups, each, generator), "medians")
+        resolved[claim] = in_words(group_differences(groups, each, generator), "medians")
     given: Given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": order_gain(by_order)}
     note = "trajectories from the lance; the scatter of the depth is an input"
     return judge_all(tables, given, note, resolved)

@@ -130,7 +130,7 @@ def windows(
     return parts
 
 
-def measures(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
+def measure_tracks(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
     """Return the four measures, JSC in the thesis's narrower wording, and counts of tracks."""
     score = score_tracks(truth, tracks, GATE_PX)
     row = {name: float(getattr(score, name)) for name in MEASURES}
@@ -144,7 +144,7 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
     Returns
     -------
     DataFrame
-        ``fraction``, ``tracker``, ``postprocessing``, the columns of `measures`, and
+        ``fraction``, ``tracker``, ``postprocessing``, the columns of `measure_tracks`, and
         ``seconds``: of the tracking, or of the post-processing after it.
     """
     rows = []
@@ -152,7 +152,7 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
         for name, tracker in trackers.items():
             for stage, table, seconds in track_and_postprocess(window, tracker):
                 row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
-                rows.append(row | measures(window.truth, table) | {"seconds": seconds})
+                rows.append(row | measure_tracks(window.truth, table) | {"seconds": seconds})
     return pd.DataFrame(rows)
 
 
@@ -232,7 +232,7 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
     rows = [
         {"fraction": window.fraction, "given": "detections", "tracker": "links by the truth"}
         | {"postprocessing": "without"}
-        | measures(window.truth, table)
+        | measure_tracks(window.truth, table)
         for window, table in zip(windows, linked, strict=True)
     ]
     return pd.concat([*parts, pd.DataFrame(rows)], ignore_index=True)
@@ -344,7 +344,7 @@ def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
 
 
 def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
-    """Return tracks on the sum of frame differences: windows (columns) by name (rows)."""
+    """Draw tracks on the sum of frame differences: windows (columns) by name (rows)."""
     rows = len(next(iter(tables.values())))
     picture, grid = style.canvas(rows, len(windows), width_mm=130, height_mm=40 * rows)
     for window, column in zip(windows, grid.T, strict=True):
@@ -352,8 +352,8 @@ def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
         first, last = window.frames.start, window.frames.stop - 1
         light = window.differences(first, last, 0, 0, height, width)
         for axes, (name, table) in zip(column, tables[window.fraction].items(), strict=True):
-            style.frame(axes, light, 8)
-            style.tracks(axes, tracklets.tracked(table))
+            style.draw_frame(axes, light, 8)
+            style.draw_tracks(axes, tracklets.tracked(table))
             axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
         column[-1].set_xlabel("column (px)")
     return picture

@@ -2,7 +2,7 @@
 
 Run as ``python -m kilnflight.experiments.twin_calibration`` (some minutes); it writes
 twin/calibrated.json. Only wood chips and confetti at 4.5 bar are flown, only statements about
-them are read (`kilnflight.experiments.statements.targets`), and no camera, detection or
+them are read (`kilnflight.experiments.statements.calibration_targets`), and no camera, detection or
 tracking takes part. The result is effective: it makes up for what the model lacks (handfuls
 that clump in the lance, hot gas around it). It is no measured length or angle.
 """
@@ -141,7 +141,7 @@ def cost(
     inputs
         Inputs to evaluate.
     targets
-        `kilnflight.experiments.statements.targets`.
+        `kilnflight.experiments.statements.calibration_targets`.
     count, seed
         Particles per campaign; the same seed gives the same ones for all inputs.
     """
@@ -159,12 +159,12 @@ def target_rows(targets: pd.DataFrame) -> list[dict[Hashable, object]]:
 
 def calibrate() -> dict[str, object]:
     """Return the content of calibrated.json."""
-    targets = statements.targets()
+    targets = statements.calibration_targets()
     content = SEARCH.content(lambda inputs: cost(inputs, targets), target_rows(targets))
     return content | {"particles_per_cell": PARTICLES, "step_s": STEP_S}
 
 
-def record(path: Path = FLIGHT_FILE) -> dict[str, object]:
+def read_fit(path: Path = FLIGHT_FILE) -> dict[str, object]:
     """Return the content of the calibration; it must have been made for today's targets.
 
     Raises
@@ -172,7 +172,7 @@ def record(path: Path = FLIGHT_FILE) -> dict[str, object]:
     InputError
         If the file is missing or damaged, or was made for other targets than published.
     """
-    targets = target_rows(statements.targets())
+    targets = target_rows(statements.calibration_targets())
     return cache.read_calibration(path, targets, "kilnflight.experiments.twin_calibration")
 
 

@@ -87,7 +87,7 @@ class SparseMedian:
         return Median(window=len(few))(few, [RENDERED.index(t) for t in indices])
 
 
-def targets() -> pd.DataFrame:
+def otsu_targets() -> pd.DataFrame:
     """Return what Otsu's method reached: subset, precision, recall, unlit."""
     table = claims.published("table_5.5").set_index("subset").loc[list(SUBSETS)]
     rates = table[["precision", "recall"]].astype(float)
@@ -134,7 +134,7 @@ def cost(row: pd.DataFrame, targets: pd.DataFrame) -> float:
 
 def calibrate(twins: list[Twin]) -> dict[str, object]:
     """Return the content of exposure.json."""
-    published = targets()
+    published = otsu_targets()
     content = SEARCH.content(
         lambda inputs: cost(otsu_row(twins, inputs), published), published.to_dict("records")
     )
@@ -144,7 +144,7 @@ def calibrate(twins: list[Twin]) -> dict[str, object]:
     return content | {"spread": SPREAD, "frames": f"{len(twins)} subsets, every {EVERY}th frame"}
 
 
-def record(path: Path = LIGHT_FILE) -> dict[str, object]:
+def read_fit(path: Path = LIGHT_FILE) -> dict[str, object]:
     """Return the content of the calibration; it must have been made for today's targets.
 
     Raises
@@ -152,7 +152,7 @@ def record(path: Path = LIGHT_FILE) -> dict[str, object]:
     InputError
         If the file is missing or damaged, or was made for other targets than published.
     """
-    rows = targets().to_dict("records")
+    rows = otsu_targets().to_dict("records")
     return cache.read_calibration(path, rows, "kilnflight.experiments.twin_exposure")
 
 

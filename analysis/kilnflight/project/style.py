@@ -98,7 +98,7 @@ def canvas(
         )
 
 
-def frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
+def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
     """Draw a frame of the camera, dark parts lifted, axes in pixels of the frame.
 
     Parameters
@@ -117,13 +117,13 @@ def frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
     axes.set(xlabel="column (px)", ylabel="row (px)")
 
 
-def circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
+def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None:
     """Draw spots (n, 3), row, col and radius in px, as circles of their size."""
     patches = [Circle((col, row), radius) for row, col, radius in spots]
     axes.add_collection(PatchCollection(patches, facecolor="none", edgecolor=color, lw=0.7))
 
 
-def tracks(axes: Axes, table: pd.DataFrame) -> None:
+def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
     """Draw tracks, ``particle``, ``frame``, ``row``, ``col``: neighbours differ in look."""
     ordered = table.sort_values(["particle", "frame"])
     for k, (_, track) in enumerate(ordered.groupby("particle")):
@@ -131,7 +131,7 @@ def tracks(axes: Axes, table: pd.DataFrame) -> None:
         axes.plot(track["col"], track["row"], ls="-", lw=0.6, ms=1.6, color=color, marker=marker)
 
 
-def boxes(axes: Axes, summary: pd.DataFrame) -> None:
+def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     """Draw box plots from summaries instead of from data, with the width of each box in words.
 
     Parameters

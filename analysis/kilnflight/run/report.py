@@ -283,6 +283,6 @@ def _ignition_figure(ignition_s: npt.NDArray[np.float64]) -> Captioned:
 def plot_tracks(recording: PictureRecording, tracks: pd.DataFrame) -> Figure:
     """Return a figure of tracks over the first frame of their recording."""
     figure, axes = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
-    style.frame(axes[0, 0], recording.gray(0))
-    style.tracks(axes[0, 0], tracked(tracks))
+    style.draw_frame(axes[0, 0], recording.gray(0))
+    style.draw_tracks(axes[0, 0], tracked(tracks))
     return figure
