@@ -103,8 +103,8 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 # thresholds.
 
 # %%
-both = attempts[attempts["chosen"]].assign(what=attempts["method"].replace("SIFT", "16 bits"))
-table = detection.sum_with_unlit(both, ["what"])
+both = attempts[attempts["chosen"]].assign(bit_depth=attempts["method"].replace("SIFT", "16 bits"))
+table = detection.sum_with_unlit(both, ["bit_depth"])
 caption = "SIFT on foregrounds of 16 and of 8 bits, with the thresholds chosen for 16."
 figures.save("dog-eight-bits", table, caption=caption, provenance=origin)
 

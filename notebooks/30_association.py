@@ -137,10 +137,10 @@ flight = pd.DataFrame({"frame": frames, "row": 40.0 + 3 * frames, "col": 20.0 + 
 flight[["row", "col"]] += random.normal(0, 1.0, (12, 2))
 flight["z"] = 5000.0 + 60 * frames + random.normal(0, 200, 12)
 flight.loc[10, "z"] = np.nan
-other = flight.assign(row=flight["row"] + 500, z=5000.0, what="other particle")
+other = flight.assign(row=flight["row"] + 500, z=5000.0, origin="other particle")
 clutter = flight[frames == 3] + [0, 6, -7, -2600]
-flight = flight.drop(index=[5, 6, 7]).assign(what="particle")
-detections = pd.concat([flight, other, clutter.assign(what="clutter")], ignore_index=True)
+flight = flight.drop(index=[5, 6, 7]).assign(origin="particle")
+detections = pd.concat([flight, other, clutter.assign(origin="clutter")], ignore_index=True)
 table = cases.gate_table(detections)
 
 # %%

@@ -37,7 +37,7 @@ pair = [window for window in windows if window.fraction in ("wood chip", "paper 
 # only; the table tells which of them changes the measures.
 
 # %%
-steps, after = post_processing.compare_steps(pair)
+steps, tracks_by_step = post_processing.compare_steps(pair)
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
     f"against the truth, gate {tracking.GATE_PX:.0f} px."
@@ -45,9 +45,9 @@ caption = (
 figures.save("tracklet-steps", steps, caption=caption, provenance=origin)
 
 # %%
-picture = post_processing.draw_steps(pair, after)
+picture = post_processing.draw_steps(pair, tracks_by_step)
 caption = "Tracks after each step beside the truth, after Figs 4.16 to 4.21 and 5.12."
-table = tracking.joined_tables(after, "after")
+table = tracking.joined_tables(tracks_by_step, "step")
 figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -59,13 +59,13 @@ figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenan
 
 # %%
 generator = np.random.default_rng(seed)
-streaks, empty = post_processing.texture_windows(pair[-1], 40, generator)
-texture = post_processing.texture_table(streaks, empty)
-picture = post_processing.draw_textures([*streaks[:5], empty[0]])
+with_track, without_track = post_processing.texture_boxes(pair[-1], 40, generator)
+texture = post_processing.texture_table(with_track, without_track)
+picture = post_processing.draw_textures([*with_track[:5], without_track[0]])
 caption = (
     "Sums of frame differences with a track (a to e) and without (f), after Fig. 4.13. The table: "
-    f"Laws' energies of these, medians of {len(streaks)} windows with a track and as many without, "
-    "their ratio, and its 10 and 90 % points over windows."
+    f"Laws' energies of these, medians of {len(with_track)} boxes with a track and of as many "
+    "without a track, their ratio, and its 10 and 90 % points over boxes."
 )
 figures.save("fig-4-13-windows", texture, picture=picture, caption=caption, provenance=origin)
 
@@ -102,9 +102,9 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 # needs to know which of these choices counts.
 
 # %%
-readings = post_processing.compare_plans(windows, post_processing.readings())
+variants = post_processing.compare_variants(windows, post_processing.variants())
 caption = "Post-processing under five readings of section 4.2.3, tracks of GNN, all fractions."
-figures.save("tracklet-readings", readings, caption=caption, provenance=origin)
+figures.save("tracklet-readings", variants, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Table 5.16
@@ -121,8 +121,8 @@ figures.save("table-5-16-parameters", table, caption=caption, provenance=origin)
 # ## Verdicts
 
 # %%
-verdicts = post_processing.verdicts(readings, texture)
-alpha = steps.set_index(["after", "fraction"])["alpha"]
+verdicts = post_processing.verdicts(variants, texture)
+alpha = steps.set_index(["step", "fraction"])["alpha"]
 first, last = alpha["tracker"], alpha[type(tracklets.STEPS[-1]).__name__]
 parts = [f"{name} alpha {first[name]:.2f} to {last[name]:.2f}" for name in last.index]
 edge = texture.set_index("masks")["ratio"]["LE"]

@@ -25,7 +25,7 @@ style.use_style()
 origin = figures.trace("32_tracking", {"scale": scale}, seed=seed)
 settings = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, settings, seed, jobs=jobs)
-others = tracking.windows(scale, settings, seed, for_settings=True, jobs=jobs)
+tuning_windows = tracking.windows(scale, settings, seed, for_settings=True, jobs=jobs)
 
 # %%
 table = tracking.window_table(windows)
@@ -42,7 +42,7 @@ figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
 
 # %%
 candidates = grid_search.kilnflight_grids()
-tried = grid_search.grid_search(others, candidates)
+tried = grid_search.grid_search(tuning_windows, candidates)
 trackers = grid_search.chosen_trackers(tried, candidates)
 spread = tried.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")
 best = tried[tried["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
@@ -76,8 +76,8 @@ for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = (
-    "The 32 cells of Table 5.17, here (upper, black) and published (lower, orange): from without "
-    "(open) to with post-processing (filled)."
+    "The 32 cells of Table 5.17, recomputed (upper, black) and published (lower, orange): from "
+    "without (open) to with post-processing (filled)."
 )
 figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, provenance=origin)
 
@@ -108,7 +108,7 @@ figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, p
 verdicts = tracking.verdicts(cells, windows, trackers)
 gain = tracking.gains(cells)
 alpha = cells[(cells["measure"] == "alpha") & (cells["postprocessing"] == "with")]
-alpha = alpha.pivot(index="fraction", columns="tracker", values="here")
+alpha = alpha.pivot(index="fraction", columns="tracker", values="recomputed")
 parts = [f"{name} {row.GNN:.2f} and {row.JPDA:.2f}" for name, row in alpha.iterrows()]
 result = (
     f"Alpha after post-processing, GNN and JPDA: {', '.join(parts)}; {(gain > 0).sum()} of "

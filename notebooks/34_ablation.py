@@ -34,7 +34,7 @@ trackers = {"GNN": track, "JPDA": lambda detections: track(detections, JPDA())}
 
 # %%
 table = tracking.ablate(windows, trackers)
-keys = ["given", "tracker", "postprocessing"]
+keys = ["input", "tracker", "postprocessing"]
 columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers at "
@@ -49,14 +49,16 @@ figures.save("tracking-ablation", table[columns], caption=caption, provenance=or
 
 # %%
 mean = table.groupby(keys, sort=False)[list(tracking.MEASURES)].mean().reset_index()
-mean["what"] = mean[keys].agg(", ".join, axis=1)
-mean["what"] = mean["what"].str.replace(", without", "").str.replace(", with", " + steps")
+mean["configuration"] = mean[keys].agg(", ".join, axis=1)
+mean["configuration"] = (
+    mean["configuration"].str.replace(", without", "").str.replace(", with", " + steps")
+)
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=80, sharey=True)
 for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict=True):
     for name, marker, face in zip(names, "os", ("black", "white"), strict=True):
-        axes.plot(mean[name], mean["what"], marker, color="black", mfc=face, label=name)
+        axes.plot(mean[name], mean["configuration"], marker, color="black", mfc=face, label=name)
     axes.set(xlim=(-0.02, 1.02), xlabel="mean over the fractions")
     axes.grid(axis="y", lw=0.3)
     axes.legend(loc="upper left")
@@ -65,7 +67,7 @@ caption = "What each part costs: measures with true and with real parts, mean ov
 figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=origin)
 
 # %%
-alpha = mean.set_index("what")["alpha"]
+alpha = mean.set_index("configuration")["alpha"]
 result = (
     f"Mean alpha of GNN: {alpha['true positions, GNN']:.2f} with true positions, "
     f"{alpha['right detections only, GNN']:.2f} with the detections that are right, "

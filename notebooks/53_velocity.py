@@ -108,13 +108,13 @@ figures.save("velocity-medians", medians.round(3), caption=caption, provenance=o
 # that metre.
 
 # %%
-unseen = confidence.metres_before_detection(results.tables.slices, results.true, generator)
+metres = confidence.metres_before_detection(results.tables.slices, results.true, generator)
 caption = (
     "Flights that passed each metre, how many of them before they were first seen (unseen), how "
     "many faster than any true particle there (too fast), and how many of these unseen; median "
     "velocity (m/s) of all, of the seen ones with its 95 % interval, and true."
 )
-figures.save("velocity-unseen", unseen.round(3), caption=caption, provenance=origin)
+figures.save("velocity-unseen", metres.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ### Backwards
@@ -139,15 +139,15 @@ verdicts = statements.velocity_verdicts(results, printed, generator)
 first = statements.by_pressure(results.measured, "velocity 0-1 m (m/s)").iloc[:, 0]
 parts = [f"{name} {value:.1f}" for name, value in first.items()]
 off = (pairs["measured_m_s"] - pairs["true_m_s"])[pairs["slice_m"] == 1.0]
-far, near = unseen[unseen["metre"] > 3], unseen[unseen["metre"] < 4]
-shift = (near["seen_m_s"] - near["median_m_s"]).abs().max()
+far, near = metres[metres["metre"] > 3], metres[metres["metre"] < 4]
+shift = (near["detected_m_s"] - near["median_m_s"]).abs().max()
 
 # %%
 result = (
     f"Median velocity in the first metre at {first.name} bar (m/s): {', '.join(parts)}. Measured "
     f"minus true, particle by particle: median {off.median():+.2f} m/s. Of "
-    f"{unseen['number'].sum()} metres {unseen['unseen'].sum()} were passed before the particle was "
-    f"seen, beyond 3 m {far['unseen'].sum()} of {far['number'].sum()}; without them no median of "
-    f"the first three moves by over {shift:.1f} m/s."
+    f"{metres['number'].sum()} metres {metres['before_detection'].sum()} were passed before the "
+    f"particle was detected, beyond 3 m {far['before_detection'].sum()} of {far['number'].sum()}. "
+    f"Without them no median of the first three moves by over {shift:.1f} m/s."
 )
 figures.conclude(result, verdicts, origin)

@@ -47,14 +47,14 @@ sources = {"true": results.true, **values}
 # Ours: only the twin knows which particles truly burn.
 
 # %%
-both = {
+by_source = {
     name: accuracy.compare_campaigns(results.campaigns, tables) for name, tables in readings.items()
 }
-table = accuracy.ignition_errors(both)
+table = accuracy.ignition_errors(by_source)
 caption = (
-    "Found particles that truly ignite in flight (lit) and that do not (unlit), and in how many of "
-    "them ignition was detected, by both readings of the grey values; with bias and spread "
-    "of its time in s."
+    "Detected particles that truly ignite in flight (lit) and that do not (unlit). In how many of "
+    "them ignition was detected, by grey values as published and above the background; bias and "
+    "spread of its time in s."
 )
 figures.save("ignition-detected", table, caption=caption, provenance=origin)
 
@@ -71,7 +71,7 @@ caption = (
     "When confetti and paper shreds ignite, in per cent of all particles: true of all flights in "
     "the same frames, and measured by both readings; after Figs 5.25 and 5.26."
 )
-data = accuracy.ignition_times(both)
+data = accuracy.ignition_times(by_source)
 figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]

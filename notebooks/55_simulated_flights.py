@@ -41,7 +41,7 @@ inputs = flight_inputs().applied(Flight(), Gas())
 flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
 simulated = {(name, bar): truth.flight_values(each) for name, each in flown.items()}
 measured = {key: results.measured[key] for key in simulated}
-both = {"simulated": simulated, "measured": measured}
+by_source = {"simulated": simulated, "measured": measured}
 
 # %% [markdown]
 # ## Simulated trajectories
@@ -77,7 +77,7 @@ figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance
 
 # %%
 picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
-groups = {kind: [values[name, bar].dwell_s for name in names] for kind, values in both.items()}
+groups = {kind: [values[name, bar].dwell_s for name in names] for kind, values in by_source.items()}
 plots.draw_grouped_boxes(axes, groups, names)
 axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
 _ = axes.legend(*axes.get_legend_handles_labels())
@@ -112,12 +112,12 @@ caption = (
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture = flight_pictures.draw_velocity_boxes(both, list(simulated))
+picture = flight_pictures.draw_velocity_boxes(by_source, list(simulated))
 caption = (
     "Velocity in depth within each metre, simulated and measured, with the number of particles "
     "that passed it; after the right part of Fig. A.7."
 )
-data = campaigns.by_source(both)
+data = campaigns.by_source(by_source)
 figures.save("fig-a-7-velocity", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -134,11 +134,11 @@ caption = (
 figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
 # %% [markdown]
-# Ours: the one number that the appendix prints about the simulation, beside both.
+# Ours: the one number that the appendix prints about the simulation, beside by_source.
 
 # %%
 reach = statements.beside_published(measured, simulated, ["penetration"])
-reach = reach.rename(columns={"true": "simulated_here"}).round(2)
+reach = reach.rename(columns={"true": "twin"}).round(2)
 caption = (
     "How far from the lance the flights of the thesis's CFD end, those simulated here, and those "
     "measured here (m)."

@@ -27,7 +27,7 @@ origin = figures.trace("56_accuracy", {"scale": scale}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 generator = np.random.default_rng(seed)
 budget = accuracy.error_budget(results, jobs)
-whole = budget[budget["way"] == "whole chain"].reset_index(drop=True)
+whole = budget[budget["replaced_step"] == "whole chain"].reset_index(drop=True)
 
 # %% [markdown]
 # ## The main table
@@ -63,7 +63,8 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # Table 5.18, and also a robust loss; the printed one has no weights.
 
 # %%
-columns = ["fraction", "pressure_bar", "way", "true", "found", "spurious"]
+columns = ["fraction", "pressure_bar", "replaced_step", "measurable_particles"]
+columns += ["detected_particles", "false_flights"]
 kinds = ("n", "bias", "low", "high", "spread")
 columns += [f"{name}_{kind}" for name in accuracy.QUANTITIES for kind in kinds]
 data = budget[columns]
@@ -97,7 +98,7 @@ nothing = int((resolved["true"] == 0).sum())
 
 # %%
 ours, theirs = int(apart["resolved"].sum()), int(apart["resolved_with_table_5_15"].sum())
-share = 100 * whole["found"].sum() / max(whole["true"].sum(), 1)
+share = 100 * whole["detected_particles"].sum() / max(whole["measurable_particles"].sum(), 1)
 dwell = medians[medians["outcome"] == "dwell median (s)"]
 off = [each.dropna() for each in (whole["dwell_s_bias"], dwell["estimate"] - dwell["true"])]
 span, of_cells = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unknown" for s in off)

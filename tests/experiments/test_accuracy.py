@@ -66,12 +66,16 @@ def test_endings_stand_by_the_true_ones_and_nothing_is_left_out():
 
 def test_errors_are_those_of_measurable_particles():
     row = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
-    assert (row["true"], row["found"], row["spurious"]) == (2, 1, 1)
+    assert (row["measurable_particles"], row["detected_particles"], row["false_flights"]) == (
+        2,
+        1,
+        1,
+    )
     assert row["dwell_s_bias"] == pytest.approx(0.02)
     assert row["velocity_m_s_bias"] == pytest.approx(0.5)
     assert row["ignition_s_bias"] == pytest.approx(0.05)
     assert (row["lit"], row["lit_detected"], row["unlit"]) == (1, 1, 0)
-    assert row["found_low"] < 0.5 < row["found_high"]
+    assert row["detected_low"] < 0.5 < row["detected_high"]
     assert np.isnan(row["dwell_s_low"])  # of one particle nothing is sure
 
 
@@ -83,7 +87,7 @@ def test_shorter_tracks_of_a_particle_do_not_count_twice():
 
 def test_without_any_flight_nothing_is_found_and_nothing_is_known():
     row = errors(compare(FlightTables(FLIGHTS[:0], SLICES[:0], OWNERS[:0]), TRUE))
-    assert (row["found"], row["spurious"]) == (0, 0)
+    assert (row["detected_particles"], row["false_flights"]) == (0, 0)
     assert np.isnan(row["dwell_s_bias"])
 
 

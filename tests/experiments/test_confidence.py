@@ -98,13 +98,15 @@ def test_metres_before_the_first_detection_are_counted_and_left_out_beside():
         pd.concat([slices, other]), true, np.random.default_rng(0)
     )
     assert len(table) == 10
-    assert table.loc[0, ["number", "unseen", "too_fast", "too_fast_unseen"]].tolist() == [
+    assert table.loc[
+        0, ["number", "before_detection", "too_fast", "too_fast_before_detection"]
+    ].tolist() == [
         5,
         1,
         2,
         1,
     ]
-    assert table.loc[0, ["median_m_s", "seen_m_s", "true_m_s"]].tolist() == [10.0, 9.5, 10.5]
+    assert table.loc[0, ["median_m_s", "detected_m_s", "true_m_s"]].tolist() == [10.0, 9.5, 10.5]
     assert table["number"].iloc[1:].sum() == 0
     assert table["median_m_s"].iloc[1:].isna().all()
 

@@ -74,10 +74,10 @@ def test_nothing_and_one_detection(peer, index):
 
 
 GAPS = {  # over one frame in which a particle is not seen
-    "trackpy": (peers.Trackpy(memory=0), peers.Trackpy(memory=1)),
+    "trackpy": (peers.Trackpy(missed_frames=0), peers.Trackpy(missed_frames=1)),
     "laptrack": (peers.LapTrack(15, 0), peers.LapTrack(15, 25)),
-    "stonesoup": (peers.StoneSoupGNN(invisible=0), peers.StoneSoupGNN(invisible=1)),
-    "stonesoup JPDA": (peers.StoneSoupJPDA(invisible=0), peers.StoneSoupJPDA(invisible=1)),
+    "stonesoup": (peers.StoneSoupGNN(missed_frames=0), peers.StoneSoupGNN(missed_frames=1)),
+    "stonesoup JPDA": (peers.StoneSoupJPDA(missed_frames=0), peers.StoneSoupJPDA(missed_frames=1)),
 }
 
 
@@ -105,11 +105,11 @@ def test_bad_input_is_named(peer):
 def test_settings_that_are_none_are_refused():
     for make in (
         lambda: peers.Trackpy(0),
-        lambda: peers.Trackpy(memory=-1),
+        lambda: peers.Trackpy(missed_frames=-1),
         lambda: peers.LapTrack(-1),
         lambda: peers.LapTrack(gap_closing_cutoff=-1),
         lambda: peers.StoneSoupGNN(distance=np.inf),
-        lambda: peers.StoneSoupGNN(invisible=0.5),
+        lambda: peers.StoneSoupGNN(missed_frames=0.5),
         lambda: peers.StoneSoupJPDA(detection_probability=1),
         lambda: peers.StoneSoupJPDA(clutter_density=0),
     ):

@@ -30,9 +30,11 @@ def test_every_statement_names_an_outcome():
     )
 
 
-def test_the_calibration_sees_only_its_cells_and_no_ignition_times():
+def test_the_calibration_sees_only_its_campaigns_and_no_ignition_times():
     rows = statements.calibration_targets()
-    assert set(zip(rows["fraction"], rows["pressure_bar"], strict=True)) == set(statements.CELLS)
+    assert set(zip(rows["fraction"], rows["pressure_bar"], strict=True)) == set(
+        statements.FIT_CAMPAIGNS
+    )
     kinds = set(rows["outcome"].str.split(" ").str[0])
     assert kinds == {"velocity", "remaining", "dwell", "ignited"}
     assert set(rows.loc[rows["outcome"].str.startswith("ignited"), "outcome"]) == {"ignited (%)"}
@@ -130,7 +132,7 @@ def test_a_claim_about_eight_cells_is_not_decided_on_one(values):
     flights = campaigns.of_campaign(tables.flights, ("confetti", 4.5))
     (verdict,) = statements.judge_all(tables._replace(flights=flights), {"dwell-1": 0.4})
     assert verdict.verdict == claims.NOT_DECIDABLE
-    assert "eight cells" in verdict.reason
+    assert "eight campaigns" in verdict.reason
 
 
 def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict(values):

@@ -49,12 +49,15 @@ def test_each_part_is_replaced_by_the_truth(window):
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
     table = tracking.ablate([window], {"GNN": track})
-    given = table[table["postprocessing"] == "without"].set_index(["given", "tracker"])
-    assert given.loc[("true positions", "GNN"), "alpha"] == pytest.approx(1.0)
-    links = given.loc[("detections", "links by the truth")]
+    unprocessed = table[table["postprocessing"] == "without"].set_index(["input", "tracker"])
+    assert unprocessed.loc[("true positions", "GNN"), "alpha"] == pytest.approx(1.0)
+    links = unprocessed.loc[("detections", "links by the truth")]
     assert links["jsc_theta"] == 1.0
     assert links["alpha"] == pytest.approx(54 / 60)
-    right, every = given.loc[("right detections only", "GNN")], given.loc[("detections", "GNN")]
+    right, every = (
+        unprocessed.loc[("right detections only", "GNN")],
+        unprocessed.loc[("detections", "GNN")],
+    )
     assert right["beta"] > every["beta"]
     assert right["fp_tracks"] == 0
 
@@ -67,13 +70,13 @@ def test_the_cost_of_a_tracker(window):
 
 def test_windows_with_and_without_a_track(window):
     generator = np.random.default_rng(0)
-    streaks, empty = post_processing.texture_windows(window, 5, generator)
+    streaks, empty = post_processing.texture_boxes(window, 5, generator)
     assert all(image.shape == post_processing.BOX for image in [*streaks, *empty])
     assert all((image == post_processing.SPAN).all() for image in streaks)
     crowded = window._replace(truth=window.truth, differences=Flat())
     crowded.differences.shape = (130, 70)
     with pytest.raises(InputError, match="no place without a track"):
-        post_processing.texture_windows(crowded, 5, generator)
+        post_processing.texture_boxes(crowded, 5, generator)
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
@@ -107,18 +110,18 @@ def test_the_setting_with_the_largest_beta_is_chosen(window):
 
 def test_each_step_is_measured_and_its_tracks_are_returned(window):
     table, after = post_processing.compare_steps([window])
-    assert table["after"].tolist() == list(after["confetti"])
-    assert table["after"].iloc[0] == "tracker"
+    assert table["step"].tolist() == list(after["confetti"])
+    assert table["step"].iloc[0] == "tracker"
     assert table["beta"].iloc[-1] > table["beta"].iloc[0]
     picture = post_processing.draw_steps([window], after)
     assert len(picture.axes) == 1 + len(after["confetti"])
-    assert set(tracking.joined_tables(after, "after")["after"]) == set(after["confetti"])
+    assert set(tracking.joined_tables(after, "step")["step"]) == set(after["confetti"])
 
 
-def test_readings_are_plans_and_the_first_is_as_printed(window):
-    plans = {"none": (), **post_processing.readings()}
-    table = post_processing.compare_plans([window], plans).set_index("reading")
-    assert list(table.index) == list(plans)
+def test_variants_are_steps_and_the_first_is_as_printed(window):
+    variants = {"none": (), **post_processing.variants()}
+    table = post_processing.compare_variants([window], variants).set_index("variant")
+    assert list(table.index) == list(variants)
     steps, _ = post_processing.compare_steps([window])
     assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
     assert table.loc["as printed", "alpha"] == steps["alpha"].iloc[-1]
@@ -138,8 +141,8 @@ def test_the_texture_that_tells_most_comes_first(window):
     assert first["with_track"] == tracklets.energies(streaks[3])[first["masks"]]
     assert first["f"] == tracklets.energies(empty[0])[first["masks"]]
     assert first["ratio_10"] == pytest.approx(first["ratio"] * 1.6 / 4)
-    plans = pd.DataFrame({"reading": ["as printed", "Hungarian"], "alpha": [0.5, 0.6]})
-    verdicts = {verdict.id: verdict for verdict in post_processing.verdicts(plans, table)}
+    variants = pd.DataFrame({"variant": ["as printed", "Hungarian"], "alpha": [0.5, 0.6]})
+    verdicts = {verdict.id: verdict for verdict in post_processing.verdicts(variants, table)}
     assert verdicts["track-7"].verdict == claims.NOT_REPRODUCED
     assert set(verdicts) == {"track-7", "track-8"}
 

@@ -42,7 +42,7 @@ def test_the_cost_flies_and_reads_no_held_out_cell(monkeypatch):
     monkeypatch.setattr(truth, "released", noted)
     monkeypatch.setattr(statements, "statements", lambda: pytest.fail("read what is held out"))
     calibration.cost(FlightInputs(), targets, count=5)
-    assert tuple(flown) == statements.CELLS
+    assert tuple(flown) == statements.FIT_CAMPAIGNS
 
 
 def test_held_out_numbers_do_not_change_the_targets(monkeypatch):

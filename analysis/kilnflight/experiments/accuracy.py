@@ -246,16 +246,21 @@ def _cases(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
 
 
 def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return where ignition was detected, and the errors of its time, by reading and campaign.
+    """Return where ignition was detected, and the errors of its time, by grey values and campaign.
 
-    ``both``: `compare_campaigns` by reading.
+    ``both``: `compare_campaigns` by the grey values that ignition is read from.
     """
     rows = [
-        {"reading": reading, **dict(zip(KEYS, key, strict=True)), **errors(of_campaign(table, key))}
-        for reading, table in both.items()
+        {
+            "gray_values": name,
+            **dict(zip(KEYS, key, strict=True)),
+            **errors(of_campaign(table, key)),
+        }
+        for name, table in both.items()
         for key in campaign_keys(table)
     ]
-    columns = ["reading", *KEYS, "found", "lit", "lit_detected", "unlit", "unlit_detected"]
+    columns = ["gray_values", *KEYS, "detected_particles"]
+    columns += ["lit", "lit_detected", "unlit", "unlit_detected"]
     columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
     return pd.DataFrame(rows).reindex(columns=columns)
 
@@ -265,8 +270,8 @@ def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     names = {"measured_ignition_s": "measured_s", "true_ignition_s": "true_s"}
     first, other = both["as published"].rename(columns=names), both["above background"]
     times = other["measured_ignition_s"].to_numpy()
-    data = first.assign(measured_above_background_s=times, found=first["track"] >= 0)
-    columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "found"]
+    data = first.assign(measured_above_background_s=times, detected=first["track"] >= 0)
+    columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "detected"]
     return data[[*KEYS, *columns]]
 
 
@@ -275,8 +280,8 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
     Bias is the median of measured minus true, spread half the range that holds 68 % of it,
     over particles of which both are known; ``low`` and ``high`` are the 95 % interval of the
-    bias (bootstrap over particles; NaN of fewer than six), and of the share that was found
-    (Wilson).
+    bias (bootstrap over particles; NaN of fewer than six), and of the share that was
+    detected (Wilson).
 
     Parameters
     ----------
@@ -290,11 +295,11 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     measured = real["track"] >= 0
     share = intervals.share(int(measured.sum()), len(real))
     row = {
-        "true": float(len(real)),
-        "found": float(measured.sum()),
-        "spurious": float((both["particle"] < 0).sum()),
-        "found_low": share.low,
-        "found_high": share.high,
+        "measurable_particles": float(len(real)),
+        "detected_particles": float(measured.sum()),
+        "false_flights": float((both["particle"] < 0).sum()),
+        "detected_low": share.low,
+        "detected_high": share.high,
     }
     for name in QUANTITIES:
         off = (real[f"measured_{name}"] - real[f"true_{name}"]).dropna().to_numpy(np.float64)
@@ -311,11 +316,12 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
 
 def error_budget(results: Results, jobs: int = 1) -> pd.DataFrame:
-    """Return `errors` of every campaign and way of `replace_steps`, in `jobs` processes."""
+    """Return `errors` of every campaign and replaced step, in `jobs` processes."""
     keys = [campaign.key for campaign in results.campaigns]
+    measured = results.tables[:2]  # tracks and trajectories
     parts = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(_budget)(each, *(of_campaign(t, each.key) for t in results.tables[:2]))
-        for each in results.campaigns
+        joblib.delayed(_budget)(campaign, *(of_campaign(table, campaign.key) for table in measured))
+        for campaign in results.campaigns
     )
     return stack(dict(zip(keys, parts, strict=True)))
 
@@ -327,20 +333,21 @@ def _budget(campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame
     true, rows = true_flights(campaign), []
     for step, tables in replace_steps(campaign, tracks, fits):
         number = int(tables.flights["from_lance"].sum())
-        rows.append({"way": step, **errors(compare(tables, true)), "flights": number})
+        rows.append({"replaced_step": step, **errors(compare(tables, true)), "flights": number})
     return pd.DataFrame(rows)
 
 
 def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
-    """Return the main table of accuracy as text: found, bias, interval and spread by campaign.
+    """Return the main table of accuracy as text: detected, bias, interval and spread by campaign.
 
     ``whole``: rows of the `error_budget` of the whole chain.
     """
     rows = {}
     for row in whole.to_dict("records"):
         key = row["fraction"], row["pressure_bar"]
-        share = f"[{row['found_low']:.2f}, {row['found_high']:.2f}]"
-        text = {"found": f"{row['found']:.0f} of {row['true']:.0f} {share}"}
+        share = f"[{row['detected_low']:.2f}, {row['detected_high']:.2f}]"
+        count = f"{row['detected_particles']:.0f} of {row['measurable_particles']:.0f}"
+        text = {"detected": f"{count} {share}"}
         for name, unit in QUANTITIES.items():
             bias, low, high, spread = (
                 row[f"{name}_{k}"] for k in ("bias", "low", "high", "spread")
@@ -349,8 +356,8 @@ def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
             short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
             text[short] = error if row[f"{name}_n"] else ""
         ours, real = (quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true))
-        text["cell's dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
-        text["false flights"] = f"{row['spurious']:.0f} of {row['flights']:.0f}"
+        text["campaign dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
+        text["false flights"] = f"{row['false_flights']:.0f} of {row['flights']:.0f}"
         text["ignition detected, rightly"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"
         text["detected of the unlit"] = f"{row['unlit_detected']:.0f} of {row['unlit']:.0f}"
         rows[key] = text
@@ -392,7 +399,7 @@ def replace_steps(
     weighted, robust = (
         fit_tracks(replace(run, regression=method), tracks) for method in (WEIGHTED, ROBUST)
     )
-    ways = (
+    replacements = (
         (positions, exact, _particles(positions, true)),
         (linked, fit_tracks(run, linked), particle_of_track(linked, owner)),
         (followed, fit_tracks(run, followed), _particles(followed, true)),
@@ -402,7 +409,7 @@ def replace_steps(
         (tracks, robust, particles),
         (tracks, measured, particles),
     )
-    for name, (table, trajectories, owners) in zip(STEPS, ways, strict=True):
+    for name, (table, trajectories, owners) in zip(STEPS, replacements, strict=True):
         flights = kiln.flights_from(run, table, trajectories)
         yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), owners)
 

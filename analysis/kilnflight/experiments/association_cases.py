@@ -95,7 +95,7 @@ def event_table(validation: Matrices) -> pd.DataFrame:
     -------
     DataFrame
         ``track``, ``detection`` ("none", "D1", ...), ``joint`` by `joint_probabilities`,
-        ``sum_over_events`` by Eq. 2.64 as it stands, ``each_track_alone``, and for each event
+        ``sum_over_events`` by Eq. 2.64 as it stands, ``independent``, and for each event
         whether it holds the pair.
     """
     pairs = feasible_events(validation)[:, :, 1:]
@@ -105,7 +105,7 @@ def event_table(validation: Matrices) -> pd.DataFrame:
     shares = {
         "joint": joint_probabilities(inside, np.ones(tracks)).T,
         "sum_over_events": events.mean(axis=0),
-        "each_track_alone": np.transpose(alone),
+        "independent": np.transpose(alone),
     }
     shares |= {f"event_{k}": event for k, event in enumerate(events, 1)}
     names = ["none", *(f"D{k}" for k in range(1, rows))]
@@ -235,7 +235,7 @@ def draw_events(
     rows, names = ["D1", "D2", "D3", "D4"], ["Ω", *(f"Ω{k}" for k in range(1, 1 + len(events)))]
     for axes, name, matrix in zip(rest, names, [validation, *events], strict=False):
         _matrix(axes, matrix, name, ["–", "T1", "T2"], rows)
-    betas = {"joint": "β, joint", "each_track_alone": "β, each alone"}
+    betas = {"joint": "β, joint", "independent": "β, independent"}
     for axes, (column, name) in zip(rest[len(names) :], betas.items(), strict=True):
         matrix = table[column].to_numpy().reshape(5, 2)
         _matrix(axes, matrix, name, ["T1", "T2"], ["–", *rows])
@@ -248,14 +248,14 @@ def draw_events(
     return picture
 
 
-def draw_gate(table: pd.DataFrame, unseen: tuple[int, ...], depth_mm: float) -> Figure:
+def draw_gate(table: pd.DataFrame, missed: tuple[int, ...], depth_mm: float) -> Figure:
     """Draw the gate of a track by frame in the image and in depth (Fig. 4.2).
 
     Parameters
     ----------
     table
-        Of `gate_table`, with ``what`` of each detection.
-    unseen
+        Of `gate_table`, with the ``origin`` of each detection.
+    missed
         Frames without a detection.
     depth_mm
         Limit of depth about the last known one.
@@ -265,7 +265,7 @@ def draw_gate(table: pd.DataFrame, unseen: tuple[int, ...], depth_mm: float) -> 
     for frame, gate in gates.iterrows():
         place = gate[["expected_row", "expected_col"]].to_numpy(float)
         reach = np.diag(gate[["reach_row_px", "reach_col_px"]].to_numpy(float) ** 2)
-        line = {"color": ORANGE, "ls": "--"} if frame in unseen else {"color": "0.5"}
+        line = {"color": ORANGE, "ls": "--"} if frame in missed else {"color": "0.5"}
         _gate(flat, place, reach, 1.0, **line)
         _text(flat, str(frame), np.array([24, place[1]]))
     flat.plot(gates["expected_col"], gates["expected_row"], "+", color=BLACK, ms=4)
@@ -274,13 +274,13 @@ def draw_gate(table: pd.DataFrame, unseen: tuple[int, ...], depth_mm: float) -> 
     centre, limit = gates["expected_z"] / 1000, depth_mm / 1000
     area = {"step": "mid", "color": "0.88", "label": "gate"}
     deep.fill_between(gates.index, centre - limit, centre + limit, **area)
-    near = table.query("frame > 1 and what != 'other particle'")
+    near = table.query("frame > 1 and origin != 'other particle'")
     known, passed = near["z"].notna(), near["in_gate"]
     kinds = {"taken": known & passed, "refused by depth": ~passed, "no depth: taken": ~known}
-    for (kind, which), mark, fill in zip(kinds.items(), "sXv", (BLUE, "0.7", ORANGE), strict=True):
-        look = {**MARKS, "marker": mark, "mfc": fill, "label": kind, "ms": 4}
-        flat.plot(near["col"][which], near["row"][which], **look)
-        deep.plot(near["frame"][which], near["z"].fillna(near["expected_z"])[which] / 1000, **look)
+    for (label, mask), mark, fill in zip(kinds.items(), "sXv", (BLUE, "0.7", ORANGE), strict=True):
+        look = {**MARKS, "marker": mark, "mfc": fill, "label": label, "ms": 4}
+        flat.plot(near["col"][mask], near["row"][mask], **look)
+        deep.plot(near["frame"][mask], near["z"].fillna(near["expected_z"])[mask] / 1000, **look)
     deep.set(xlabel="frame", ylabel="depth z (m)", xticks=gates.index, ylim=(2, 8.6))
     deep.legend(loc="upper left", ncols=2)
     return picture

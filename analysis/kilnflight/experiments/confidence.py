@@ -110,9 +110,10 @@ def metres_before_detection(
     -------
     DataFrame
         ``fraction``, ``pressure_bar``, ``metre``; ``number`` of flights that passed it and how
-        many of them ``unseen``; how many were ``too_fast``, faster than any true particle of the
-        campaign in that metre, and how many of these unseen; ``median_m_s``; ``seen_m_s`` with
-        ``low`` and ``high``: the median of the seen ones; ``true_m_s``.
+        many of them ``before_detection``; how many were ``too_fast``, faster than any true
+        particle of the campaign in that metre, and ``too_fast_before_detection``;
+        ``median_m_s``; ``detected_m_s`` with ``low`` and ``high``: the median of flights that
+        were detected by then; ``true_m_s``.
     """
     rows: list[dict[str, object]] = []
     for key, flight_values in true.items():
@@ -123,9 +124,10 @@ def metres_before_detection(
             fast = speed > finite(velocity).max(initial=0.0)
             median = interval_columns(median_of(speed[detected], generator))
             row = {**dict(zip(KEYS, key, strict=True)), "metre": metre, "number": len(speed)}
-            row |= {"unseen": (~detected).sum(), "too_fast": fast.sum()}
-            row |= {"too_fast_unseen": (fast & ~detected).sum(), "median_m_s": quartiles(speed)[1]}
-            row |= {"seen_m_s": median["estimate"], "low": median["low"], "high": median["high"]}
+            row |= {"before_detection": (~detected).sum(), "too_fast": fast.sum()}
+            row |= {"too_fast_before_detection": (fast & ~detected).sum()}
+            row |= {"median_m_s": quartiles(speed)[1], "detected_m_s": median["estimate"]}
+            row |= {"low": median["low"], "high": median["high"]}
             rows.append(row | {"true_m_s": quartiles(finite(velocity))[1]})
     return pd.DataFrame(rows)
 

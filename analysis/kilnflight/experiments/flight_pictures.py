@@ -193,16 +193,16 @@ def draw_budget_steps(budget: pd.DataFrame) -> Figure:
     labels = {"dwell_s": "dwell time (s)", "velocity_m_s": "velocity 0-1 m (m/s)"}
     labels |= {"ignition_s": "ignition time (s)"}
     picture, grid = canvas(3, 1, width_mm=PAGE_MM, height_mm=150, sharex=True)
-    groups = budget.groupby(["way", "fraction"])
+    groups = budget.groupby(["replaced_step", "fraction"])
     for axes, (quantity, label) in zip(grid[:, 0], labels.items(), strict=True):
         bias, spread = (
             groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread")
         )
-        for k, way in enumerate(STEPS):
+        for k, step in enumerate(STEPS):
             place = np.arange(len(names)) + 0.11 * (k - 3.5)
             look = {"color": [*COLOURS, "0.5"][k], "marker": [*MARKERS, "*"][k], "ms": 3}
             axes.errorbar(
-                place, bias.loc[way], yerr=spread.loc[way], ls="", lw=0.8, label=way, **look
+                place, bias.loc[step], yerr=spread.loc[step], ls="", lw=0.8, label=step, **look
             )
         axes.axhline(0, color="0.6", lw=0.6, ls="-")
         axes.set(ylabel=label, xticks=range(len(names)), xticklabels=names)

@@ -1,10 +1,10 @@
 """Grid search for the settings of trackers: the same objective and the same rule for all.
 
 A setting is scored by its mean beta over the fractions, without post-processing: beta charges
-false tracks, and other people's trackers have no post-processing. Every parameter has a grid of
+false tracks, and the published trackers have no post-processing. Every parameter has a grid of
 values, in steps of about the same ratio. A small part of the grid is tried in full; then the
-neighbours of the best setting, until none is better. So the best lies inside of what was tried,
-or at an end of the grid, and the table says which.
+neighbours of the best setting, until none is better. So the best is interior or at an end of the
+grid, and the table says which.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from kilnflight.tracking.tracker import Management, track
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
 STEPS = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)  # px
-PATIENCE = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # frames; the windows have 100
+MISSED_FRAMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # in a row; the windows have 100
 
 Setting = tuple[float, ...]
 
@@ -64,15 +64,15 @@ class Grid:
         """Return the settings one step up or down in one parameter."""
         settings = []
         for k, values in enumerate(self.parameters.values()):
-            at = values.index(setting[k])
-            for value in (*values[max(at - 1, 0) : at], *values[at + 1 : at + 2]):
+            place = values.index(setting[k])
+            for value in (*values[max(place - 1, 0) : place], *values[place + 1 : place + 2]):
                 settings.append((*setting[:k], value, *setting[k + 1 :]))
         return settings
 
     def at_end(self, setting: Setting) -> str:
         """Return the parameters that are at an end of their values, "" for none.
 
-        If the start has all values, yes or no, say, there is nothing beyond their ends.
+        A parameter whose start has all values, such as yes and no, has no ends.
         """
         names = [
             name
@@ -89,16 +89,16 @@ class Grid:
 
 def kilnflight_grids() -> dict[str, Grid]:
     """Return the grids of GNN and JPDA."""
-    values = {"gate": GATES, "noise": NOISES, "lost": PATIENCE}
-    start = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "lost": (3, 5, 8, 12)}
+    values = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
+    start = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "missed_frames": (3, 5, 8, 12)}
 
-    def build(associator: Associator, gate: float, noise: float, lost: float) -> Tracker:
+    def build(associator: Associator, gate: float, noise: float, missed_frames: float) -> Tracker:
         return partial(
             track,
             associator=associator,
             motion=ConstantVelocity(acceleration_noise=noise),
             gate=Gate(gate),
-            management=Management(invisible=int(lost)),
+            management=Management(invisible=int(missed_frames)),
         )
 
     associators: dict[str, Associator] = {"GNN": GNN(), "JPDA": JPDA()}
@@ -110,27 +110,27 @@ def kilnflight_grids() -> dict[str, Grid]:
 
 def peer_grids() -> dict[str, Grid]:
     """Return the grids of trackpy, laptrack and Stone Soup; all are installed or not."""
-    filtered = {"gate": GATES, "noise": NOISES, "unseen": PATIENCE}
+    filtered = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
     return {
         "trackpy": Grid(
-            lambda step, unseen, predicted: peers.Trackpy(step, int(unseen), bool(predicted)),
-            {"step": STEPS, "unseen": PATIENCE, "predicted": (0, 1)},
-            {"step": (15.0, 20.0), "unseen": (2, 5), "predicted": (0, 1)},
+            lambda step, missed, predicted: peers.Trackpy(step, int(missed), bool(predicted)),
+            {"step": STEPS, "missed_frames": MISSED_FRAMES, "predicted": (0, 1)},
+            {"step": (15.0, 20.0), "missed_frames": (2, 5), "predicted": (0, 1)},
         ),
         "laptrack": Grid(
-            lambda step, gap, unseen: peers.LapTrack(step, gap, int(unseen)),
-            {"step": STEPS, "gap": STEPS, "unseen": PATIENCE},
-            {"step": (20.0, 40.0), "gap": (20.0, 40.0), "unseen": (2, 5)},
+            lambda step, gap, missed_frames: peers.LapTrack(step, gap, int(missed_frames)),
+            {"step": STEPS, "gap": STEPS, "missed_frames": MISSED_FRAMES},
+            {"step": (20.0, 40.0), "gap": (20.0, 40.0), "missed_frames": (2, 5)},
         ),
         "GNN, Stone Soup": Grid(
-            lambda gate, noise, unseen: peers.StoneSoupGNN(gate, noise, int(unseen)),
+            lambda gate, noise, missed_frames: peers.StoneSoupGNN(gate, noise, int(missed_frames)),
             filtered,
-            {"gate": (3.0, 4.0), "noise": (1.0,), "unseen": (3, 5)},
+            {"gate": (3.0, 4.0), "noise": (1.0,), "missed_frames": (3, 5)},
         ),
         "JPDA, Stone Soup": Grid(
-            lambda gate, noise, unseen: peers.StoneSoupJPDA(gate, noise, int(unseen)),
+            lambda gate, noise, missed_frames: peers.StoneSoupJPDA(gate, noise, int(missed_frames)),
             filtered,
-            {"gate": (2.0, 3.0), "noise": (1.0,), "unseen": (1, 2)},
+            {"gate": (2.0, 3.0), "noise": (1.0,), "missed_frames": (1, 2)},
         ),
     }
 
@@ -150,7 +150,7 @@ def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.Data
     DataFrame
         ``tracker``, ``setting``, the four measures without post-processing, averaged over the
         windows, ``seconds`` in all, ``chosen``, ``at_end`` (of the chosen: its parameters at an
-        end of their values, "" if it lies inside) and ``note``. A tracker that refuses a
+        end of their values, "" if it is interior) and ``note``. A tracker that refuses a
         window (an `InputError`) has no measures for that setting, and the note says why.
 
     Raises

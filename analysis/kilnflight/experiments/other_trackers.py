@@ -1,4 +1,4 @@
-"""Other people's trackers, called as ours: detections in, the same rows with ``particle`` out.
+"""Published trackers, called as ours: detections in, the same rows with ``particle`` out.
 
 =================  =========================  ==================================================
 tracker            package                    how it links
@@ -54,7 +54,7 @@ def available() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class _Peer(ABC):
+class _ExternalTracker(ABC):
     """A tracker of another package, called as `kilnflight.tracking.tracker.track` is."""
 
     package: ClassVar[str]
@@ -90,25 +90,25 @@ class _Peer(ABC):
 
 
 @dataclass(frozen=True)
-class Trackpy(_Peer):
+class Trackpy(_ExternalTracker):
     """Linking of Crocker and Grier by trackpy.
 
     Notes
     -----
     With ``predict``, a particle is expected where it would be with the latest velocity of
     the particle nearest to it, mostly its own; frames without any detection are then passed
-    over, by ``memory`` too.
+    over, by ``missed_frames`` too.
     """
 
     package = "trackpy"
     search_range: float = 15.0  # px, largest step; or largest distance from what is predicted
-    memory: int = 0  # frames that a particle may be missed
+    missed_frames: int = 0  # frames that a particle may be missed
     predict: bool = False  # by trackpy.predict.NearestVelocityPredict
 
     def __post_init__(self) -> None:
         """Refuse what is no distance and no number of frames."""
         check_positive(self.search_range, "Trackpy: search_range")
-        check_count(self.memory, "Trackpy: memory", 0)
+        check_count(self.missed_frames, "Trackpy: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
         import trackpy
@@ -119,7 +119,9 @@ class Trackpy(_Peer):
         try:
             with warnings.catch_warnings():  # trackpy 0.7 with pandas 3; no velocity to predict by
                 warnings.simplefilter("ignore")
-                linked = link(table, self.search_range, pos_columns=PLACE, memory=self.memory)
+                linked = link(
+                    table, self.search_range, pos_columns=PLACE, memory=self.missed_frames
+                )
         except SubnetOversizeException as error:
             raise InputError(
                 f"Trackpy: search_range {self.search_range:g} px joins too many particles "
@@ -129,33 +131,33 @@ class Trackpy(_Peer):
 
 
 @dataclass(frozen=True)
-class LapTrack(_Peer):
+class LapTrack(_ExternalTracker):
     """Linear assignment after Jaqaman by laptrack, without splitting and merging."""
 
     package = "laptrack"
     cutoff: float = 15.0  # px, largest step
     gap_closing_cutoff: float = 15.0  # px, largest step over a gap; 0: gaps are not closed
-    gap_closing_max_frame_count: int = 2  # frames that a particle may be missed
+    missed_frames: int = 2  # frames that a particle may be missed
 
     def __post_init__(self) -> None:
         """Refuse what is no distance and no number of frames."""
         check_positive(self.cutoff, "LapTrack: cutoff")
         check_at_least(self.gap_closing_cutoff, 0, "LapTrack: gap_closing_cutoff")
-        check_count(self.gap_closing_max_frame_count, "LapTrack: gap_closing_max_frame_count", 0)
+        check_count(self.missed_frames, "LapTrack: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
         import laptrack
 
-        closed = self.gap_closing_cutoff > 0 and self.gap_closing_max_frame_count > 0
+        closed = self.gap_closing_cutoff > 0 and self.missed_frames > 0
         build: Any = laptrack.LapTrack  # its arguments have defaults that mypy does not see
         tracker = build(
             cutoff=self.cutoff**2,
             gap_closing_cutoff=self.gap_closing_cutoff**2 if closed else False,
-            gap_closing_max_frame_count=self.gap_closing_max_frame_count,
+            gap_closing_max_frame_count=self.missed_frames,
         )
-        numbered = table.assign(at=table.index)
+        numbered = table.assign(number=table.index)
         linked = tracker.predict_dataframe(numbered, PLACE, only_coordinate_cols=False)[0]
-        return linked.set_index("at")["track_id"].sort_index()
+        return linked.set_index("number")["track_id"].sort_index()
 
 
 START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a second after another
@@ -164,7 +166,7 @@ START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a seco
 class Frame(NamedTuple):
     """The m detections of a frame, and Stone Soup's filter with its gate."""
 
-    detections: list[Any]  # Stone Soup's, metadata "at": row of the table
+    detections: list[Any]  # Stone Soup's, metadata "row": row of the table
     places: npt.NDArray[np.float64]  # (m, 2), px
     time: datetime
     predictor: Any
@@ -200,22 +202,22 @@ class Gated(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _StoneSoup(_Peer):
+class _StoneSoup(_ExternalTracker):
     """A filter, a gate and the loop over frames, for an associator of Stone Soup."""
 
     package = "stonesoup"
-    distance: float = 4.0  # standard deviations: gate, and cost of a miss
-    acceleration_noise: float = 1.0  # px/frame^1.5
-    invisible: int = 5  # frames in a row that a track lives on unseen
-    velocity_sd: float = 15.0  # px/frame, of a new track
-    measurement_sd: float = 2.0  # px
+    distance: float = 4.0  # standard deviations: gate, and cost of a miss; assumption
+    acceleration_noise: float = 1.0  # px/frame^1.5; assumption
+    missed_frames: int = 5  # in a row, before a track ends; assumption
+    velocity_sd: float = 15.0  # px/frame, of a new track; assumption
+    measurement_sd: float = 2.0  # px; assumption
 
     def __post_init__(self) -> None:
         """Refuse numbers that are no distance and no number of frames."""
         where = type(self).__name__
         for name in ("distance", "acceleration_noise", "velocity_sd", "measurement_sd"):
             check_positive(getattr(self, name), f"{where}: {name}")
-        check_count(self.invisible, f"{where}: invisible", 0)
+        check_count(self.missed_frames, f"{where}: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
         """Return the track of each row: associate, update, start, give up, frame by frame."""
@@ -240,23 +242,25 @@ class _StoneSoup(_Peer):
             rows = np.flatnonzero(frames == frame)
             now = START + timedelta(seconds=frame)
             detections = [
-                Detection(places[at][:, None], now, metadata={"at": at}, measurement_model=sensor)
-                for at in rows
+                Detection(
+                    places[row][:, None], now, metadata={"row": row}, measurement_model=sensor
+                )
+                for row in rows
             ]
-            alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.invisible}
+            alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.missed_frames}
             number, alone = {id(track): k for k, (track, _) in alive.items()}, set(rows)
             tracks = [track for track, _ in alive.values()]
             here = Frame(detections, places[rows], now, *parts)
             for track, state, detection in self._associated(here, tracks):
                 track.append(state)
                 if detection is not None:
-                    at, k = detection.metadata["at"], number[id(track)]
-                    alive[k], label[at] = (track, frame), k
-                    alone.discard(at)
-            for at in sorted(alone):
-                row, col = places[at]
-                state = GaussianState(np.array([[row], [0.0], [col], [0.0]]), spread, now)
-                alive[started], label[at] = (Track([state]), frame), started
+                    row, k = detection.metadata["row"], number[id(track)]
+                    alive[k], label[row] = (track, frame), k
+                    alone.discard(row)
+            for row in sorted(alone):
+                y, x = places[row]
+                state = GaussianState(np.array([[y], [0.0], [x], [0.0]]), spread, now)
+                alive[started], label[row] = (Track([state]), frame), started
                 started += 1
         return label
 
@@ -292,12 +296,12 @@ class StoneSoupJPDA(_StoneSoup):
     our own tracker, `kilnflight.tracking.tracker.record`.
     """
 
-    detection_probability: float = 0.9
-    # Per px^2; None: Stone Soup's estimate in each gate. Picked by hand on two of the stretches
-    # for settings (notebook 33); ten false detections in a frame of 1536 x 2048 are 3e-6.
+    detection_probability: float = 0.9  # assumption
+    # Per px^2; None: Stone Soup's estimate in each gate. Chosen by hand on two tuning
+    # windows (notebook 33): ten false detections in a frame of 1536 x 2048 are 3e-6.
     clutter_density: float | None = 1e-5
-    # That share detections in a frame; with more, the table is refused. A bound of effort only:
-    # stretches with 16 and 17 such tracks took seconds, with many more it would be minutes.
+    # Largest number of tracks that share detections in a frame; more are refused. It bounds the
+    # effort only: windows with 16 and 17 such tracks took seconds, many more would take minutes.
     most_tracks: int = 20
 
     def __post_init__(self) -> None:
@@ -319,13 +323,13 @@ class StoneSoupJPDA(_StoneSoup):
         inside = 1 - np.exp(-(self.distance**2) / 2)  # P_G in two dimensions
         shares = {"prob_detect": self.detection_probability, "prob_gate": inside}
         filters = (frame.predictor, frame.updater)
-        chances = PDAHypothesiser(*filters, self.clutter_density, **shares)
-        associator = JPDAwithEHM2(Gated(chances, frame))
+        hypothesiser = PDAHypothesiser(*filters, self.clutter_density, **shares)
+        associator = JPDAwithEHM2(Gated(hypothesiser, frame))
         largest = frame.largest_group(tracks)
         if largest > self.most_tracks:
             raise InputError(
                 f"StoneSoupJPDA: {largest} tracks share detections in a frame, more than "
-                f"most_tracks {self.most_tracks}. Narrow the gate or lower invisible."
+                f"most_tracks {self.most_tracks}. Narrow the gate or lower missed_frames."
             )
         joint = associator.associate(tracks, frame.detections, frame.time)
         recorded, updater = _recorded(joint, frame), PDAUpdater(frame.updater.measurement_model)

@@ -26,7 +26,7 @@ from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
-MOMENTS = 60  # of a fitted curve
+SAMPLES = 60  # of a fitted curve
 SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
@@ -90,7 +90,7 @@ def draw_curves(
     """
     for k, (fit, track) in enumerate(zip(fits, tracks, strict=True)):
         colour = COLOURS[1 + k % (len(COLOURS) - 1)]
-        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
+        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, SAMPLES)).T / 1000.0
         axes.plot(z, x, -y, color=colour, lw=1.4, ls="-")
         detections = track.dropna(subset="z").sort_values("frame")
         place = detections[["z", "x", "y"]].to_numpy().T / 1000.0
@@ -141,22 +141,22 @@ def draw_sums_and_tracks(
     fraction: str, sums: Mapping[CampaignKey, Array], tracks: Mapping[CampaignKey, pd.DataFrame]
 ) -> Figure:
     """Return summed frame differences above the tracks in the same frames, by pressure."""
-    cells = [cell for cell in sums if cell[0] == fraction]
+    keys = [key for key in sums if key[0] == fraction]
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 125}
-    picture, grid = canvas(2, max(len(cells), 2), **size)
-    for panels, cell in zip(grid.T, cells, strict=False):
-        total = sums[cell]
+    picture, grid = canvas(2, max(len(keys), 2), **size)
+    for panels, key in zip(grid.T, keys, strict=False):
+        total = sums[key]
         low, high = np.quantile(total, [0.05, 0.999])
         shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
         draw_frame(panels[0], shown * 60000.0, 8)
-        for k, (_, track) in enumerate(tracks[cell].groupby("particle")):
+        for k, (_, track) in enumerate(tracks[key].groupby("particle")):
             look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
             panels[1].plot(track["col"], track["row"], **look)
         rows, cols = total.shape
         panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
-        panels[0].set_title(f"{fraction}, {cell[1]} bar: summed frame differences")
-        panels[1].set_title(f"{tracks[cell]['particle'].nunique()} trajectories from the lance")
-    plt.setp(grid.T[len(cells) :].ravel(), visible=False)
+        panels[0].set_title(f"{fraction}, {key[1]} bar: summed frame differences")
+        panels[1].set_title(f"{tracks[key]['particle'].nunique()} trajectories from the lance")
+    plt.setp(grid.T[len(keys) :].ravel(), visible=False)
     plt.setp(grid[:, 0], ylabel="row (px)")
     return picture
 
@@ -177,7 +177,7 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
 
     lines = []
     for name, fit in fits.items():
-        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, MOMENTS)).T / 1000.0
+        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, SAMPLES)).T / 1000.0
         way = {"x": z, "y": x, "z": -y, "name": f"{name}"}
         lines.append(graph.Scatter3d(**way, mode="lines", line={"width": 4}))
     detections = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
@@ -250,7 +250,7 @@ def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.D
     if lit < flight["end_s"]:
         parts.append((lit, flight["end_s"], "burning", COLOURS[3], 2.6))
     for start, end, name, colour, width in parts:
-        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, MOMENTS))[:, 1:])
+        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, SAMPLES))[:, 1:])
         axes.plot(*way.T, color=colour, lw=width, ls="-", label=name)
     axes.plot(0, 0, **LANCE, label="lance")
     mark = "s" if flight["ending"] == LANDED else "o"
@@ -292,9 +292,9 @@ def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) 
     if not len(lengths) or not np.allclose(lengths, lengths[0]):
         raise InputError("slices: not every slice up to the farthest; pass those of one flight.")
     time = np.concatenate([[0.0], np.cumsum(lengths / front["velocity_m_s"].to_numpy(np.float64))])
-    moments = np.linspace(fit.t0_s, end_s, MOMENTS)
-    depth = _from_the_lance(fit, straight_on(fit, moments)[:, 1:])[:, 0]
-    axes.plot(moments - fit.t0_s, depth, color="black", lw=1.2, ls="-", label="trajectory")
+    times = np.linspace(fit.t0_s, end_s, SAMPLES)
+    depth = _from_the_lance(fit, straight_on(fit, times)[:, 1:])[:, 0]
+    axes.plot(times - fit.t0_s, depth, color="black", lw=1.2, ls="-", label="trajectory")
     axes.plot(0, 0, **LANCE, label="lance", zorder=3)
     axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
     for n, (before, after) in enumerate(pairwise(time), start=1):
@@ -352,12 +352,12 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
     axes
         To draw on.
     table
-        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``here`` and
-        ``published``.
+        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed``
+        and ``published``.
     """
     wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
-    wide = wide[["here", "published"]].iloc[::-1]
-    for source, color, shift in (("here", "black", 0.15), ("published", COLOURS[1], -0.15)):
+    wide = wide[["recomputed", "published"]].iloc[::-1]
+    for source, color, shift in (("recomputed", "black", 0.15), ("published", COLOURS[1], -0.15)):
         looks = {
             stage: {"marker": "o", "color": color, "mfc": face, "label": f"{source}, {stage}"}
             for stage, face in (("without", "white"), ("with", color))
@@ -396,7 +396,7 @@ def draw_before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, v
 
 
 def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
-    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, in shades of grey.
+    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, in colour and hatch.
 
     Parameters
     ----------
@@ -417,7 +417,7 @@ def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str
     axes.set(xticks=range(len(groups)), xticklabels=groups, xlabel=along)
 
 
-def draw_intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str) -> None:
+def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pixels: str) -> None:
     """Draw F1 of methods with intervals, beside another criterion and the publication.
 
     Parameters
@@ -426,15 +426,16 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published: str, inside: str)
         Where to; the first row of the table is on top.
     table
         Index: names; columns ``f1``, ``f1_low``, ``f1_high``, and the next two.
-    published, inside
+    published_f1, f1_in_pixels
         Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
     """
     place = np.arange(len(table))
     reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
-    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2, "label": "gate 45 px"}
+    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2}
+    dots["label"] = "scoring distance 45 px"
     axes.errorbar(table["f1"], place, xerr=reach, **dots)
-    axes.plot(table[inside], place, "s", mfc="none", color="#0072B2", label="in pixels")
-    axes.plot(table[published], place, "D", color="#D55E00", label="published")
+    axes.plot(table[f1_in_pixels], place, "s", mfc="none", color=COLOURS[2], label="in pixels")
+    axes.plot(table[published_f1], place, "D", color=COLOURS[1], label="published")
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="best")

@@ -1,4 +1,4 @@
-"""Post-processing step by step, its readings, and the textures that it looks at (notebook 31)."""
+"""Post-processing step by step, its variants, and the textures that it looks at (notebook 31)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining
 
-BOX = (60, 30)  # px, rows and columns of a window for the textures; w = 15 px in Table 5.16
-SPAN = 11  # frames that such a window sums
+BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
+SPAN = 11  # frames that such a box sums
 Array = npt.NDArray[np.float64]
-Plan = Sequence[tracklets.Step]
+Steps = Sequence[tracklets.Step]
 
 
 def compare_steps(
@@ -31,26 +31,26 @@ def compare_steps(
     Returns
     -------
     table : DataFrame
-        ``fraction``, ``after``, number of ``tracks`` and ``positions``, and the measures.
-    after : dict
+        ``fraction``, ``step``, number of ``tracks`` and ``positions``, and the measures.
+    tracks_by_step : dict
         Tracks by fraction and step, "tracker" first.
     """
-    rows, after = [], {}
+    rows, tracks_by_step = [], {}
     for window in windows:
         tracks = track(window.detections)
         stages = {"tracker": tracks, **dict(tracklets.stages(tracks, window.differences))}
-        after[window.fraction] = stages
+        tracks_by_step[window.fraction] = stages
         for step, table in stages.items():
             kept = tracklets.tracked(table)
-            row = {"fraction": window.fraction, "after": step, "positions": len(kept)}
+            row = {"fraction": window.fraction, "step": step, "positions": len(kept)}
             row |= {"tracks": kept["particle"].nunique()}
             rows.append(row | measure_tracks(window.truth, table))
-    columns = ["fraction", "after", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
-    return pd.DataFrame(rows)[columns], after
+    columns = ["fraction", "step", "tracks", "positions", *MEASURES, "jsc_spurious_only"]
+    return pd.DataFrame(rows)[columns], tracks_by_step
 
 
-def readings() -> dict[str, Plan]:
-    """Return the steps as printed, and under other readings of section 4.2.3.
+def variants() -> dict[str, Steps]:
+    """Return the steps as printed, and in other readings of section 4.2.3.
 
     "Hungarian" chooses the pairs of each iteration by the least sum (Fig. 4.14). "change alone"
     leaves the angle out of Eq. 4.18 in connected parts. "f = 1e8" scales the weight of the
@@ -58,7 +58,7 @@ def readings() -> dict[str, Plan]:
     """
     eliminate, outliers, connect, fuse = tracklets.STEPS
 
-    def changed(change: Callable[[Joining], tracklets.Step]) -> Plan:
+    def changed(change: Callable[[Joining], tracklets.Step]) -> Steps:
         return eliminate, outliers, *(change(s) for s in (connect, fuse) if isinstance(s, Joining))
 
     outlier = tracklets.OutlierRemoval(angle_deg=0.0)
@@ -71,19 +71,19 @@ def readings() -> dict[str, Plan]:
     }
 
 
-def compare_plans(windows: Iterable[Window], plans: Mapping[str, Plan]) -> pd.DataFrame:
-    """Return ``fraction``, ``reading`` and the measures of GNN's tracks after each plan."""
+def compare_variants(windows: Iterable[Window], choices: Mapping[str, Steps]) -> pd.DataFrame:
+    """Return ``fraction``, ``variant`` and the measures of GNN's tracks after each variant."""
     rows = []
     for window in windows:
         tracks = track(window.detections)
-        for name, plan in plans.items():
-            table = tracklets.postprocess(tracks, window.differences, plan)
-            row = {"fraction": window.fraction, "reading": name}
+        for name, steps in choices.items():
+            table = tracklets.postprocess(tracks, window.differences, steps)
+            row = {"fraction": window.fraction, "variant": name}
             rows.append(row | measure_tracks(window.truth, table))
-    return pd.DataFrame(rows)[["fraction", "reading", *MEASURES]]
+    return pd.DataFrame(rows)[["fraction", "variant", *MEASURES]]
 
 
-def texture_windows(
+def texture_boxes(
     window: Window, count: int, generator: np.random.Generator
 ) -> tuple[list[Array], list[Array]]:
     """Return sums of frame differences with and without a track in them (Fig. 4.13).
@@ -99,17 +99,17 @@ def texture_windows(
 
     Returns
     -------
-    with_track, without : list of ndarray
+    with_track, without_track : list of ndarray
         `BOX` pixels, over `SPAN` frames: around a true position, and in the same frames where
         no true position is within three boxes.
     """
-    streaks, empty = [], []
+    with_track, without_track = [], []
     for _ in range(count):
         position = window.truth.iloc[int(generator.integers(len(window.truth)))]
         frames = (int(position["frame"]) - SPAN // 2, int(position["frame"]) + SPAN // 2)
-        streaks.append(_summed(window, frames, (position["row"], position["col"])))
-        empty.append(_summed(window, frames, _empty_place(window, frames, generator)))
-    return streaks, empty
+        with_track.append(_summed(window, frames, (position["row"], position["col"])))
+        without_track.append(_summed(window, frames, _empty_place(window, frames, generator)))
+    return with_track, without_track
 
 
 def _empty_place(
@@ -134,21 +134,21 @@ def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float])
     return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])
 
 
-def texture_table(streaks: Sequence[Array], empty: Sequence[Array]) -> pd.DataFrame:
-    """Return Laws' energies of windows with a track and of as many without (Fig. 4.13).
+def texture_table(with_track: Sequence[Array], without_track: Sequence[Array]) -> pd.DataFrame:
+    """Return Laws' energies of boxes with a track and of as many without a track (Fig. 4.13).
 
     Returns
     -------
     DataFrame
-        ``masks``; ``a`` to ``e``, the first windows with a track, and ``f``, the first without;
-        the medians ``with_track`` and ``without``; their ``ratio``, and its 10 and 90 % points
-        over windows. Largest ratio first.
+        ``masks``; ``a`` to ``e``, the first boxes with a track; ``f``, the first without a
+        track; the medians ``with_track`` and ``without_track``; their ``ratio``, and its 10 and
+        90 % points over boxes. Largest ratio first.
     """
-    energies = pd.DataFrame([tracklets.energies(image) for image in streaks])
-    empties = pd.DataFrame([tracklets.energies(image) for image in empty])
+    energies = pd.DataFrame([tracklets.energies(image) for image in with_track])
+    empties = pd.DataFrame([tracklets.energies(image) for image in without_track])
     table = pd.concat([energies[:5], empties[:1]]).set_axis(list("abcdef"))
-    table = table.T.assign(with_track=energies.median(), without=empties.median())
-    table["ratio"] = table["with_track"] / table["without"]
+    table = table.T.assign(with_track=energies.median(), without_track=empties.median())
+    table["ratio"] = table["with_track"] / table["without_track"]
     each = energies / empties.median()
     table = table.assign(ratio_10=each.quantile(0.1), ratio_90=each.quantile(0.9))
     return table.sort_values("ratio", ascending=False).reset_index(names="masks")
@@ -186,9 +186,9 @@ def table_5_16() -> pd.DataFrame:
     return table.assign(used=list(used.values()))
 
 
-def verdicts(plans: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]:
-    """Return the verdicts on Figs 4.13 and 4.14, from `compare_plans` and `texture_table`."""
-    alpha = plans.groupby("reading")["alpha"].mean()
+def verdicts(measures: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]:
+    """Return the verdicts on Figs 4.13 and 4.14, from `compare_variants` and `texture_table`."""
+    alpha = measures.groupby("variant")["alpha"].mean()
     dual, hungarian = alpha["as printed"], alpha["Hungarian"]
     better = {f"mean alpha {dual:.4f} >= {hungarian:.4f}": bool(dual >= hungarian)}
     best, edge = texture.iloc[0], texture.set_index("masks")["ratio"]["LE"]
@@ -216,7 +216,7 @@ def draw_steps(windows: Sequence[Window], tables: Tables) -> Figure:
 
 
 def draw_textures(images: Sequence[Array]) -> Figure:
-    """Draw windows of summed differences side by side, lettered, equally bright."""
+    """Draw boxes of summed differences side by side, lettered, equally bright."""
     picture, (panels,) = style.canvas(1, len(images), width_mm=style.PAGE_MM, height_mm=62)
     lightest = np.sqrt(np.max(images[:-1]))
     for axes, image, name in zip(panels, images, "abcdefgh", strict=False):

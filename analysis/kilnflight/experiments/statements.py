@@ -33,7 +33,7 @@ from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
 
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
-CELLS = (("wood chip", 4.5), ("confetti", 4.5))
+FIT_CAMPAIGNS = (("wood chip", 4.5), ("confetti", 4.5))
 # What one unit of misfit is at least, where a number is printed without bounds: assumptions,
 # about the spread between runs that differ only by 0.5 bar.
 LEAST_UNIT = {"velocity": 0.5, "remaining": 5.0, "landed": 5.0, "dwell": 0.05}
@@ -59,7 +59,7 @@ SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction
 SENTENCES |= {"vel-4": "paper shred", "vel-5": "PE granule"}
 
 Pairs = Sequence[tuple[CampaignKey, CampaignKey]]
-Given = dict[str, float | pd.Series | Mapping[str, bool]]
+Evidence = dict[str, float | pd.Series | Mapping[str, bool]]
 
 
 def outcome_of(row: pd.Series) -> str:
@@ -77,7 +77,7 @@ def outcome_of(row: pd.Series) -> str:
 
 def use_of(fraction: str, pressure_bar: float, outcome: str) -> str:
     """Return how the calibration may use a statement."""
-    if (fraction, pressure_bar) not in CELLS:
+    if (fraction, pressure_bar) not in FIT_CAMPAIGNS:
         return HELD_OUT
     used = outcome.startswith(("velocity", "remaining", "dwell")) or outcome == "ignited (%)"
     return CALIBRATED if used else NOT_USED
@@ -244,7 +244,9 @@ def judge_all(
     counted = tables.flights[tables.flights["from_lance"]].groupby(KEYS).size()
     missing = len(FRACTIONS) * len(PRESSURES_BAR) - int((counted >= LEAST_FLIGHTS).sum())
     if missing:
-        reason = f"fewer than {LEAST_FLIGHTS} flights in {missing} of the eight cells at this scale"
+        reason = (
+            f"fewer than {LEAST_FLIGHTS} flights in {missing} of the eight campaigns at this scale"
+        )
         return [claims.undecidable(name, reason) for name in values]
     notes = {name: "; ".join(filter(None, [note, (resolved or {}).get(name)])) for name in values}
     return [claims.judge(name, value, note=notes[name]) for name, value in values.items()]
@@ -275,7 +277,7 @@ def dwell_verdicts(results: Results, generator: np.random.Generator) -> list[cla
     longer = [(last, (name, 4.5)) for name in names if name != "PE granule"]
     pairs = {"dwell-2": first, "dwell-3": [*longer, (last, ("PE granule", 5.0))]}
     times = {key: each.dwell_s for key, each in values.items()}
-    given: Given = {
+    evidence: Evidence = {
         "dwell-1": median[bars[0]],
         "dwell-2": ranks,
         "dwell-3": granules,
@@ -284,7 +286,7 @@ def dwell_verdicts(results: Results, generator: np.random.Generator) -> list[cla
     note = (
         "lost flights count with the time they were seen; much shorter: by over a tenth, a reading"
     )
-    return judge_all(results.tables, given, note, _resolved(times, pairs, generator))
+    return judge_all(results.tables, evidence, note, _resolved(times, pairs, generator))
 
 
 def _axes(values: Values) -> tuple[list[str], list[float]]:
@@ -320,11 +322,11 @@ def velocity_verdicts(
         "vel-6": [((name, 5.0), (name, 4.5)) for name in names],
     }
     speeds = {key: each.velocity_m_s[:, 0] for key, each in results.measured.items()}
-    given: Given = {"vel-1": order, "vel-6": ratio}
-    given |= {claim: conditions(published, (name, 4.5)) for claim, name in SENTENCES.items()}
+    evidence: Evidence = {"vel-1": order, "vel-6": ratio}
+    evidence |= {claim: conditions(published, (name, 4.5)) for claim, name in SENTENCES.items()}
     note = "medians measured on the twin; bounds of the printed sentences"
-    verdicts = judge_all(results.tables, given, note, _resolved(speeds, pairs, generator))
-    fit = "the twin's flights were fitted to this cell"
+    verdicts = judge_all(results.tables, evidence, note, _resolved(speeds, pairs, generator))
+    fit = "the twin's flights were fitted to this campaign"
     return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
 
 
@@ -349,9 +351,9 @@ def ignition_verdicts(
     never = {key: part for key, part in never.items() if not key.startswith(PAPERS)}
     published = beside_published(values, values, ["ignited"])
     published = published[published["outcome"].isin(["ignited (%)", "ignited < 0.1 s (%)"])]
-    given: Given = {"ign-1": pd.Series(never)}
+    evidence: Evidence = {"ign-1": pd.Series(never)}
     for claim, name in (("ign-2", "confetti"), ("ign-3", "paper shred")):
-        given[claim] = conditions(published, (name, 4.5)) | conditions(published, (name, 5.0))
+        evidence[claim] = conditions(published, (name, 4.5)) | conditions(published, (name, 5.0))
     more = {}
     for bar in bars:
         often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
@@ -361,7 +363,7 @@ def ignition_verdicts(
         fewer, later = (table.loc[name] for table in (share, middle))
         more[f"{name}: fewer at 5 bar"] = bool(fewer.iloc[-1] < fewer.iloc[0])
         more[f"{name}: later at 5 bar"] = bool(later.iloc[-1] > later.iloc[0])
-    given["ign-4"] = more
+    evidence["ign-4"] = more
 
     pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
     pairs += [((name, 5.0), (name, 4.5)) for name in papers]
@@ -371,7 +373,7 @@ def ignition_verdicts(
     other = by_pressure(above_background, "ignited (%)")
     texts = [f"{name} {bar} bar {other[bar][name]:.0f} %" for name, bar in values]
     note = f"grey values as they are; above the background: {', '.join(texts)}"
-    verdicts = judge_all(results.tables, given, note, {"ign-4": f"{shares}; {medians}"})
+    verdicts = judge_all(results.tables, evidence, note, {"ign-4": f"{shares}; {medians}"})
     fit = "the twin was fitted to the share of confetti at 4.5 bar"
     return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in verdicts]
 
@@ -416,9 +418,10 @@ def regression_verdicts(
             for axis in "xyz"
         }
         resolved[claim] = in_words(group_differences(groups, each, generator), "medians")
-    given: Given = {"fit-1": ratio, "fit-2": lowest, "fit-3": least, "fit-4": order_gain(by_order)}
+    evidence: Evidence = {"fit-1": ratio, "fit-2": lowest, "fit-3": least}
+    evidence["fit-4"] = order_gain(by_order)
     note = "trajectories from the lance; the scatter of the depth is an input"
-    return judge_all(tables, given, note, resolved)
+    return judge_all(tables, evidence, note, resolved)
 
 
 def order_gain(by_order: pd.DataFrame) -> float:

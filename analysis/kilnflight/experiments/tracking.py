@@ -182,8 +182,8 @@ def track_and_postprocess(
     tracks = tracker(window.detections)
     yield "without", tracks, time.perf_counter() - begin
     begin = time.perf_counter()
-    done = tracklets.postprocess(tracks, window.differences)
-    yield "with", done, time.perf_counter() - begin
+    processed = tracklets.postprocess(tracks, window.differences)
+    yield "with", processed, time.perf_counter() - begin
 
 
 def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
@@ -208,7 +208,7 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
     Returns
     -------
     DataFrame
-        `run` with ``given``: "true positions", "right detections only" (those that belong to a
+        `run` with ``input``: "true positions", "right detections only" (those that belong to a
         true trajectory) and "detections"; and rows for the tracker "links by the truth".
     """
     linked = [
@@ -216,7 +216,7 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
         for window in windows
     ]
     columns = ["frame", "row", "col", "x", "y", "z"]
-    given = {
+    inputs = {
         "true positions": [window.truth[columns] for window in windows],
         "right detections only": [
             table[table["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
@@ -225,12 +225,12 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
         "detections": [window.detections for window in windows],
     }
     parts = []
-    for name, tables in given.items():
+    for name, tables in inputs.items():
         pairs = zip(windows, tables, strict=True)
         replaced = [window._replace(detections=table) for window, table in pairs]
-        parts.append(run(replaced, trackers).assign(given=name))
+        parts.append(run(replaced, trackers).assign(input=name))
     rows = [
-        {"fraction": window.fraction, "given": "detections", "tracker": "links by the truth"}
+        {"fraction": window.fraction, "input": "detections", "tracker": "links by the truth"}
         | {"postprocessing": "without"}
         | measure_tracks(window.truth, table)
         for window, table in zip(windows, linked, strict=True)
@@ -258,13 +258,13 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
 
 
 def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return every measure of `tracking.run` (``here``) beside that of Table 5.17."""
+    """Return every measure of `tracking.run` (``recomputed``) beside that of Table 5.17."""
     printed = claims.published("table_5.17")
     printed = printed.assign(
         fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
     )
     names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
-    cells = measured.melt(KEYS, list(MEASURES), "measure", "here")
+    cells = measured.melt(KEYS, list(MEASURES), "measure", "recomputed")
     return cells.merge(printed.rename(columns=names)[[*KEYS, "measure", "published"]])
 
 
@@ -277,7 +277,7 @@ def gains(cells: pd.DataFrame) -> pd.Series:
 def _stages(cells: pd.DataFrame) -> pd.DataFrame:
     """Return the measures by fraction, tracker and measure; columns "with" and "without"."""
     keys = ["fraction", "tracker", "measure"]
-    return cells.pivot(index=keys, columns="postprocessing", values="here")
+    return cells.pivot(index=keys, columns="postprocessing", values="recomputed")
 
 
 def verdicts(

@@ -146,7 +146,7 @@ def cost(
         Particles per campaign; the same seed gives the same ones for all inputs.
     """
     applied = inputs.applied(Flight(step_s=STEP_S), Gas())
-    flights = {cell: truth.released(*cell, applied, count, seed) for cell in statements.CELLS}
+    flights = {key: truth.released(*key, applied, count, seed) for key in statements.FIT_CAMPAIGNS}
     values = statements.answer(targets, statements.true_outcomes(flights))
     return float((statements.misfits(targets, values) ** 2).sum())
 
