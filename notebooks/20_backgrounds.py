@@ -95,7 +95,7 @@ used = attempts[["model", "subset", "threshold"]].drop_duplicates()
 table = detection.with_total(attempts, ["model", "subset"]).merge(used, how="left")
 caption = (
     "Detection by SIFT on six backgrounds with the values of Table 5.4, by subset and in total: "
-    f"{frames} labelled frames of each subset within the region of interest, gate 45 px; "
+    f"{frames} labelled frames of each subset within the region of interest, scoring distance 45 px; "
     "threshold of DoG in grey values found on the other four subsets."
 )
 table = table.drop(columns="seconds_per_image")
@@ -153,7 +153,7 @@ figures.save("background-unsigned", table, caption=caption, provenance=origin)
 # ## Verdicts
 
 # %%
-f1, note = summary["f1"], f"{frames * len(subsets)} frames, gate 45 px"
+f1, note = summary["f1"], f"{frames * len(subsets)} frames, scoring distance 45 px"
 verdicts = detection_claims.background_verdicts(f1, first, traces, note)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 result = (

@@ -66,7 +66,7 @@ of_sift = detection.with_total(sift, ["threshold", "subset"])
 printed = claims.published("table_5.5")[["subset", "f1"]].rename(columns={"f1": "f1_published"})
 caption = (
     f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each within the "
-    "region of interest, gate 45 px."
+    "region of interest, scoring distance 45 px."
 )
 table = of_otsu.merge(printed)
 figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
@@ -76,7 +76,7 @@ names = {"test_set": "subset", "f1": "f1_published"}
 printed = claims.published("table_5.6")[list(names)].rename(columns=names)
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
-    "interest, gate 45 px; threshold of DoG in grey values found on the other four subsets."
+    "interest, scoring distance 45 px; threshold of DoG in grey values found on the other four subsets."
 )
 table = of_sift.merge(printed)
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
@@ -118,7 +118,7 @@ figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
 # ## Verdicts
 
 # %%
-note = f"{frames * len(subsets)} frames, gate 45 px"
+note = f"{frames * len(subsets)} frames, scoring distance 45 px"
 verdicts = detection_claims.picture_verdicts(of_otsu, of_sift, recall, seconds, note)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 totals = [table.set_index("subset")["f1"]["Total"] for table in (of_otsu, of_sift)]

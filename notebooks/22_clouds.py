@@ -134,7 +134,9 @@ figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provena
 # ## Verdicts
 
 # %%
-verdicts = detection_claims.cluster_verdicts(tables, attempts, f"{images} frames, gate 45 px")
+verdicts = detection_claims.cluster_verdicts(
+    tables, attempts, f"{images} frames, scoring distance 45 px"
+)
 best = ", ".join(f"{name} {table['f1'].max():.3f}" for name, table in totals.items())
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 result = f"{reproduced} of 8 claims reproduced. Best F1: {best} (published 0.616, 0.601, 0.600)."

@@ -39,7 +39,7 @@ print(f"thresholds of DoG: {threshold.to_dict()}")
 # %%
 total = detection.sum_counts(attempts, ["method"])
 caption = (
-    f"Eleven methods on {images} labelled frames within the region of interest, gate 45 px; "
+    f"Eleven methods on {images} labelled frames within the region of interest, scoring distance 45 px; "
     "after Table 5.11."
 )
 table = total[["method", *detection.COUNTS, "precision", "recall", "f1"]]
@@ -83,7 +83,9 @@ figures.save("detection-class-recall", wide.reset_index(), caption=caption, prov
 
 # %%
 total = total.set_index("method")
-verdicts = detection_claims.combination_verdicts(total, first, f"{images} frames, gate 45 px")
+verdicts = detection_claims.combination_verdicts(
+    total, first, f"{images} frames, scoring distance 45 px"
+)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 result = (
     f"{reproduced} of 5 claims reproduced. Best is {total['f1'].idxmax()} with F1 "

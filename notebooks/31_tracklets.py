@@ -40,7 +40,7 @@ pair = [window for window in windows if window.fraction in ("wood chip", "paper 
 steps, tracks_by_step = post_processing.compare_steps(pair)
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
-    f"against the truth, gate {tracking.GATE_PX:.0f} px."
+    f"against the truth, scoring distance {tracking.GATE_PX:.0f} px."
 )
 figures.save("tracklet-steps", steps, caption=caption, provenance=origin)
 

@@ -100,7 +100,7 @@ _ = picture.legend(*handles, loc="outside lower center", ncols=2, title="post-pr
 # %%
 columns = ["fraction", "tracker", "postprocessing", *tracking.MEASURES, "seconds", "note"]
 caption = (
-    "alpha and beta of trackers on the same detections of the windows at 4.5 bar, gate 10 px, in "
+    "alpha and beta of trackers on the same detections of the windows at 4.5 bar, scoring distance 10 px, in "
     "the settings chosen on other stretches: as they are (open circles) and with our "
     "post-processing (filled squares). A tracker without a mark could not be run in bearable time."
 )

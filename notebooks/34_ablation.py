@@ -38,7 +38,7 @@ keys = ["input", "tracker", "postprocessing"]
 columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers at "
-    f"their defaults, gate {tracking.GATE_PX:.0f} px."
+    f"their defaults, scoring distance {tracking.GATE_PX:.0f} px."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 

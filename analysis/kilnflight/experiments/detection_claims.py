@@ -317,6 +317,12 @@ def combination_verdicts(total: pd.DataFrame, first: pd.Series, note: str) -> li
     ]
 
 
+def published_radius_mm() -> float:
+    """Return the radius of the fitted cylinder as printed in Table 5.12."""
+    printed = claims.published("table_5.12").set_index("quantity")["value_mm"]
+    return float(printed["Radius"])
+
+
 def cylinder_table(fits: Mapping[str, Cylinder], geometry: Geometry) -> pd.DataFrame:
     """Return the fitted cylinder of each subset beside the true one and Table 5.12."""
     along = [abs(np.dot(fit.direction, geometry.axes[0])) for fit in fits.values()]
@@ -324,7 +330,7 @@ def cylinder_table(fits: Mapping[str, Cylinder], geometry: Geometry) -> pd.DataF
     table = pd.DataFrame([asdict(fit) for fit in fits.values()])[names]
     table.insert(0, "subset", list(fits))
     table.insert(2, "radius_true_mm", geometry.kiln_radius_mm)
-    table.insert(3, "radius_published_mm", 772.1827)
+    table.insert(3, "radius_published_mm", published_radius_mm())
     table.insert(4, "direction_off_deg", np.degrees(np.arccos(np.minimum(along, 1.0))))
     return table
 

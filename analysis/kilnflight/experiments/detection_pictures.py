@@ -14,8 +14,10 @@ from scipy.stats import norm
 
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Clusters
+from kilnflight.experiments.detection_claims import published_radius_mm
 from kilnflight.experiments.plots import draw_bars
 from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
+from kilnflight.twin.camera import Geometry
 
 Array = npt.NDArray[np.float64]
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
@@ -105,7 +107,8 @@ def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     panels[0].plot(*ring, "-", color=COLOURS[1], label=f"fit, {fit.radius_mm:.0f} mm")
     panels[0].set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     panels[0].legend(loc="upper right")
-    levels = {"fit": (fit.radius_mm, "-"), "true": (700.0, ":"), "published": (772.2, "--")}
+    levels = {"fit": (fit.radius_mm, "-"), "true": (Geometry().kiln_radius_mm, ":")}
+    levels["published"] = (published_radius_mm(), "--")
     for text, (level, line) in levels.items():
         panels[1].axhline(level, color=COLOURS[1], ls=line, label=f"{text}, {level:.0f} mm")
     panels[1].set(xlabel="z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))

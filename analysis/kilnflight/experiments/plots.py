@@ -27,6 +27,7 @@ from kilnflight.twin.flight import Flights
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
 SAMPLES = 60  # of a fitted curve
+BRIGHTEST = 30_000.0  # grey value that is drawn brightest, nearly half of 16 bits; assumption
 SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
@@ -95,7 +96,13 @@ def draw_curves(
         detections = track.dropna(subset="z").sort_values("frame")
         place = detections[["z", "x", "y"]].to_numpy().T / 1000.0
         if gray:
-            look = {"c": detections["gray"], "cmap": "inferno", "vmin": 0, "vmax": 30000, "s": 2}
+            look = {
+                "c": detections["gray"],
+                "cmap": "inferno",
+                "vmin": 0,
+                "vmax": BRIGHTEST,
+                "s": 2,
+            }
             axes.scatter(place[0], place[1], -place[2], **look)
         else:
             axes.plot(place[0], place[1], -place[2], color=colour, lw=0.35, ls="-")
@@ -148,7 +155,7 @@ def draw_sums_and_tracks(
         total = sums[key]
         low, high = np.quantile(total, [0.05, 0.999])
         shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
-        draw_frame(panels[0], shown * 60000.0, 8)
+        draw_frame(panels[0], shown, 8)
         for k, (_, track) in enumerate(tracks[key].groupby("particle")):
             look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
             panels[1].plot(track["col"], track["row"], **look)
@@ -297,20 +304,22 @@ def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) 
     axes.plot(times - fit.t0_s, depth, color="black", lw=1.2, ls="-", label="trajectory")
     axes.plot(0, 0, **LANCE, label="lance", zorder=3)
     axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
-    for n, (before, after) in enumerate(pairwise(time), start=1):
-        axes.vlines(after, 0, far[n], color="0.6", lw=0.6, ls=":")
-        axes.hlines(far[n], 0, after, color="0.6", lw=0.6, ls=":")
-        speed = lengths[n - 1] / (after - before)
-        axes.annotate(
-            f"V{str(n).translate(SUBSCRIPT)} = {speed:.1f} m/s",
-            (after, (far[n - 1] + far[n]) / 2),
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
-        )
+    _mark_slices(axes, time, far)
     axes.set(xlabel="time from the lance (s)", ylabel="depth from the lance (m)")
     axes.margins(x=0.2)
+
+
+def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
+    """Draw lines at the end of each slice, and its velocity; both arrays begin at the lance."""
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
+    look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "bbox": box}
+    line: dict[str, Any] = {"color": "0.6", "lw": 0.6, "ls": ":"}
+    pairs = zip(pairwise(time), pairwise(depth), strict=True)
+    for n, ((before, after), (near, far)) in enumerate(pairs, start=1):
+        axes.vlines(after, 0, far, **line)
+        axes.hlines(far, 0, after, **line)
+        text = f"V{str(n).translate(SUBSCRIPT)} = {(far - near) / (after - before):.1f} m/s"
+        axes.annotate(text, (after, (near + far) / 2), xytext=(4, 0), **look)
 
 
 def draw_from_the_side(
