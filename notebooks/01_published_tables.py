@@ -1,10 +1,10 @@
 # %% [markdown]
 # # The published tables, recomputed
 #
-# **Published.** Tables 5.2 to 5.14 of the thesis count particles, hits and misses, and
-# derive precision, recall and F1 from them. Its text draws conclusions from those rates:
-# quasi-cluster centres (QCC) are called the best 3D method, and every combination is said
-# to gain 3 to 5 points.
+# **Published.** Tables 5.2 to 5.14 of the thesis count particles, hits and misses, and derive
+# precision, recall and F1 from them. Its text draws conclusions from those rates. Quasi-cluster
+# centres (QCC) are called the best 3D method, and every combination is said to gain 3 to 5
+# points.
 #
 # **Here.** Whatever one printed number determines about another is computed again. A
 # printed value agrees when it is off by no more than half a unit of its last digit. No
@@ -37,9 +37,9 @@ per_source
 # %% [markdown]
 # ## What disagrees
 #
-# Two tables of ours: the errata, since whoever cites the thesis needs them, one row per printed
-# value that cannot be right, with what it should be and whether a conclusion depends on it; and
-# every value that was recomputed, since an erratum is only as good as the check behind it.
+# Two tables of ours. The errata, for whoever cites the thesis: one row per printed value that
+# cannot be right, its correction, and whether a conclusion depends on it. And every value that
+# was recomputed, since an erratum is only as good as the check behind it.
 
 # %%
 wrong = errata.errata(checks)
@@ -58,10 +58,9 @@ shown
 # %% [markdown]
 # ## The best 3D method
 #
-# The thesis ranks its three clusterers by their best F1. One cell of Table 5.10 decides
-# the rank, and that cell does not follow from its own counts: printed, QCC leads at K = 30,
-# alpha = 0.1; recomputed, that setting falls behind, DBSCAN leads, and the best setting of QCC
-# is another one.
+# The thesis ranks its three clusterers by their best F1. One entry of Table 5.10 decides the
+# rank, and it does not follow from its own counts. As printed, QCC leads at K = 30, alpha = 0.1.
+# Recomputed, that setting falls behind, DBSCAN leads, and QCC has another best setting.
 
 # %%
 errata.best_f1_of_3d_methods()

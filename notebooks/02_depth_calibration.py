@@ -1,14 +1,14 @@
 # %% [markdown]
 # # Depth calibration of the plenoptic camera
 #
-# **Published** (thesis, section 2.1.5). A plate with dots stood at 1, 2, ..., 11 m. The
-# depth that the camera captured was off by about 0.3 m at 6 m to 8 m and scattered by up to
-# more than 1 m (Fig. 2.15). Three quadratics, Eq. 2.4, bring it back.
+# **Published** (thesis, section 2.1.5). A plate with dots stood at 1, 2, ..., 11 m. The depth
+# that the camera captured was off by about 0.3 m at 6 m to 8 m. It scattered by more than 1 m
+# (Fig. 2.15). Three quadratics, Eq. 2.4, bring it back.
 #
-# **Here.** The equation itself is examined exactly. The plate measurements were not
-# published; the twin's camera sees a plate instead, its depth the inverse of Eq. 2.4 plus the
-# scatter that the text describes in words. What was put in cannot be found out: where that
-# matters, the verdict says so. Notebook 03 repeats the fit.
+# **Here.** The equation itself is examined exactly. The plate measurements were not published;
+# the twin's camera sees a plate instead. Its depth is the inverse of Eq. 2.4 plus the scatter
+# that the text describes in words. What was put in cannot be found out: where that matters, the
+# verdict says so. Notebook 03 repeats the fit.
 #
 # $$
 # f(z) = \begin{cases}
@@ -64,9 +64,9 @@ figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=origin)
 # %% [markdown]
 # ## The plate, as the twin's camera sees it
 #
-# A true depth of 3 m has two captured depths; the one nearer to the truth is taken, as the
-# text says that the median at 3 m is close to the actual value. Errors are common to patches
-# of the picture and heavy-tailed; their size is set to the text's words: an input.
+# A true depth of 3 m has two captured depths. The one nearer to the truth is taken, since the
+# text says that the median at 3 m is close to the actual value. Errors are common to patches of
+# the picture and heavy-tailed; their size is set to the text's words: an input.
 
 # %%
 captured, true = see_all_plates(points, np.random.default_rng(seed))
@@ -84,7 +84,7 @@ for cloud, m in zip(clouds, metres, strict=True):
     axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
 caption = (
-    "Point clouds of the test plate at 1 m to 11 m, seen from above, after Fig. 2.14: colours "
+    "Point clouds of the test plate at 1 m to 11 m, seen from above, after Fig. 2.14. Colours "
     "change from plate to plate (odd metres black)."
 )
 table = pd.DataFrame(np.concatenate(clouds), columns=["x_mm", "y_mm", "z_captured_mm"])

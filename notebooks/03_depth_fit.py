@@ -2,8 +2,8 @@
 # # The fit behind the depth calibration
 #
 # **Published** (thesis, section 2.1.5). The three quadratics of Eq. 2.4 were fitted to plate
-# measurements from 1 m to 11 m; after calibration the depth is said to agree well with the
-# true distance (Fig. 2.16).
+# measurements from 1 m to 11 m. After calibration the depth is said to agree well with the true
+# distance (Fig. 2.16).
 #
 # **Here.** The fit is repeated on the plate as the twin's camera sees it (notebook 02), with
 # and without continuity at the breakpoints.
@@ -64,9 +64,9 @@ figures.save("fig-2-16-calibration", errors, picture=picture, caption=caption, p
 # %% [markdown]
 # ## What a continuous fit would have changed
 #
-# Between the plates, the captured depth of a true depth is read off the line through the
-# medians: the only forward map that the publication offers. The figure is ours: it shows what the
-# steps of Eq. 2.4 cost.
+# Between the plates, the captured depth of a true depth is read off the line through the medians.
+# The publication offers no other forward map. The figure is ours: it shows what the steps of Eq.
+# 2.4 cost.
 
 # %%
 curve = pd.DataFrame({"true_mm": np.arange(1000.0, 11001.0, 10.0)})
@@ -91,7 +91,7 @@ axes.legend(loc="upper right")
 caption = (
     "Error of the calibrated depth over the true depth. Without the steps the largest error is "
     f"{faults['largest error']['continuous']:.0f} mm instead of "
-    f"{faults['largest error']['printed']:.0f} mm; the maximum below 3 m stays, so that no fit is "
+    f"{faults['largest error']['printed']:.0f} mm. The maximum below 3 m stays, so that no fit is "
     f"one to one (the continuous one falls over {faults['falls over']['continuous']:.0f} mm)."
 )
 figures.save("fig-2-16-continuous-fit", curve, picture=picture, caption=caption, provenance=origin)
@@ -109,7 +109,7 @@ circular = (
 verdicts = [claims.undecidable("depth-5", circular, measured)]
 largest = faults["largest error"]
 result = (
-    f"Between the plates Eq. 2.4 is off by up to {largest['printed']:.0f} mm (near 2.5 m); "
-    f"a continuous fit by {largest['continuous']:.0f} mm, without the step at 3 m."
+    f"Between the plates Eq. 2.4 is off by up to {largest['printed']:.0f} mm (near 2.5 m). A "
+    f"continuous fit is off by {largest['continuous']:.0f} mm, without the step at 3 m."
 )
 figures.conclude(result, verdicts, origin)

@@ -2,15 +2,15 @@
 # # The ground truth of the twin
 #
 # **Published** (thesis, sections 3.3 and 5.1.1). Fifty frames of five sequences V1 to V5 were
-# labelled by hand: 5701 particles in three classes (Tables 5.1 and 5.2), 77 % of them in the
-# region of interest (Table 5.3). Nearly all have a radius below 15 px (Fig. 3.12), and two
+# labelled by hand. They hold 5701 particles in three classes (Tables 5.1 and 5.2), 77 % of them
+# in the region of interest (Table 5.3). Nearly all have a radius below 15 px (Fig. 3.12), and two
 # thirds of the 3D points have a neighbour within 2 mm (Fig. 5.7).
 #
-# **Here.** The recordings are not public. The twin takes their place: five scenes with the
-# same ten consecutive labelled frames each. What it is fed is chosen so that Table 5.2 comes
-# out within 10 %; which particles have depth, the size of the depth error, the region of
-# interest and the size of flames (set by Fig. 3.12) are inputs too. That they reappear
-# validates nothing, and no claim is tested here.
+# **Here.** The recordings are not public. The twin takes their place: five scenes with the same
+# ten consecutive labelled frames each. Its particles are chosen so that Table 5.2 comes out
+# within 10 %. Other inputs: which particles have depth, the size of the depth error, the region
+# of interest and the size of flames (set by Fig. 3.12). That they reappear validates nothing, and
+# no claim is tested here.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full

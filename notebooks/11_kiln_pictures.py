@@ -2,10 +2,10 @@
 # # Pictures of the kiln: optical ground truth and wall temperature
 #
 # **Published** (thesis, sections 2.1.1 and 5.2.3). Paths of particles become visible when the
-# differences of adjacent frames from a background image are added to it: an optical ground
-# truth to judge trajectories by eye (Figs 5.13 and 5.17). An infrared camera gives the
-# temperature along the wall: a trapezoid of the picture becomes a rectangle, its row means
-# the profile (Fig. 2.4).
+# differences of adjacent frames from a background image are added to it. This is an optical
+# ground truth to judge trajectories by eye (Figs 5.13 and 5.17). An infrared camera gives the
+# temperature along the wall: a trapezoid of the picture becomes a rectangle, its row means the
+# profile (Fig. 2.4).
 #
 # **Here.** The same pictures of the twin, with the true paths beside them. The infrared frame
 # is simulated with a known profile. No claim is tested here.
@@ -74,8 +74,8 @@ for axes in grid[-1]:
 # %%
 caption = (
     f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
-    "5.17 (without the burner and what is below eight times a frame's median difference), and the "
-    "true paths of the same particles in the air."
+    "5.17. Beside them the true paths of the same particles in the air. The burner is left out, "
+    "and so is what lies below eight times a frame's median difference."
 )
 figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption, provenance=origin)
 

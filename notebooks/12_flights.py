@@ -15,10 +15,10 @@ from kilnflight.twin.gas import Gas
 Markdown("**Input:** the twin alone. Nothing here was seen by a camera, and no claim is judged.")
 
 # %% [markdown]
-# **Published** (sections 5.3.1, 5.3.2 and A.2). How fast four fractions fly at 4.5 and 5 bar,
-# how far, how long, and when they ignite, as tracked trajectories gave it. The box plots are
-# pictures; what the text says in numbers is in data/reference/published/flight.csv, with bounds
-# where it is vague ("very few": 0 to 10 %).
+# **Published** (sections 5.3.1, 5.3.2 and A.2). How fast four fractions fly at 4.5 and 5 bar, how
+# far, how long, and when they ignite, as tracked trajectories gave it. The box plots are
+# pictures. The numbers of the text are in data/reference/published/flight.csv, with bounds where
+# it is vague ("very few": 0 to 10 %).
 #
 # **Here.** The true flights of the twin, every particle counted, whether a camera could have
 # seen it or not. First with published, handbook and assumed inputs only. Then with six inputs
@@ -48,8 +48,8 @@ answers = {version: statements.answer(printed, rows[version]) for version in ver
 # %% [markdown]
 # ## The six inputs that were fitted
 #
-# Ours: who uses the twin must know what was fitted, and how far. Effective values: they make up
-# for what the model lacks, such as handfuls that clump in the lance, and are not to be read as a
+# Ours: who uses the twin must know what was fitted, and how far. They are effective values and
+# make up for what the model lacks, such as handfuls that clump in the lance. They are not a
 # measured length, angle or wind.
 
 # %%
@@ -76,8 +76,9 @@ figures.save("twin-flights-calibration", values, caption=caption, provenance=ori
 table = statements.comparison(printed, answers)
 caption = (
     "Every number of sections 5.3 and A.2 that can be expressed, with the published bounds (empty: "
-    "open), and the twin's truth with inputs only and calibrated. The last column tells what the "
-    "calibration saw. Off by: units of half the bounds' width, at least 0.5 m/s, 5 %, 0.05 s."
+    "open). Beside them the twin's truth, with inputs only and calibrated. The last column tells "
+    "what the calibration saw. Off by: units of half the bounds' width, at least 0.5 m/s, 5 %, "
+    "0.05 s."
 )
 figures.save("table-twin-flights", table, caption=caption, provenance=origin)
 
@@ -109,8 +110,8 @@ boxes = pd.DataFrame(
 # %%
 picture = flight_pictures.draw_true_dwell(boxes)
 caption = (
-    "True dwell time from the lance to landing or burning out, after Fig. 5.19: box plots without "
-    "outliers, the numbers are the widths of the boxes (s). Shaded: where the text puts the "
+    "True dwell time from the lance to landing or burning out, after Fig. 5.19. Box plots without "
+    "outliers; the numbers are the widths of the boxes (s). Shaded: where the text puts the "
     "medians at 4.5 bar. Particles that leave the kiln through the outlet have no dwell time."
 )
 figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, provenance=origin)
@@ -135,16 +136,16 @@ figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, p
 # %% [markdown]
 # ## What disagrees
 #
-# - **Wood chips and granules leave too slowly and land too early**, although the fit takes the
-#   lance close to its longest and solids friction close to its least: 13.5 m/s in an air stream
-#   of about 15 m/s means almost no slip. Hot gas before the exit or a longer run-up could do it.
-# - **Confetti and shreds fly too fast and too far.** Heavy particles need the jet, papers
-#   would need it gone; one ideal jet cannot serve both. A handful loads the air it flies in, and
-#   this the twin does not know.
+# - **Wood chips and granules leave too slowly and land too early**, although lance and solids
+#   friction end near the limits of the fit. The printed 13.5 m/s in an air stream of about 15 m/s
+#   means almost no slip. Hot gas before the exit or a longer run-up could do it.
+# - **Confetti and shreds fly too fast and too far.** Heavy particles need the jet, papers would
+#   need it gone. One ideal jet cannot serve both. A handful loads the air it flies in, and this
+#   the twin does not know.
 # - **Ignition.** One limit of flame blow-off gives confetti its published share, but too late:
 #   half of it is said to burn within 0.2 s. Shreds, being larger, then ignite too often. No value
 #   gives few and early. The published times come from brightness along tracks, which may break
-#   when the flame grows; measuring the twin in the same way will show how much of it is that.
+#   when the flame grows. Measuring the twin in the same way shows how much that explains.
 # - **From 4.5 to 5 bar** almost nothing changes here (5 % more velocity). That shreds ignite
 #   71 % at one and 40 % at the other pressure does not follow from the air.
 # - The search ended after a fixed number of evaluations; its values are the best of those.
@@ -158,8 +159,7 @@ units = {version: statements.misfits(printed, values)[held] for version, values 
 before, after = units["inputs only"], units["calibrated"]
 result = (
     f"Truth of the twin, nothing measured: of {held.sum()} held-out statements "
-    f"{(before == 0).sum()} hold with inputs only, {(after == 0).sum()} "
-    f"calibrated; median misfit {before.median():.1f} and {after.median():.1f} units of the "
-    "published bounds."
+    f"{(before == 0).sum()} hold with inputs only, {(after == 0).sum()} calibrated. Median misfit "
+    f"{before.median():.1f} and {after.median():.1f} units of the published bounds."
 )
 figures.conclude(result, [], origin)

@@ -3,12 +3,12 @@
 #
 # **Published** (thesis, Table 5.5 and section 5.1.3). Precision and recall of Otsu's method on
 # five subsets, and how many of the particles that do not burn it detects. Nobody printed the
-# exposure, how bright the wall is or how much the flames flicker; without those a twin's
-# pictures cannot be told from any other picture.
+# exposure, how bright the wall is or how much the flames flicker. Without those the brightness of
+# a twin's pictures is arbitrary.
 #
-# **Here.** These few inputs, and only these, were fitted once to Otsu's row, on two frames of
-# each subset, and frozen before any other detector was measured on more than two frames. The
-# fit beside what it aimed at, and what it does not reach.
+# **Here.** Only these few inputs were fitted, once, to Otsu's row on two frames of each subset.
+# They were frozen before any other detector was measured on more than two frames. The fit beside
+# what it aimed at, and what it does not reach.
 
 # %% tags=["parameters"]
 scale = "standard"  # the same at every scale: the fit is read, not made
@@ -28,9 +28,9 @@ origin = figures.trace("13_light", {"scale": scale}, seed=seed, inputs=[LIGHT_FI
 # %% [markdown]
 # ## Inputs, before and after
 #
-# Two searches were made; the second lets flames overexpose, as the thesis says they do, and has
-# a wider limit for the wall (`kilnflight.experiments.twin_exposure` states both). Our table of
-# the inputs shows how far they moved, and which ended near a limit.
+# Two searches were made. The second lets flames overexpose, as the thesis says they do, and has a
+# wider limit for the wall (`kilnflight.experiments.twin_exposure` states both). Our table of the
+# inputs shows how far they moved, and which ended near a limit.
 
 # %%
 record = twin_exposure.read_fit()
@@ -61,7 +61,7 @@ targets = pd.concat(parts, axis=1).reset_index()
 targets = targets[["subset", *sorted(targets.columns.drop("subset"))]]
 caption = (
     "What the picture was fitted to: precision and recall of Otsu's method and its recall of "
-    "non-burning particles (unlit), published, before and after the fit, on the frames of the fit."
+    "non-burning particles (unlit). Published, before and after the fit, on the frames of the fit."
 )
 figures.save("twin-picture-targets", targets, caption=caption, provenance=origin)
 

@@ -7,10 +7,10 @@
 #
 # **Here.** The same on the twin's five subsets. The thesis took one threshold of SIFT for all
 # six, 500 grey values, without printing the exposure; copying it would mean nothing. For each
-# background the threshold is found on four subsets and used on the fifth (section 5.1.3). Where
-# the thesis contradicts itself: values of Table 5.4 before those of Fig. 5.2 (k 0.4, not 0.5);
-# alpha 0.99 of the running average weighs the past, as in the text, not the present, as Eq. 2.9
-# has it; section 5.1.3 names a mean filter, sections 5.1.2 and Table 5.11 the median, which is
+# background the threshold is found on four subsets and used on the fifth (section 5.1.3). The
+# thesis contradicts itself in three places. Table 5.4 is preferred to Fig. 5.2 (k is 0.4, not
+# 0.5). The alpha of 0.99 weighs the past in the text but the present in Eq. 2.9; the text is
+# followed. Section 5.1.3 names a mean filter, section 5.1.2 and Table 5.11 the median, which is
 # taken from here on.
 
 # %% tags=["parameters"]
@@ -78,7 +78,7 @@ figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, pro
 
 # %% [markdown]
 # **Traces.** They are measured in pixels that hold a particle in one of the frames around, but
-# not now: how far is the background from the scene without any particle, which the twin knows?
+# not now. The twin knows the scene without any particle: how far from it is the background?
 
 # %%
 traces = detection_claims.background_traces(subset, t, images, subset.recording.empty(t))
@@ -94,9 +94,9 @@ attempts = detection_claims.compare_backgrounds(subsets, models, scale)
 used = attempts[["model", "subset", "threshold"]].drop_duplicates()
 table = detection.with_total(attempts, ["model", "subset"]).merge(used, how="left")
 caption = (
-    "Detection by SIFT on six backgrounds with the values of Table 5.4, by subset and in total: "
-    f"{frames} labelled frames of each subset within the region of interest, scoring distance 45 px; "
-    "threshold of DoG in grey values found on the other four subsets."
+    "Detection by SIFT on six backgrounds with the values of Table 5.4, by subset and in total. "
+    f"{frames} labelled frames of each subset within the region of interest, scoring distance 45 "
+    "px. Threshold of DoG in grey values found on the other four subsets."
 )
 table = table.drop(columns="seconds_per_image")
 figures.save("table-5-4-background", table, caption=caption, provenance=origin)
@@ -127,8 +127,8 @@ size = {"width_mm": 120, "height_mm": 92}
 picture = detection_pictures.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
-    f"Detections of SIFT in a frame of {subset.name} after the median background, each a circle "
-    f"of its size, and the region of interest (line); threshold {level:.0f}. After Fig. 5.3."
+    f"Detections of SIFT in a frame of {subset.name} after the median background, each a circle of "
+    f"its size. Line: region of interest; threshold {level:.0f}. After Fig. 5.3."
 )
 figures.save("fig-5-3-detections", table, picture=picture, caption=caption, provenance=origin)
 

@@ -1,15 +1,15 @@
 # %% [markdown]
 # # Particles in pictures: Otsu and SIFT
 #
-# **Published** (thesis, sections 2.2.2, 2.2.3 and 5.1.3). On 50 labelled frames, after the
-# median background, Otsu's threshold finds nearly all that burns and little that does not
-# (F1 0.8436, Table 5.5); SIFT finds about half of what does not burn (0.8749, Table 5.6) and
-# is the faster the higher its threshold (Table 5.7).
+# **Published** (thesis, sections 2.2.2, 2.2.3 and 5.1.3). On 50 labelled frames, after the median
+# background, Otsu's threshold finds nearly all that burns and little that does not (F1 0.8436,
+# Table 5.5). SIFT finds about half of what does not burn (0.8749, Table 5.6). The higher its
+# threshold, the faster it is (Table 5.7).
 #
 # **Here.** The same on the twin. Otsu's row is what the picture's few free inputs (exposure,
-# contrast, flicker) were fitted to, on two frames of each subset, so its agreement is no
-# result; everything else is a prediction. SIFT's threshold is found on four subsets and used
-# on the fifth; the published 450 to 550 belong to an exposure that nobody printed.
+# contrast, flicker) were fitted to, on two frames of each subset. So its agreement is no result;
+# everything else is a prediction. SIFT's threshold is found on four subsets and used on the
+# fifth; the published 450 to 550 belong to an exposure that nobody printed.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two subsets), standard or full
@@ -76,7 +76,8 @@ names = {"test_set": "subset", "f1": "f1_published"}
 printed = claims.published("table_5.6")[list(names)].rename(columns=names)
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
-    "interest, scoring distance 45 px; threshold of DoG in grey values found on the other four subsets."
+    "interest, scoring distance 45 px. Threshold of DoG in grey values found on the other four "
+    "subsets."
 )
 table = of_sift.merge(printed)
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
@@ -98,8 +99,8 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 # %% [markdown]
 # ## What eight bits would lose, and what a threshold costs
 #
-# OpenCV's SIFT takes 8 bits, ours all 16. Our one table that is not in the thesis shows that
-# this explains no difference to it: the same foregrounds rounded to 256 levels, with the same
+# OpenCV's SIFT takes 8 bits, ours all 16. Our one table that is not in the thesis shows that this
+# explains no difference to it. It has the same foregrounds rounded to 256 levels, with the same
 # thresholds.
 
 # %%

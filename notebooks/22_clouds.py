@@ -2,20 +2,20 @@
 # # Particles in point clouds: DBSCAN, morphology, quasi-cluster centres
 #
 # **Published** (thesis, sections 2.2.4 to 2.2.6 and 5.1.3). Clustering the cloud alone finds
-# nearly all that burns in the air, but many clusters are no particle: the best F1 is about 0.6
+# nearly all that burns in the air, but many clusters are no particle. The best F1 is about 0.6
 # for all three methods (Tables 5.8 to 5.10), far below the pictures' 0.85.
 #
 # **Here.** The same parameters on the twin's clouds, without the flame, depth after Eq. 2.4.
 # A cluster is a detection at the centre of its pixels. What an in-air particle's points look
 # like was put in by published statistics; how wall points scatter follows Fig. 5.7 only.
 #
-# The morphological method is printed without a stopping rule that can be run: dilating until
-# the number of domains stays the same leaves a handful of clusters. One dilation, small domains
-# dropped before, was chosen when the numbers of clusters of two frames lay beside Table 5.9, so
-# those numbers are no result. A look at two frames afterwards gave F1 between 0.02 and 0.20 for
-# other readings at R = 150: the outcome hangs on a rule that is not printed. Where quasi-cluster
-# centres share a point, it goes to the cluster of its exemplar, its densest neighbour; the wall
-# pass takes the printed 10 points in 50 mm although 15 in 70 mm is more precise in Table 5.8.
+# The morphological method is printed without a stopping rule that can be run. Dilating until the
+# number of domains stays the same leaves a handful of clusters. One dilation, small domains
+# dropped before, was chosen by the numbers of clusters of two frames beside Table 5.9. So those
+# numbers are no result. Later, other readings at R = 150 gave F1 between 0.02 and 0.20 on two
+# frames. The outcome depends on a rule that is not printed. Where quasi-cluster centres share a
+# point, it goes to the cluster of its exemplar, its densest neighbour. The wall pass takes the
+# printed 10 points in 50 mm although 15 in 70 mm is more precise in Table 5.8.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full

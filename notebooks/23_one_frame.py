@@ -2,13 +2,13 @@
 # # One frame through the combined detector
 #
 # **Published** (thesis, section 3.1). Keypoints of a picture and clusters of a cloud are held
-# against each other: five cases, decided on local grey-value peaks and on the difference to
-# the frame before (Figs 3.1 to 3.9).
+# against each other. Local grey-value peaks and the difference to the frame before decide five
+# cases (Figs 3.1 to 3.9).
 #
-# **Here.** The same steps on one frame of the twin, with pictures, and what the truth says
-# about each case. Not in the thesis: what counts as a peak (here: it stands out from the noise
-# of the frame by five times), what several keypoints with several clusters are (decided as
-# case 2), and what is left of the wall (a cluster wider than 90 px is no particle).
+# **Here.** The same steps on one frame of the twin, with pictures, and what the truth says about
+# each case. Three rules are not in the thesis. A peak stands out from the noise of the frame by
+# five times. Several keypoints with several clusters are decided as case 2. A cluster wider than
+# 90 px is a remainder of the wall.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames of the table at the end
@@ -75,7 +75,7 @@ picture = detection_pictures.draw_keypoints_and_clusters(
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
-    "the region of interest; after Figs 3.1, 3.2 and 3.5."
+    "the region of interest. After Figs 3.1, 3.2 and 3.5."
 )
 figures.save("fig-3-5-both", table, picture=picture, caption=caption, provenance=origin)
 
@@ -106,8 +106,8 @@ caption = "Examples of the five cases in one frame, after Figs 3.6 to 3.9; see t
 figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# **Questions to the grey values.** Case 2 counts peaks in the cluster's rectangle, cases 4
-# and 5 look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
+# **Questions to the grey values.** Case 2 counts peaks in the cluster's rectangle. Cases 4 and 5
+# look at the frame and at its difference to the frame before (Figs 3.7 to 3.9).
 
 # %%
 several = max(examples[2], key=lambda row: len(row[2]))[1]

@@ -2,15 +2,15 @@
 # # In the air or on the wall
 #
 # **Published** (thesis, sections 3.2 and 5.1.4). MLESAC fits a cylinder to the wall's points
-# (radius 772 mm where 700 are nominal, Table 5.12). Distances of particles from its axis form
-# two Gaussians that cross near 760 mm (Fig. 3.11); with 800 mm, to keep what flies, particles
-# are classified with F1 0.92 (Table 5.13), detections with 0.88 (Table 5.14).
+# (radius 772 mm where 700 are nominal, Table 5.12). Distances of particles from its axis form two
+# Gaussians that cross near 760 mm (Fig. 3.11). With 800 mm, to keep what flies, particles are
+# classified with F1 0.92 (Table 5.13), detections with 0.88 (Table 5.14).
 #
 # **Here.** The same on the twin, whose axis and radius are known. A threshold in millimetres
-# belongs to a radius, and ours comes out smaller than the printed one; so the printed 800 mm
+# belongs to a radius, and ours comes out smaller than the printed one. So the printed 800 mm
 # stand beside the thesis's procedure on our distances: the crossing, raised by 40 mm. That
-# procedure decides the claims. The wall is clustered with the burner's flame still in; the fit
-# of the first subset serves all.
+# procedure decides the claims. The wall is clustered with the burner's flame still in; the fit of
+# the first subset serves all.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -67,7 +67,7 @@ figures.save("fig-3-10-cylinder", table, picture=picture, caption=caption, prove
 # ## How far particles are from the axis
 #
 # Every marked particle with 3D, by where its points are; detections of SIFT with DBSCAN. The
-# thesis fits a radius of 772 mm to a kiln of 700 mm; the base scene of the twin has none of the
+# thesis fits a radius of 772 mm to a kiln of 700 mm. The base scene of the twin has none of the
 # static depth error behind that.
 
 # %%

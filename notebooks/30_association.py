@@ -2,12 +2,12 @@
 # # Data association explained on small cases
 #
 # **Published** (thesis, sections 2.3.2 to 2.3.4 and 4.1.2; Figs 2.20 to 2.23 and 4.2). In
-# sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not; both
-# take clutter that lies nearer; probabilistic association (PDA, JPDA) lands in between. JPDA
-# sums over joint events, eleven in the example. The gate is an elliptical cylinder.
+# sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not. Both take
+# clutter that lies nearer. Probabilistic association (PDA, JPDA) lands in between. JPDA sums over
+# joint events, eleven in the example. The gate is an elliptical cylinder.
 #
-# **Here.** The sketches have no scales, so these are cases of our own of the same kind,
-# computed by the functions that also track the recordings. No claim is tested.
+# **Here.** The sketches have no scales, so these are cases of our own of the same kind. The
+# functions that track the recordings compute them. No claim is tested.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: nothing here depends on it
@@ -109,9 +109,9 @@ figures.save("fig-2-23-events", table, picture=picture, caption=caption, provena
 # %% [markdown]
 # ## Many tracks in a row
 #
-# In a chain of 40 tracks each shares a detection with its neighbours. The number of events
-# obeys a recursion; that of those in which a given track is missed is the product of the
-# numbers of the two shorter chains beside it. `joint_probabilities` lists none of them.
+# In a chain of 40 tracks each shares a detection with its neighbours. The number of events obeys
+# a recursion. How many of them miss a given track is the product of the numbers of the two
+# shorter chains beside it. No event is listed by `joint_probabilities`.
 
 # %%
 count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
@@ -148,10 +148,10 @@ picture = cases.draw_gate(table, (5, 6, 7), Gate().depth_mm)
 reach = table.loc[table["frame"] > 1, "reach_row_px"]
 caption = (
     "The gate of a track from frame 2 on, after Fig. 4.2. Above, by frame: the ellipse about the "
-    "prediction (+; a circle, as noise is the same both ways), reach "
-    f"{reach.min():.0f} px when seen, {reach.max():.0f} px in frame 8 after three frames unseen "
-    "(dashed). Below: the limit of depth, 1.5 m about the last known one; a detection without "
-    "depth is drawn there."
+    f"prediction (+; a circle, as noise is the same both ways). Its reach is {reach.min():.0f} px "
+    f"after a detection, {reach.max():.0f} px in frame 8 after three missed frames (dashed). "
+    "Below: the limit of depth, 1.5 m about the last known one; a detection without depth is drawn "
+    "there."
 )
 figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=origin)
 

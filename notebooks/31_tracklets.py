@@ -9,8 +9,8 @@
 #
 # **Here.** The steps on wood chips and paper shreds of the twin, with the values of Table 5.16,
 # scored against the truth after each one. The tracker is GNN at its defaults. The thesis prints
-# no gate for its scores but a bare epsilon of 10 px (Table 5.16), taken both for Eq. 5.1 and for
-# the distance of trajectories that are fused.
+# no distance for its scores but a bare epsilon of 10 px (Table 5.16). It is taken both for Eq.
+# 5.1 and for the distance of trajectories that are fused.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full: frames of the windows
@@ -53,9 +53,9 @@ figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenan
 # %% [markdown]
 # ## Which texture tells a streak
 #
-# Fifteen energies of Laws in windows of 60 x 30 px and 11 frames: around true positions of paper
-# shreds, and of the same size and frames where no particle was (Fig. 4.13). The thesis does not
-# say so, but absolute values are summed; the plain response of a streak sums to about zero.
+# Fifteen energies of Laws in boxes of 60 x 30 px over 11 frames (Fig. 4.13). They lie around true
+# positions of paper shreds, and in the same frames where no particle was. The thesis does not say
+# so, but absolute values are summed; the plain response of a streak sums to about zero.
 
 # %%
 generator = np.random.default_rng(seed)
@@ -64,8 +64,8 @@ texture = post_processing.texture_table(with_track, without_track)
 picture = post_processing.draw_textures([*with_track[:5], without_track[0]])
 caption = (
     "Sums of frame differences with a track (a to e) and without (f), after Fig. 4.13. The table: "
-    f"Laws' energies of these, medians of {len(with_track)} boxes with a track and of as many "
-    "without a track, their ratio, and its 10 and 90 % points over boxes."
+    f"Laws' energies of these, and medians of {len(with_track)} boxes with a track and of as many "
+    "without a track. Then their ratio, and its 10 and 90 % points over boxes."
 )
 figures.save("fig-4-13-windows", texture, picture=picture, caption=caption, provenance=origin)
 
@@ -85,8 +85,8 @@ first_iteration = {"dual_nearest": tracklets.DualNearest(), "hungarian": trackle
 for name, matching in first_iteration.items():
     instance[name] = np.isin(np.arange(len(instance)), matching(possible))
 caption = (
-    "Which of four possible pairs are joined first, on a made-up instance like that of Fig. 4.14: "
-    "the Hungarian method gives up the cheapest pair for the least sum."
+    "Which of four possible pairs are joined first, on a made-up instance like that of Fig. 4.14. "
+    "The Hungarian method gives up the cheapest pair for the least sum."
 )
 figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 
@@ -94,10 +94,10 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 # ## Readings that matter
 #
 # Eq. 4.18 calls an outlier what turns by more than 30 degrees *and* changes its velocity by more
-# than 18 px/frame, so a jump straight ahead connects, however far; the thesis says that the rule
+# than 18 px/frame. So a jump straight ahead connects, however far. The thesis says that the rule
 # keeps connections short. With the change alone in the connected part it does. The weight f of
-# the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13); here they are of order 1e5, and
-# the term outweighs all others of Eq. 4.24: once with f scaled to them, once without the term.
+# the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13). Here they are of order 1e5, and
+# the term outweighs all others of Eq. 4.24. Two variants scale f to them or leave the term out.
 # "Hungarian" is the framework as printed but for the method of Fig. 4.14. Whoever repeats this
 # needs to know which of these choices counts.
 

@@ -3,14 +3,14 @@
 #
 # **Published** (thesis, sections 5.2.1 to 5.2.3, Tables 5.15 to 5.17). Particles of each fraction
 # are tracked in windows in which 7 to 37 trajectories were followed by hand. Post-processing
-# raises all four measures for all fractions and both trackers; GNN and JPDA are comparable,
-# JPDA with a slight advantage at a far higher cost.
+# raises all four measures for all fractions and both trackers. GNN and JPDA are comparable, JPDA
+# with a slight advantage at a far higher cost.
 #
-# **Here.** The same on the twin's campaigns at 4.5 bar, in windows with as many trajectories,
-# with detections of the combined SIFT and DBSCAN that are not known to be on the wall. Noise
-# of the filter, gate and how long a lost track is kept are not printed: they are set on other
-# stretches of the campaigns, for each tracker by its mean beta without post-processing. The gate
-# of the scores is the bare epsilon of Table 5.16, 10 px. All positions are those detected.
+# **Here.** The same on the twin's campaigns at 4.5 bar, in windows with as many trajectories.
+# Detections are those of the combined SIFT and DBSCAN that are not known to be on the wall. Noise
+# of the filter, gate and the frames that a track may miss are not printed. They are set on other
+# windows of the campaigns, for each tracker by its mean beta without post-processing. The scoring
+# distance is the bare epsilon of Table 5.16, 10 px. All positions are those detected.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two fractions), standard or full
@@ -31,7 +31,7 @@ tuning_windows = tracking.windows(scale, settings, seed, for_settings=True, jobs
 table = tracking.window_table(windows)
 caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "
-    "busiest part; the published frames hold other numbers on the twin."
+    "busiest part. The published frames hold other numbers on the twin."
 )
 figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
 
@@ -48,13 +48,14 @@ spread = tried.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_pref
 best = tried[tried["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
 table = best.join(spread).reset_index()
 caption = (
-    "Settings chosen on stretches that are not scored: gate in standard deviations, noise in "
-    f"px/frame^1.5, frames a track may be lost; {len(tried)} tried, with the range of beta."
+    "Settings chosen on windows that are not scored: gate in standard deviations, noise in "
+    f"px/frame^1.5, frames in a row that a track may miss. {len(tried)} were tried; the range of "
+    "beta is theirs."
 )
 figures.save("tracking-settings", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## All 32 cells
+# ## All 32 values
 #
 # Beside the table of the thesis, a picture of both: 64 numbers do not compare at a glance.
 
@@ -76,7 +77,7 @@ for axes, measure in zip(grid.flat, tracking.MEASURES, strict=True):
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
 caption = (
-    "The 32 cells of Table 5.17, recomputed (upper, black) and published (lower, orange): from "
+    "The 32 values of Table 5.17, recomputed (upper, black) and published (lower, orange): from "
     "without (open) to with post-processing (filled)."
 )
 figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, provenance=origin)

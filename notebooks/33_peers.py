@@ -1,15 +1,15 @@
 # %% [markdown]
-# # Our tracker beside other people's
+# # Our tracker beside published trackers
 #
 # **Published** (thesis, sections 4.1 and 5.2). GNN and JPDA with a 2.5D gate and a Kalman filter
 # of constant velocity, followed by the post-processing of chapter 4.2. They were compared with
 # each other, not with trackers that anyone can install.
 #
 # **Here.** trackpy, laptrack and Stone Soup (GNN and JPDA) get the same detections of the four
-# windows at 4.5 bar and the same measures. The settings of every tracker, ours too, are found
-# by one rule on other stretches of the same campaigns, by the mean beta without post-processing,
-# which no peer has. Each is then scored as it is, and with our post-processing after it. Ours
-# alone look at depth and size. No claim rests on this.
+# windows at 4.5 bar and the same measures. The settings of every tracker, ours too, are found by
+# one rule on other windows of the same campaigns. The largest mean beta without post-processing
+# decides, since no peer has post-processing. Each is then scored as it is, and with our
+# post-processing after it. Ours alone look at depth and size. No claim rests on this.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -33,19 +33,19 @@ print(f"peers that are not installed and left out: {', '.join(missing) or 'none'
 # %%
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
-others = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
+tuning_windows = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
 number = ", ".join(f"{window.fraction} {len(window.frames)}" for window in windows)
-print(f"frames: {number}; settings on {len(others[0].frames)} others each")
+print(f"frames: {number}; settings on {len(tuning_windows[0].frames)} others each")
 
 # %% [markdown]
 # ## What is tried
 #
-# The gate (px, or standard deviations of the filter), how long a particle may be missed, and
-# the noise of the acceleration, the step over a gap (laptrack), or whether trackpy predicts.
-# Each has a ladder of values. A small grid is tried first, then the neighbours of the best on
-# every ladder, until none is better: the best lies inside of what was tried, or at the end of
-# a ladder, which the table then names. The table is saved so that a tracker's friends can judge
-# its settings.
+# The gate (px, or standard deviations of the filter) and how many frames a particle may be
+# missed. Then the noise of the acceleration, the step over a gap (laptrack), or whether trackpy
+# predicts. Each parameter has a grid of values. A small part of the grid is tried first, then the
+# neighbours of the best setting, until none is better. So the best is interior or at an end of
+# the grid, and the table says which. The table is saved so that users of a tracker can judge its
+# settings.
 
 # %%
 grids = {f"{name}, ours": grid for name, grid in grid_search.kilnflight_grids().items()}
@@ -54,25 +54,25 @@ package = {"GNN, Stone Soup": "stonesoup", "JPDA, Stone Soup": "stonesoup"}
 grids = {name: grid for name, grid in grids.items() if package.get(name, name) not in missing}
 
 # %% [markdown]
-# Joint probabilities of Stone Soup take long where many gates overlap, and it refuses a stretch
-# in which more than 20 tracks share detections; such a setting is worth nothing. It climbs by
-# the same rule on the same stretches, but on the first 40 frames of each only.
+# Joint probabilities of Stone Soup take long where many gates overlap. A window in which more
+# than 20 tracks share detections is refused, and such a setting is never chosen. The same rule is
+# used on the first 40 frames of each window only.
 
 # %%
 slow = {name: grid for name, grid in grids.items() if name == "JPDA, Stone Soup"}
 rest = {name: grid for name, grid in grids.items() if name not in slow}
 if scale == "quick":
-    others = [grid_search.first_frames(window, 4) for window in others]
-parts = [grid_search.grid_search(others, rest).assign(frames=len(others[0].frames))]
+    tuning_windows = [grid_search.first_frames(window, 4) for window in tuning_windows]
+parts = [grid_search.grid_search(tuning_windows, rest).assign(frames=len(tuning_windows[0].frames))]
 if slow:
-    short = [grid_search.first_frames(window, 40) for window in others]
+    short = [grid_search.first_frames(window, 40) for window in tuning_windows]
     parts.append(grid_search.grid_search(short, slow).assign(frames=len(short[0].frames)))
 tried = pd.concat(parts, ignore_index=True)
 best = grid_search.chosen_trackers(tried, grids)
 caption = (
-    "Settings that were tried, with the mean measures on stretches of so many frames that no "
-    "result is taken from, without post-processing; the largest beta is chosen, and at_end names "
-    "its parameters that are at the end of what may be tried (none: it lies inside)."
+    "Settings that were tried, with the mean measures without post-processing on windows that are "
+    "not scored (frames: their length). The largest beta is chosen; at_end names its parameters "
+    "that are at an end of the grid (empty: all are interior)."
 )
 figures.save("peers-settings", tried, caption=caption, provenance=origin)
 
@@ -90,8 +90,8 @@ picture, grid = style.canvas(
     2, len(fractions), width_mm=style.PAGE_MM, height_mm=95, sharex="row", sharey=True
 )
 for (row, measure), (k, fraction) in product(enumerate(["alpha", "beta"]), enumerate(fractions)):
-    here = scores[scores["fraction"] == fraction]
-    plots.draw_before_after(grid[row, k], here, "tracker", "postprocessing", measure)
+    part = scores[scores["fraction"] == fraction]
+    plots.draw_before_after(grid[row, k], part, "tracker", "postprocessing", measure)
     grid[row, k].set(title=fraction if row == 0 else "", xlabel=measure)
 grid[0, 0].invert_yaxis()
 handles = grid[0, 0].get_legend_handles_labels()
@@ -100,9 +100,9 @@ _ = picture.legend(*handles, loc="outside lower center", ncols=2, title="post-pr
 # %%
 columns = ["fraction", "tracker", "postprocessing", *tracking.MEASURES, "seconds", "note"]
 caption = (
-    "alpha and beta of trackers on the same detections of the windows at 4.5 bar, scoring distance 10 px, in "
-    "the settings chosen on other stretches: as they are (open circles) and with our "
-    "post-processing (filled squares). A tracker without a mark could not be run in bearable time."
+    "alpha and beta of trackers on the same detections of the windows at 4.5 bar, scoring distance "
+    "10 px. Settings were chosen on other windows. Open circles: as they are; filled squares: with "
+    "our post-processing. A tracker without a mark could not be run in bearable time."
 )
 figures.save("fig-peers", scores[columns], picture=picture, caption=caption, provenance=origin)
 
@@ -110,15 +110,15 @@ figures.save("fig-peers", scores[columns], picture=picture, caption=caption, pro
 # ## Result
 
 # %%
-done = scores.dropna(subset="beta")
+scored = scores.dropna(subset="beta")
 leaders = {}
-for (stage, fraction), here in done.groupby(["postprocessing", "fraction"], sort=False):
-    ranked = here.set_index("tracker")["beta"].sort_values(ascending=False)
+for (stage, fraction), part in scored.groupby(["postprocessing", "fraction"], sort=False):
+    ranked = part.set_index("tracker")["beta"].sort_values(ascending=False)
     own = ranked[ranked.index.str.endswith("ours")].max()
     lead = f"{fraction} {ranked.index[0]} {ranked.iloc[0]:.3f}"
     lead += "" if ranked.index[0].endswith("ours") else f" (ours {own:.3f})"
     leaders.setdefault(stage, []).append(lead)
-means = done.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
+means = scored.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
 means = means.loc[means["size"] == len(windows), "mean"]
 
 # %%
@@ -132,6 +132,6 @@ result = f"Largest beta {'. Largest beta '.join(parts)}."
 result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
 ends = tried[tried["at_end"] != ""]
 at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
-result += f" Settings at the end of a ladder: {at_end or 'none'}."
+result += f" Settings at an end of the grid: {at_end or 'none'}."
 verdicts = []
 figures.conclude(result, verdicts, origin)

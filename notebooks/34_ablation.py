@@ -72,6 +72,6 @@ result = (
     f"Mean alpha of GNN: {alpha['true positions, GNN']:.2f} with true positions, "
     f"{alpha['right detections only, GNN']:.2f} with the detections that are right, "
     f"{alpha['detections, GNN']:.2f} with all, {alpha['detections, GNN + steps']:.2f} after the "
-    f"steps; links by the truth {alpha['detections, links by the truth']:.2f}. No claim is tested."
+    f"steps. Links by the truth: {alpha['detections, links by the truth']:.2f}. No claim is tested."
 )
 figures.conclude(result, [], origin)

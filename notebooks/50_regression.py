@@ -3,7 +3,7 @@
 #
 # **Published** (thesis, sections 4.3 and 5.2.4, Figs 4.22 to 4.24, 5.16, Table 5.18). Tracks in
 # space scatter too much in depth for statistics. Each is fitted with three polynomials in time
-# that pass the lance's exit at one moment; RMSE in depth is far above the others, MAPE is lowest
+# that pass the lance's exit at one moment. RMSE in depth is far above the others, MAPE is lowest
 # there, and orders above 6 bring nothing.
 #
 # **Here.** All tracks of the twin's eight campaigns after post-processing, positions as detected.
@@ -37,8 +37,8 @@ tables, generator = results.tables, np.random.default_rng(seed)
 # %%
 table = campaigns.fit_outcomes(tables)
 caption = (
-    "Tracks of all campaigns that were fitted, or why not; how often t0 lies at an end of its "
-    "range; and how many trajectories start at the lance and count in what follows."
+    "Tracks of all campaigns that were fitted, or why not, and how often t0 lies at an end of its "
+    "range. Last: how many trajectories start at the lance and count in what follows."
 )
 figures.save("regression-outcomes", table, caption=caption, provenance=origin)
 
@@ -66,8 +66,8 @@ figures.save("table-5-18-regression", ours, caption=caption, provenance=origin)
 by_order = campaigns.measures_by_order(results)
 picture = flight_pictures.draw_measures_by_order(by_order)
 caption = (
-    "Medians of the four measures with the same order along all axes, over up to 40 trajectories "
-    "of each campaign that are long enough for all orders; after Fig. 4.23."
+    "Medians of the four measures with the same order along all axes, after Fig. 4.23. Up to 40 "
+    "trajectories of each campaign that are long enough for all orders."
 )
 figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, provenance=origin)
 
@@ -78,7 +78,7 @@ figures.save("fig-4-23-orders", by_order, picture=picture, caption=caption, prov
 keys = [each.key for each in results.campaigns if each.pressure_bar == 4.5][:2]
 picture, data = flight_pictures.draw_fits_in_space(tables, keys, 8)
 caption = (
-    "Fitted trajectories of eight particles each with their detections, above as thin lines, below "
+    "Fitted trajectories of eight particles each with their detections. Above as thin lines, below "
     "as points from dark (grey value 0) to yellow (30,000 or more); the red cross is the lance. "
     "After Figs 4.22, 4.24 and 5.16."
 )

@@ -3,10 +3,10 @@
 #
 # **Published** (thesis, Fig. 5.17 and appendix A.1, Figs A.1 to A.4). Sums of frame differences
 # over whole sequences, the "optical ground truth", beside the trajectories that GNN and the
-# post-processing found in them: wood chips and granules in smooth arcs, papers in tangles.
+# post-processing found in them. Wood chips and granules fly in smooth arcs, papers in tangles.
 #
-# **Here.** The same of the twin's eight campaigns. The sums are over a stretch in the middle (the
-# caption says how long), for a look only; nothing is measured in them. The tracks are made
+# **Here.** The same of the twin's eight campaigns. The sums are over frames in the middle (the
+# caption says how many), for a look only. Nothing is measured in them. The tracks are made
 # without the texture term of Eq. 4.24: its frame differences of eight campaigns would take 68 GB.
 
 # %% tags=["parameters"]

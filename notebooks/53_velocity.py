@@ -2,9 +2,9 @@
 # # How fast particles fly, metre by metre
 #
 # **Published** (thesis, section 5.3.1, Eq. 5.8, Figs 5.20 to 5.24). The mean velocity in depth
-# within each metre from the lance, and the share of particles that pass it: wood chips from
-# 13.5 down to 9 m/s, granules above 8 m/s, confetti from 7.4, paper shreds from 5.2 m/s; from
-# 4.5 to 5 bar little changes.
+# within each metre from the lance, and the share of particles that pass it. Wood chips fly at
+# 13.5 down to 9 m/s, granules above 8 m/s, confetti from 7.4, paper shreds from 5.2 m/s. From 4.5
+# to 5 bar little changes.
 #
 # **Here.** Measured on the twin's eight campaigns with the whole chain, beside the truth of the
 # same recordings. The flights of wood chips and confetti at 4.5 bar were what the twin was
@@ -42,7 +42,7 @@ sources = {"true": results.true, "measured": results.measured}
 # %%
 picture, passed, name = flight_pictures.draw_longest_slices(results.tables)
 caption = (
-    f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20: V_n is one metre over the "
+    f"Space-sliced velocity (Eq. 5.8) of one {name}, after Fig. 5.20. V_n is one metre over the "
     "time between passing metre n - 1 and metre n."
 )
 figures.save("fig-5-20-slices", passed, picture=picture, caption=caption, provenance=origin)
@@ -56,11 +56,11 @@ printed = statements.beside_published(results.measured, results.true, quantities
 picture = flight_pictures.draw_velocity_boxes(sources, list(results.measured), printed)
 pairs = accuracy.compare_velocities(results.campaigns, results.tables)
 caption = (
-    "Velocity in depth within each metre from the lance (Eq. 5.8), true of all flights in the same "
-    "frames and measured; after Figs 5.21 to 5.24. Orange bars: published medians or their bounds. "
-    "Numbers: particles that passed the metre; what lies above 25 m/s is cut off. The table has "
-    "every particle, measured by the longest of its tracks. Particle: that of the truth; -1 "
-    "belongs to none. Empty: not measured, or the metre was not passed."
+    "Velocity in depth within each metre from the lance (Eq. 5.8), after Figs 5.21 to 5.24. True "
+    "of all flights in the same frames, and measured. Orange bars: published medians or their "
+    "bounds. Numbers: particles that passed the metre; what lies above 25 m/s is cut off. The "
+    "table has every particle, measured by the longest of its tracks. Particle: that of the truth; "
+    "-1 belongs to none. Empty: not measured, or the metre was not passed."
 )
 columns = ["fraction", "pressure_bar", "particle", "slice_m", "measured_m_s", "true_m_s"]
 table = pairs[columns]
@@ -75,8 +75,8 @@ table = statements.along_the_way(outcomes, printed)
 table = table[table["quantity"] == "remaining"]
 picture = flight_pictures.draw_along_the_way(table, list(sources))
 caption = (
-    "Share of the particles that pass each metre: true of all flights in the same frames, and "
-    "measured, where what is lost on the way counts as not remaining. Broad bars: published, to "
+    "Share of the particles that pass each metre. True of all flights in the same frames, and "
+    "measured; a track that is lost on the way counts as not remaining. Broad bars: published, to "
     "the left 4.5 bar, to the right 5 bar; open bounds run to the edge."
 )
 figures.save("fig-5-20-remaining", table, picture=picture, caption=caption, provenance=origin)
@@ -92,10 +92,10 @@ medians = confidence.median_table(results.measured, results.true, generator)
 medians = medians[medians["outcome"].str.startswith("velocity")]
 medians = medians.drop(columns=["true_number", "covers"])
 caption = (
-    "Median velocity in depth (m/s) within each metre, measured, with the number of particles that "
-    "passed it and its 95 % interval (bootstrap over these), and true. Without an interval: of "
-    "fewer than six, and no more than those; a metre that was passed before the particle was seen "
-    "may come out at any velocity (velocity-unseen)."
+    "Median velocity in depth (m/s) within each metre, measured and true. Measured with the number "
+    "of particles that passed it and its 95 % interval (bootstrap over these; empty for fewer than "
+    "six). A metre that was passed before the first detection may come out at any velocity "
+    "(velocity-unseen)."
 )
 figures.save("velocity-medians", medians.round(3), caption=caption, provenance=origin)
 
@@ -103,16 +103,16 @@ figures.save("velocity-medians", medians.round(3), caption=caption, provenance=o
 # ### Metres passed before the first detection
 #
 # The polynomials go back to the lance; what they pass before the first detection counts, as
-# published. Ours, since it limits what the velocities can say: how many metres those are, what the
-# medians come to without them, and how many are faster than any particle of the twin truly is in
-# that metre.
+# published. Our table limits what the velocities can say. It counts those metres, and those
+# faster than any particle of the twin truly is in that metre. It has the medians without them,
+# too.
 
 # %%
 metres = confidence.metres_before_detection(results.tables.slices, results.true, generator)
 caption = (
-    "Flights that passed each metre, how many of them before they were first seen (unseen), how "
-    "many faster than any true particle there (too fast), and how many of these unseen; median "
-    "velocity (m/s) of all, of the seen ones with its 95 % interval, and true."
+    "Flights that passed each metre, how many of them before their first detection, and how many "
+    "faster than any true particle there (too fast). Median velocity (m/s) of all, of those "
+    "detected by then with its 95 % interval, and true."
 )
 figures.save("velocity-unseen", metres.round(3), caption=caption, provenance=origin)
 

@@ -2,14 +2,15 @@
 # # When particles ignite
 #
 # **Published** (thesis, section 5.3.2, Figs 5.25 and 5.26). Where the grey value along a
-# trajectory rises abruptly, a particle has ignited: 26 % of the confetti at 4.5 bar and under 20 %
-# at 5 bar, 71 % and about 40 % of the paper shreds, none of the wood chips and granules.
+# trajectory rises abruptly, a particle has ignited. Of the confetti 26 % ignite at 4.5 bar and
+# under 20 % at 5 bar. Of the paper shreds it is 71 % and about 40 %. Wood chips and granules
+# never do.
 #
-# **Here.** A change point in the grey values of each trajectory from the lance, upward, abrupt and
-# beyond chance (`kilnflight.ignition` states the test). Two readings: the grey values as they are,
-# as published; and above the background, the median picture of the recording, because a
-# small particle that passes from the dark inlet plate to the bright wall also rises. Both stand
-# beside the truth. The share of confetti that ignites at 4.5 bar is what the twin was fitted to.
+# **Here.** A change point in the grey values of each trajectory from the lance, upward, abrupt
+# and beyond chance (`kilnflight.ignition` states the test). Two readings: the grey values as they
+# are, as published; and above the background, the median picture of the recording. A small
+# particle that passes from the dark inlet plate to the bright wall also rises. Both stand beside
+# the truth. The share of confetti that ignites at 4.5 bar is what the twin was fitted to.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
@@ -59,7 +60,7 @@ caption = (
 figures.save("ignition-detected", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# Flights of too few points to be judged count as unlit in every share, as do those that burn from
+# Flights of too few points to be judged count as unlit in every share. So do those that burn from
 # their first detection on: they have no step.
 #
 # ## Shares in steps of 0.1 s
@@ -68,8 +69,8 @@ figures.save("ignition-detected", table, caption=caption, provenance=origin)
 keys = [key for key in results.true if key[0] in statements.PAPERS]
 picture, _ = flight_pictures.draw_ignition_bars(sources, keys, statements.statements())
 caption = (
-    "When confetti and paper shreds ignite, in per cent of all particles: true of all flights in "
-    "the same frames, and measured by both readings; after Figs 5.25 and 5.26."
+    "When confetti and paper shreds ignite, in per cent of all particles, after Figs 5.25 and "
+    "5.26. True of all flights in the same frames, and measured by both readings."
 )
 data = accuracy.ignition_times(by_source)
 figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)
@@ -80,7 +81,7 @@ figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, proven
 # %%
 shares = confidence.ignited_shares(sources)
 caption = (
-    "Share of the particles that ignite in flight with its 95 % interval (Wilson): true of all "
+    "Share of the particles that ignite in flight with its 95 % interval (Wilson). True of all "
     "flights in the same frames, and measured by both readings."
 )
 figures.save("ignition-shares", shares.round(4), caption=caption, provenance=origin)

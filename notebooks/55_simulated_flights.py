@@ -1,14 +1,14 @@
 # %% [markdown]
 # # Measured flights beside simulated ones
 #
-# **Published** (thesis, appendix A.2, Figs A.5 to A.7). Measured dwell times and velocities at
-# 5 bar are compared with CFD simulations of another group: "a satisfactory agreement". But the
-# simulated chips and granules penetrate more than 4 m and papers land at 3 m, while the measured
-# ones do so rarely or never.
+# **Published** (thesis, appendix A.2, Figs A.5 to A.7). Measured dwell times and velocities at 5
+# bar are compared with CFD simulations of another group: "a satisfactory agreement". But the
+# simulated chips and granules penetrate more than 4 m and papers land at 3 m. The measured ones
+# do so rarely or never.
 #
-# **Here.** The twin's own flights play the role of the simulation: the same gas and particles, but
-# another batch, every particle counted from release to its end, as a simulation would. Measured is
-# what the camera and the whole chain make of the recording at 5 bar. Agreement is asked of the
+# **Here.** The twin's own flights play the role of the simulation. Gas and particles are the
+# same, but another batch; every particle counts from release to its end. Measured is what the
+# camera and the whole chain make of the recording at 5 bar. Agreement is asked of the
 # distributions (Kolmogorov and Smirnov's distance) and of the share that passes each metre.
 
 # %% tags=["parameters"]
@@ -69,9 +69,9 @@ data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
 
 # %%
 caption = (
-    f"{shown} simulated flights of each fraction from the side, coloured by dwell time (scale: 5 "
-    "to 95 % of all), after the left part of Fig. A.6; the table says when and how far from the "
-    "lance each ends."
+    f"{shown} simulated flights of each fraction from the side, coloured by dwell time (5 to 95 % "
+    "of all), after the left part of Fig. A.6. The table says when and how far from the lance each "
+    "ends."
 )
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 

@@ -4,11 +4,11 @@
 # **Published.** Nothing: the thesis could not know how long a particle truly flew. It calls the
 # regression "qualified" and compares fractions and pressures by medians without intervals.
 #
-# **Here.** The twin knows. For dwell time, velocity in the first metre and ignition time: what of
-# the measurable was found, bias and spread of measured minus true. Then one step of the chain
-# after the other is replaced by the truth, to see where the error comes from. Last, which
-# differences between fractions and pressures are beyond chance, with our numbers of particles
-# and with those of Table 5.15, the only ones printed.
+# **Here.** The twin knows. It gives the share of the measurable particles that were detected.
+# Errors, measured minus true, are those of dwell time, velocity in the first metre and ignition
+# time. Then one step of the chain after the other is replaced by the truth, to see where the
+# error comes from. Last, which differences between fractions and pressures are beyond chance,
+# with our numbers of particles and with those of Table 5.15, the only ones printed.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
@@ -32,35 +32,35 @@ whole = budget[budget["replaced_step"] == "whole chain"].reset_index(drop=True)
 # %% [markdown]
 # ## The main table
 #
-# Ours: what the numbers of notebooks 52 to 54 are worth, in one row for each campaign.
-# Found: of the particles whose flight begins and ends within the recording and that a person
-# could have followed, how many have a trajectory from the lance. (Notebook 52 counts all flights
+# Ours: what the numbers of notebooks 52 to 54 are worth, in one row for each campaign. Measurable
+# are the particles whose flight begins and ends within the recording and that a person could have
+# followed. Detected are those with a trajectory from the lance. (Notebook 52 counts all flights
 # that end on the wall or burnt out, followed or not.)
 
 # %%
 table = accuracy.accuracy_in_words(whole, results)
 caption = (
-    "What the whole chain finds, with the 95 % interval of the share, and how far it is off, "
-    "particle by particle: median of measured minus true with its 95 % interval (nan: of fewer "
-    "than six) +- half the range that holds 68 % of it. Cell's dwell: the median that would be "
-    "published, of all flights that were measured, and of all true ones; who is found and where "
-    "tracks break is in it, too. False flights: those from the lance of no particle. Of those "
-    "found, in how many ignition was detected: of the truly lit, and, wrongly, of the unlit ones."
+    "Particles that the whole chain detects, with the 95 % interval of the share, and the errors "
+    "particle by particle. An error is the median of measured minus true with its 95 % interval "
+    "(nan: fewer than six). After +-: half the range that holds 68 %. Campaign dwell: the median "
+    "that would be published, of all flights that were measured, and of all true ones. It also "
+    "depends on which particles are detected and where tracks break. False flights: those from the "
+    "lance of no particle. Of those detected, in how many ignition was detected: of the truly lit, "
+    "and, wrongly, of the unlit ones."
 )
 figures.save("accuracy", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Where the error comes from
 #
-# Ours: it shows which step to better first.
-# True positions come without scatter, without false ones, and with grey values of two levels,
-# unlit and lit: detection of ignition from them is as good as it can be. True links are
-# by place in the image; a depth farther off than the tracker's gate lets pass is left out, as
-# it is what is behind the particle. Each row is of the particles that were found that way, which
-# differ. True trajectories are those through the true
-# positions of the particle that a track belongs to, in place of what the regression makes of
-# the track. Two rows have another regression on our own tracks: axes weighted by the RMSE of
-# Table 5.18, and also a robust loss; the printed one has no weights.
+# Ours: it shows which step to better first. True positions come without scatter, without false
+# ones, and with grey values of two levels, unlit and lit. Detection of ignition from them is as
+# good as it can be. True links are by place in the image. A depth outside of the tracker's gate
+# is left out, as it is what is behind the particle. Each row counts the particles that were
+# detected in that case, which differ. True trajectories pass the true positions of the particle
+# that a track belongs to, in place of what the regression makes of the track. Two rows have
+# another regression on our own tracks: axes weighted by the RMSE of Table 5.18, and also a robust
+# loss. The printed one has no weights.
 
 # %%
 columns = ["fraction", "pressure_bar", "replaced_step", "measurable_particles"]
@@ -72,7 +72,7 @@ picture = flight_pictures.draw_budget_steps(data)
 caption = (
     "Measured minus true, by what was replaced by the truth: median (mark) and half the range that "
     "holds 68 % (bar), means over both pressures. What remains with true positions and links is "
-    "due to regression, landing and the test of ignition; true depth has our tracks with depths "
+    "due to regression, landing and the test of ignition. True depth has our tracks with depths "
     "without scatter, true trajectories our tracks without regression."
 )
 figures.save("fig-accuracy-steps", data, picture=picture, caption=caption, provenance=origin)
@@ -82,8 +82,8 @@ figures.save("fig-accuracy-steps", data, picture=picture, caption=caption, prove
 #
 # Do the intervals cover the truth? Of the medians of dwell time, ignition time and velocity in
 # the first three metres: an interval knows of chance, not of bias. Which differences are
-# resolved? Between fractions at one pressure and between pressures of one fraction: medians and
-# ignited shares, with our numbers of particles and with those of Table 5.15. Beyond chance is not
+# resolved? Compared are fractions at one pressure and pressures of one fraction, by medians and
+# ignited shares. The numbers of particles are ours and those of Table 5.15. Beyond chance is not
 # right: an interval knows nothing of bias.
 
 # %%
@@ -101,14 +101,14 @@ ours, theirs = int(apart["resolved"].sum()), int(apart["resolved_with_table_5_15
 share = 100 * whole["detected_particles"].sum() / max(whole["measurable_particles"].sum(), 1)
 dwell = medians[medians["outcome"] == "dwell median (s)"]
 off = [each.dropna() for each in (whole["dwell_s_bias"], dwell["estimate"] - dwell["true"])]
-span, of_cells = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unknown" for s in off)
+span, of_campaigns = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unknown" for s in off)
 
 # %%
 result = (
-    f"Of the measurable particles {share:.0f} % are found; their dwell times are off by {span} "
-    f"(median over the particles of a cell), the medians of the cells by {of_cells}; intervals "
-    f"cover the truth in {int(known['covers'].sum())} of {len(known)} cases; {ours} of "
-    f"{len(apart)} differences are resolved ({wrong} with the wrong sign, "
-    f"{nothing} where there is none), {theirs} with Table 5.15's numbers."
+    f"Of the measurable particles {share:.0f} % are detected. Their dwell times are off by {span} "
+    f"(median over the particles of a campaign), the medians of the campaigns by {of_campaigns}. "
+    f"Intervals cover the truth in {int(known['covers'].sum())} of {len(known)} cases. {ours} of "
+    f"{len(apart)} differences are resolved ({wrong} with the wrong sign, {nothing} where there is "
+    f"none), {theirs} with Table 5.15's numbers."
 )
 figures.conclude(result, [], origin)
