@@ -115,7 +115,7 @@ def background_verdicts(
     traces
         Of `background_traces`.
     note
-        How many frames, and which gate.
+        How many frames, and which scoring distance.
     """
     best, last = f1.index[0], f1.index[-1]
     static, moving = f1[["Mean", "Median"]].min(), f1[["TwoFrame", "ThreeFrame"]].max()
@@ -146,7 +146,7 @@ def picture_verdicts(
     seconds
         Of one frame, by threshold.
     note
-        How many frames, and which gate.
+        How many frames, and which scoring distance.
     """
     of_otsu, of_sift = (table.set_index("subset") for table in (otsu, sift))
     subsets = of_otsu.index.drop("Total")
@@ -236,7 +236,7 @@ def cluster_verdicts(
     attempts
         Of `compare_clusterers`.
     note
-        How many frames, and which gate.
+        How many frames, and which scoring distance.
     """
     totals = cluster_totals(tables)
     dbscan, mo, qcc = (totals[family].set_index(PARAMETERS[family]) for family in TABLES)
@@ -256,6 +256,18 @@ def cluster_verdicts(
     for k in (20, 25, 30):
         alphas[f"K {k}: recall up with alpha"] = bool(recall[k] > 0)
         alphas[f"K {k}: precision down"] = bool(precision[k] < 0)
+    return [
+        claims.judge("cluster-1", eps, note=note),
+        claims.judge("cluster-2", of_eps / of_points, note=f"{note}; mean range of F1"),
+        claims.judge("cluster-3", slower, note="minPts 6, median time"),
+        claims.judge("cluster-4", grows, note=note),
+        claims.judge("cluster-5", alphas, note=note),
+        *_class_verdicts(attempts, note),
+    ]
+
+
+def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
+    """Return the verdicts on which classes the clusterers detect."""
     pooled = analysed_recall(attempts, ["family"])
     by_class = pooled.pivot(index="family", columns="label", values="recall")
     most = {
@@ -265,11 +277,6 @@ def cluster_verdicts(
     walls = analysed_recall(attempts, ["family", "subset"]).query("label == 4")
     half = walls.query("family == 'dbscan'").set_index("subset")["recall"].filter(["V1", "V4"])
     return [
-        claims.judge("cluster-1", eps, note=note),
-        claims.judge("cluster-2", of_eps / of_points, note=f"{note}; mean range of F1"),
-        claims.judge("cluster-3", slower, note="minPts 6, median time"),
-        claims.judge("cluster-4", grows, note=note),
-        claims.judge("cluster-5", alphas, note=note),
         claims.judge("cluster-7", by_class[2], note=f"{note}; all subsets"),
         claims.judge("cluster-8", half, note=note),
         claims.judge("cluster-9", most, note=note),
@@ -286,7 +293,7 @@ def combination_verdicts(total: pd.DataFrame, first: pd.Series, note: str) -> li
     first
         Share of the draws in which a method is first (`f1_with_intervals`).
     note
-        How many frames, and which gate.
+        How many frames, and which scoring distance.
     """
     rates = total[["precision", "recall", "f1"]]
     combined = rates[rates.index.str.startswith("Combi")].rename(lambda name: name.split()[1])

@@ -147,7 +147,7 @@ def summed_changes(recording: PictureRecording, frames: range) -> Array:
 def draw_sums_and_tracks(
     fraction: str, sums: Mapping[CampaignKey, Array], tracks: Mapping[CampaignKey, pd.DataFrame]
 ) -> Figure:
-    """Return summed frame differences above the tracks in the same frames, by pressure."""
+    """Draw summed frame differences above the tracks in the same frames, by pressure."""
     keys = [key for key in sums if key[0] == fraction]
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 125}
     picture, grid = canvas(2, max(len(keys), 2), **size)

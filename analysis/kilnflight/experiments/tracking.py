@@ -292,8 +292,7 @@ def verdicts(
     windows, trackers
         GNN and JPDA are run again on the windows for their cost.
     """
-    wide, gain = _stages(cells), gains(cells)
-    after = wide["with"].unstack("tracker")
+    after = _stages(cells)["with"].unstack("tracker")
     apart = (after["JPDA"] - after["GNN"]).unstack("measure")
     small = {
         f"{fraction} {name}": abs(value)
@@ -308,11 +307,23 @@ def verdicts(
         claims.judge("track-4", float(ahead.mean()), note="mean of alpha, beta and JSC"),
         claims.judge("track-6", seconds, note=f"time; peak of memory {memory:.2f} times"),
     ]
+    note = "of windows with as many trajectories as Table 5.15"
+    for name, conditions in _conditions(cells).items():
+        if len(windows) == 4:
+            judged.append(claims.judge(name, conditions, note=note))
+        else:
+            judged.append(claims.undecidable(name, "a smoke run has two of four fractions"))
+    return judged
+
+
+def _conditions(cells: pd.DataFrame) -> dict[str, dict[str, bool]]:
+    """Return by claim the conditions that need all four fractions, from `beside_table_5_17`."""
+    wide, gain = _stages(cells), gains(cells)
     first = wide["without"].unstack("measure")[["alpha", "beta"]].max(axis="columns")
     rest = first.drop("wood chip", level="fraction")
     highest = first.groupby("fraction").max().idxmax()
     ranks = wide["with"].xs("alpha", level="measure").groupby("fraction").mean()
-    whole = {
+    return {
         "track-1": {f"{(gain > 0).sum()} of {len(gain)} cells rise": bool((gain > 0).all())},
         "track-2": {
             f"highest {highest}": highest == "wood chip",
@@ -323,13 +334,6 @@ def verdicts(
             f"highest {ranks.idxmax()} {ranks.max():.2f}": ranks.idxmax() == "wood chip",
         },
     }
-    note = "of windows with as many trajectories as Table 5.15"
-    for name, conditions in whole.items():
-        if len(windows) == 4:
-            judged.append(claims.judge(name, conditions, note=note))
-        else:
-            judged.append(claims.undecidable(name, "a smoke run has two of four fractions"))
-    return judged
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:

@@ -110,33 +110,44 @@ def judge(
         number is not finite.
     """
     claim = _claim(claim_id)
-    bounded = claim[["low", "high"]].notna().any()
     if isinstance(measured, Mapping):
-        if bounded or not measured:
-            raise InputError(f"claim {claim_id} asks for {claim['expect']!r}: pass the number.")
-        if not all(isinstance(holds, bool | np.bool_) for holds in measured.values()):
-            raise InputError(
-                f"claim {claim_id}: a condition is neither True nor False: {measured}."
-            )
-        agrees = all(measured.values())
-        text = "; ".join(f"{name}: {'yes' if holds else 'NO'}" for name, holds in measured.items())
+        agrees, text = _all_hold(claim, measured)
     else:
-        values = pd.Series(np.atleast_1d(np.asarray(measured, dtype=np.float64)))
-        if not bounded or values.empty or not np.isfinite(values).all():
-            raise InputError(
-                f"claim {claim_id} got {measured!r}; pass "
-                + ("finite numbers." if bounded else "named conditions (it has no bounds).")
-            )
-        # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
-        strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
-        low, high = (
-            np.nan_to_num(claim["low"], nan=-np.inf),
-            np.nan_to_num(claim["high"], nan=np.inf),
-        )
-        agrees = all(values.between(low, high, inclusive="neither" if strict else "both"))
-        names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
-        text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
+        agrees, text = _within_bounds(claim, measured)
     return _verdict(claim, REPRODUCED if agrees else NOT_REPRODUCED, text, note)
+
+
+def _all_hold(claim: pd.Series, conditions: Mapping[str, bool]) -> tuple[bool, str]:
+    """Return whether all conditions of a claim without bounds hold, and each in words."""
+    if claim[["low", "high"]].notna().any() or not conditions:
+        raise InputError(f"claim {claim.name} asks for {claim['expect']!r}: pass the number.")
+    if not all(isinstance(holds, bool | np.bool_) for holds in conditions.values()):
+        raise InputError(
+            f"claim {claim.name}: a condition is neither True nor False: {conditions}."
+        )
+    text = "; ".join(f"{name}: {'yes' if holds else 'NO'}" for name, holds in conditions.items())
+    return all(conditions.values()), text
+
+
+def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tuple[bool, str]:
+    """Return whether all numbers lie within the bounds of a claim, and each in words."""
+    bounded = claim[["low", "high"]].notna().any()
+    values = pd.Series(np.atleast_1d(np.asarray(measured, dtype=np.float64)))
+    if not bounded or values.empty or not np.isfinite(values).all():
+        raise InputError(
+            f"claim {claim.name} got {measured!r}; pass "
+            + ("finite numbers." if bounded else "named conditions (it has no bounds).")
+        )
+    # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
+    strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
+    low, high = (
+        np.nan_to_num(claim[side], nan=open_end)
+        for side, open_end in (("low", -np.inf), ("high", np.inf))
+    )
+    inside = values.between(low, high, inclusive="neither" if strict else "both")
+    names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
+    text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
+    return all(inside), text
 
 
 def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
