@@ -1,7 +1,6 @@
 from itertools import permutations
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from kilnflight import scores
 from kilnflight.checks import InputError
-from kilnflight.scores import rates, score_detections, total_in_air
+from kilnflight.scores import count_in_air, rates, score_detections
 from kilnflight.scores.detections import FrameScore, pair, particle_centroids
 
 SQUARE = [(0, 0), (0, 100), (100, 100), (100, 0)]
@@ -193,42 +192,19 @@ def test_who_flies_is_counted_as_in_tables_5_13_and_5_14():
     flies = [True, True, True, False, False]
     itself = score_detections(truth, truth)
     classified = [True, False, True, True, False]
-    assert total_in_air([itself], [flies], [classified]).loc[0, ["tp", "fp", "fn"]].tolist() == [
-        2,
-        1,
-        1,
-    ]
+    assert count_in_air(itself, flies, classified) == {"tp": 2, "fp": 1, "fn": 1}
     detected = score_detections(truth, [(0, 1), (0, 101), (101, 100), (300, 300)])
-    table = total_in_air(
-        [detected, itself], [flies, flies], [[True, False, True, True], classified]
-    )
     # Not detected or classified as on the wall: two FN; on the wall or nothing: two FP.
-    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [1 + 2, 2 + 1, 2 + 1]
-    assert total_in_air([], [], []).loc[0, "tp"] == 0
+    counted = count_in_air(detected, flies, [True, False, True, True])
+    assert counted == {"tp": 1, "fp": 2, "fn": 2}
+    assert count_in_air(score_detections([], []), [], []) == {"tp": 0, "fp": 0, "fn": 0}
 
 
-def test_frames_add_up_and_nothing_adds_nothing():
-    frames = [
-        score_detections([(0, 0), (50, 50)], [(1, 1)]),
-        score_detections([(9, 9)], [(9, 9), (99, 99)]),
-    ]
-    table = total_in_air(frames, [[True, True], [True]], [[True], [True, True]])
-    assert table.columns.tolist() == ["tp", "fp", "fn", "precision", "recall", "f1"]
-    assert table.loc[0, ["tp", "fp", "fn"]].tolist() == [2, 1, 1]
-    pd.testing.assert_frame_equal(table[["precision", "recall", "f1"]], rates(2, 1, 1))
-    assert total_in_air([], [], []).loc[0].tolist() == [0, 0, 0, 0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: total_in_air([], [[True]], []), "0 scores, but 1 and 0 frames"),
-        (lambda: total_in_air([score_detections([], [])], [[]], [[True]]), "detected of frame 0"),
-    ],
-)
-def test_what_cannot_be_summed_is_refused(call, message):
-    with pytest.raises(InputError, match=message):
-        call()
+def test_as_many_classes_as_particles_and_detections():
+    with pytest.raises(InputError, match="count_in_air: detected: shape"):
+        count_in_air(score_detections([], []), [], [True])
+    with pytest.raises(InputError, match="count_in_air: truth: shape"):
+        count_in_air(score_detections([(1, 1)], []), [], [])
 
 
 points = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 60)), max_size=5)

@@ -24,7 +24,7 @@ from kilnflight.detection.combination import Combination, Polygon, View
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording
-from kilnflight.scores import rates, score_detections, score_in_pixels, total_in_air
+from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import particle_centroids
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.scene import Twin
@@ -422,9 +422,9 @@ def classification_table(
         there = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
         score = score_detections(here[["row", "col"]], there[["row", "col"]], roi=roi)
         flying = (here["label"] != 4) & here["distance_mm"].notna()
-        counts = total_in_air([score], [flying], [there["distance_mm"] <= level])
-        rows.append(counts.assign(threshold=name, threshold_mm=level, subset=str(subset)))
-    table = pd.concat(rows)
+        row = {"threshold": name, "threshold_mm": level, "subset": str(subset)}
+        rows.append(row | count_in_air(score, flying, there["distance_mm"] <= level))
+    table = pd.DataFrame(rows)
     keys = ["threshold", "threshold_mm", "subset"]
     both = pd.concat([table, table.assign(subset="Total")]).groupby(keys, sort=False)
     counts = both[list(COUNTS)].sum().reset_index()

@@ -6,15 +6,15 @@ call                equation        what it answers                             
 `score_detections`  3.1 to 3.4      which detections are particles, by gate     sec. 3.3
 `score_in_pixels`   3.1 to 3.3      likewise, by the particles' labelled        sec. 5.1.1
                                     pixels
-`total_in_air`      3.1 to 3.3      which detections were classified as in the  sec. 5.1.4
-                                    air, summed over frames
+`count_in_air`      3.1 to 3.3      which detections were classified as in the  sec. 5.1.4
+                                    air
 `rates`             3.1 to 3.3      counts -> precision, recall, F1             sec. 3.3
 `score_tracks`      5.1 to 5.7      how alike two sets of tracks are: alpha,    sec. 5.2.2
                                     beta, JSC, JSC_theta
 ==================  ==============  ==========================================  =============
 """
 
-from kilnflight.scores.detections import rates, score_detections, score_in_pixels, total_in_air
+from kilnflight.scores.detections import count_in_air, rates, score_detections, score_in_pixels
 from kilnflight.scores.tracks import score_tracks
 
-__all__ = ["rates", "score_detections", "score_in_pixels", "score_tracks", "total_in_air"]
+__all__ = ["count_in_air", "rates", "score_detections", "score_in_pixels", "score_tracks"]

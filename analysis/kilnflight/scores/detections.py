@@ -6,7 +6,6 @@ the pixels of a labelled particle (section 5.1.1).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -267,12 +266,10 @@ def pair(first: Array, second: Array, gate: float) -> Indices:
     return np.stack([row, col], axis=1)[col < len(second)].astype(np.intp)
 
 
-def total_in_air(
-    scores: Sequence[FrameScore],
-    truth_in_air: Sequence[npt.ArrayLike],
-    detected_in_air: Sequence[npt.ArrayLike],
-) -> pd.DataFrame:
-    """Return how well detections were classified as in the air, summed over frames.
+def count_in_air(
+    score: FrameScore, truth_in_air: npt.ArrayLike, detected_in_air: npt.ArrayLike
+) -> dict[str, int]:
+    """Return how many detections of a frame were classified as in the air, tp, fp and fn.
 
     As Tables 5.13 and 5.14: TP is a particle in the air whose detection is classified as such;
     FP any other detection classified as in the air, be it on the wall or nothing; FN any other
@@ -281,26 +278,17 @@ def total_in_air(
 
     Parameters
     ----------
-    scores
-        Per frame the assignment of detections to particles.
+    score
+        Assignment of detections to particles.
     truth_in_air, detected_in_air
-        Per frame whether each particle (n,) and each detection (m,) is in the air *and* has
-        3D; those without 3D are False and so "not taken into consideration" (section 5.1.4).
+        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D; those
+        without 3D are False and so "not taken into consideration" (section 5.1.4).
     """
-    if not len(scores) == len(truth_in_air) == len(detected_in_air):
-        raise InputError(
-            f"{len(scores)} scores, but {len(truth_in_air)} and {len(detected_in_air)} frames of "
-            "truth and detections; give one of each per frame."
-        )
-    counts = []
-    for frame, score in enumerate(scores):
-        flying = [np.asarray(side[frame], dtype=bool) for side in (truth_in_air, detected_in_air)]
-        for name, mask, length in zip(("truth", "detected"), flying, score.rows, strict=True):
-            check_shape(mask, (length,), f"total_in_air: {name} of frame {frame}")
-        true, classified = (mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True))
-        tp = np.count_nonzero(true & classified)
-        fp = classified.sum() + flying[1][score.spurious].sum() - tp
-        counts.append((tp, fp, true.sum() + flying[0][score.missed].sum() - tp))
-    tp, fp, fn = np.array(counts, dtype=np.intp).reshape(-1, 3).sum(axis=0)
-    summed = pd.DataFrame({"tp": [tp], "fp": [fp], "fn": [fn]})
-    return pd.concat([summed, rates(tp, fp, fn)], axis=1)
+    flying = [np.asarray(side, dtype=bool) for side in (truth_in_air, detected_in_air)]
+    for name, mask, length in zip(("truth", "detected"), flying, score.rows, strict=True):
+        check_shape(mask, (length,), f"count_in_air: {name}")
+    true, classified = (mask[rows] for mask, rows in zip(flying, score.pairs.T, strict=True))
+    tp = np.count_nonzero(true & classified)
+    fp = np.count_nonzero(classified) + np.count_nonzero(flying[1][score.spurious]) - tp
+    fn = np.count_nonzero(true) + np.count_nonzero(flying[0][score.missed]) - tp
+    return {"tp": int(tp), "fp": int(fp), "fn": int(fn)}

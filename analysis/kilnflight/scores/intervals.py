@@ -1,6 +1,6 @@
 """Confidence intervals of medians and shares of groups of particles.
 
-Medians, their differences and ratios: bootstrap over particles. Shares: Wilson's interval, and
+Medians and their differences: bootstrap over particles. Shares: Wilson's interval, and
 Newcombe's of a difference, because a bootstrap of "none of 40 ignited" has no width.
 
 A particle is the unit. Particles of one handful fly through the same gusts and share frames,
@@ -46,35 +46,14 @@ class Interval(NamedTuple):
     high: float
     numbers: tuple[int, ...]
 
-    def resolves(self, nothing: float = 0.0) -> bool:
-        """Tell whether the interval excludes ``nothing``: 0 for a difference, 1 for a ratio."""
-        return not self.low <= nothing <= self.high
-
-
-def between_quartiles(values: Array, axis: int = -1) -> Array:
-    """Return the range between the quartiles.
-
-    As for a quartile 11 values are needed: the range of n values holds the value below which
-    a part p lies with probability 1 - p^n - (1 - p)^n (`Bootstrap.least`).
-    """
-    low, high = np.quantile(values, [0.25, 0.75], axis=axis)
-    return np.asarray(high - low)
+    def resolves(self) -> bool:
+        """Return whether the interval excludes 0, no difference."""
+        return not self.low <= 0.0 <= self.high
 
 
 def difference_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
     """Return the median of the first group minus that of the second."""
     return np.asarray(np.median(first, axis=axis) - np.median(second, axis=axis))
-
-
-def ratio_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
-    """Return the median of the first group over that of the second, which must be above 0."""
-    below = np.asarray(np.median(second, axis=axis))
-    if not (below > 0).all():
-        raise InputError(
-            f"ratio_of_medians: the second median is {below.min():g}, in the sample or in a draw "
-            "from it; a ratio to it says nothing. Take the difference."
-        )
-    return np.asarray(np.median(first, axis=axis) / below)
 
 
 @dataclass(frozen=True)
@@ -112,8 +91,8 @@ class Bootstrap:
         Parameters
         ----------
         statistic
-            `numpy.median`, `difference_of_medians`, `ratio_of_medians`, or any other that takes
-            arrays (draws, n) and ``axis=-1``.
+            `numpy.median`, `difference_of_medians`, or any other that takes arrays (draws, n)
+            and ``axis=-1``.
         groups
             One array of values per group; each is drawn from on its own.
         generator

@@ -65,7 +65,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Management:
-    """When a track is given up, Eq. 4.14: seen too seldom, or not for too long.
+    """When a track is given up, Eq. 4.14: visible too seldom, or not for too long.
 
     Notes
     -----
@@ -91,7 +91,7 @@ class Management:
     def keeps(self, tracks: Tracks, frame: int) -> Booleans:
         """Return which tracks live on when ``frame`` comes."""
         age = frame - tracks["born"]
-        seldom = (age >= self.visibility_age) & (tracks["seen"] < self.visibility * age)
+        seldom = (age >= self.visibility_age) & (tracks["visible"] < self.visibility * age)
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
@@ -202,7 +202,7 @@ def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[n
             ("points", np.float64),  # last known number of 3D points; NaN: never known
             ("born", np.int64),  # frame
             ("last", np.int64),  # frame of the last recorded detection
-            ("seen", np.int64),  # number of recorded detections, V in Eq. 4.14
+            ("visible", np.int64),  # number of recorded detections, V in Eq. 4.14
             ("row", np.int64),  # of the table: what was recorded in this frame; -1: missed
             *notes,
         ]
@@ -245,14 +245,14 @@ def follow(
         for name, values in noted.items():
             tracks[name] = values
         old = tracks[owner[taken]]
-        old["seen"] += 1
+        old["visible"] += 1
         _record(old, frame, taken)
         tracks[owner[taken]] = old
         new = np.zeros(len(alone), tracks.dtype)
         new["particle"] = started + np.arange(len(new))
         new["state"], new["covariance"] = motion.initial(detected.positions[alone])
         new["depth_mm"] = new["points"] = np.nan
-        new["born"], new["seen"] = frame.number, 1
+        new["born"], new["visible"] = frame.number, 1
         for name, values in first_noted.items():
             new[name] = values[alone]
         _record(new, frame, alone)
