@@ -57,10 +57,10 @@ def test_only_the_frames_of_the_equation_are_read():
 def test_no_more_is_held_than_there_is_room_for():
     stack = np.arange(100, dtype=np.uint16).repeat(6).reshape(100, 2, 3)
     held = HeldFrames(stack, 5)
-    for wanted in ([0, 1, 2], [2, 3, 4], [50], [3, 4, 5, 6, 7], [99, 7]):
-        slots = held.fetch(wanted)
+    for indices in ([0, 1, 2], [2, 3, 4], [50], [3, 4, 5, 6, 7], [99, 7]):
+        slots = held.fetch(indices)
         assert held.pixels.shape == (5, 6)
-        np.testing.assert_array_equal(held.pixels[slots, 0], wanted)
+        np.testing.assert_array_equal(held.pixels[slots, 0], indices)
     np.testing.assert_array_equal(held[99], np.full((2, 3), 99))
 
 

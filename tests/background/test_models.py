@@ -51,15 +51,15 @@ def test_the_defaults_are_those_of_table_5_4():
 
 
 @every_model
-def test_a_foreground_per_wanted_frame_in_the_order_given(model):
+def test_a_foreground_per_requested_frame_in_the_order_given(model):
     stack = noise(20)
-    found = model(stack, iter([7, 3, 7]))
-    assert inspect.isgenerator(found)
-    found = list(found)
-    assert [f.shape for f in found] == [(5, 7)] * 3
-    assert {f.dtype for f in found} == {np.dtype(np.float32)}
-    np.testing.assert_array_equal(found[0], found[2])
-    assert (found[0] != found[1]).any()
+    foregrounds = model(stack, iter([7, 3, 7]))
+    assert inspect.isgenerator(foregrounds)
+    foregrounds = list(foregrounds)
+    assert [f.shape for f in foregrounds] == [(5, 7)] * 3
+    assert {f.dtype for f in foregrounds} == {np.dtype(np.float32)}
+    np.testing.assert_array_equal(foregrounds[0], foregrounds[2])
+    assert (foregrounds[0] != foregrounds[1]).any()
 
 
 @every_model
@@ -84,8 +84,8 @@ def test_a_still_recording_of_floats_has_no_foreground(model, gray):
 def test_the_foreground_of_a_frame_does_not_depend_on_the_others_asked_for(model, dtype):
     stack = noise(230, dtype=dtype)
     whole = list(model(stack, range(230)))
-    for wanted in ([0], [229], [100, 101], range(110, 50, -1), [0, 229, 3, 114, 20, 150]):
-        for index, foreground in zip(wanted, model(stack, wanted), strict=True):
+    for indices in ([0], [229], [100, 101], range(110, 50, -1), [0, 229, 3, 114, 20, 150]):
+        for index, foreground in zip(indices, model(stack, indices), strict=True):
             assert foreground.tobytes() == whole[index].tobytes(), index
 
 
@@ -122,13 +122,13 @@ def test_a_particle_appears_where_it_is_and_with_its_brightness(model):
 def test_saturated_frames_do_not_overflow(model):
     stack = np.zeros((160, 2, 2), np.uint16)
     stack[::2] = 65535
-    found = np.stack(list(model(stack, range(160))))
-    assert found.min() >= 0
-    assert found.max() <= 65535
+    foregrounds = np.stack(list(model(stack, range(160))))
+    assert foregrounds.min() >= 0
+    assert foregrounds.max() <= 65535
 
 
 @every_model
-def test_nothing_wanted_gives_nothing_and_reads_nothing(model):
+def test_no_indices_give_no_foregrounds_and_read_no_frames(model):
     stack = Lazy(noise(5))
     assert list(model(stack, [])) == []
     assert list(model(np.zeros((0, 4, 4), np.uint16), [])) == []
@@ -140,20 +140,20 @@ def test_nothing_wanted_gives_nothing_and_reads_nothing(model):
 def test_other_gray_types_give_the_same(model, dtype):
     stack = noise(40, top=200)
     expected = list(model(stack, range(15, 25)))
-    found = list(model(stack.astype(dtype), range(15, 25)))
-    np.testing.assert_allclose(found, expected, atol=1e-3)
+    foregrounds = list(model(stack.astype(dtype), range(15, 25)))
+    np.testing.assert_allclose(foregrounds, expected, atol=1e-3)
 
 
 @every_model
 @pytest.mark.parametrize("index", [-1, 20, 2**40])
-def test_a_frame_that_is_not_there_is_told(model, index):
+def test_a_missing_frame_is_refused(model, index):
     with pytest.raises(InputError, match=f"there is no frame {index}; the stack has 20 frames"):
         model(noise(20), [3, index])
 
 
 @every_model
 @pytest.mark.parametrize("indices", [5, [1.5], ["a"], None])
-def test_indices_that_are_none_are_told(model, indices):
+def test_indices_that_are_no_whole_numbers_are_refused(model, indices):
     with pytest.raises(InputError, match="no series of frame numbers"):
         model(noise(20), indices)
 
@@ -170,7 +170,7 @@ def test_a_frame_unlike_the_others_is_named(model):
 
 
 @every_model
-def test_frames_that_are_no_gray_images_are_told(model):
+def test_frames_that_are_no_gray_images_are_refused(model):
     with pytest.raises(InputError, match="one gray channel"):
         next(model(np.zeros((4, 5, 5, 3), np.uint16), [2]))
     with pytest.raises(InputError, match="complex64 are not supported"):
@@ -183,13 +183,13 @@ def test_frames_that_are_no_gray_images_are_told(model):
 
 @pytest.mark.parametrize("kind", [type(model) for model in MODELS])
 @pytest.mark.parametrize("count", [0, -150, 2.5, True, None])
-def test_a_window_of_nothing_is_told(kind, count):
+def test_a_window_without_frames_is_refused(kind, count):
     name = "interval" if "Frame" in kind.__name__ else "window"
     with pytest.raises(InputError, match=f"{kind.__name__}: {name}: must be a whole number"):
         kind(**{name: count})
 
 
-def test_weights_and_thresholds_that_are_none_are_told():
+def test_invalid_weights_and_thresholds_are_refused():
     for bad in (-0.1, 1.1, np.nan):
         with pytest.raises(InputError, match="Adaptive: learning_rate"):
             Adaptive(learning_rate=bad)
@@ -203,11 +203,11 @@ def test_weights_and_thresholds_that_are_none_are_told():
 @pytest.mark.parametrize("model", [Mean(), Median(), Adaptive()], ids=repr)
 def test_the_foreground_is_the_difference_from_the_background(model):
     stack = noise(90)
-    wanted = range(30, 50)
-    for t, image, found in zip(
-        wanted, model.backgrounds(stack, wanted), model(stack, wanted), strict=True
+    indices = range(30, 50)
+    for t, image, foreground in zip(
+        indices, model.backgrounds(stack, indices), model(stack, indices), strict=True
     ):
-        np.testing.assert_allclose(found, np.abs(stack[t] - image.astype(float)), rtol=1e-6)
+        np.testing.assert_allclose(foreground, np.abs(stack[t] - image.astype(float)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("model", [Mean(), Median(), Adaptive(), RunningGaussian()], ids=repr)

@@ -36,8 +36,8 @@ def averaged(stack, t, window, memory, k):
 def test_adaptive_is_its_equations(window, rate, dtype):
     stack = random_stack(120, dtype)
     model = Adaptive(window, rate)
-    for t, found in zip(range(40, 80), model.backgrounds(stack, range(40, 80)), strict=True):
-        np.testing.assert_allclose(found, learnt(stack, t, window, rate), rtol=1e-6)
+    for t, image in zip(range(40, 80), model.backgrounds(stack, range(40, 80)), strict=True):
+        np.testing.assert_allclose(image, learnt(stack, t, window, rate), rtol=1e-6)
 
 
 def test_with_no_learning_it_is_the_mean_and_with_full_learning_the_frame():
@@ -50,20 +50,20 @@ def test_with_no_learning_it_is_the_mean_and_with_full_learning_the_frame():
 
 def test_the_first_frame_enters_once():
     stack = random_stack(60)
-    (found,) = Adaptive().backgrounds(stack, [0])
+    (background,) = Adaptive().backgrounds(stack, [0])
     expected = 0.95 * stack[1:51].mean(axis=0) + 0.05 * stack[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(background, expected, rtol=1e-6)
 
 
 def test_it_follows_a_step_as_a_low_pass_does():
     """After the recursion over 26 bright frames, (1 - alpha)^26 of the old mean is left."""
     stack = np.zeros((200, 2, 2), np.uint16)
     stack[75:] = 1000
-    (found,) = Adaptive().backgrounds(stack, [100])
-    np.testing.assert_allclose(found, 1000.0, rtol=1e-6)
-    (found,) = Adaptive().backgrounds(stack, [99])
+    (background,) = Adaptive().backgrounds(stack, [100])
+    np.testing.assert_allclose(background, 1000.0, rtol=1e-6)
+    (background,) = Adaptive().backgrounds(stack, [99])
     start = 1000 * 49 / 50
-    np.testing.assert_allclose(found, 1000 + (0.95**26 * start - 0.95**25 * 1000), rtol=1e-6)
+    np.testing.assert_allclose(background, 1000 + (0.95**26 * start - 0.95**25 * 1000), rtol=1e-6)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
@@ -71,18 +71,18 @@ def test_it_follows_a_step_as_a_low_pass_does():
 def test_running_gaussian_is_its_equations(model, dtype):
     stack = random_stack(30, dtype)
     means = list(model.backgrounds(stack, range(30)))
-    for t, found in zip(range(30), model(stack, range(30)), strict=True):
-        mean, foreground = averaged(stack, t, model.window, model.memory, model.k)
+    for t, foreground in zip(range(30), model(stack, range(30)), strict=True):
+        mean, expected = averaged(stack, t, model.window, model.memory, model.k)
         np.testing.assert_allclose(means[t], mean, rtol=1e-6)
-        np.testing.assert_allclose(found, foreground, rtol=1e-5, atol=1e-3)
+        np.testing.assert_allclose(foreground, expected, rtol=1e-5, atol=1e-3)
 
 
 def test_the_first_image_dominates_the_background():
     """As section 5.1.2 says; Eq. 2.9 as printed would leave 1e-18 of it."""
     stack = np.zeros((30, 2, 2), np.uint16)
     stack[11] = 1000
-    (found,) = RunningGaussian().backgrounds(stack, [20])
-    np.testing.assert_allclose(found, 1000 * 0.99**9, rtol=1e-6)
+    (background,) = RunningGaussian().backgrounds(stack, [20])
+    np.testing.assert_allclose(background, 1000 * 0.99**9, rtol=1e-6)
 
 
 def test_what_stays_within_its_scatter_is_no_foreground():
@@ -91,9 +91,9 @@ def test_what_stays_within_its_scatter_is_no_foreground():
     stack[:, 0, 1] = 1000
     stack[39, 0, 1] = 3000  # a particle
     model = RunningGaussian(30, 0.9, 2.0)
-    (found,) = model(stack, [39])
-    assert found[0, 0] == 0
-    assert found[0, 1] == pytest.approx(1800)
+    (foreground,) = model(stack, [39])
+    assert foreground[0, 0] == 0
+    assert foreground[0, 1] == pytest.approx(1800)
 
 
 def test_the_first_frame_has_no_foreground_and_a_single_frame_no_past():

@@ -26,17 +26,17 @@ def test_the_window_is_that_of_table_5_4():
     for model, centre in ((Mean(), np.mean), (Median(), np.median)):
         half = model.window // 2
         window = np.concatenate([stack[200 - half : 200], stack[201 : 201 + half]])
-        (found,) = model.backgrounds(stack, [200])
-        np.testing.assert_allclose(found, centre(window, axis=0), rtol=1e-6)
+        (background,) = model.backgrounds(stack, [200])
+        np.testing.assert_allclose(background, centre(window, axis=0), rtol=1e-6)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 60), st.integers(2, 70), st.integers(0, 2**32), st.sampled_from([3, 65536]))
 def test_they_are_the_definition(window, length, seed, top):
     stack = random_stack(length, seed=seed, top=top)
-    wanted = np.random.default_rng(seed).integers(0, length, 12)
-    means, medians = Mean(window).backgrounds(stack, wanted), Median(window)(stack, wanted)
-    for t, mean, foreground in zip(wanted, means, medians, strict=True):
+    indices = np.random.default_rng(seed).integers(0, length, 12)
+    means, medians = Mean(window).backgrounds(stack, indices), Median(window)(stack, indices)
+    for t, mean, foreground in zip(indices, means, medians, strict=True):
         frames = stack[others(stack, t, window)]
         np.testing.assert_array_equal(mean, frames.mean(axis=0).astype(np.float32))
         expected = np.abs(stack[t] - np.median(frames, axis=0))
@@ -46,24 +46,24 @@ def test_they_are_the_definition(window, length, seed, top):
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.float32, np.float64])
 def test_a_long_run_of_medians_is_the_definition(dtype):
     stack = random_stack(260, dtype)
-    wanted = range(len(stack))
-    for t, found in zip(wanted, Median().backgrounds(stack, wanted), strict=True):
+    indices = range(len(stack))
+    for t, background in zip(indices, Median().backgrounds(stack, indices), strict=True):
         expected = np.median(stack[others(stack, t, 150)].astype(np.float64), axis=0)
-        np.testing.assert_allclose(found, expected, rtol=1e-7)
+        np.testing.assert_allclose(background, expected, rtol=1e-7)
 
 
 def test_floats_are_averaged_too():
     stack = random_stack(80).astype(np.float64) / 7
-    for t, found in zip(range(80), Mean().backgrounds(stack, range(80)), strict=True):
-        np.testing.assert_allclose(found, stack[others(stack, t, 50)].mean(axis=0), rtol=1e-12)
+    for t, background in zip(range(80), Mean().backgrounds(stack, range(80)), strict=True):
+        np.testing.assert_allclose(background, stack[others(stack, t, 50)].mean(axis=0), rtol=1e-12)
 
 
 def test_indices_far_apart_and_in_chunks_of_any_length():
     stack = random_stack(2000)
-    for wanted in (range(0, 2000, 90), [1999, 0, 1000], range(300, 300 + 2 * CHUNK + 1, 2)):
-        for t, found in zip(wanted, Median().backgrounds(stack, wanted), strict=True):
+    for indices in (range(0, 2000, 90), [1999, 0, 1000], range(300, 300 + 2 * CHUNK + 1, 2)):
+        for t, background in zip(indices, Median().backgrounds(stack, indices), strict=True):
             expected = np.median(stack[others(stack, t, 150)], axis=0)
-            np.testing.assert_array_equal(found, expected)
+            np.testing.assert_array_equal(background, expected)
 
 
 @given(st.integers(2, 150))
@@ -80,5 +80,5 @@ def test_a_window_longer_than_the_recording_takes_all_others(length):
 
 def test_more_pixels_than_a_tile():
     stack = np.random.default_rng(3).integers(0, 65536, (40, 97, 101)).astype(np.uint16)
-    (found,) = Median(20).backgrounds(stack, [17])
-    np.testing.assert_array_equal(found, np.median(stack[others(stack, 17, 20)], axis=0))
+    (background,) = Median(20).backgrounds(stack, [17])
+    np.testing.assert_array_equal(background, np.median(stack[others(stack, 17, 20)], axis=0))

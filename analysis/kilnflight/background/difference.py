@@ -1,14 +1,15 @@
 """Moving frame difference: neighbouring frames as background (Eqs 2.5 and 2.6).
 
-Also what every model shares: the frames it holds and the absolute difference.
+Also what the models share: the frames in use, the absolute difference, the window.
 """
 
 from __future__ import annotations
 
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import cv2
 import numpy as np
@@ -130,11 +131,6 @@ def difference(frame: Image, background: Image) -> Foreground:
     return np.asarray(apart, dtype=np.float32)
 
 
-def differences(held: HeldFrames, backgrounds: Iterable[tuple[int, Image]]) -> Iterator[Foreground]:
-    """Yield the absolute difference of each held frame and its background."""
-    return (difference(held[index], background) for index, background in backgrounds)
-
-
 def partner(index: int, step: int, length: int) -> int:
     """Return the frame ``step`` frames away; where there is none, the one as far the other way.
 
@@ -156,19 +152,30 @@ class TwoFrame:
     frame as far after, and in a recording shorter than that with its farther end.
     """
 
-    interval: int = 3  # frames, i of Eq. 2.5, Table 5.4
+    interval: int = 3  # frames, i of Eqs 2.5 and 2.6, Table 5.4
+    _sides: ClassVar[tuple[int, ...]] = (-1,)  # of the frame on which others are taken
 
     def __post_init__(self) -> None:
-        """Refuse an interval that leads nowhere."""
-        check_count(self.interval, "TwoFrame: interval")
+        """Refuse an interval that is no number of frames."""
+        check_count(self.interval, f"{type(self).__name__}: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
         """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
-        return _mean_difference(frames, indices, (-self.interval,))
+        held = HeldFrames(frames, 2 * self.interval + 1)
+        return (self._foreground(held, t) for t in check_indices(indices, held.length))
+
+    def _foreground(self, held: HeldFrames, t: int) -> Foreground:
+        beside = [partner(t, side * self.interval, held.length) for side in self._sides]
+        held.fetch(sorted([t, *beside]))
+        total = difference(held[t], held[beside[0]])
+        for other in beside[1:]:
+            total += difference(held[t], held[other])
+        total /= len(beside)
+        return total
 
 
 @dataclass(frozen=True)
-class ThreeFrame:
+class ThreeFrame(TwoFrame):
     """Mean absolute difference from an earlier and a later frame (Eq. 2.6, Zhang 2023).
 
     Notes
@@ -177,30 +184,47 @@ class ThreeFrame:
     recording shorter than the interval its farther end stands for both.
     """
 
-    interval: int = 3  # frames, i of Eq. 2.6, Table 5.4
+    _sides: ClassVar[tuple[int, ...]] = (-1, 1)
+
+
+class WindowModel(ABC):
+    """A model that compares each frame with a background made from frames around it."""
+
+    window: int
+    _room: ClassVar[int] = 1  # frames held beside the window
 
     def __post_init__(self) -> None:
-        """Refuse an interval that leads nowhere."""
-        check_count(self.interval, "ThreeFrame: interval")
+        """Refuse a window without frames."""
+        check_count(self.window, f"{type(self).__name__}: window")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
-        return _mean_difference(frames, indices, (-self.interval, self.interval))
+        """Yield the foreground of each requested frame, (rows, cols) float32.
 
+        Parameters
+        ----------
+        frames
+            Stack of gray images, ``frames[t]`` of shape (rows, cols), read lazily.
+        indices
+            Numbers of frames, counted from 0, in any order.
 
-def _mean_difference(
-    frames: Frames, indices: Iterable[int], steps: tuple[int, ...]
-) -> Iterator[Foreground]:
-    """Yield the mean absolute difference of each frame from those so many steps away."""
-    held = HeldFrames(frames, 2 * abs(steps[0]) + 1)
+        Raises
+        ------
+        InputError
+            If there is no such frame, or frames differ in shape or type.
+        """
+        held, backgrounds = self._prepared(frames, indices)
+        return (difference(held[t], image) for t, image in backgrounds)
 
-    def foreground(t: int) -> Foreground:
-        beside = [partner(t, step, held.length) for step in steps]
-        held.fetch(sorted([t, *beside]))
-        total = difference(held[t], held[beside[0]])
-        for other in beside[1:]:
-            total += difference(held[t], held[other])
-        total /= len(steps)
-        return total
+    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
+        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
+        return (image.copy() for _, image in self._prepared(frames, indices)[1])
 
-    return (foreground(t) for t in check_indices(indices, held.length))
+    def _prepared(
+        self, frames: Frames, indices: Iterable[int]
+    ) -> tuple[HeldFrames, Iterator[tuple[int, Image]]]:
+        held = HeldFrames(frames, self.window + self._room)
+        return held, self._backgrounds(held, check_indices(indices, held.length))
+
+    @abstractmethod
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
+        """Yield each index with its background, which is valid until the next."""

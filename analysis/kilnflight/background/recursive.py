@@ -6,7 +6,7 @@ over what exceeds a reference frame, so that a still recording has no foreground
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,15 +17,15 @@ from kilnflight.background.difference import (
     Frames,
     HeldFrames,
     Image,
+    WindowModel,
     check_indices,
-    differences,
 )
 from kilnflight.background.static import window_means
 from kilnflight.checks import check_at_least, check_between, check_count
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class Adaptive(WindowModel):
     """Absolute difference from an adaptively learnt background (Eqs 2.7 and 2.8, Zhang 2023).
 
     Notes
@@ -42,24 +42,13 @@ class Adaptive:
     learning_rate: float = 0.05  # alpha of Eq. 2.8, weight of the current frame, Table 5.4
 
     def __post_init__(self) -> None:
-        """Refuse a window that holds nothing, and a rate that is no weight."""
-        check_count(self.window, "Adaptive: window")
+        """Refuse a window without frames, and a rate that is no weight."""
+        super().__post_init__()
         check_between(self.learning_rate, 0, 1, "Adaptive: learning_rate")
 
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
-        return differences(*self._learnt(frames, indices))
-
-    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
-        return (image for _, image in self._learnt(frames, indices)[1])
-
-    def _learnt(
-        self, frames: Frames, indices: Iterable[int]
-    ) -> tuple[HeldFrames, Iterator[tuple[int, Image]]]:
-        held = HeldFrames(frames, self.window + 1)
-        means = window_means(held, check_indices(indices, held.length), self.window)
-        return held, ((t, self._learn(held, t, mean)) for t, mean in means)
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
+        means = window_means(held, indices, self.window)
+        return ((t, self._learn(held, t, mean)) for t, mean in means)
 
     def _learn(self, held: HeldFrames, t: int, mean: Image) -> Image:
         """Return the background after Eq. 2.8 over the previous frames and frame t."""
@@ -94,7 +83,7 @@ class RunningGaussian:
     k: float = 0.4  # standard deviations, Table 5.4
 
     def __post_init__(self) -> None:
-        """Raise an error for an empty window, an invalid weight or a negative threshold."""
+        """Refuse a window without frames, an invalid weight or a negative threshold."""
         check_count(self.window, "RunningGaussian: window")
         check_between(self.memory, 0, 1, "RunningGaussian: memory")
         check_at_least(self.k, 0, "RunningGaussian: k")

@@ -24,8 +24,8 @@ from kilnflight.background.difference import HeldFrames, Image
 
 CHUNK = 32  # frames; longer saves little time and costs memory: one more frame each
 TILE_BYTES = 8192  # of one slot: some 125 slots of it fill a second-level cache of 1 MiB
-LOAD, LOW, HIGH, BOTH, EMIT = range(5)
-NONE = -1
+LOAD, COMPARE, EMIT = range(3)
+NONE = -1  # also the last row of the scratch memory, which takes what nobody reads
 Comparison = tuple[int, int, int, int]  # two values, their minimum and maximum (or NONE)
 
 
@@ -88,7 +88,7 @@ class _Network:
         return self.runs[frames]
 
     def select(self, starts: list[int], values: list[int], base: int, known: range) -> None:
-        """Tell windows apart that share the frames ``known``; ``values`` are ranks from ``base``.
+        """Split windows that share the frames ``known``; ``values`` are ranks from ``base``.
 
         Only ranks are kept that the frames still to come can move onto a middle rank.
         """
@@ -104,7 +104,7 @@ class _Network:
             self.select(part, *self.kept(grown, base, shared), shared)
 
     def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
-        """Return the ranks that can still become a wanted one, and the first of them."""
+        """Return the ranks that can still become a middle rank, and the first of them."""
         first = max(self.ranks[0] - self.size + len(known), 0)
         last = min(self.ranks[-1], len(known) - 1)
         return values[first - base : last + 1 - base], first
@@ -138,17 +138,18 @@ def program(
 
     Notes
     -----
-    Columns by kind of step: LOAD frame, slot; LOW, HIGH, BOTH a, b, slot of the minimum,
-    slot of the maximum; EMIT output, then the slots of the ranks. Frames are loaded late,
-    outputs emitted early, slots used again. A step never writes a slot that it reads.
+    Columns by kind of step: LOAD frame, slot; COMPARE a, b, slot of the minimum, slot of
+    the maximum (an unused one: NONE); EMIT output, then the slots of the ranks. Frames are
+    loaded late, outputs emitted early, slots used again. A step never writes a slot that it
+    reads.
     """
     distinct = sorted(set(starts))
     network = _Network(size, ranks, distinct[-1] + size)
     shared = range(distinct[-1], max(distinct[0] + size, distinct[-1]))
     network.select(distinct, *network.kept(network.run(shared), 0, shared), shared)
     steps, outputs = network.needed(), [network.outputs[start] for start in starts]
-    made = {value: number for number, step in enumerate(steps) for value in step[2:]}
-    ready = [max(made[value] for value in values) for values in outputs]
+    step_of = {value: number for number, step in enumerate(steps) for value in step[2:]}
+    ready = [max(step_of[value] for value in values) for values in outputs]
     uses = Counter(
         value for values in [*(step[:2] for step in steps), *outputs] for value in values
     )
@@ -172,9 +173,8 @@ def program(
 
     for number, (a, b, low, high) in enumerate(steps):
         table += [[LOAD, value, take(value)] for value in (a, b) if value not in slots]
-        kind = LOW if high == NONE else HIGH if low == NONE else BOTH
         # Results get their slots before the operands lose theirs: no step is in place.
-        table.append([kind, slots[a], slots[b], take(low), take(high)])
+        table.append([COMPARE, slots[a], slots[b], take(low), take(high)])
         release((a, b))
         for output, values in enumerate(outputs):
             if number == ready[output]:
@@ -192,19 +192,7 @@ def _copy(source: Image, out: Image) -> None:
 
 
 @njit(cache=True)
-def _low(a: Image, b: Image, out: Image) -> None:
-    for p in range(out.size):
-        out[p] = min(a[p], b[p])
-
-
-@njit(cache=True)
-def _high(a: Image, b: Image, out: Image) -> None:
-    for p in range(out.size):
-        out[p] = max(a[p], b[p])
-
-
-@njit(cache=True)
-def _both(a: Image, b: Image, low: Image, high: Image) -> None:
+def _compare(a: Image, b: Image, low: Image, high: Image) -> None:
     for p in range(low.size):
         x, y = a[p], b[p]
         low[p] = min(x, y)
@@ -213,7 +201,7 @@ def _both(a: Image, b: Image, low: Image, high: Image) -> None:
 
 @njit(cache=True)
 def _middle(ranks: tuple[Image, Image, Image, Image], own: Image, out: Image) -> None:
-    """Median without the own value: it moves the ranks from its own upwards by one."""
+    """Write the median without the own value, which moves the ranks above it by one."""
     low, above_low, high, above_high = ranks
     for p in range(out.size):
         x = own[p]
@@ -237,17 +225,13 @@ def _execute(
         last = min(first + tile, pixels.shape[1])
         for step in range(table.shape[0]):
             kind, a, b, c, d = table[step, :5]
-            if kind == BOTH:
-                _both(scratch[a], scratch[b], scratch[c], scratch[d])
+            if kind == COMPARE:
+                _compare(scratch[a], scratch[b], scratch[c], scratch[d])
             elif kind == LOAD:
                 _copy(pixels[slots[a], first:last], scratch[b])
-            elif kind == EMIT:
+            else:
                 ranks = (scratch[b], scratch[c], scratch[d], scratch[table[step, 5]])
                 _middle(ranks, pixels[own[a], first:last], out[a, first:last])
-            elif kind == LOW:
-                _low(scratch[a], scratch[b], scratch[c])
-            else:
-                _high(scratch[a], scratch[b], scratch[d])
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
@@ -288,7 +272,7 @@ def window_medians(
             ranks = (low, low + 1, high, high + 1)
             table, count = program(others + 1, ranks, tuple(w.start - first for w in windows))
             tile = min(TILE_BYTES // held.pixels.itemsize, out.shape[1])
-            scratch = np.zeros((count, tile), held.pixels.dtype)
+            scratch = np.zeros((count + 1, tile), held.pixels.dtype)
             _execute(table, scratch, held.pixels, slots, own, out)
         else:
             out[: len(chunk)] = held.pixels[own]

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from kilnflight.background.difference import (
-    Foreground,
-    Frames,
-    HeldFrames,
-    Image,
-    check_indices,
-    differences,
-)
+from kilnflight.background.difference import HeldFrames, Image, WindowModel
 from kilnflight.background.sliding_median import CHUNK, surrounding, window_medians
-from kilnflight.checks import check_count
 
 
 def window_means(
@@ -50,7 +43,7 @@ def window_means(
 
 
 @dataclass(frozen=True)
-class Mean:
+class Mean(WindowModel):
     """Absolute difference from the mean of the frames around.
 
     Source: section 2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
@@ -65,40 +58,12 @@ class Mean:
 
     window: int = 50  # frames, Table 5.4
 
-    def __post_init__(self) -> None:
-        """Refuse a window that holds nothing."""
-        check_count(self.window, "Mean: window")
-
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32.
-
-        Parameters
-        ----------
-        frames
-            Stack of gray images, ``frames[t]`` of shape (rows, cols), read lazily.
-        indices
-            Numbers of frames, counted from 0, in any order.
-
-        Raises
-        ------
-        InputError
-            If there is no such frame, or frames differ in shape or type.
-        """
-        return differences(*self._means(frames, indices))
-
-    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
-        return (image for _, image in self._means(frames, indices)[1])
-
-    def _means(
-        self, frames: Frames, indices: Iterable[int]
-    ) -> tuple[HeldFrames, Iterator[tuple[int, Image]]]:
-        held = HeldFrames(frames, self.window + 1)
-        return held, window_means(held, check_indices(indices, held.length), self.window)
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
+        return window_means(held, indices, self.window)
 
 
 @dataclass(frozen=True)
-class Median:
+class Median(WindowModel):
     """Absolute difference from the median of the frames around.
 
     Exact: of an even number of frames, the mean of the two middle values. Source: section
@@ -112,21 +77,7 @@ class Median:
     """
 
     window: int = 150  # frames, Table 5.4
+    _room: ClassVar[int] = CHUNK
 
-    def __post_init__(self) -> None:
-        """Refuse a window that holds nothing."""
-        check_count(self.window, "Median: window")
-
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame; see `Mean`."""
-        return differences(*self._medians(frames, indices))
-
-    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
-        return (image.copy() for _, image in self._medians(frames, indices)[1])
-
-    def _medians(
-        self, frames: Frames, indices: Iterable[int]
-    ) -> tuple[HeldFrames, Iterator[tuple[int, Image]]]:
-        held = HeldFrames(frames, self.window + CHUNK)
-        return held, window_medians(held, check_indices(indices, held.length), self.window)
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
+        return window_medians(held, indices, self.window)

@@ -48,7 +48,7 @@ class Detector2D(Protocol):
 
 
 class Clusterer(Protocol):
-    """What groups the points of a cloud."""
+    """A cloud (n, 3) of points in mm -> labels (n,): 0, 1, ...; noise -1."""
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the label of each of (n, 3) points in mm; noise is -1."""
@@ -66,6 +66,7 @@ __all__ = [
     "DoG",
     "MorphologicalClustering",
     "Otsu",
+    "Polygon",
     "QuasiClusterCenters",
     "ScikitDBSCAN",
     "k_distances",

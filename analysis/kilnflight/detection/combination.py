@@ -39,13 +39,12 @@ from kilnflight.checks import (
     check_positive,
     check_shape,
 )
-from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG
+from kilnflight.detection import DBSCAN, Clusterer, Detector2D, DoG, Polygon
 from kilnflight.detection.peaks import Evidence
 from kilnflight.tables import DETECTIONS
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
-Polygon = tuple[tuple[float, float], ...]
 SHORT = 1 << 16  # labels of 16 bits
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
 DISCS = 1000  # at a time, to save memory
@@ -173,18 +172,22 @@ def potential_particles(
     spots, groups = len(keypoints), len(clusters)
     if not spots + groups:
         return
-    owner = np.full(shape, -1, dtype=np.int32)
-    owner[tuple(clusters.pixels.T)] = np.repeat(np.arange(groups), np.diff(clusters.start))
+    owner = np.zeros(shape, dtype=np.int32)  # of each pixel: its cluster, counted from 1
+    owner[tuple(clusters.pixels.T)] = np.repeat(np.arange(groups) + 1, np.diff(clusters.start))
     spot, row, col = disc_pixels(keypoints, SMALLEST_DISC_PX, shape)
-    group = owner[row, col]
+    group = owner[row, col] - 1
     ends = (spot[group >= 0], spots + group[group >= 0])
     links = coo_array((np.ones(len(ends[0])), ends), shape=2 * (spots + groups,))
     _, part = connected_components(links, directed=False)
     order = np.argsort(part, kind="stable")  # of each part the keypoints come first
-    for nodes in np.split(order, np.cumsum(np.bincount(part))[:-1]):
-        first = int(np.searchsorted(nodes, spots))
-        of_spots, of_groups = nodes[:first], nodes[first:] - spots
-        yield CASES[min(first, 2), min(len(of_groups), 2)], of_spots, of_groups
+    clusters_of = order - spots
+    sizes = np.bincount(part)
+    first, begin = np.bincount(part[:spots], minlength=len(sizes)).tolist(), 0
+    for count, size in zip(first, sizes.tolist(), strict=True):
+        middle, end = begin + count, begin + size
+        case = CASES[min(count, 2), min(size - count, 2)]
+        yield case, order[begin:middle], clusters_of[middle:end]
+        begin = end
 
 
 def disc_pixels(

@@ -24,152 +24,140 @@ from kilnflight.checks import InputError, check_positive, check_shape
 
 Float32 = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
-NEAR_PX = 48  # how far a higher pixel is looked for before the whole area is sorted
+NEAR_PX = 48  # distance to which a higher pixel is searched before the area is sorted
 LARGEST_AREA_PX = 250_000  # a larger area is no particle
 SMOOTHING_PX = 1.0  # standard deviation of the Gaussian; smaller than any visible particle
 SAMPLES = 140_000  # pixels that measure the noise, to 0.3 % of it
 LEAST_NOISE = 0.5  # grey values; rounding to whole ones leaves so much
-NO, UNSURE, SURE = 0, 1, 2  # whether a peak is there, as far as a look around its pixel says
+NO, UNSURE, SURE = 0, 1, 2  # whether a peak is there, judged from around its pixel
 
 
 def find_peaks(
-    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
-) -> tuple[Index, npt.NDArray[np.float64]]:
-    """Return the peaks inside each rectangular area.
+    image: npt.NDArray[np.generic], area: npt.NDArray[np.integer], prominence: float
+) -> npt.NDArray[np.float64]:
+    """Return the peaks (k, 3) in a rectangle: row, column, prominence; the highest first.
 
     Parameters
     ----------
     image
         (rows, cols), smoothed against noise by the caller; made float32.
-    areas
-        (n, 4) first row, row after the last, first column, column after the last; clipped
-        to the image.
+    area
+        (4,) first row, row after the last, first column, column after the last; clipped to
+        the image.
     prominence
-        By how many grey values a peak must stand out; above 0, one number or one per area.
-
-    Returns
-    -------
-    area : (m,) int64
-        To which area each peak belongs, ascending; within an area the highest peak first.
-    place : (m, 3) float64
-        Row, column and prominence.
+        By how many grey values a peak must stand out; above 0.
 
     Notes
     -----
     An area without inner pixels, flat, or above `LARGEST_AREA_PX` has no peak. Among equal
     pixels the first in row order counts as the higher one.
     """
-    picture, boxes, needed = _checked(image, areas, prominence)
-    found = [_area_peaks(picture, box, need) for box, need in zip(boxes, needed, strict=True)]
-    counts = [len(one) for one in found]
-    place = np.concatenate([np.empty((0, 3)), *found])
-    return np.repeat(np.arange(len(boxes)), counts), place
+    picture, boxes = _checked(image, np.asarray(area)[None], prominence)
+    return np.asarray(_area_peaks(picture, boxes[0], prominence))
 
 
 def have_peaks(
-    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
+    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which areas (n,) hold a peak at all; arguments as `find_peaks`."""
-    return _any_peaks(*_checked(image, areas, prominence))
+    """Return which of several areas (n, 4) hold a peak; arguments as `find_peaks`."""
+    return np.asarray(_any_peaks(*_checked(image, areas, prominence), prominence))
 
 
 def _checked(
-    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: npt.ArrayLike
-) -> tuple[Float32, Index, npt.NDArray[np.float64]]:
-    check_positive(float(np.min(prominence, initial=1.0)), "find_peaks: prominence")
+    image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: float
+) -> tuple[Float32, Index]:
+    check_positive(prominence, "find_peaks: prominence")
     picture = np.ascontiguousarray(image, dtype=np.float32)
     if picture.ndim != 2:
         raise InputError(f"find_peaks: the image has {picture.ndim} axes, expected rows, cols.")
     boxes = np.ascontiguousarray(areas, dtype=np.int64)
     check_shape(boxes, (None, 4), "find_peaks: areas")
-    needed = np.full(len(boxes), prominence, dtype=np.float64)
-    return picture, boxes, needed
+    return picture, boxes
+
+
+@numba.njit(cache=True)
+def _clipped(image: Float32, box: Index) -> tuple[Float32, int, int]:
+    """Return a box of the image with its first row and column; empty if it has no peak."""
+    top, left = max(box[0], 0), max(box[2], 0)
+    area = image[top : max(box[1], 0), left : max(box[3], 0)]
+    if min(area.shape) < 3 or area.size > LARGEST_AREA_PX:
+        area = area[:0]
+    return area, top, left
 
 
 @numba.njit(cache=True)
 def _area_peaks(image: Float32, box: Index, prominence: float) -> npt.NDArray[np.float64]:
     """Return (k, 3) peaks of one area: pixels from high to low, joined as water falls."""
-    top, bottom = max(box[0], 0), min(box[1], image.shape[0])
-    left, right = max(box[2], 0), min(box[3], image.shape[1])
-    height, width = bottom - top, right - left
-    if height < 3 or width < 3 or height * width > LARGEST_AREA_PX:
-        return np.empty((0, 3))
-    area = image[top:bottom, left:right].copy()
-    value = area.reshape(-1)
-    around = _around(area)
-    if value.max() - min(value.min(), around) < prominence:  # nothing can stand out so far
-        return np.empty((0, 3))
+    area, top, left = _clipped(image, box)
+    height, width = area.shape
+    value = area.copy().reshape(-1)
+    if not area.size or value.max() - min(value.min(), _border_median(area)) < prominence:
+        return np.empty((0, 3))  # nothing can stand out so far
     order = np.argsort(-value, kind="mergesort")
-    parent = np.full(height * width, -1)  # -1: still under water
-    summit = np.arange(height * width)
-    stands_out = np.zeros(height * width)
+    parent = np.full(area.size, -1)  # -1: still under water
+    summit, height_above = np.arange(area.size), np.zeros(area.size)
     for pixel in order:
-        row, column = pixel // width, pixel % width
+        row, col = pixel // width, pixel % width
         parent[pixel] = pixel
-        for down in range(-1, 2):
-            for across in range(-1, 2):
-                near_row, near_column = row + down, column + across
-                if not (0 <= near_row < height and 0 <= near_column < width):
+        for i in range(max(row - 1, 0), min(row + 2, height)):
+            for j in range(max(col - 1, 0), min(col + 2, width)):
+                if parent[i * width + j] < 0:
                     continue
-                near = near_row * width + near_column
-                if near == pixel or parent[near] < 0:
+                first, second = _root(parent, pixel), _root(parent, i * width + j)
+                if first == second:
                     continue
-                one, other = _root(parent, pixel), _root(parent, near)
-                if one == other:
-                    continue
-                low, high = summit[one], summit[other]
+                low, high = summit[first], summit[second]
                 if value[low] > value[high] or (value[low] == value[high] and low < high):
                     low, high = high, low
-                stands_out[low] = value[low] - value[pixel]
-                parent[one] = other
-                summit[other] = high
-    highest = order[0]
-    stands_out[highest] = value[highest] - around
-    return _kept(stands_out, order, width, height, top, left, prominence)
+                height_above[low] = value[low] - value[pixel]
+                parent[first] = second
+                summit[second] = high
+    height_above[order[0]] = value[order[0]] - _border_median(area)
+    relief = height_above.reshape(height, width)
+    relief[0], relief[-1], relief[:, 0], relief[:, -1] = 0.0, 0.0, 0.0, 0.0  # feet, no peaks
+    kept = order[height_above[order] >= prominence]
+    peaks = np.empty((len(kept), 3))
+    peaks[:, 0], peaks[:, 1] = top + kept // width, left + kept % width
+    peaks[:, 2] = height_above[kept]
+    return peaks
 
 
 @numba.njit(cache=True)
-def _any_peaks(
-    image: Float32, boxes: Index, needed: npt.NDArray[np.float64]
-) -> npt.NDArray[np.bool_]:
+def _any_peaks(image: Float32, boxes: Index, prominence: float) -> npt.NDArray[np.bool_]:
     """Return whether each area has a peak."""
-    found = np.zeros(len(boxes), np.bool_)
+    peaks = np.zeros(len(boxes), np.bool_)
     for k in range(len(boxes)):
-        answer = _looked_for(image, boxes[k], needed[k])
-        found[k] = answer == SURE
+        answer = _has_peak(_clipped(image, boxes[k])[0], prominence)
+        peaks[k] = answer == SURE
         if answer == UNSURE:
-            found[k] = len(_area_peaks(image, boxes[k], needed[k])) > 0
-    return found
+            peaks[k] = len(_area_peaks(image, boxes[k], prominence)) > 0
+    return peaks
 
 
 @numba.njit(cache=True)
-def _looked_for(image: Float32, box: Index, prominence: float) -> int:
-    """Tell whether some inner pixel stands out so far, without sorting the area."""
-    top, bottom = max(box[0], 0), min(box[1], image.shape[0])
-    left, right = max(box[2], 0), min(box[3], image.shape[1])
-    if bottom - top < 3 or right - left < 3 or (bottom - top) * (right - left) > LARGEST_AREA_PX:
+def _has_peak(area: Float32, prominence: float) -> int:
+    """Return whether an inner pixel stands out so far, without sorting the area."""
+    if not area.size:
         return NO
-    area = image[top:bottom, left:right]
     least, highest = _extremes(area)
-    most = highest.max()
-    around = _around(area)
-    if most - min(least, around) < prominence:
+    most, border = highest.max(), _border_median(area)
+    if most - min(least, border) < prominence:
         return NO
     single = np.sum(area == most) == 1
-    low_summit = most - around < prominence and single
+    low_summit = most - border < prominence and single
     answer = NO
-    seen, stack = np.zeros(area.shape, np.int64), np.empty((area.size, 2), np.int64)
-    for row in range(1, bottom - top - 1):
+    visited, stack = np.zeros(area.shape, np.int64), np.empty((area.size, 2), np.int64)
+    for row in range(1, area.shape[0] - 1):
         if highest[row] - least < prominence:
             continue
-        for col in range(1, right - left - 1):
+        for col in range(1, area.shape[1] - 1):
             value = area[row, col]
             if value - least < prominence or (low_summit and value == most):
                 continue
             if value < area[row, col - 1] or value < area[row, col + 1]:
                 continue
             if value < most:
-                answer = max(answer, _stands_out(area, (row, col), prominence, seen, stack))
+                answer = max(answer, _stands_out(area, (row, col), prominence, visited, stack))
             else:  # the highest must stand out from the border; of equal ones the first
                 answer = max(answer, SURE if single else UNSURE)
             if answer == SURE:
@@ -191,17 +179,17 @@ def _extremes(area: Float32) -> tuple[float, Float32]:
 
 @numba.njit(cache=True)
 def _stands_out(
-    area: Float32, place: tuple[int, int], prominence: float, seen: Index, stack: Index
+    area: Float32, place: tuple[int, int], prominence: float, visited: Index, stack: Index
 ) -> int:
-    """Tell whether no higher pixel can be reached without a descent by the prominence.
+    """Return whether no higher pixel can be reached without a descent by the prominence.
 
-    Whether of several equal ones the first lies inside the border is not looked at.
-    ``seen`` (as the area) marks what was visited for which pixel, ``stack`` has room for all.
+    Whether the first of several equal pixels lies inside the border stays open. ``visited``
+    (as the area) holds for which pixel each was visited last; ``stack`` has room for all.
     """
     row, col = place
     value, mark = area[row, col], row * area.shape[1] + col
     stack[0], count, answer = place, 1, SURE
-    seen[row, col] = mark
+    visited[row, col] = mark
     while count:
         count -= 1
         at_row, at_col = stack[count]
@@ -209,21 +197,21 @@ def _stands_out(
             for j in range(max(at_col - 1, 0), min(at_col + 2, area.shape[1])):
                 if area[i, j] > value:
                     return NO
-                if seen[i, j] == mark or value - area[i, j] >= prominence:
+                if visited[i, j] == mark or value - area[i, j] >= prominence:
                     continue
                 if max(abs(i - row), abs(j - col)) > NEAR_PX:
                     return UNSURE
                 if area[i, j] == value:
                     answer = UNSURE
-                seen[i, j] = mark
+                visited[i, j] = mark
                 stack[count] = (i, j)
                 count += 1
     return answer
 
 
 @numba.njit(cache=True)
-def _around(area: Float32) -> float:
-    """Return the median of the border."""
+def _border_median(area: Float32) -> float:
+    """Return the median of the outermost pixels."""
     sides = np.concatenate((area[0], area[-1], area[1:-1, 0], area[1:-1, -1]))
     return float(np.median(sides))
 
@@ -236,33 +224,9 @@ def _root(parent: Index, pixel: int) -> int:
     return pixel
 
 
-@numba.njit(cache=True)
-def _kept(
-    stands_out: npt.NDArray[np.float64],
-    order: Index,
-    width: int,
-    height: int,
-    top: int,
-    left: int,
-    prominence: float,
-) -> npt.NDArray[np.float64]:
-    """Return row, column and prominence of the peaks inside the border, highest first."""
-    kept = np.empty((len(order), 3))
-    count = 0
-    for pixel in order:
-        row, column = pixel // width, pixel % width
-        inner = 0 < row < height - 1 and 0 < column < width - 1
-        if inner and stands_out[pixel] >= prominence:
-            kept[count, 0] = top + row
-            kept[count, 1] = left + column
-            kept[count, 2] = stands_out[pixel]
-            count += 1
-    return kept[:count].copy()
-
-
 @dataclass(frozen=True)
 class Evidence:
-    """The two pictures and what stands out in them."""
+    """The smoothed pictures of a frame and the thresholds of their peaks."""
 
     gray: Float32  # (rows, cols), smoothed
     change: Float32  # (rows, cols), absolute difference to the frame before, smoothed
@@ -302,34 +266,33 @@ class Evidence:
             )
         now, before = _smoothed(gray), _smoothed(previous)
         flat = slice(None, None, max(now.size // SAMPLES, 1) | 1)  # odd: no column twice
-        some = now.reshape(-1)[flat] - before.reshape(-1)[flat]
-        spread = float(np.median(np.abs(some - np.median(some))))
-        noise = max(1.4826 * spread, LEAST_NOISE)
-        needed = prominence * noise
-        moved = np.asarray(cv2.absdiff(now, before), dtype=np.float32)
-        return cls(now, moved, needed / np.sqrt(2.0), needed, share)
+        sample = now.reshape(-1)[flat] - before.reshape(-1)[flat]
+        spread = float(np.median(np.abs(sample - np.median(sample))))
+        threshold = prominence * max(1.4826 * spread, LEAST_NOISE)
+        cv2.absdiff(now, before, dst=before)
+        return cls(now, before, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
         """Return the peaks (k, 3) of the frame in an area (4,), highest first."""
-        _, found = find_peaks(self.gray, area[None], self.threshold)
-        return found[found[:, 2] >= self.share * found[:, 2].max(initial=0.0)]
+        peaks = find_peaks(self.gray, area, self.threshold)
+        return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-        """Return in which areas (n, 4) something has changed; nothing else can be `real`."""
+        """Return which areas (n, 4) have changed; only those can be `real`."""
         return have_peaks(self.change, areas, self.change_threshold)
 
     def real(self, area: npt.NDArray[np.integer]) -> bool:
-        """Return whether something stands out in the frame and has changed there."""
+        """Return whether a peak or trough of the frame is in an area (4,) that has changed."""
         if not self.moved(area[None]).any():
             return False
         top, bottom, left, right = np.maximum(area, 0).tolist()
-        inside = self.gray[top:bottom, left:right]
-        whole = np.array([[0, inside.shape[0], 0, inside.shape[1]]])
-        return any(len(find_peaks(sign * inside, whole, self.threshold)[1]) for sign in (1, -1))
+        part = self.gray[top:bottom, left:right]
+        whole = np.array([0, part.shape[0], 0, part.shape[1]])
+        return any(len(find_peaks(sign * part, whole, self.threshold)) for sign in (1, -1))
 
 
 def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
     """Return a frame blurred by a Gaussian of `SMOOTHING_PX`, cut at four of it."""
-    taps = cv2.getGaussianKernel(2 * round(4 * SMOOTHING_PX) + 1, SMOOTHING_PX, cv2.CV_32F)
-    blurred = cv2.sepFilter2D(image.astype(np.float32), cv2.CV_32F, taps, taps)
-    return np.asarray(blurred, dtype=np.float32)
+    picture, side = image.astype(np.float32), 2 * round(4 * SMOOTHING_PX) + 1
+    cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture)
+    return picture

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -99,15 +99,15 @@ class QuasiClusterCenters:
         # points of equal density that reach each other share a level
         equal, column = np.nonzero(near == squares[:, None])
         ends = (equal, neighbors[equal, column])
-        graph = coo_array((np.ones(len(equal), np.int8), ends), shape=(count, count))
-        levels = connected_components(graph, directed=False)[1].astype(np.intp)
+        links = coo_array((np.ones(len(equal), np.int8), ends), shape=(count, count))
+        levels = connected_components(links, directed=False)[1].astype(np.intp)
         dense_first = np.argsort(squares, kind="stable")
+        graph = Graph(neighbors, squares, dense_first, centers, levels)
         clusters = np.arange(count)  # of a centre: the centre its cluster is merged into
-        given = (neighbors, squares, dense_first, centers, levels)
-        heads, values, following = _spread(*given, clusters, self.alpha)
-        while _merge(heads, values, following, levels, clusters, k, self.alpha):
+        chains = _spread(graph, clusters, self.alpha)
+        while _merge(chains, levels, clusters, k, self.alpha):
             pass
-        labels = _choose(*given, clusters, heads, values, following)
+        labels = _choose(graph, chains, clusters)
         labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
         return numbered_by_first_point(labels)
 
@@ -138,39 +138,54 @@ def nearest_neighbors(
     return nearest, ((cloud - cloud[nearest[:, -1]]) ** 2).sum(axis=1)
 
 
+class Graph(NamedTuple):
+    """Points with their neighbours and densities; arrays."""
+
+    neighbors: Any  # (n, k) points
+    squares: Any  # (n,) squared distances to the k-th neighbour, small where it is dense
+    dense_first: Any  # (n,) points, the densest first
+    centers: Any  # (n,) whether a point is a centre
+    levels: Any  # (n,) numbers; points of equal density that reach each other share one
+
+
+class Chains(NamedTuple):
+    """Clusters that reach each level, as linked lists; -1 ends a list."""
+
+    heads: Any  # (levels,) first entry of each level
+    values: Any  # cluster of each entry
+    following: Any  # next entry of the same level
+
+
 @njit(cache=True)
-def _gather(start: int, values: Any, following: Any, clusters: Any, found: Any) -> int:
-    """Collect the different clusters of a chain; return how many."""
+def _gather(start: int, chains: Chains, clusters: Any, members: Any) -> int:
+    """Write the different clusters of a chain into ``members``; return how many."""
     count = 0
     while start >= 0:
-        cluster = root_of(clusters, values[start])
-        new = True
-        for i in range(count):
-            new = new and found[i] != cluster
-        if new:
-            found[count] = cluster
+        cluster = root_of(clusters, chains.values[start])
+        if cluster not in members[:count]:
+            members[count] = cluster
             count += 1
-        start = following[start]
+        start = chains.following[start]
     return count
 
 
 @njit(cache=True)
-def _holds(start: int, values: Any, following: Any, clusters: Any, cluster: int) -> bool:
-    """Tell whether a chain has a cluster."""
+def _holds(start: int, chains: Chains, clusters: Any, cluster: int) -> bool:
+    """Return whether a chain has a cluster."""
     while start >= 0:
-        if root_of(clusters, values[start]) == cluster:
+        if root_of(clusters, chains.values[start]) == cluster:
             return True
-        start = following[start]
+        start = chains.following[start]
     return False
 
 
 @njit(cache=True)
-def _share(found: Any, count: int, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
-    """Count a point that ``count`` clusters share; merge those that share too much."""
+def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
+    """Count a point that several clusters share; merge those that share too much."""
     merged = False
-    for i in range(count):
+    for i in range(len(members)):
         for j in range(i):
-            low, high = min(found[i], found[j]), max(found[i], found[j])
+            low, high = min(members[i], members[j]), max(members[i], members[j])
             pair = low * len(clusters) + high
             shared[pair] = shared.get(pair, 0) + 1
             if shared[pair] / k > alpha:  # Eq. 2.41
@@ -179,93 +194,76 @@ def _share(found: Any, count: int, clusters: Any, shared: Any, k: int, alpha: fl
 
 
 @njit(cache=True)
-def _spread(
-    neighbors: Any,
-    squares: Any,
-    dense_first: Any,
-    centers: Any,
-    levels: Any,
-    clusters: Any,
-    alpha: float,
-) -> Any:
-    """Return the chain of clusters that reach each level: heads, values, following.
+def _spread(graph: Graph, clusters: Any, alpha: float) -> Chains:
+    """Return the chains of the clusters that reach each level.
 
     The densest points hand on their clusters first. Clusters are merged as soon as enough
     shared points are counted, which keeps chains short: as a merged cluster shares no fewer
-    points than its parts, that is never too early. What was missed is for `_merge`.
+    points than its parts, that is never too early. `_merge` finds the rest.
     """
-    heads = np.full(len(squares), -1)
-    values = np.empty(2 * len(squares), np.int64)
-    following = np.empty(2 * len(squares), np.int64)
-    found = np.empty(np.count_nonzero(centers), np.int64)
+    squares, levels, (count, k) = graph.squares, graph.levels, graph.neighbors.shape
+    chains = Chains(
+        np.full(count, -1), np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
+    )
+    heads, used = chains.heads, 0
+    members = np.empty(np.count_nonzero(graph.centers), np.int64)
     shared = Dict.empty(types.int64, types.int64)
-    k, used = neighbors.shape[1], 0
     sizes = np.bincount(levels)
-    for i in np.flatnonzero(centers):
+    for i in np.flatnonzero(graph.centers):
         level = levels[i]
         if heads[level] >= 0 and sizes[level] / k > alpha:
-            unite(clusters, int(i), values[heads[level]])  # they share at least the level
+            unite(clusters, int(i), chains.values[heads[level]])  # they share at least the level
         else:
-            values[used], following[used] = i, heads[level]
+            chains.values[used], chains.following[used] = i, heads[level]
             heads[level] = used
             used += 1
-    for i in dense_first:
-        count = _gather(heads[levels[i]], values, following, clusters, found)
+    for i in graph.dense_first:
+        count = _gather(heads[levels[i]], chains, clusters, members)
         if count > 1:
-            _share(found, count, clusters, shared, k, alpha)
-        if used + count * k > len(values):
-            values = np.concatenate((values, np.empty_like(values)))
-            following = np.concatenate((following, np.empty_like(following)))
-        for j in neighbors[i]:
+            _share(members[:count], clusters, shared, k, alpha)
+        if used + count * k > len(chains.values):
+            values = np.concatenate((chains.values, np.empty_like(chains.values)))
+            following = np.concatenate((chains.following, np.empty_like(chains.following)))
+            chains = Chains(heads, values, following)
+        for j in graph.neighbors[i]:
             if squares[j] > squares[i]:
-                for cluster in found[:count]:
+                for cluster in members[:count]:
                     root = root_of(clusters, cluster)
-                    if not _holds(heads[levels[j]], values, following, clusters, root):
-                        values[used], following[used] = root, heads[levels[j]]
+                    if not _holds(heads[levels[j]], chains, clusters, root):
+                        chains.values[used], chains.following[used] = root, heads[levels[j]]
                         heads[levels[j]] = used
                         used += 1
-    return heads, values, following
+    return chains
 
 
 @njit(cache=True)
-def _merge(
-    heads: Any, values: Any, following: Any, levels: Any, clusters: Any, k: int, alpha: float
-) -> bool:
-    """Count all shared points anew and merge; tell whether there was anything to merge."""
-    found = np.empty(len(levels), np.int64)
+def _merge(chains: Chains, levels: Any, clusters: Any, k: int, alpha: float) -> bool:
+    """Count all shared points anew and merge; return whether clusters were merged."""
+    members = np.empty(len(levels), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     merged = False
-    for i in range(len(levels)):
-        count = _gather(heads[levels[i]], values, following, clusters, found)
+    for level in levels:
+        count = _gather(chains.heads[level], chains, clusters, members)
         if count > 1:
-            merged |= _share(found, count, clusters, shared, k, alpha)
+            merged |= _share(members[:count], clusters, shared, k, alpha)
     return merged
 
 
 @njit(cache=True)
-def _choose(
-    neighbors: Any,
-    squares: Any,
-    dense_first: Any,
-    centers: Any,
-    levels: Any,
-    clusters: Any,
-    heads: Any,
-    values: Any,
-    following: Any,
-) -> Any:
-    """Return the one cluster of each point: where it is in several, that of its exemplar."""
+def _choose(graph: Graph, chains: Chains, clusters: Any) -> Any:
+    """Return the cluster of each point; in several clusters, it takes that of its exemplar."""
+    squares = graph.squares
     labels = np.full(len(squares), NOISE)
-    found = np.empty(np.count_nonzero(centers), np.int64)
-    for i in dense_first:
-        count = _gather(heads[levels[i]], values, following, clusters, found)
-        if centers[i]:
+    members = np.empty(np.count_nonzero(graph.centers), np.int64)
+    for i in graph.dense_first:
+        count = _gather(chains.heads[graph.levels[i]], chains, clusters, members)
+        if graph.centers[i]:
             labels[i] = root_of(clusters, i)
         elif count == 1:
-            labels[i] = found[0]
+            labels[i] = members[0]
         else:
-            exemplar = neighbors[i, 0]
-            for j in neighbors[i]:
+            exemplar = graph.neighbors[i, 0]
+            for j in graph.neighbors[i]:
                 denser = squares[j] < squares[exemplar]
                 if denser or (squares[j] == squares[exemplar] and j < exemplar):
                     exemplar = j

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import cv2
@@ -34,7 +34,6 @@ BELIEVED = 1.0  # offset in samples to which a quadratic through three of them i
 WALK = FITS  # px around a sample at which a fit that moves may look
 BLOCK = 8  # side in px of the blocks whose range bounds the differences
 TILE = 16  # side in blocks of the tiles that are blurred one at a time
-SMALLEST_SIDE = 3  # an extremum has a neighbour on each side
 
 
 @dataclass(frozen=True)
@@ -59,23 +58,17 @@ class DoG:
     -----
     The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright
     blob is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also looks for,
-    are gaps between particles in |frame - background| and are left out.
-
-    The threshold applies to the difference itself: it is neither divided by the number
-    of layers (as OpenCV does) nor scaled by the grey values' range. A sample below half
-    of it is not followed, as in OpenCV.
+    are gaps between particles in |frame - background| and are left out. The threshold applies
+    to the difference itself, neither divided by the number of layers (as OpenCV does) nor
+    scaled by the grey values' range. A sample below half of it is not followed, as in OpenCV.
 
     The thesis starts from the original image, which finds blobs with a radius from about
     2.8 px. Lowe doubles it first: pass the image at twice its size and twice the
-    ``camera_blur``.
+    ``camera_blur``. The radius is that of the uniform disc that answers most strongly at the
+    keypoint's scale (`disc_radius`); for a Gaussian blob the square root of 2 times its
+    standard deviation. The thesis does not say how it draws its circles.
 
-    The radius is that of the uniform disc that answers most strongly at the keypoint's scale
-    (`disc_radius`). For a Gaussian blob it is the square root of 2 times its standard
-    deviation. The thesis does not say how it draws its circles.
-
-    References
-    ----------
-    Thesis, Eqs 2.21-2.28; Lowe 2004 ([66] of the thesis), sections 3 and 4, for 3
+    Sources: Eqs 2.21-2.28, thesis; Lowe 2004 ([66] of the thesis), sections 3 and 4, for 3
     layers, 1.6 px, camera blur 0.5 px and r = 10.
     """
 
@@ -103,11 +96,10 @@ class DoG:
         Parameters
         ----------
         foreground
-            (rows, cols) grey values: unsigned or signed integers (16 bits; 8 bits are
-            taken as the grey values they hold) or floats, computed in float32.
+            (rows, cols) grey values: integers of 8 or 16 bits, or floats; computed in float32.
         within
             Corners (row, col) of a polygon. All particles in it are found; most of those
-            outside are not looked for, which saves time.
+            outside are skipped, which saves time.
 
         Returns
         -------
@@ -132,7 +124,7 @@ class DoG:
         octaves, spacing = [np.empty((0, 4))], 1.0
         if image.size:
             image = blurred(image, math.sqrt(self.sigma**2 - self.camera_blur**2))
-        while min(image.shape) >= SMALLEST_SIDE:
+        while min(image.shape) >= 3:  # an extremum has a neighbour on each side
             octaves.append(self._octave(image, spacing, within))
             image = blurred(image, self.sigma * math.sqrt(3.0), step=2)
             spacing *= 2
@@ -141,8 +133,7 @@ class DoG:
     def _octave(self, image: Image, spacing: float, within: Polygon | None) -> Array:
         """Return row, col, radius in px and highest threshold of the keypoints of an octave.
 
-        ``image`` has the blur `sigma` in its own px; ``spacing`` is such a px in px of the
-        foreground.
+        ``image`` has the blur `sigma` in its px, which are ``spacing`` px of the foreground.
         """
         scales = self.sigma * 2.0 ** (np.arange(self.layers + 3) / self.layers)
         sigmas = tuple(np.sqrt(scales**2 - self.sigma**2).tolist())
@@ -181,10 +172,7 @@ def disc_radius(layers: int) -> float:
 
 @lru_cache(maxsize=64)
 def taps(sigma: float) -> Image:
-    """Return centre and right half of a normalised Gaussian (Eq. 2.22, one axis).
-
-    That of 0 px changes nothing.
-    """
+    """Return centre and right half of a normalised Gaussian (Eq. 2.22); 0 px changes nothing."""
     away = np.arange(math.ceil(REACH * sigma) + 1)
     weight = np.exp(-0.5 * (away / max(sigma, 1e-9)) ** 2)
     return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
@@ -196,13 +184,6 @@ def _inward(i: int, length: int) -> int:
     period = max(2 * (length - 1), 1)
     i %= period
     return period - i if i >= length else i
-
-
-@njit(cache=True)
-def _neighbours(begin: int, stride: int, count: int) -> Any:
-    """Return where a line's neighbours begin, ``stride`` apart before it and behind it."""
-    away = stride * np.arange(count)
-    return begin - away, begin + away
 
 
 @njit(cache=True)
@@ -240,8 +221,8 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
     radius, (rows, cols) = len(weights) - 1, image.shape
     down, across = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
     inner, flat = down[radius : radius + cols], image.ravel()
-    low, high = _neighbours(0, 1, radius + 1)
-    left, right = _neighbours(radius, 1, radius + 1)
+    away = np.arange(radius + 1)
+    left, right, low, high = radius - away, radius + away, away.copy(), away.copy()
     out = np.empty(((rows + step - 1) // step, (cols + step - 1) // step), np.float32)
     for i in range(len(out)):
         for j in range(radius + 1):
@@ -278,46 +259,27 @@ def _patch(image: Any, box: Box) -> Any:
 
 @njit(cache=True)
 def differences(image: Any, box: Box, kernels: Any) -> Any:
-    """Return the differences (Gaussians - 1, rows, cols) of Gaussians in a box of an image.
+    """Return the differences (kernels - 1, rows, cols) of Gaussians in a box of an image.
 
-    Narrow minus wide, so bright blobs are positive. Compiled: the box stays in the cache, so
-    it takes half of OpenCV's time.
-
-    Parameters
-    ----------
-    image
-        (rows, cols), mirrored about its outermost pixels.
-    box
-        First row, end row, first column, end column; may reach beyond the border.
-    kernels
-        `taps` of each Gaussian, from narrow to wide, all relative to the image.
+    Narrow minus wide: bright blobs are positive. The box may reach beyond the border, where
+    the image is mirrored; ``kernels`` are `taps` from narrow to wide, all relative to the
+    image. Compiled: the box stays in the cache, so it takes half of OpenCV's time.
     """
     top, bottom, left, right = box
     rows, cols = bottom - top, right - left
-    out = np.empty((len(kernels) - 1, rows, cols), dtype=np.float32)
+    gaussians = np.empty((len(kernels), rows, cols), dtype=np.float32)
     for index in range(len(kernels)):
         size = len(kernels[index])
-        radius, stride = size - 1, cols + 2 * size - 2
+        radius, stride, away = size - 1, cols + 2 * size - 2, np.arange(size)
         patch = _patch(image, (top - radius, bottom + radius, left - radius, right + radius))
         # The ends of the lines are blurred across, too; they are cut off below.
         down = np.empty((rows + 2) * stride, dtype=np.float32)
-        low, high = _neighbours(radius * stride, stride, size)
+        low, high = (radius - away) * stride, (radius + away) * stride
         _pass(patch, low, high, kernels[index], down[stride:-stride])
         across = np.empty(rows * stride, dtype=np.float32)
-        low, high = _neighbours(stride, 1, size)
-        _pass(down, low, high, kernels[index], across)
-        gaussian = across.reshape(rows, stride)[:, radius : radius + cols]
-        for row in range(rows):
-            line = gaussian[row]
-            if index > 0:
-                narrow = out[index - 1, row]
-                for x in range(cols):
-                    narrow[x] -= line[x]
-            if index < len(out):
-                target = out[index, row]
-                for x in range(cols):
-                    target[x] = line[x]
-    return out
+        _pass(down, stride - away, stride + away, kernels[index], across)
+        gaussians[index] = across.reshape(rows, stride)[:, radius : radius + cols]
+    return gaussians[:-1] - gaussians[1:]
 
 
 @njit(cache=True)
@@ -350,25 +312,12 @@ def maxima(stack: Any, level: float) -> Any:
 
 @njit(cache=True)
 def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
-    """Return the keypoints of a stack, from quadratics through its maxima (Eqs 2.25-2.28).
+    """Return the keypoints (n, 7) of a stack, from quadratics through its maxima.
 
-    The fit moves by one pixel at a time; in scale it stays with the largest layer. Compiled:
-    most boxes hold one maximum or none, too few for numpy.
-
-    Parameters
-    ----------
-    stack
-        (layers + 2, rows, cols) differences of Gaussians.
-    visit
-        First row, end row, first column, end column to which a fit may move.
-    threshold, edge
-        As of `DoG`.
-
-    Returns
-    -------
-    ndarray
-        (n, 7): layer, row, col of the sample, the offset of the extremum from it, and the
-        largest threshold with which the same keypoint is found from the same maximum.
+    Eqs 2.25 to 2.28. Columns: layer, row, col of the sample, the offset of the extremum from
+    it, and the largest threshold at which that maximum still gives this keypoint. The fit
+    moves by one pixel at a time within ``visit``; in scale it stays with the largest layer.
+    Compiled: most boxes hold one maximum or none, too few for numpy.
     """
     places = maxima(stack, threshold / 2)
     points, count = np.empty((len(places), 7)), 0
@@ -399,17 +348,16 @@ def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
 def derivatives(cube: Any) -> Any:
     """Return value, gradient and Hessian in the middle of a cube by central differences."""
     gradient, hessian = np.empty(3), np.empty((3, 3))
-    gradient[0] = (cube[2, 1, 1] - cube[0, 1, 1]) / 2
-    gradient[1] = (cube[1, 2, 1] - cube[1, 0, 1]) / 2
-    gradient[2] = (cube[1, 1, 2] - cube[1, 1, 0]) / 2
-    hessian[0, 0] = cube[2, 1, 1] + cube[0, 1, 1] - 2 * cube[1, 1, 1]
-    hessian[1, 1] = cube[1, 2, 1] + cube[1, 0, 1] - 2 * cube[1, 1, 1]
-    hessian[2, 2] = cube[1, 1, 2] + cube[1, 1, 0] - 2 * cube[1, 1, 1]
-    hessian[0, 1] = (cube[2, 2, 1] - cube[2, 0, 1] - cube[0, 2, 1] + cube[0, 0, 1]) / 4
-    hessian[0, 2] = (cube[2, 1, 2] - cube[2, 1, 0] - cube[0, 1, 2] + cube[0, 1, 0]) / 4
-    hessian[1, 2] = (cube[1, 2, 2] - cube[1, 2, 0] - cube[1, 0, 2] + cube[1, 0, 0]) / 4
-    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
-    return cube[1, 1, 1], gradient, hessian
+    values, steps = cube.ravel(), (9, 3, 1)  # from a sample to the next along each axis
+    for i in range(3):
+        a = steps[i]
+        gradient[i] = (values[13 + a] - values[13 - a]) / 2
+        hessian[i, i] = values[13 + a] + values[13 - a] - 2 * values[13]
+        for j in range(i):
+            b, c = 13 + steps[j], 13 - steps[j]
+            hessian[i, j] = (values[b + a] - values[b - a] - values[c + a] + values[c - a]) / 4
+            hessian[j, i] = hessian[i, j]
+    return values[13], gradient, hessian
 
 
 @njit(cache=True)
@@ -480,8 +428,7 @@ def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDAr
 def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[np.bool_]:
     """Return the blocks of ``side`` px from which a particle in a polygon can be found.
 
-    The polygon is drawn on the blocks with its border; what a fit may move by, and what is
-    rounded, is less than the two blocks that are added on every side.
+    Two blocks on every side are more than a fit may move and rounding may shift.
     """
     corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
     drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
@@ -492,14 +439,11 @@ def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[Box]:
     """Return boxes around connected live blocks, cut to tiles, without the image's border."""
     boxes = []
     for rows, cols in find_objects(label(live)[0]):
-        for i in range(rows.start, rows.stop, TILE):
-            for j in range(cols.start, cols.stop, TILE):
-                end = min(i + TILE, rows.stop), min(j + TILE, cols.stop)
-                if live[i : end[0], j : end[1]].any():
-                    top, left = max(i * BLOCK, 1), max(j * BLOCK, 1)
-                    bottom, right = (
-                        min(blocks * BLOCK, length - 1)
-                        for blocks, length in zip(end, shape, strict=True)
-                    )
-                    boxes.append((top, max(top, bottom), left, max(left, right)))
+        tiles = product(range(rows.start, rows.stop, TILE), range(cols.start, cols.stop, TILE))
+        for i, j in tiles:
+            below, beside = min(i + TILE, rows.stop), min(j + TILE, cols.stop)
+            if live[i:below, j:beside].any():
+                top, left = max(i * BLOCK, 1), max(j * BLOCK, 1)
+                bottom = max(top, min(below * BLOCK, shape[0] - 1))
+                boxes.append((top, bottom, left, max(left, min(beside * BLOCK, shape[1] - 1))))
     return boxes

@@ -20,7 +20,8 @@ from tqdm import tqdm
 from kilnflight import kiln
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.checks import InputError, check_columns
-from kilnflight.detection.combination import Combination, Polygon, View
+from kilnflight.detection import Polygon
+from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
 from kilnflight.recording.frames import PictureRecording

@@ -20,9 +20,10 @@ from kilnflight.detection import (
     DoG,
     MorphologicalClustering,
     Otsu,
+    Polygon,
     QuasiClusterCenters,
 )
-from kilnflight.detection.combination import Combination, Polygon, View, second_pass, summarise
+from kilnflight.detection.combination import Combination, View, second_pass, summarise
 
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
