@@ -122,7 +122,7 @@ figures.save("fig-5-19-true-dwell", boxes, picture=picture, caption=caption, pro
 # %%
 keys = [key for key in flown["calibrated"] if key[0] in statements.PAPERS]
 values = {
-    version: {key: truth.flight_values(flights[key]) for key in keys}
+    version: {key: truth.true_flight_values(flights[key]) for key in keys}
     for version, flights in flown.items()
 }
 picture, data = flight_pictures.draw_ignition_bars(values, keys, printed)

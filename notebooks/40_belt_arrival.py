@@ -21,12 +21,12 @@ Markdown(belt_2020.describe_input(files))
 # until 150 mm before its edge and must predict when each leaves. Six models were compared on
 # simulated spheres, cuboids and cylinders; identical acceleration (IA) was best everywhere.
 #
-# **Here.** The same on the tracks that the authors published: 100 Hz instead of 1000 Hz, and
-# ending at the edge (788 mm), so that target and start lie 15 mm upstream. Our own simulated
-# sorter (notebook 43) has the paper's 1000 Hz and goes on beyond the edge; beside the authors'
-# tracks it is predicted to where they are, in the study of the sampling rate to the edge. The
-# calibration with 1 % of the particles is drawn many times. A deviation is prediction minus
-# reference: positive means that the particle came earlier than predicted.
+# **Here.** The same on the tracks that the authors published. They have 100 Hz instead of 1000 Hz
+# and end at the edge (788 mm), so target and start lie 15 mm upstream. Our own simulated sorter
+# (notebook 43) has the paper's 1000 Hz and goes on beyond the edge. Beside the authors' tracks it
+# is predicted to the same target; in the study of the sampling rate, to the edge. The calibration
+# with 1 % of the particles is drawn many times. A deviation is prediction minus reference: positive
+# means that the particle came earlier than predicted.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -53,16 +53,16 @@ belt_2020.count_particles(tracks, observed)
 # ## Velocity along the belt
 
 # %%
-grid = np.arange(400.0, 751.0, 25.0)  # every particle is seen here
+grid = np.arange(400.0, 751.0, 25.0)  # all particles have observations here
 profiles = belt_2020.profiles(tracks, grid)[
     ["source", "data_set", "x_mm", "mean_m_s", "std_m_s", "particles"]
 ]
 
 # %% tags=["hide-input"]
-shown = list(profiles["source"].unique())
-picture, (panels,) = style.canvas(1, len(shown), width_mm=88 * len(shown), sharey=True)
+sources = list(profiles["source"].unique())
+picture, (panels,) = style.canvas(1, len(sources), width_mm=88 * len(sources), sharey=True)
 looks = dict(zip(belt_2020.DATA_SETS, zip(style.COLOURS, style.MARKERS, strict=True), strict=False))
-for axes, name in zip(panels, shown, strict=True):
+for axes, name in zip(panels, sources, strict=True):
     axes.axhline(1.5, color="0.6", lw=0.8, ls="-", label="belt")
     axes.set(title=name, xlabel="x along the belt (mm)", ylabel="velocity along the belt (m/s)")
     for data_set, (colour, mark) in looks.items():
@@ -76,62 +76,62 @@ for axes, name in zip(panels, shown, strict=True):
 panels[0].legend(loc="lower right", ncols=2)
 caption = (
     "Mean velocity along the belt, after Fig. 7 of the 2020 paper. Dots: one standard deviation "
-    "above and below. Particles are slower than the belt and still accelerate where they were "
-    "last seen by all."
+    "above and below. Particles are slower than the belt and still accelerate at the last place "
+    "that all reach."
 )
-part = {"picture": picture, "caption": caption, "provenance": origin}
-figures.save("fig-belt20-7-velocity", profiles, **part)
+options = {"picture": picture, "caption": caption, "provenance": origin}
+figures.save("fig-belt20-7-velocity", profiles, **options)
 
 # %% [markdown]
 # ## Deviation of the arrival time
 
 # %%
-compared = belt_2020.compare(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
-arrival = belt_2020.over_draws(compared).round(6)
+by_draw = belt_2020.compare_models(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
+arrival = belt_2020.over_draws(by_draw).round(6)
 table, caption = study.table(arrival), study.captions["table"]
 figures.save("belt-arrival", table, caption=caption, provenance=origin)
 
 # %%
 plotted = arrival[arrival["model"].isin(belt_claims.PLOTTED)]
 picture = belt_2020.boxes_by_source(plotted, "predicted minus true arrival (ms)", 52)
-part = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
-figures.save("fig-belt20-9-arrival", study.labelled(arrival), **part)
+options = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
+figures.save("fig-belt20-9-arrival", study.labelled(arrival), **options)
 
 # %% [markdown]
 # ## What the target and the sampling rate change
 #
-# The reference is a straight line between two observations 10 ms apart; where the target lies is
-# our choice. So the models are also compared at other targets, the phase always 150 mm long.
+# The reference is a straight line between two observations 10 ms apart, and the target is our
+# choice. So the models are also compared at other targets, the phase always 150 mm long.
 #
-# The paper evaluated at 1000 Hz, the public tracks have 100 Hz. Velocity and acceleration come
-# from the last three positions: 20 ms at 100 Hz, 2 ms at 1000 Hz. Our simulation, thinned,
-# shows what that does, all else being equal: the same particles in the same draws, predicted
-# over the last 150 mm to the edge (638 to 788 mm), the paper's own place. This figure is ours:
-# no publication shows how much the rate matters to the models.
+# The paper evaluated at 1000 Hz, the public tracks have 100 Hz. Velocity and acceleration come from
+# the last three positions: 20 ms at 100 Hz, 2 ms at 1000 Hz. Our thinned simulation shows the
+# effect of the rate alone, with the same particles in the same draws. They are predicted over the
+# last 150 mm to the edge (638 to 788 mm), as in the paper. This figure is ours: no publication
+# shows how much the rate matters to the models.
 
 # %%
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
-varied, rated = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
+by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "mean absolute error (ms)"
-picture = belt_2020.lines_by_rate(rated, belt_claims.PLOTTED, study.measure, label)
-table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
-part = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
-figures.save("belt-arrival-rate", table, **part)
+picture = belt_2020.lines_by_rate(by_rate, belt_claims.PLOTTED, study.measure, label)
+table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
+options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
+figures.save("belt-arrival-rate", table, **options)
 
 # %%
-lowest = belt_2020.describe_lowest(rated)
-changed = f"{belt_2020.describe_changes(rated, study.answers)}; at {lowest}."
-Markdown(changed)
+lowest = belt_2020.describe_lowest(by_rate)
+rate_effect = f"{belt_2020.describe_changes(by_rate, study.answers)}; at {lowest}."
+Markdown(rate_effect)
 
 # %% [markdown]
 # ## Verdicts
 #
-# By the authors' tracks where they are here. Spread is the interquartile range. The table is
-# ours: it asks the same of every source, and of our simulation at every rate (predicted to the
-# edge), so that a verdict that hangs on either shows.
+# By the authors' tracks if they are here. Spread is the interquartile range. The table is ours: it
+# has the verdicts by every source, and by our simulation at every rate (predicted to the edge). It
+# shows which verdicts depend on either.
 
 # %%
-table = belt_2020.verdicts_by_source(arrival, rated, study.answers)
+table = belt_2020.verdicts_by_source(arrival, by_rate, study.answers)
 caption = study.captions["verdicts"]
 figures.save("belt-arrival-verdicts", table, caption=caption, provenance=origin)
 
@@ -139,14 +139,14 @@ figures.save("belt-arrival-verdicts", table, caption=caption, provenance=origin)
 judged = arrival[arrival["source"] == source]
 answers = study.answers(judged)
 answers |= belt_claims.speed_answers(profiles[profiles["source"] == source])
-verdicts = study.judge(answers, varied, 100 if files else rated["sampling_hz"].max())
+verdicts = study.judge(answers, by_target, 100 if files else by_rate["sampling_hz"].max())
 
 # %%
 mae = judged.pivot(index="data_set", columns="model", values="mae")
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 result = (
-    f"{reproduced} of 6 claims reproduced ({source}); identical acceleration is off by "
-    f"{mae['IA'].min():.2f} to {mae['IA'].max():.2f} ms on average, identical velocity by "
-    f"{mae['IV'].min():.2f} to {mae['IV'].max():.2f} ms. {changed}"
+    f"{reproduced} of {len(verdicts)} claims reproduced ({source}); identical acceleration is off "
+    f"by {mae['IA'].min():.2f} to {mae['IA'].max():.2f} ms on average, identical velocity by "
+    f"{mae['IV'].min():.2f} to {mae['IV'].max():.2f} ms. {rate_effect}"
 )
 figures.conclude(result, verdicts, origin)

@@ -18,14 +18,14 @@ Markdown(belt_2020.describe_input(files))
 
 # %% [markdown]
 # **Published** (2020 paper, sections 4.2 and 5.3). To hit a particle with a jet of air one must
-# know where across the belt it leaves. Models of the lateral position were combined with
-# models of the arrival time; assuming no lateral movement was worst everywhere, and keeping
-# a fixed ratio of the lateral velocity was best for spheres and cuboids.
+# know where across the belt it leaves. Models of the lateral position were combined with models of
+# the arrival time. Assuming no lateral movement was worst everywhere. Keeping a fixed ratio of the
+# lateral velocity was best for spheres and cuboids.
 #
-# **Here.** The same on the tracks that the authors published (100 Hz, predicted to 773 mm,
-# see notebook 40), with the calibration drawn many times; our own simulation beside them, and in
-# the study of the sampling rate predicted to the edge. Where two combinations share a lateral
-# model they differ only in how long the particle is still under way.
+# **Here.** The same on the tracks that the authors published (100 Hz, predicted to 773 mm, see
+# notebook 40), with the calibration drawn many times. Our own simulation stands beside them; in the
+# study of the sampling rate it is predicted to the edge. Two combinations with the same lateral
+# model differ only in the time that the particle still takes.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -41,21 +41,21 @@ origin = figures.trace("41_belt_lateral", setting, seed=seed, inputs=files.value
 tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {key: PHASE.observe(table) for key, table in tracks.items()}
 print(f"{draws} draws; predicting from {PHASE.start_mm:.0f} to {PHASE.target_mm:.0f} mm")
-pd.DataFrame({key: len(part.last) for key, part in observed.items()}, ["particles"]).T
+pd.DataFrame({key: len(particles.last) for key, particles in observed.items()}, ["particles"]).T
 
 # %% [markdown]
 # ## Lateral velocity
 
 # %%
-parts = []
+samples = []
 for data_set in belt_2020.DATA_SETS:
     steps = step_velocities(tracks[source, data_set])
     chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
-    parts.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
+    samples.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
 
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=50)
-for axes, steps in zip(panels, parts, strict=True):
+for axes, steps in zip(panels, samples, strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, track in steps.groupby("particle"):
         axes.plot(track["x"], track["velocity_y_mm_s"] / 1000, lw=0.8, ls="-")
@@ -63,70 +63,71 @@ for axes, steps in zip(panels, parts, strict=True):
 panels[0].set_ylabel("velocity across the belt (m/s)")
 caption = (
     "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of the 2020 "
-    f"paper ({source}); what is faster than 0.13 m/s is cut off."
+    f"paper ({source}); velocities above 0.13 m/s are cut off."
 )
-table = pd.concat(parts).rename(columns={"x": "x_mm"})
-part = {"picture": picture, "caption": caption, "provenance": origin}
-figures.save("fig-belt20-8-lateral-velocity", table, **part)
+table = pd.concat(samples).rename(columns={"x": "x_mm"})
+options = {"picture": picture, "caption": caption, "provenance": origin}
+figures.save("fig-belt20-8-lateral-velocity", table, **options)
 
 # %% [markdown]
 # ## Deviation of the lateral position
 
 # %%
-compared = belt_2020.compare(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
-lateral = belt_2020.over_draws(compared).round(6)
+by_draw = belt_2020.compare_models(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
+lateral = belt_2020.over_draws(by_draw).round(6)
 table, caption = study.table(lateral), study.captions["table"]
 figures.save("belt-lateral", table, caption=caption, provenance=origin)
 
 # %%
 picture = belt_2020.boxes_by_source(lateral, "predicted minus true position (mm)", 58)
-part = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
-figures.save("fig-belt20-10-lateral", study.labelled(lateral), **part)
+options = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
+figures.save("fig-belt20-10-lateral", study.labelled(lateral), **options)
 
 # %% [markdown]
 # ## What the target and the sampling rate change
 #
-# Where the target lies is our choice, and the claims about small spreads depend on it. So the
-# models are also compared at other targets, the phase always 150 mm long.
+# The target is our choice, and the claims about small spreads depend on it. So the models are also
+# compared at other targets, the phase always 150 mm long.
 #
-# Our simulation as it is and thinned, the same particles at every rate, predicted over the last
-# 150 mm to the edge (638 to 788 mm), as in notebook 40. This figure is ours: no publication shows
-# how much the rate matters to the models.
+# As in notebook 40, our simulation is also thinned. The same particles are predicted at every rate,
+# over the last 150 mm to the edge (638 to 788 mm). This figure is ours: no publication shows how
+# much the rate matters to the models.
 
 # %%
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
-varied, rated = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
+by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "interquartile range (mm)"
-picture = belt_2020.lines_by_rate(rated, rated["model"].unique(), study.measure, label)
-table = rated[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
-part = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
-figures.save("belt-lateral-rate", table, **part)
+picture = belt_2020.lines_by_rate(by_rate, by_rate["model"].unique(), study.measure, label)
+table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
+options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
+figures.save("belt-lateral-rate", table, **options)
 
 # %%
-changed = f"{belt_2020.describe_changes(rated, study.answers)}."
-Markdown(changed)
+rate_effect = f"{belt_2020.describe_changes(by_rate, study.answers)}."
+Markdown(rate_effect)
 
 # %% [markdown]
 # ## Verdicts
 #
-# By the authors' tracks where they are here. Spread is the interquartile range. The table is
-# ours: it asks the same of every source, and of our simulation at every rate (predicted to the
-# edge), so that a verdict that hangs on either shows.
+# By the authors' tracks if they are here. Spread is the interquartile range. The table is ours: it
+# has the verdicts by every source, and by our simulation at every rate (predicted to the edge). It
+# shows which verdicts depend on either.
 
 # %%
-table = belt_2020.verdicts_by_source(lateral, rated, study.answers)
+table = belt_2020.verdicts_by_source(lateral, by_rate, study.answers)
 caption = study.captions["verdicts"]
 figures.save("belt-lateral-verdicts", table, caption=caption, provenance=origin)
 
 # %%
 judged = lateral[lateral["source"] == source]
-hertz = 100 if files else rated["sampling_hz"].max()
-verdicts = study.judge(study.answers(judged), varied, hertz)
+sampling_hz = 100 if files else by_rate["sampling_hz"].max()
+verdicts = study.judge(study.answers(judged), by_target, sampling_hz)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 iqr = judged.pivot(index="data_set", columns="model", values="iqr")
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (
-    f"{reproduced} of 4 claims reproduced ({source}); constant lateral velocity narrows the "
-    f"spread of the straight model by {100 * gain.min():.0f} to {100 * gain.max():.0f} %. {changed}"
+    f"{reproduced} of {len(verdicts)} claims reproduced ({source}); constant lateral velocity "
+    f"narrows the spread of the straight model by {100 * gain.min():.0f} to "
+    f"{100 * gain.max():.0f} %. {rate_effect}"
 )
 figures.conclude(result, verdicts, origin)

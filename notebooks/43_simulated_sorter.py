@@ -9,24 +9,25 @@ from kilnflight.experiments import belt_2020, belt_calibration, belt_claims, bel
 from kilnflight.project import claims, figures, style
 
 files = recordings.find_dem()
-beside = (
+authors_note = (
     "The authors' DEM tracks stand beside it." if files else "The authors' tracks are not here."
 )
 absent = f" {bodies.missing_reason()}".rstrip()
-Markdown(f"**Input:** {belt_2020.describe_own()}.{absent} {beside}")
+Markdown(f"**Input:** {belt_2020.describe_own()}.{absent} {authors_note}")
 
 # %% [markdown]
 # **Published** (2016 paper, section III; 2020 paper, section 4). Wooden spheres, cuboids and
-# cylinders on a belt of 40 cm x 18 cm at 1.5 m/s, simulated by the discrete element method with
-# steps of 0.1 ms, sampled at 1000 Hz. Friction, restitution and the shape of slide and feeder
-# were "determined experimentally"; no value is printed. The public tracks have 100 Hz.
+# cylinders lie on a belt of 40 cm x 18 cm at 1.5 m/s. They were simulated by the discrete element
+# method with steps of 0.1 ms and sampled at 1000 Hz. Friction, restitution and the shape of slide
+# and feeder were "determined experimentally"; no value is printed. The public tracks have 100 Hz.
 #
-# **Here.** The same bodies in MuJoCo with steps of 0.2 ms. Seven free values of slide and
-# friction were found with the *spheres* of the authors' tracks alone (mean and standard
-# deviation of the velocity along the belt, median of the absolute velocity across it) and
-# frozen. Cylinders and cuboids have the same values, so theirs is a prediction. Restitution is
-# no free value and hangs on the step: spheres part with 0.22 to 0.34 of their closing speed, by
-# where within a step they meet, and with 0.28 to 0.31 of it at steps of 0.05 ms.
+# **Here.** The same bodies in MuJoCo with steps of 0.2 ms. Seven free values of slide and friction
+# were fitted to the *spheres* of the authors' tracks alone, and frozen. The fit reads the mean and
+# standard deviation of the velocity along the belt, and the median of the absolute velocity across
+# it. Cylinders and cuboids have the same values, so their motion is a prediction.
+#
+# Restitution is no free value and depends on the step. Spheres part with 0.22 to 0.34 of their
+# closing speed, depending on where within a step they meet. At steps of 0.05 ms it is 0.28 to 0.31.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (120 particles of each material), standard (300) or full (4000)
@@ -46,14 +47,13 @@ pd.Series({key: table["particle"].nunique() for key, table in tracks.items()}, n
 # %% [markdown]
 # ## The free values
 #
-# First what handbooks say ("inputs only"), then what the spheres say. The cost is the mean
-# squared misfit in units of 0.01 m/s (along the belt) and 0.002 m/s (across it). What was not
-# fitted is assumed and says so where it stands (`kilnflight.belt.machine`); cylinders and cuboids
-# lie on the slide in any direction.
+# First the values of handbooks ("inputs only"), then those fitted to the spheres. The cost is the
+# mean squared misfit in units of 0.01 m/s (along the belt) and 0.002 m/s (across it). Other values
+# are assumptions, marked in `kilnflight.belt.machine`; cylinders and cuboids lie on the slide in
+# any direction.
 #
-# The search stopped at its budget, not because it had converged: these are the
-# best values that were met, and whether they are the only ones that fit was not asked. The cost
-# is that of the same particles.
+# The search stopped at its budget, not because it had converged. These are the best values of the
+# search; other values may fit as well. The cost is that of the particles of the fit.
 
 # %%
 record = sorter.fitted_record()
@@ -64,8 +64,8 @@ belt_calibration.fitted_table()
 # %% [markdown]
 # ## Velocities along and across the belt
 #
-# All at 100 Hz: our 1000 Hz thinned. The figure is ours: it shows how far the sorter that stands in
-# for the authors' in notebooks 40 to 46 resembles it.
+# All at 100 Hz; our 1000 Hz are thinned. The figure is ours: it compares the sorter of notebooks 40
+# to 46 with the authors' that it replaces.
 
 # %%
 profiles = belt_2020.profiles(tracks, sorter.PLACES_MM, "variant")
@@ -92,79 +92,79 @@ for axes in grid[0, [0, 2]]:
 caption = (
     "Mean and standard deviation of the velocity along the belt, and median of the absolute "
     "velocity across it, of our simulation and of the authors' tracks. The free values were "
-    "found with the spheres; cuboids and cylinders are predictions."
+    "fitted to the spheres; cuboids and cylinders are predictions."
 )
 figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## How far off
+# ## Misfits
 #
-# Root mean square over the belt of simulation minus the authors' tracks. Our cylinders roll
-# where they lie askew: they lag behind and drift. The authors' cylinders gain as much as
-# their cuboids and do not drift, so they hardly roll. With axes within some 20 degrees of the
-# belt's direction ("along the belt") ours keep up, but still drift; this was tried after the
-# first comparison and stands for no other result. Collisions are fewer here: the authors'
-# feed has bursts, and their spread across the belt is larger than ours everywhere.
+# Root mean square over the belt of simulation minus the authors' tracks. Our cylinders roll where
+# they lie askew: they lag behind and drift. The authors' cylinders gain as much as their cuboids
+# and do not drift, so they hardly roll. With axes within some 20 degrees of the belt's direction
+# ("along the belt") ours keep up, but still drift. This variant was tried after the first
+# comparison and is used for no other result. Our particles collide less: the authors' feed has
+# bursts, and their spread across the belt is larger than ours everywhere.
 
 # %%
 misfit = belt_sorter.velocity_misfits(profiles, belt_2020.AUTHORS).round(5)
 misfit
 
 # %% [markdown]
-# ## What the contacts change
+# ## The influence of the contacts
 #
 # No paper prints how soft a contact is, and neither friction between particles nor at walls was
 # fitted. Here the same few particles are simulated with one value changed at a time, in steps of
-# 0.1 ms; `other particles` shows what chance alone does.
+# 0.1 ms. `other particles` shows the effect of chance alone.
 #
-# What bodies do to each other and to walls hardly matters, in spite of restitutions from 0.12 to
-# 0.55: most particles touch nobody on the belt. The contact with the belt does matter where a
-# particle lands: it comes down at some 0.3 m/s, and how much of that push friction takes part in
-# depends on how long the push lasts against the slip time. Twice as soft adds up to 4 mm/s to the
-# mean velocity, twice as stiff takes up to 14 mm/s off, and particles catch up with it later, most
-# of all what rolls. So these two times have not converged: they are part of the sorter that was
-# fitted to the spheres, and the predicted means of cuboids and cylinders are no better than
-# these 14 mm/s. Spread along the belt and velocity across it change by 2 to 4 mm/s at most, less
-# than by feeding other particles. The figure is ours: no paper prints these values, and it shows
-# which of them the results hang on.
+# Contacts between bodies and with walls hardly matter, in spite of restitutions from 0.12 to 0.55:
+# most particles touch no other on the belt. The contact with the belt matters where a particle
+# lands, at some 0.3 m/s downwards. The shorter that push against the slip time, the less friction
+# takes part in it. Twice as soft adds up to 4 mm/s to the mean velocity, twice as stiff takes up to
+# 14 mm/s off. Particles catch up with it later, most of all those that roll.
+#
+# So these two times have not converged: they are part of the sorter that was fitted to the spheres.
+# The predicted means of cuboids and cylinders are no better than these 14 mm/s. Spread along the
+# belt and velocity across it change by 2 to 4 mm/s at most, less than by feeding other particles.
+# The figure is ours: no paper prints these values, and it shows which of them matter.
 
 # %%
-fed = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
+count = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
 materials = belt_2020.DATA_SETS[:1] if scale == "quick" else belt_2020.DATA_SETS
 studied = pd.DataFrame()
 if bodies.is_installed():
-    studied = belt_sorter.study(sorter.calibrated_sorter(), fed, seed, materials)
+    studied = belt_sorter.vary_contacts(sorter.calibrated_sorter(), count, seed, materials)
 studied.round(4)
 
 # %%
 caption = (
-    "Change of the velocity with one contact value changed: mean along the belt, its gain from 425 "
-    f"to 750 mm, its standard deviation, median size across; {fed} particles of each."
+    "Change of the velocity with one contact value changed. Mean along the belt, its gain from 425 "
+    f"to 750 mm, its standard deviation, median size across; {count} particles of each."
 )
-part = {"caption": caption, "provenance": origin}
+options = {"caption": caption, "provenance": origin}
 if len(studied):
-    changed = belt_sorter.changes(studied).round(2)
-    part["picture"] = belt_sorter.plot(changed)
-figures.save("fig-sorter-contacts", changed, **part) if len(studied) else None
+    changes = belt_sorter.changes(studied).round(2)
+    options["picture"] = belt_sorter.plot_changes(changes)
+figures.save("fig-sorter-contacts", changes, **options) if len(studied) else None
 
 # %% [markdown]
 # ## Claim belt20-6 on each source
 #
-# Notebook 40 gives the verdict; here is what each source says. What a simulated second costs is
-# in the benchmarks (benchmark-sorter).
+# Notebook 40 gives the verdict; here it is by source. The time to simulate a second is in the
+# benchmarks (benchmark-sorter).
 
 # %%
 answers = {
     variant: belt_claims.speed_answers(table)["belt20-6"]
     for variant, table in profiles.groupby("variant", sort=False)
 }
-slower = [claims.judge("belt20-6", answer) for answer in answers.values()]
-pd.DataFrame(slower, list(answers))[["verdict", "measured"]]
+verdicts = [claims.judge("belt20-6", answer) for answer in answers.values()]
+pd.DataFrame(verdicts, list(answers))[["verdict", "measured"]]
 
 # %%
 result = f"Our own simulation is {belt_2020.describe_own()}."
 if files and bodies.is_installed():
-    off = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
-    each = ", ".join(f"{name} {1000 * off[name]:.0f}" for name in belt_2020.DATA_SETS)
-    result += f" Its mean velocities are off by (mm/s, root mean square): {each}."
+    mean_misfit = misfit[misfit["variant"] == "calibrated"].set_index("data_set")["mean_m_s"]
+    misfits = ", ".join(f"{name} {1000 * mean_misfit[name]:.0f}" for name in belt_2020.DATA_SETS)
+    result += f" Its mean velocities are off by (mm/s, root mean square): {misfits}."
 figures.conclude(result, [], origin)

@@ -26,18 +26,18 @@ input_note = (
 Markdown(input_note if files else absent)
 
 # %% [markdown]
-# **Published.** Both belt papers evaluate on simulations; their authors also published what they
-# measured on a real sorter (spheres, wheat, cylinders): positions in pixels and their own
-# tracking result. No number about these recordings is printed.
+# **Published.** Both belt papers evaluate on simulations. Their authors also published measurements
+# on a real sorter (spheres, wheat, cylinders): positions in pixels and their own tracking result.
+# No number about these recordings is printed.
 #
 # **Here.** First the tracker of the 2016 paper on the same positions, compared with the authors'
-# links. Then the models of the 2020 paper, predicted over the last quarter of the visible belt
-# and compared with the measurements there. Frame rate and scale are not published, so lengths
-# are px and times are frames. There is no truth: a position is a measurement, and the camera's
-# perspective is not corrected. The claims on the 2020 paper stay with the simulations.
+# links. Then the models of the 2020 paper, predicted over the last quarter of the visible belt and
+# compared with the measurements there. Frame rate and scale are not published, so lengths are px
+# and times are frames. There is no truth: a position is a measurement, and the camera's perspective
+# is not corrected. The claims on the 2020 paper stay with the simulations.
 #
-# No setting is published, either. Velocity (85 px per frame), its spread, noise, visible area
-# and arrivals were read off these recordings. So the agreement of the links depends on them.
+# No setting is published, either. Velocity (85 px per frame), its spread, noise, visible area and
+# arrivals were read off these recordings. So the agreement of the links depends on them.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one recording per material), standard or full

@@ -30,8 +30,8 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 # neglected. Number of valves, width and time are our choice; no claim is tested.
 #
 # Predictions start from the simulation's exact positions. No camera takes part: no noise of
-# pictures, no missed particle, no two seen as one (notebook 42). So these shares are what
-# the models allow, not what a sorter with a camera reaches.
+# pictures, no missed particle, no two seen as one (notebook 42). So these shares are what the
+# models allow, not what a sorter with a camera reaches.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -106,9 +106,9 @@ for along, (_, grid) in figures_by_axis.items():
 
 # %%
 caption = (
-    "Hits and inadvertent hits over the time that a valve is open, by model: 32 valves, one "
-    f"particle in ten to be blown out ({source}, exact positions, no camera). Models: arrival, "
-    "then lateral. IV-Straight is what a line-scan camera assumes."
+    "Hits and inadvertent hits over the time that a valve is open, by model. There are 32 valves; "
+    f"one particle in ten is to be blown out ({source}, exact positions, no camera). Models: "
+    "arrival, then lateral. IV-Straight is what a line-scan camera assumes."
 )
 part = {"picture": figures_by_axis["open_ms"][0], "caption": caption, "provenance": origin}
 figures.save("fig-belt-separation", tables_by_axis["open_ms"], **part)

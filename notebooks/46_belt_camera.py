@@ -17,9 +17,9 @@ engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction mo
 Markdown(f"**Own simulation**: {engine}. {missing_reason()}".rstrip())
 
 # %% [markdown]
-# **Published** (2016 paper, sections II.B and IV.B). The belt's corners calibrate the camera,
-# particles are connected areas that differ from the background, and the tracker associates them
-# with likelihoods that a track begins or is not observed any more.
+# **Published** (2016 paper, sections II.B and IV.B). The belt's corners calibrate the camera.
+# Particles are connected areas that differ from the background. The tracker associates them with
+# likelihoods that a track begins or is not observed any more.
 #
 # **Here.** Synthetic pictures of 1064 x 708 px at 200 frames/s of our own simulation. The
 # measurement finds the belt's corners in the pictures and knows neither the camera nor the true
@@ -44,12 +44,12 @@ pictured = {
 # ## Errors of calibration and positions
 #
 # Corners are where lines through the belt's edges meet. The calibration's error is that of the
-# corners and leaves out a particle's height. Seen from 1 m, a centre 2.5 mm above the belt and
-# 20 cm from the middle appears 0.5 mm too far out. So measured positions are much less exact than
-# the corners. Bias and rms compare spots of single particles with the nearest true centres.
+# corners and leaves out a particle's height. Seen from 1 m, a centre 2.5 mm above the belt and 20
+# cm from the middle appears 0.5 mm too far out. So measured positions are much less exact than the
+# corners. Bias and rms compare spots of single particles with the nearest true centres.
 #
-# The background is the plain mean, as published. A particle that rests in most of the pictures
-# is not found while it lies. One that rests in fewer may leave a ghost where it lay. The ghost is
+# The background is the plain mean, as published. A particle that rests in most of the pictures is
+# not found while it lies. One that rests in fewer may leave a ghost where it lay. The ghost is
 # followed as a track at rest and never predicted to arrive.
 #
 # The table is ours: neither paper says how well places are measured, and notebook 42 uses them.

@@ -39,7 +39,7 @@ names = list(dict.fromkeys(name for name, _ in results.true))
 # %%
 inputs = flight_inputs().applied(Flight(), Gas())
 flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
-simulated = {(name, bar): truth.flight_values(each) for name, each in flown.items()}
+simulated = {(name, bar): truth.true_flight_values(each) for name, each in flown.items()}
 measured = {key: results.measured[key] for key in simulated}
 by_source = {"simulated": simulated, "measured": measured}
 

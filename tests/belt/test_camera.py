@@ -32,9 +32,9 @@ PICTURE = empty_belt(VIEW)
 @given(st.floats(-2, 2), st.floats(-2, 2))
 def test_corners_are_found_to_a_tenth_of_a_pixel(turn, tilt):
     view = CameraView(turned_deg=turn, tilted_deg=tilt)
-    found = FindCorners()(empty_belt(view))
-    np.testing.assert_allclose(found.places, true_corners(view), atol=0.15)
-    assert not found.hidden.any()
+    corners = FindCorners()(empty_belt(view))
+    np.testing.assert_allclose(corners.places, true_corners(view), atol=0.15)
+    assert not corners.hidden.any()
 
 
 def test_the_error_reported_is_that_of_noise():
@@ -48,9 +48,9 @@ def test_the_error_reported_is_that_of_noise():
 def test_the_mapping_takes_pixels_to_the_belt_and_back():
     calibration = calibrate_camera(FindCorners()(PICTURE))
     inside = np.random.default_rng(0).uniform([388, 0], [788, 180], (50, 2))
-    seen = VIEW.pixels(np.column_stack([inside, np.zeros(50)]))
-    np.testing.assert_allclose(calibration.millimetres(seen), inside, atol=0.06)
-    np.testing.assert_allclose(calibration.pixels(calibration.millimetres(seen)), seen)
+    pixels = VIEW.pixels(np.column_stack([inside, np.zeros(50)]))
+    np.testing.assert_allclose(calibration.millimetres(pixels), inside, atol=0.06)
+    np.testing.assert_allclose(calibration.pixels(calibration.millimetres(pixels)), pixels)
     assert calibration.mm_per_px == pytest.approx(0.44, rel=1e-3)
     assert 0 < calibration.error_mm < 0.05
     assert calibration.hidden == 0
@@ -58,15 +58,17 @@ def test_the_mapping_takes_pixels_to_the_belt_and_back():
 
 def test_a_particle_above_the_belt_is_off_as_the_note_says():
     calibration = calibrate_camera(FindCorners()(PICTURE))
-    seen = VIEW.pixels(np.array([[688.0, 90.0, 2.5]]))
-    assert calibration.millimetres(seen)[0, 0] == pytest.approx(688.0 + 100 * 2.5 / 1000, abs=0.05)
+    pixels = VIEW.pixels(np.array([[688.0, 90.0, 2.5]]))
+    assert calibration.millimetres(pixels)[0, 0] == pytest.approx(
+        688.0 + 100 * 2.5 / 1000, abs=0.05
+    )
 
 
 def test_a_window_shows_the_area_and_stays_in_the_picture():
     calibration = calibrate_camera(FindCorners()(PICTURE))
     rows, cols = calibration.window(TRACKED, 5.0, PICTURE.shape)
-    seen = true_corners(VIEW)
-    assert rows.start == pytest.approx(seen[:, 0].min() - 5, abs=2)
+    pixels = true_corners(VIEW)
+    assert rows.start == pytest.approx(pixels[:, 0].min() - 5, abs=2)
     assert cols.stop - cols.start == pytest.approx(300 / 0.44 + 10, abs=8)
     rows, cols = calibration.window(TRACKED, 1e4, PICTURE.shape)
     assert (rows, cols) == (slice(0, 708), slice(0, 1064))
@@ -76,10 +78,10 @@ def test_a_window_shows_the_area_and_stays_in_the_picture():
 def test_a_hidden_corner_is_where_its_edges_meet(corner):
     covered, (row, col) = PICTURE.copy(), true_corners(VIEW)[corner].astype(int)
     cv2.circle(covered, (int(col), int(row)), 70, 130, -1)
-    found = FindCorners()(covered)
-    assert found.hidden.tolist() == [k == corner for k in range(4)]
-    np.testing.assert_allclose(found.places, true_corners(VIEW), atol=0.3)
-    assert calibrate_camera(found).hidden == 1
+    corners = FindCorners()(covered)
+    assert corners.hidden.tolist() == [k == corner for k in range(4)]
+    np.testing.assert_allclose(corners.places, true_corners(VIEW), atol=0.3)
+    assert calibrate_camera(corners).hidden == 1
 
 
 def test_a_hidden_edge_is_told_by_name():

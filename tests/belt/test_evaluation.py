@@ -33,20 +33,20 @@ def observed():
 
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=40))
 def test_a_summary_is_the_box_plot_of_matplotlib(values):
-    found, expected = summarise_deviations(np.array(values)), boxplot_stats(values)[0]
-    for name, theirs in {"median": "med", "q25": "q1", "q75": "q3"}.items():
-        assert found[name] == pytest.approx(expected[theirs])
-    assert found["mae"] == pytest.approx(np.mean(np.abs(values)))
+    summary, expected = summarise_deviations(np.array(values)), boxplot_stats(values)[0]
+    for name, key in {"median": "med", "q25": "q1", "q75": "q3"}.items():
+        assert summary[name] == pytest.approx(expected[key])
+    assert summary["mae"] == pytest.approx(np.mean(np.abs(values)))
 
 
 def test_whiskers_end_at_the_last_value_within_reach():
-    found = summarise_deviations(np.array([-9.0, -1.0, 0.0, 0.0, 1.0, 1.5, 50.0]))
-    assert (found["whisker_low"], found["whisker_high"]) == (-1.0, 1.5)
+    summary = summarise_deviations(np.array([-9.0, -1.0, 0.0, 0.0, 1.0, 1.5, 50.0]))
+    assert (summary["whisker_low"], summary["whisker_high"]) == (-1.0, 1.5)
 
 
 def test_what_has_no_prediction_is_counted_and_left_out():
-    found = summarise_deviations(np.array([1.0, np.nan, 3.0]))
-    assert (found["n"], found["unpredicted"], found["median"]) == (2, 1, 2.0)
+    summary = summarise_deviations(np.array([1.0, np.nan, 3.0]))
+    assert (summary["n"], summary["unpredicted"], summary["median"]) == (2, 1, 2.0)
     with pytest.raises(InputError, match="no particle has a prediction"):
         summarise_deviations(np.array([np.nan]))
 
@@ -63,8 +63,8 @@ def test_calibration_particles_are_not_evaluated(observed):
     calibration = np.zeros(len(observed.last), dtype=bool)
     calibration[[3, 4, 9]] = True
     for deviations in (arrival_deviations, lateral_deviations):
-        for _, one in deviations(observed, PHASE, calibration):
-            assert len(one) == len(observed.last) - 3
+        for _, deviation in deviations(observed, PHASE, calibration):
+            assert len(deviation) == len(observed.last) - 3
 
 
 def test_every_model_and_combination_is_there(observed):
@@ -85,14 +85,14 @@ def test_the_same_seed_gives_the_same_and_more_draws_keep_the_first(observed):
 
 
 def test_the_calibration_takes_at_most_its_share(observed):
-    seen = []
+    sizes = []
 
     def deviations(_observed, _phase, calibration):
-        seen.append(calibration.sum())
+        sizes.append(calibration.sum())
         yield "x", np.array([1.0])
 
     Evaluation(draws=3, share=0.01)(observed, PHASE, deviations, 1)
-    assert seen == [int(0.01 * len(observed.last))] * 3
+    assert sizes == [int(0.01 * len(observed.last))] * 3
 
 
 def test_too_few_particles_and_wrong_settings_are_told(observed):
@@ -123,8 +123,8 @@ def test_the_profile_is_mean_and_spread_of_those_seen_there(constant_acceleratio
     grid = np.array([350.0, 500.0, 700.0])
     profile = motion_profile(steps, grid)
     expected = [
-        np.interp(500.0, one["x"], one["velocity_x_mm_s"]) / 1000
-        for _, one in steps.groupby("particle")
+        np.interp(500.0, track["x"], track["velocity_x_mm_s"]) / 1000
+        for _, track in steps.groupby("particle")
     ]
     assert profile["particles"].tolist() == [0, 3, 3]
     assert profile["mean_m_s"][1] == pytest.approx(np.mean(expected))
@@ -143,8 +143,8 @@ def test_the_motion_profile_has_the_median_of_absolute_velocities_across(constan
     steps = step_velocities(constant_acceleration)
     profile = motion_profile(steps, np.array([350.0, 500.0]))
     across = [
-        np.interp(500.0, one["x"], one["velocity_y_mm_s"]) / 1000
-        for _, one in steps.groupby("particle")
+        np.interp(500.0, track["x"], track["velocity_y_mm_s"]) / 1000
+        for _, track in steps.groupby("particle")
     ]
     assert profile["lateral_m_s"][1] == pytest.approx(np.median(np.abs(across)))
     assert profile["lateral_std_m_s"][1] == pytest.approx(np.std(across, ddof=1))

@@ -60,15 +60,15 @@ def test_every_model_predicts_a_particle_of_constant_velocity(model):
 
 @pytest.mark.parametrize("model", belt.ARRIVAL_MODELS, ids=lambda model: model.name)
 def test_every_model_takes_no_particles(model):
-    one = last_of([(623.0, 1000.0, 0.0)])
-    fitted = model.calibrated(one, arrivals([0.65]), TARGET)
+    last = last_of([(623.0, 1000.0, 0.0)])
+    fitted = model.calibrated(last, arrivals([0.65]), TARGET)
     assert fitted(BELT_LAST.empty(), TARGET).shape == (0,)
 
 
 @pytest.mark.parametrize("model", belt.ARRIVAL_MODELS, ids=lambda model: model.name)
 def test_a_particle_beyond_the_target_is_an_error(model):
-    one = last_of([(623.0, 1000.0, 0.0)])
-    fitted = model.calibrated(one, arrivals([0.65]), TARGET)
+    last = last_of([(623.0, 1000.0, 0.0)])
+    fitted = model.calibrated(last, arrivals([0.65]), TARGET)
     with pytest.raises(InputError, match="particle 0 was last observed at or beyond"):
         fitted(last_of([(773.0, 1000.0, 0.0)]), TARGET)
 
@@ -76,7 +76,7 @@ def test_a_particle_beyond_the_target_is_an_error(model):
 @given(state)
 def test_eq_6_is_the_first_time_that_eq_5_is_fulfilled(particle):
     x, velocity, acceleration = particle
-    found = CA()(last_of([particle]), TARGET)[0] - 0.5
+    predicted = CA()(last_of([particle]), TARGET)[0] - 0.5
 
     def left(t):
         return velocity * t + acceleration * t * t / 2 - (TARGET - x)
@@ -84,9 +84,9 @@ def test_eq_6_is_the_first_time_that_eq_5_is_fulfilled(particle):
     assume(abs(velocity**2 + 2 * acceleration * (TARGET - x)) > 1.0)
     turn = -velocity / acceleration if acceleration < 0 else 1e3
     if left(turn) < 0:
-        assert np.isnan(found)
+        assert np.isnan(predicted)
     else:
-        assert found == pytest.approx(brentq(left, 0.0, turn, xtol=1e-14), rel=1e-6)
+        assert predicted == pytest.approx(brentq(left, 0.0, turn, xtol=1e-14), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +102,8 @@ def test_eq_6_is_the_first_time_that_eq_5_is_fulfilled(particle):
     ],
 )
 def test_roots_by_hand(velocity, acceleration, time):
-    found = time_to_cover(*(np.array([v]) for v in (100.0, velocity, acceleration)))
-    np.testing.assert_allclose(found, [time])
+    predicted = time_to_cover(*(np.array([v]) for v in (100.0, velocity, acceleration)))
+    np.testing.assert_allclose(predicted, [time])
 
 
 def calv_step_by_step(x, velocity, acceleration, limit, step=1e-5):
@@ -159,20 +159,20 @@ def test_an_acceleration_next_to_nothing_is_constant_velocity(acceleration):
 
 def test_calibration_takes_medians():
     last = last_of([(623.0, 1000.0, 0.0)] * 3)
-    seen = arrivals([0.60, 0.62, 0.70])
-    assert IV().calibrated(last, seen, TARGET).velocity_mm_s == pytest.approx(150 / 0.12)
-    assert CVBC().calibrated(last, seen, TARGET).bias_s == pytest.approx(-0.03)
+    arrived = arrivals([0.60, 0.62, 0.70])
+    assert IV().calibrated(last, arrived, TARGET).velocity_mm_s == pytest.approx(150 / 0.12)
+    assert CVBC().calibrated(last, arrived, TARGET).bias_s == pytest.approx(-0.03)
     optimal = 2 * (150 - 1000 * 0.12) / 0.12**2
-    assert IA().calibrated(last, seen, TARGET).acceleration_mm_s2 == pytest.approx(optimal)
+    assert IA().calibrated(last, arrived, TARGET).acceleration_mm_s2 == pytest.approx(optimal)
 
 
 @given(st.lists(state, min_size=1, max_size=6), st.floats(0.05, 0.5))
 def test_identical_acceleration_predicts_its_median_particle_exactly(rows, duration):
     last = last_of(rows[:1])
     assume(2 * (TARGET - rows[0][0]) / duration > rows[0][1])  # still moving on at the target
-    seen = arrivals([0.5 + duration])
-    fitted = IA().calibrated(last, seen, TARGET)
-    np.testing.assert_allclose(fitted(last, TARGET), seen["time_s"], rtol=1e-9)
+    arrived = arrivals([0.5 + duration])
+    fitted = IA().calibrated(last, arrived, TARGET)
+    np.testing.assert_allclose(fitted(last, TARGET), arrived["time_s"], rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", [IV(), CVBC(), IA()], ids=lambda model: model.name)
@@ -287,9 +287,11 @@ def test_each_model_in_plain_code(particle, time):
 
 
 @given(motion, st.floats(0.0, 0.3), st.floats(0.0, 0.3))
-def test_without_sign_changes_nothing_turns_back(particle, one, two):
+def test_without_sign_changes_nothing_turns_back(particle, first_s, second_s):
     _, v, _ = particle
-    early, late = (CADSC()(lateral_of([particle]), np.array([t]))[0] for t in sorted([one, two]))
+    early, late = (
+        CADSC()(lateral_of([particle]), np.array([t]))[0] for t in sorted([first_s, second_s])
+    )
     if v > 0:
         assert late >= early - 1e-9
     if v < 0:
@@ -326,15 +328,15 @@ def test_without_a_time_there_is_no_place():
 FIRST = (1, 0.5, 623.0, 90.0, 1400.0, 20.0, 300.0, -50.0)
 SECOND = (2, 0.6, 620.0, 80.0, 1450.0, -9.0, 0.0, 1.0)
 LAST = pd.DataFrame([FIRST, SECOND], columns=BELT_LAST.names)
-SEEN = pd.DataFrame([(1, 0.605, 92.0, 15.0), (2, 0.71, 79.0, -8.0)], columns=BELT_ARRIVAL.names)
+ARRIVED = pd.DataFrame([(1, 0.605, 92.0, 15.0), (2, 0.71, 79.0, -8.0)], columns=BELT_ARRIVAL.names)
 
 
 def test_columns_are_those_of_the_tables_and_not_checked_again():
-    last, seen = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL)
+    last, arrived = checked(LAST, BELT_LAST), checked(ARRIVED, BELT_ARRIVAL)
     assert list(last) == BELT_LAST.names
-    assert list(seen) == BELT_ARRIVAL.names
+    assert list(arrived) == BELT_ARRIVAL.names
     assert checked(last, BELT_LAST) is last
-    assert checked(seen, BELT_ARRIVAL) is seen
+    assert checked(arrived, BELT_ARRIVAL) is arrived
     assert select(last, np.array([False, True]))["particle"].tolist() == [2]
     assert [len(column) for column in checked(BELT_LAST.empty(), BELT_LAST).values()] == [0] * 8
 
@@ -346,15 +348,19 @@ def test_a_table_without_a_column_is_refused():
 
 @pytest.mark.parametrize("model", belt.ARRIVAL_MODELS, ids=lambda model: model.name)
 def test_arrival_models_say_the_same_of_tables_and_columns(model):
-    last, seen = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL)
-    assert model.calibrated(last, seen, 773.0) == model.calibrated(LAST, SEEN, 773.0)
-    fitted = model.calibrated(LAST, SEEN, 773.0)
+    last, arrived = checked(LAST, BELT_LAST), checked(ARRIVED, BELT_ARRIVAL)
+    assert model.calibrated(last, arrived, 773.0) == model.calibrated(LAST, ARRIVED, 773.0)
+    fitted = model.calibrated(LAST, ARRIVED, 773.0)
     assert fitted(last, 773.0).tolist() == fitted(LAST, 773.0).tolist()
 
 
 @pytest.mark.parametrize("model", belt.LATERAL_MODELS, ids=lambda model: model.name)
 def test_lateral_models_say_the_same_of_tables_and_columns(model):
-    last, seen, left = checked(LAST, BELT_LAST), checked(SEEN, BELT_ARRIVAL), np.array([0.1, 0.11])
-    assert model.calibrated(last, seen) == model.calibrated(LAST, SEEN)
-    fitted = model.calibrated(LAST, SEEN)
+    last, arrived, left = (
+        checked(LAST, BELT_LAST),
+        checked(ARRIVED, BELT_ARRIVAL),
+        np.array([0.1, 0.11]),
+    )
+    assert model.calibrated(last, arrived) == model.calibrated(LAST, ARRIVED)
+    fitted = model.calibrated(LAST, ARRIVED)
     assert fitted(last, left).tolist() == fitted(LAST, left).tolist()

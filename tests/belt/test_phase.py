@@ -14,8 +14,8 @@ PHASE = PredictionPhase()
 def observe_in_plain_code(tracks, phase):
     """What Figs 2 and 5 describe, one particle and one row at a time."""
     rows, reasons = [], {"gap": 0, "short": 0, "missed": 0}
-    for particle, one in tracks.sort_values("frame").groupby("particle"):
-        points = list(one[["frame", "time_s", "x", "y"]].itertuples(index=False))
+    for particle, track in tracks.sort_values("frame").groupby("particle"):
+        points = list(track[["frame", "time_s", "x", "y"]].itertuples(index=False))
         if points[-1].frame - points[0].frame + 1 != len(points):
             reasons["gap"] += 1
             continue
@@ -57,14 +57,14 @@ def test_the_fast_version_is_the_definition(tracks):
     last, arrival, left_out = PHASE.observe(tracks)
     assert list(left_out.values()) == list(reasons.values())
     assert last["particle"].tolist() == arrival["particle"].tolist() == [row[0] for row in rows]
-    found = np.column_stack(
+    observed = np.column_stack(
         [
             last[["time_s", "velocity_x_mm_s", "acceleration_x_mm_s2"]],
             arrival[["time_s", "y"]],
         ]
     )
     expected = np.array([row[1:] for row in rows]).reshape(-1, 5)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-4)
 
 
 def test_constant_acceleration_is_recovered_exactly(constant_acceleration):

@@ -26,17 +26,17 @@ def one_track(x=500.0, y=90.0, frames=3, step=5):
 
 
 def test_a_level_camera_has_the_scale_of_the_paper():
-    seen = LEVEL.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
-    np.testing.assert_allclose(seen[1] - seen[0], [0.0, 400 / 0.44])
-    np.testing.assert_allclose(seen[3] - seen[0], [180 / 0.44, 0.0])
-    np.testing.assert_allclose(seen.mean(axis=0), [353.5, 531.5])
+    corners = LEVEL.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
+    np.testing.assert_allclose(corners[1] - corners[0], [0.0, 400 / 0.44])
+    np.testing.assert_allclose(corners[3] - corners[0], [180 / 0.44, 0.0])
+    np.testing.assert_allclose(corners.mean(axis=0), [353.5, 531.5])
 
 
 def test_the_whole_belt_is_in_view_whatever_the_mounting():
     for turn, tilt in [(0.3, 0.3), (-1.0, 1.0)]:
         view = CameraView(turned_deg=turn, tilted_deg=tilt)
-        seen = view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
-        assert ((seen > 10) & (seen < [698, 1054])).all()
+        corners = view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
+        assert ((corners > 10) & (corners < [698, 1054])).all()
         middle = view.pixels(np.array([[588.0, 90.0, 0.0]]))
         np.testing.assert_allclose(middle, [[353.5, 531.5]], atol=1e-9)
 
@@ -142,18 +142,18 @@ def test_the_background_is_the_mean():
 
 
 def test_centroids_of_discs_are_their_centres():
-    found = Spots()(with_discs((30, 40), (80, 100)), EMPTY)
-    np.testing.assert_allclose(found[:, :2], [[30, 40], [80, 100]])
-    assert (found[:, 2] == found[0, 2]).all()
+    measured = Spots()(with_discs((30, 40), (80, 100)), EMPTY)
+    np.testing.assert_allclose(measured[:, :2], [[30, 40], [80, 100]])
+    assert (measured[:, 2] == measured[0, 2]).all()
 
 
 def test_particles_that_touch_are_one_spot_and_marked():
     apart, touching = with_discs((30, 40), (80, 100)), with_discs((30, 40), (38, 46), (80, 100))
     spots = Spots().calibrated([apart], EMPTY)
     assert spots(apart, EMPTY)[:, 3].tolist() == [0, 0]
-    found = spots(touching, EMPTY)
-    assert found[:, 3].tolist() == [1, 0]
-    np.testing.assert_allclose(found[0, :2], [34, 43], atol=0.1)  # their common centroid
+    measured = spots(touching, EMPTY)
+    assert measured[:, 3].tolist() == [1, 0]
+    np.testing.assert_allclose(measured[0, :2], [34, 43], atol=0.1)  # their common centroid
     assert Spots()(touching, EMPTY)[:, 3].tolist() == [0, 0]  # not calibrated: marks none
 
 
@@ -169,8 +169,8 @@ def test_an_empty_belt_has_no_spots():
 
 def test_a_particle_that_rests_in_all_pictures_is_background():
     still = [with_discs((30, 40), (80, 20 + 30 * k)) for k in range(4)]
-    found = measure_spots(still, average(still), Spots(), HALF)
-    assert not ((found["row"] - 30).abs() < 3).any()
+    measured = measure_spots(still, average(still), Spots(), HALF)
+    assert not ((measured["row"] - 30).abs() < 3).any()
 
 
 @pytest.mark.parametrize(
@@ -180,11 +180,11 @@ def test_a_particle_that_rests_for_a_while_is_found_or_leaves_a_ghost(share, lyi
     """The contrast is 140, the threshold 40 grey values."""
     rests = round(20 * share)
     pictures = [with_discs((30, 40))] * rests + [EMPTY] * (20 - rests)
-    found = measure_spots(pictures, average(pictures), Spots(), HALF)
+    measured = measure_spots(pictures, average(pictures), Spots(), HALF)
     before = list(range(rests)) if lying else []
     after = list(range(rests, 20)) if ghost else []
-    assert found["frame"].tolist() == before + after
-    np.testing.assert_allclose(found[["row", "col"]], [[30, 40]] * len(found), atol=0.1)
+    assert measured["frame"].tolist() == before + after
+    np.testing.assert_allclose(measured[["row", "col"]], [[30, 40]] * len(measured), atol=0.1)
 
 
 @settings(max_examples=30, deadline=None)
@@ -198,9 +198,9 @@ def test_spots_are_those_of_scipy(seed):
     area = ndimage.sum_labels(labels > 0, labels, index)
     centres = np.array(ndimage.center_of_mass(labels > 0, labels, index)).reshape(-1, 2)
     expected = np.column_stack([centres, area])[area >= 12]
-    found = Spots()(picture, EMPTY)[:, :3]
-    order, other = np.lexsort(found.T), np.lexsort(expected.T)
-    np.testing.assert_allclose(found[order], expected[other])
+    measured = Spots()(picture, EMPTY)[:, :3]
+    order, other = np.lexsort(measured.T), np.lexsort(expected.T)
+    np.testing.assert_allclose(measured[order], expected[other])
 
 
 def test_places_are_millimetres_and_outside_is_left_out():

@@ -140,7 +140,7 @@ def write(path, text):
 
 def test_positions_and_the_tracks_of_the_authors(folder):
     files = find_recordings()
-    assert {name: [one.name for one in some] for name, some in files.items()} == {
+    assert {name: [path.name for path in paths] for name, paths in files.items()} == {
         "spheres": ["001.csv.gz"]
     }
     table = read_recording(files["spheres"][0])
@@ -181,8 +181,8 @@ def test_links_leave_out_what_is_in_no_track(folder):
 
 
 def test_joined_recordings_share_neither_frames_nor_tracks(folder):
-    one = read_recording(find_recordings()["spheres"][0])
-    both = join_recordings([one, one])
+    recording = read_recording(find_recordings()["spheres"][0])
+    both = join_recordings([recording, recording])
     assert both["author_track"].tolist() == [0, -1, 0, 1, -1, 1]
     assert both["frame"].iloc[3] - both["frame"].iloc[2] == 100
     assert len(links(both, "author_track")) == 2
@@ -264,9 +264,9 @@ def test_the_belt_tracker_finds_the_links_of_the_authors(material):
     table = read_recording(sorted((REAL / material).glob("*[0-9].csv.gz"))[0])
     area = Appearance(Area(0, 1700, 2250), arrivals=0.5, entry_mm=85.0, entry_blur_mm=10.0)
     tracker = BeltTracker(ConstantVelocity((85.0, 0.0), 8.0, 1.0, 1.0), area, frame_s=1.0)
-    seen = tracker(table).states.query("row >= 0")
+    states = tracker(table).states.query("row >= 0")
     ours = np.full(len(table), -1)
-    ours[seen["row"]] = seen["particle"]
+    ours[states["row"]] = states["particle"]
     authors = links(table, "author_track")
     linked = links(table.assign(ours=ours), "ours")
     shared = len(authors.intersection(linked))

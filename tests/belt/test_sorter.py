@@ -20,19 +20,19 @@ pytest.importorskip("mujoco")
 
 def test_the_same_seed_gives_the_same_bytes_in_one_process_or_two(monkeypatch, tmp_path):
     monkeypatch.setattr(sorter, "BATCH", 12)
-    made = []
+    runs = []
     for jobs in (1, 2):
         monkeypatch.setenv("KILNFLIGHT_DERIVED", str(tmp_path / str(jobs)))
-        made.append(sorter.tracks("spheres", 24, seed=3, jobs=jobs))
-    pd.testing.assert_frame_equal(made[0], made[1], check_exact=True)
+        runs.append(sorter.simulate_tracks("spheres", 24, seed=3, jobs=jobs))
+    pd.testing.assert_frame_equal(runs[0], runs[1], check_exact=True)
     assert len(list(tmp_path.rglob("belt-*.parquet"))) == 4
-    assert not made[0]["x"].equals(sorter.tracks("spheres", 24, seed=4)["x"])
+    assert not runs[0]["x"].equals(sorter.simulate_tracks("spheres", 24, seed=4)["x"])
 
 
 def test_kept_batches_are_not_made_again(monkeypatch):
-    first = sorter.tracks("cuboids", 8)
+    first = sorter.simulate_tracks("cuboids", 8)
     monkeypatch.setattr(Sorter, "__call__", None)
-    pd.testing.assert_frame_equal(first, sorter.tracks("cuboids", 8))
+    pd.testing.assert_frame_equal(first, sorter.simulate_tracks("cuboids", 8))
 
 
 @pytest.mark.parametrize("material", BULKS)
@@ -49,30 +49,30 @@ def test_nothing_is_lost_and_nothing_leaves_sideways(material):
 
 def test_batches_follow_each_other_and_none_is_empty(monkeypatch):
     monkeypatch.setattr(sorter, "BATCH", 5)
-    tracks = sorter.tracks("spheres", 12)
+    tracks = sorter.simulate_tracks("spheres", 12)
     assert tracks["particle"].unique().tolist() == list(range(12))
     spans = tracks.groupby(tracks["particle"] // 5)["frame"].agg(["min", "max"])
     assert (spans["min"].to_numpy()[1:] > spans["max"].to_numpy()[:-1]).all()
 
 
 def test_no_particle_is_an_empty_table():
-    tracks = sorter.tracks("spheres", 0)
+    tracks = sorter.simulate_tracks("spheres", 0)
     assert tracks.empty
     assert tracks.columns.tolist() == BELT_BODIES.names
 
 
 def test_unknown_material_and_a_negative_count_are_told():
     with pytest.raises(InputError, match="there are spheres, cuboids, cylinders"):
-        sorter.tracks("peppercorns")
+        sorter.simulate_tracks("peppercorns")
     with pytest.raises(InputError, match="count"):
-        sorter.tracks("spheres", -1)
+        sorter.simulate_tracks("spheres", -1)
 
 
 def test_without_mujoco_nothing_is_simulated(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     assert not is_installed()
     with pytest.raises(InputError, match="MuJoCo, which is not installed"):
-        sorter.tracks("spheres", 5)
+        sorter.simulate_tracks("spheres", 5)
 
 
 def test_a_step_too_long_for_the_contacts_is_told():
@@ -90,9 +90,9 @@ def test_the_untouched_values_are_the_defaults():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda one: one["inputs"].update(drop_mm=1.0), "damaged"),
-        (lambda one: one.update(targets_sha256="0", sha256=None), "other targets"),
-        (lambda one: one["inputs"].update(strange=1.0), "other inputs"),
+        (lambda record: record["inputs"].update(drop_mm=1.0), "damaged"),
+        (lambda record: record.update(targets_sha256="0", sha256=None), "other targets"),
+        (lambda record: record["inputs"].update(strange=1.0), "other inputs"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused(tmp_path, change, message):

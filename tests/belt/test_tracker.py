@@ -52,10 +52,10 @@ def crowd(seed, count=60):
 
 def owners(table, followed):
     """Return the track of each row; -1: none."""
-    seen = followed.states[followed.states["row"] >= 0]
-    found = np.full(len(table), -1)
-    found[seen["row"]] = seen["particle"]
-    return found
+    states = followed.states[followed.states["row"] >= 0]
+    track = np.full(len(table), -1)
+    track[states["row"]] = states["particle"]
+    return track
 
 
 def reasons(followed):
@@ -91,10 +91,10 @@ def test_outside_by_the_normal_distribution(x, y, along, across):
 def scene(seed, tracks, detections):
     rng = np.random.default_rng(seed)
     predicted = rng.uniform([400, 40], [440, 60], (tracks, 2))
-    seen = rng.uniform([400, 40], [440, 60], (detections, 2))
+    measured = rng.uniform([400, 40], [440, 60], (detections, 2))
     spread = rng.normal(0, 3, (tracks, 2, 2))
     residual = spread @ spread.transpose(0, 2, 1) + np.eye(2)
-    return predicted, residual, seen, Gate()(Predicted(predicted, residual), Detected(seen))
+    return predicted, residual, measured, Gate()(Predicted(predicted, residual), Detected(measured))
 
 
 @settings(deadline=None)
@@ -115,10 +115,10 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
 
 
 def test_costs_are_minus_log_likelihoods():
-    predicted, residual, seen, pairs = scene(3, 4, 5)
+    predicted, residual, measured, pairs = scene(3, 4, 5)
     costs = pair_costs(pairs, 0.1)
     for i, j in np.argwhere(np.isfinite(costs)):
-        density = multivariate_normal(predicted[i], residual[i]).pdf(seen[j])
+        density = multivariate_normal(predicted[i], residual[i]).pdf(measured[j])
         assert costs[i, j] == pytest.approx(-np.log(0.9 * density))
     assert np.isfinite(costs).any()
 
@@ -140,18 +140,20 @@ def test_one_particle_is_one_track_with_its_velocity(tracker):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_crowd_is_followed_as_it_is(tracker, seed):
     table = crowd(seed)
-    found = owners(table, tracker(table))
+    track_of_row = owners(table, tracker(table))
     inside = TRACKED.contains(table[["x", "y"]].to_numpy())
-    assert (found[inside] >= 0).all()
-    pairs = pd.DataFrame({"truth": table["particle"], "track": found})[inside].drop_duplicates()
+    assert (track_of_row[inside] >= 0).all()
+    pairs = pd.DataFrame({"truth": table["particle"], "track": track_of_row})[
+        inside
+    ].drop_duplicates()
     assert len(pairs) <= 60 + 2
 
 
 def test_the_order_of_rows_does_not_matter():
     table = crowd(0)
     mixed = table.sample(frac=1.0, random_state=1)
-    one, other = owners(table, BeltTracker()(table)), owners(mixed, BeltTracker()(mixed))
-    np.testing.assert_array_equal(one[mixed.index], other)
+    ordered, shuffled = owners(table, BeltTracker()(table)), owners(mixed, BeltTracker()(mixed))
+    np.testing.assert_array_equal(ordered[mixed.index], shuffled)
 
 
 def test_a_gap_of_a_few_frames_is_bridged():

@@ -55,9 +55,9 @@ def arrived(time=0.6, y=92.0, particle=0):
 def test_a_track_is_matched_with_the_particle_beside_it():
     truth = pd.concat([path(7, 400, 90), path(8, 400, 95), path(9, 400, 91, range(3))])
     tracks = pd.concat([path(0, 400.5, 94), path(1, 400, 90.4), path(2, 400, 90, range(9))])
-    found = belt_2016.match(tracks, truth)
-    assert found[["particle", "truth"]].to_numpy().tolist() == [[0, 8], [1, 7]]
-    np.testing.assert_allclose(found["rms_mm"], [np.hypot(0.5, 1.0), 0.4])
+    pairs = belt_2016.match(tracks, truth)
+    assert pairs[["particle", "truth"]].to_numpy().tolist() == [[0, 8], [1, 7]]
+    np.testing.assert_allclose(pairs["rms_mm"], [np.hypot(0.5, 1.0), 0.4])
 
 
 @settings(max_examples=30, deadline=None)
@@ -70,8 +70,8 @@ def test_matching_is_the_least_norm(seed):
     for row in belt_2016.match(tracks, truth).itertuples():
         places = tracks.loc[tracks["particle"] == row.particle, ["x", "y"]].to_numpy()
         norms = [
-            np.linalg.norm(np.linalg.norm(one[["x", "y"]].to_numpy() - places, axis=1))
-            for _, one in truth.groupby("particle")
+            np.linalg.norm(np.linalg.norm(particle_rows[["x", "y"]].to_numpy() - places, axis=1))
+            for _, particle_rows in truth.groupby("particle")
         ]
         assert row.truth == int(np.argmin(norms))
         assert row.rms_mm == pytest.approx(min(norms) / np.sqrt(5))
@@ -153,10 +153,10 @@ def test_the_authors_rate_gives_the_same_without_a_tracker(bodies):
 
 def test_the_order_of_rows_does_not_matter(bodies):
     mixed = bodies.sample(frac=1.0, random_state=2)
-    one, other = belt_2016.noise_free(bodies), belt_2016.noise_free(mixed)
+    ordered, shuffled = belt_2016.noise_free(bodies), belt_2016.noise_free(mixed)
     keys = ["approach", "particle"]
     pd.testing.assert_frame_equal(
-        one.sort_values(keys, ignore_index=True), other.sort_values(keys, ignore_index=True)
+        ordered.sort_values(keys, ignore_index=True), shuffled.sort_values(keys, ignore_index=True)
     )
 
 
@@ -194,12 +194,12 @@ def test_observing_with_a_filter_keeps_what_was_measured(bodies):
         belt_2016.rate_1000(),
         appearance=replace(belt_2016.rate_1000().appearance, area=Area()),
     )
-    seen = observe(tracker(bodies), bodies, phase, 0.001)
+    observed = observe(tracker(bodies), bodies, phase, 0.001)
     plain = phase.observe(bodies[BELT_TRACKS.names])
     np.testing.assert_allclose(
-        np.sort(seen.arrival["time_s"]), np.sort(plain.arrival["time_s"]), atol=1e-6
+        np.sort(observed.arrival["time_s"]), np.sort(plain.arrival["time_s"]), atol=1e-6
     )
-    assert seen.last["velocity_x_mm_s"].between(1100, 1300).all()
+    assert observed.last["velocity_x_mm_s"].between(1100, 1300).all()
 
 
 def test_an_empty_belt_gives_empty_tables():
@@ -278,11 +278,11 @@ def test_errors_of_places_are_those_of_single_spots():
     """Spots 0.3 mm too far along and 0.1 mm across, give or take 0.4 mm; the marked one is off."""
     off = np.array([0.4, -0.4, 50.0, 0.4, -0.4])
     known = SPOTS.assign(x=SPOTS["x"] - 0.3 - off, y=SPOTS["y"] - 0.1).drop(columns="touching")
-    found = place_errors(SPOTS, known.sample(frac=1.0, random_state=1))
-    assert found["bias_along_mm"] == pytest.approx(0.3)
-    assert found["rms_along_mm"] == pytest.approx(0.5)  # root of 0.3^2 + 0.4^2
-    assert found["bias_across_mm"] == pytest.approx(0.1)
-    assert found["rms_across_mm"] == pytest.approx(0.1)
+    errors = place_errors(SPOTS, known.sample(frac=1.0, random_state=1))
+    assert errors["bias_along_mm"] == pytest.approx(0.3)
+    assert errors["rms_along_mm"] == pytest.approx(0.5)  # root of 0.3^2 + 0.4^2
+    assert errors["bias_across_mm"] == pytest.approx(0.1)
+    assert errors["rms_across_mm"] == pytest.approx(0.1)
     less = place_errors(SPOTS, known[known["frame"] < 2])  # frame 2 has no truth
     assert less["bias_along_mm"] == pytest.approx(0.3 + 0.4 / 3)
 
@@ -295,7 +295,7 @@ def test_without_spots_there_is_no_error_to_tell():
 
 
 def verdicts(answers):
-    return {claim: claims.judge(claim, one).verdict for claim, one in answers.items()}
+    return {claim: claims.judge(claim, answer).verdict for claim, answer in answers.items()}
 
 
 def tracked(spreads, late=1.0):
@@ -324,17 +324,17 @@ AS_IN_2016 = {
 
 
 def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_none():
-    said = tracking_answers(tracked(AS_IN_2016))
-    assert list(said) == [f"belt16-{k}" for k in range(1, 6)]
-    assert set(verdicts(said).values()) == {claims.REPRODUCED}
+    answers = tracking_answers(tracked(AS_IN_2016))
+    assert list(answers) == [f"belt16-{k}" for k in range(1, 6)]
+    assert set(verdicts(answers).values()) == {claims.REPRODUCED}
     opposite = {key: 2.1 / value for key, value in AS_IN_2016.items()}
-    said = verdicts(tracking_answers(tracked(opposite, late=-1.0)))
-    assert set(said.values()) == {claims.NOT_REPRODUCED}
+    opposite_verdicts = verdicts(tracking_answers(tracked(opposite, late=-1.0)))
+    assert set(opposite_verdicts.values()) == {claims.NOT_REPRODUCED}
 
 
 def test_what_a_source_has_no_data_for_is_not_answered():
-    some = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
-    assert list(tracking_answers(tracked(some))) == ["belt16-1", "belt16-4"]
+    kept = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
+    assert list(tracking_answers(tracked(kept))) == ["belt16-1", "belt16-4"]
 
 
 def test_criteria_by_material_of_a_world_as_published():
@@ -365,11 +365,11 @@ def test_agreement_with_what_was_fitted_is_no_verdict():
     )
     boxes = belt_2016.summaries(table)
     free = belt_2016.judge_spheres(table, boxes, "40 spheres", fitted=False)
-    assert {one.verdict for one in free} == {claims.REPRODUCED}
+    assert {verdict.verdict for verdict in free} == {claims.REPRODUCED}
     assert "cuboids" in free[3].reason
     fitted = belt_2016.judge_spheres(table, boxes, "40 spheres", fitted=True)
-    open_ones = [one.id for one in fitted if one.verdict == claims.NOT_DECIDABLE]
-    assert open_ones == ["belt16-2", "belt16-4"]
+    undecidable = [verdict.id for verdict in fitted if verdict.verdict == claims.NOT_DECIDABLE]
+    assert undecidable == ["belt16-2", "belt16-4"]
 
 
 def test_sources_are_ours_at_both_rates_and_the_authors(bodies):
@@ -379,8 +379,8 @@ def test_sources_are_ours_at_both_rates_and_the_authors(bodies):
     assert [source for source, _ in sources] == [
         "own simulation, 1000 Hz", "own simulation, 100 Hz", "authors' DEM, 100 Hz"
     ]  # fmt: skip
-    ours, theirs = list(sources.values())[1:]
-    assert theirs["lateral_mm"].to_numpy() == pytest.approx(ours["lateral_mm"].to_numpy())
+    own, authors = list(sources.values())[1:]
+    assert authors["lateral_mm"].to_numpy() == pytest.approx(own["lateral_mm"].to_numpy())
 
 
 def test_the_matrix_of_a_frame_and_what_is_known_of_pictures(bodies):

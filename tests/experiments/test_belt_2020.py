@@ -20,7 +20,7 @@ from kilnflight.project import claims
 def small(monkeypatch):
     """The friction model, as without MuJoCo."""
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    few = {name: replace(one, particles=200) for name, one in belt_2020.MATERIALS.items()}
+    few = {name: replace(belt, particles=200) for name, belt in belt_2020.MATERIALS.items()}
     monkeypatch.setattr(belt_2020, "MATERIALS", few)
     return belt_2020.load_tracks({}, seed=1)
 
@@ -33,16 +33,16 @@ def test_without_files_there_is_our_simulation_only(small):
 
 
 def test_every_particle_is_evaluated_or_has_a_reason(small):
-    observed = {key: PredictionPhase().observe(one) for key, one in small.items()}
+    observed = {key: PredictionPhase().observe(bodies) for key, bodies in small.items()}
     counts = belt_2020.count_particles(small, observed)
     assert (counts["particles"] == counts.iloc[:, 3:].sum(axis=1)).all()
 
 
 def test_comparison_has_a_row_per_data_set_draw_and_model(small):
     phase = PredictionPhase()
-    observed = {key: phase.observe(one) for key, one in small.items()}
+    observed = {key: phase.observe(bodies) for key, bodies in small.items()}
     evaluation = Evaluation(draws=2, share=0.05)
-    table = belt_2020.compare(observed, phase, evaluation, arrival_deviations, 1)
+    table = belt_2020.compare_models(observed, phase, evaluation, arrival_deviations, 1)
     assert len(table) == 3 * 2 * 6
     assert table.columns[:4].tolist() == ["source", "data_set", "draw", "model"]
 
@@ -53,8 +53,8 @@ def test_other_targets_keep_the_length_of_the_phase(small):
     assert table["target_mm"].unique().tolist() == [763.0, 773.0]
     assert len(table) == 2 * 3 * 6
     phase = PredictionPhase()
-    observed = {key: phase.observe(one) for key, one in small.items()}
-    same = belt_2020.compare(observed, phase, evaluation, arrival_deviations, 1)
+    observed = {key: phase.observe(bodies) for key, bodies in small.items()}
+    same = belt_2020.compare_models(observed, phase, evaluation, arrival_deviations, 1)
     at_773 = table.loc[table["target_mm"] == 773.0, "mae"].to_numpy()
     assert at_773 == pytest.approx(same["mae"].to_numpy())
 
@@ -64,7 +64,7 @@ def test_published_particles_are_left_out_with_the_known_reasons(authors_data, m
 
     monkeypatch.setitem(sys.modules, "mujoco", None)
     tracks = belt_2020.load_tracks(find_dem(), seed=1)
-    observed = {key: PredictionPhase().observe(one) for key, one in tracks.items()}
+    observed = {key: PredictionPhase().observe(bodies) for key, bodies in tracks.items()}
     counts = belt_2020.count_particles(tracks, observed).set_index(["source", "data_set"])
     never = counts.loc[belt_2020.AUTHORS, "never on the belt"]
     missed = counts.loc[belt_2020.AUTHORS, "target never reached"]
@@ -75,7 +75,7 @@ def test_published_particles_are_left_out_with_the_known_reasons(authors_data, m
 def test_with_mujoco_our_simulation_has_contacts_and_1000_hz():
     pytest.importorskip("mujoco")
     tracks = belt_2020.load_tracks({}, seed=1, count=4)
-    assert [one["particle"].nunique() for one in tracks.values()] == [4, 4, 4]
+    assert [bodies["particle"].nunique() for bodies in tracks.values()] == [4, 4, 4]
     step = tracks[belt_2020.OWN, "spheres"].groupby("particle")["time_s"].diff().dropna()
     assert step.to_numpy() == pytest.approx(0.001)
     assert "MuJoCo" in belt_2020.describe_own()
@@ -91,16 +91,18 @@ def test_variants_are_at_100_hz_and_before_the_fit_there_are_spheres_only():
     tracks = belt_sorter.variants(2, 1)
     assert ("inputs only", "spheres") in tracks
     assert ("inputs only", "cuboids") not in tracks
-    for one in tracks.values():
-        assert one.groupby("particle")["time_s"].diff().dropna().to_numpy() == pytest.approx(0.01)
+    for bodies in tracks.values():
+        assert bodies.groupby("particle")["time_s"].diff().dropna().to_numpy() == pytest.approx(
+            0.01
+        )
 
 
 def test_thinning_changes_the_rate_and_nothing_else(small):
     evaluation = Evaluation(draws=1, share=0.05)
     table = belt_2020.vary_rate(small, (1, 2), evaluation, arrival_deviations, 1)
     assert table["sampling_hz"].unique().tolist() == [100.0, 50.0]
-    observed = {key: belt_2020.AT_EDGE.observe(one) for key, one in small.items()}
-    same = belt_2020.compare(observed, belt_2020.AT_EDGE, evaluation, arrival_deviations, 1)
+    observed = {key: belt_2020.AT_EDGE.observe(bodies) for key, bodies in small.items()}
+    same = belt_2020.compare_models(observed, belt_2020.AT_EDGE, evaluation, arrival_deviations, 1)
     assert table.loc[table["sampling_hz"] == 100.0, "mae"].to_numpy() == pytest.approx(
         same["mae"].to_numpy()
     )
@@ -113,14 +115,14 @@ def test_the_same_particles_count_at_every_rate():
         pd.DataFrame({"frame": frame + k, "particle": k, "x": 391.0 + frame, "y": 90.0})
         for k in range(120)
     ]
-    table = pd.concat(parts, ignore_index=True).assign(time_s=lambda one: one["frame"] / 1000)
+    table = pd.concat(parts, ignore_index=True).assign(time_s=lambda rows: rows["frame"] / 1000)
     tracks = {(belt_2020.OWN, "spheres"): table}
     evaluation = Evaluation(draws=1, share=0.05)
-    rated = belt_2020.vary_rate(tracks, (1, 20), evaluation, arrival_deviations, 1)
+    by_rate = belt_2020.vary_rate(tracks, (1, 20), evaluation, arrival_deviations, 1)
     slow = belt_2020.AT_EDGE.observe(at_rate(table, 50.0)).last["particle"]
     assert len(belt_2020.AT_EDGE.observe(table).last) == 120
     assert len(slow) == 120 * 12 / 20
-    assert set(rated["n"] + rated["unpredicted"]) == {len(slow) - int(0.05 * len(slow))}
+    assert set(by_rate["n"] + by_rate["unpredicted"]) == {len(slow) - int(0.05 * len(slow))}
 
 
 def test_misfits_are_root_mean_squares_over_the_belt():
@@ -159,36 +161,42 @@ def table(values, columns=("iqr", "mae")):
 
 
 def verdicts(answers):
-    return {claim: claims.judge(claim, one).verdict for claim, one in answers.items()}
+    return {claim: claims.judge(claim, answer).verdict for claim, answer in answers.items()}
 
 
 def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
-    said = table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5})
-    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CA"), ["iqr", "mae"]] = 0.9
-    said.loc[(said["data_set"] == "cuboids") & (said["model"] == "CALV"), ["iqr", "mae"]] = 0.8
-    assert set(verdicts(arrival_answers(said)).values()) == {claims.REPRODUCED}
+    published = table({"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5})
+    published.loc[
+        (published["data_set"] == "cuboids") & (published["model"] == "CA"), ["iqr", "mae"]
+    ] = 0.9
+    published.loc[
+        (published["data_set"] == "cuboids") & (published["model"] == "CALV"), ["iqr", "mae"]
+    ] = 0.8
+    assert set(verdicts(arrival_answers(published)).values()) == {claims.REPRODUCED}
 
 
 def test_the_opposite_reproduces_none():
-    said = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
-    assert set(verdicts(arrival_answers(said)).values()) == {claims.NOT_REPRODUCED}
+    published = table({"IV": 1.0, "CV": 1.0, "CVBC": 2.0, "CA": 1.9, "CALV": 1.0, "IA": 5.0})
+    assert set(verdicts(arrival_answers(published)).values()) == {claims.NOT_REPRODUCED}
 
 
 @pytest.mark.parametrize(("last", "holds"), [(1.4, True), (1.05, False), (1.51, False)])
 def test_speed_must_rise_and_stay_below_the_belt(last, holds):
     means = [1.0, 1.1, last]
-    said = pd.DataFrame({"data_set": "spheres", "x_mm": [1.0, 2.0, 3.0], "mean_m_s": means})
-    answer = speed_answers(said)["belt20-6"]
+    published = pd.DataFrame({"data_set": "spheres", "x_mm": [1.0, 2.0, 3.0], "mean_m_s": means})
+    answer = speed_answers(published)["belt20-6"]
     assert list(answer.values()) == [holds]
 
 
 def test_a_world_as_published_reproduces_every_claim_about_the_position():
     models = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 0.9, "LV-DSC": 0.92, "IA-CV": 1.0}
-    said = table(models | {"IA-CA": 0.95, "IA-Ratio": 0.5})
-    said.loc[(said["data_set"] == "cylinders") & (said["model"] == "IA-Ratio"), "iqr"] = 2.0
-    assert set(verdicts(lateral_answers(said)).values()) == {claims.REPRODUCED}
-    said["iqr"] = 6.0 - said["iqr"]
-    opposite = verdicts(lateral_answers(said))
+    published = table(models | {"IA-CA": 0.95, "IA-Ratio": 0.5})
+    published.loc[
+        (published["data_set"] == "cylinders") & (published["model"] == "IA-Ratio"), "iqr"
+    ] = 2.0
+    assert set(verdicts(lateral_answers(published)).values()) == {claims.REPRODUCED}
+    published["iqr"] = 6.0 - published["iqr"]
+    opposite = verdicts(lateral_answers(published))
     assert opposite["belt20-7"] == opposite["belt20-8"] == claims.NOT_REPRODUCED
 
 
@@ -199,18 +207,18 @@ def test_what_the_rate_changes_is_described_and_by_source_our_rates_stay_apart()
     fast = slow.assign(sampling_hz=1000.0)
     spheres = (fast["data_set"] == "spheres") & (fast["model"] == "IV")
     fast.loc[spheres, "iqr"] = 0.1
-    rated = pd.concat([slow, fast], ignore_index=True)
-    text = belt_2020.describe_changes(rated, arrival_answers)
+    by_rate = pd.concat([slow, fast], ignore_index=True)
+    text = belt_2020.describe_changes(by_rate, arrival_answers)
     assert text.startswith("From 100 to 1000 Hz belt20-1 changes its verdict")
     assert text.endswith("single data sets belt20-1 for spheres")
     assert "One rate only" in belt_2020.describe_changes(slow, arrival_answers)
-    lowest = belt_2020.describe_lowest(rated)
+    lowest = belt_2020.describe_lowest(by_rate)
     assert lowest == (
         "1000 Hz the lowest mean absolute error has: spheres IA, cuboids IA, cylinders IA"
     )
     others = table(models).assign(source=belt_2020.AUTHORS)
     own = others.assign(source=belt_2020.OWN)
-    by_source = belt_2020.verdicts_by_source(pd.concat([others, own]), rated, arrival_answers)
+    by_source = belt_2020.verdicts_by_source(pd.concat([others, own]), by_rate, arrival_answers)
     assert by_source.groupby(["source", "sampling_hz"]).size().to_dict() == {
         (belt_2020.AUTHORS, 100.0): 5,
         (belt_2020.OWN, 100.0): 5,
@@ -219,14 +227,16 @@ def test_what_the_rate_changes_is_described_and_by_source_our_rates_stay_apart()
 
 
 def test_without_a_simulation_of_contacts_shapes_decide_nothing(small):
-    """The friction model assumes how each shape moves: claims that hang on it stay open."""
+    """The friction model assumes how each shape moves: claims that depend on it stay open."""
     study = belt_2020.LATERAL
     evaluation = Evaluation(draws=1, share=0.05)
-    varied, rated = study.vary(small, evaluation, 1)
-    assert varied["target_mm"].unique().tolist() == [733.0, 743.0, 753.0, 763.0, 773.0, 788.0]
-    assert rated["sampling_hz"].unique().tolist() == [100.0]
-    at = varied[varied["target_mm"] == 773.0]
-    verdicts = {one.id: one for one in study.judge(study.answers(at), varied, 100.0)}
+    by_target, by_rate = study.vary(small, evaluation, 1)
+    assert by_target["target_mm"].unique().tolist() == [733.0, 743.0, 753.0, 763.0, 773.0, 788.0]
+    assert by_rate["sampling_hz"].unique().tolist() == [100.0]
+    decisive = by_target[by_target["target_mm"] == 773.0]
+    verdicts = {
+        verdict.id: verdict for verdict in study.judge(study.answers(decisive), by_target, 100.0)
+    }
     assert list(verdicts) == [f"belt20-{k}" for k in range(7, 11)]
     for name in study.shapes:
         assert verdicts[name].verdict == claims.NOT_DECIDABLE

@@ -1,4 +1,4 @@
-"""What contacts change: settings that differ in one value, and what mechanics knows of them."""
+"""What contacts change: settings that differ in one value, and the mechanics of contacts."""
 
 from dataclasses import replace
 
@@ -12,35 +12,35 @@ from kilnflight.belt.bodies import build_model
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor
 from kilnflight.belt.sorter import Sorter
 from kilnflight.checks import InputError
-from kilnflight.experiments import belt_sorter as study
+from kilnflight.experiments import belt_sorter
 
 
 def test_each_setting_differs_in_one_value_only():
-    every = study.settings(Sorter())
-    reference = every[study.REFERENCE]
+    settings = belt_sorter.contact_settings(Sorter())
+    reference = settings[belt_sorter.REFERENCE]
     assert reference.sorter.contacts == Contacts()
-    assert reference.sorter.conveyor.step_s == study.FINE_S
-    assert every[study.USUAL].sorter == Sorter()
-    changed = [one for name, one in every.items() if "as used" not in name]
-    for one in changed:
-        known, now = vars(Contacts()), vars(one.sorter.contacts)
-        different = [name for name in known if known[name] != now[name]]
-        assert len(different) + (one.impedance != study.IMPEDANCE) == 1
-        assert one.sorter.conveyor == reference.sorter.conveyor
-    assert len(changed) == 2 * (4 + 1 + len(study.ASSUMED))
+    assert reference.sorter.conveyor.step_s == belt_sorter.FINE_S
+    assert settings[belt_sorter.USUAL].sorter == Sorter()
+    changed = [setting for name, setting in settings.items() if "as used" not in name]
+    for setting in changed:
+        usual, present = vars(Contacts()), vars(setting.sorter.contacts)
+        different = [name for name in usual if usual[name] != present[name]]
+        assert len(different) + (setting.impedance != belt_sorter.IMPEDANCE) == 1
+        assert setting.sorter.conveyor == reference.sorter.conveyor
+    assert len(changed) == 2 * (4 + 1 + len(belt_sorter.ASSUMED))
 
 
 def test_the_impedance_is_that_of_the_physics():
     model = build_model(BULKS["spheres"], Contacts(), 2, Conveyor())
-    np.testing.assert_array_equal(model.pair_solimp[:, :2], study.IMPEDANCE)
+    np.testing.assert_array_equal(model.pair_solimp[:, :2], belt_sorter.IMPEDANCE)
 
 
 def test_as_used_is_what_the_sorter_does():
-    setting = study.Setting(Sorter())
-    ours = study.simulated(setting, "spheres", 3, seed=4)
+    setting = belt_sorter.Setting(Sorter())
+    ours = belt_sorter.simulate_setting(setting, "spheres", 3, seed=4)
     known = Sorter()(BULKS["spheres"], 3, np.random.default_rng([4, 0]))
     pd.testing.assert_frame_equal(ours, known)
-    others = study.simulated(replace(setting, others=True), "spheres", 3, seed=4)
+    others = belt_sorter.simulate_setting(replace(setting, others=True), "spheres", 3, seed=4)
     assert not others.equals(known)
 
 
@@ -50,7 +50,9 @@ def test_more_damping_means_less_restitution():
     for damping in (0.25, 0.5, 0.9):
         contacts = replace(Contacts(), body_damping=damping, body_time_s=0.0024)
         conveyor = Conveyor(step_s=0.00005)
-        least, most = study.restitution(study.Setting(Sorter(contacts, conveyor=conveyor)))
+        least, most = belt_sorter.restitution(
+            belt_sorter.Setting(Sorter(contacts, conveyor=conveyor))
+        )
         assert np.exp(-np.pi * damping / np.sqrt(1 - damping**2)) < least <= most < 1
         assert most - least < 0.02
         shares.append(most)
@@ -58,22 +60,22 @@ def test_more_damping_means_less_restitution():
 
 
 def test_the_table_has_a_row_per_setting_and_material():
-    table = study.study(Sorter(), 4, seed=1, materials=("spheres",))
-    assert table["setting"].tolist() == list(study.settings(Sorter()))
+    table = belt_sorter.vary_contacts(Sorter(), 4, seed=1, materials=("spheres",))
+    assert table["setting"].tolist() == list(belt_sorter.contact_settings(Sorter()))
     assert np.isfinite(table.drop(columns=["setting", "data_set"]).to_numpy()).all()
-    away = study.changes(table).set_index("setting")
-    assert study.REFERENCE not in away.index
-    # A wall that nobody touches changes nothing at all.
+    away = belt_sorter.changes(table).set_index("setting")
+    assert belt_sorter.REFERENCE not in away.index
+    # A wall that no particle touches changes nothing at all.
     assert (away.loc["wall_friction 0.2"].drop("data_set") == 0.0).all()
 
 
 def test_what_cannot_be_compared_is_told():
-    with pytest.raises(InputError, match="study: count"):
-        study.study(Sorter(), 1, seed=0)
+    with pytest.raises(InputError, match="vary_contacts: count"):
+        belt_sorter.vary_contacts(Sorter(), 1, seed=0)
     with pytest.raises(InputError, match="no material 'sand'"):
-        study.simulated(study.Setting(Sorter()), "sand", 3, seed=0)
+        belt_sorter.simulate_setting(belt_sorter.Setting(Sorter()), "sand", 3, seed=0)
     with pytest.raises(InputError, match="impedance"):
-        study.Setting(Sorter(), impedance=1.0)
+        belt_sorter.Setting(Sorter(), impedance=1.0)
     stiff = replace(Contacts(), belt_time_s=0.0002)
     with pytest.raises(InputError, match="too long for contacts"):
-        study.Setting(Sorter(contacts=stiff, conveyor=Conveyor(step_s=0.0002)))
+        belt_sorter.Setting(Sorter(contacts=stiff, conveyor=Conveyor(step_s=0.0002)))

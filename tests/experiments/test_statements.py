@@ -26,7 +26,7 @@ def test_every_number_about_flight_and_ignition_is_expressed():
 def test_every_statement_names_an_outcome():
     flights = truth.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
     assert set(statements.statements()["outcome"]) <= set(
-        flight_scores.outcomes(truth.flight_values(flights)).index
+        flight_scores.outcomes(truth.true_flight_values(flights)).index
     )
 
 

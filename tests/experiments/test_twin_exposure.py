@@ -8,7 +8,7 @@ from kilnflight.experiments import twin_exposure as exposure
 from kilnflight.twin.camera import FULL_SCALE
 from kilnflight.twin.fitted import LightInputs, light_inputs
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import fed, ground_truth, small
+from kilnflight.twin.scenes import downscaled, ground_truth, subset_scene
 
 
 def test_the_targets_are_the_published_row():
@@ -35,7 +35,7 @@ def test_the_search_is_deterministic_and_keeps_to_the_limits():
 
 
 def test_the_row_is_what_otsu_detects_and_depends_on_the_light():
-    twin = Twin(small(ground_truth("V3")))
+    twin = Twin(downscaled(ground_truth("V3")))
     fitted = light_inputs()
     row = exposure.otsu_row([twin], fitted)
     assert list(row.columns) == list(exposure.otsu_targets().columns)
@@ -56,7 +56,7 @@ def test_the_frozen_file_fits_the_targets_and_overexposes_flames():
 
 
 def test_other_light_on_the_same_flights_is_the_scene_computed_afresh():
-    scene = small(fed("V3", exposure.FED["V3"], 3))
+    scene = downscaled(subset_scene("V3", exposure.FED["V3"], 3))
     inputs = LightInputs(9000.0, 0.45, 0.6, 0.3, 0.2, 90_000.0, 0.1)
     shared, afresh = exposure.relit(Twin(scene), inputs), Twin(inputs.applied(scene))
     for t in (0, 75):

@@ -20,11 +20,11 @@ def test_the_plate_is_darker_than_the_wall():
 
 
 def test_a_picture_depends_on_time_alone():
-    one = BACK.at(0.37)
+    picture = BACK.at(0.37)
     BACK.at(5.0)
-    np.testing.assert_array_equal(one, BACK.at(0.37))
-    np.testing.assert_array_equal(one, Background(SMALL, Optics(), AROUND, seed=2).at(0.37))
-    assert not np.array_equal(one, Background(SMALL, Optics(), AROUND, seed=3).at(0.37))
+    np.testing.assert_array_equal(picture, BACK.at(0.37))
+    np.testing.assert_array_equal(picture, Background(SMALL, Optics(), AROUND, seed=2).at(0.37))
+    assert not np.array_equal(picture, Background(SMALL, Optics(), AROUND, seed=3).at(0.37))
 
 
 def test_flicker_has_its_strength_and_its_pace():

@@ -100,8 +100,8 @@ def test_captured_depth_is_the_inverse_of_the_equation_at_the_plates():
 
 
 @given(st.floats(500, 12_000), st.floats(500, 12_000))
-def test_captured_depth_keeps_the_order(one, two):
-    near, far = DepthCamera().captured(np.sort([one, two]))
+def test_captured_depth_keeps_the_order(first_mm, second_mm):
+    near, far = DepthCamera().captured(np.sort([first_mm, second_mm]))
     assert near <= far
 
 
@@ -147,9 +147,9 @@ def test_the_scatter_follows_the_words_of_the_text():
 
 
 def test_every_point_is_in_the_picture_and_reproducible():
-    one, two = (see_plate(2000.0, 200, np.random.default_rng(4)) for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-    row, column = Geometry().project(one)
+    points, again = (see_plate(2000.0, 200, np.random.default_rng(4)) for _ in range(2))
+    np.testing.assert_array_equal(points, again)
+    row, column = Geometry().project(points)
     assert ((row >= -0.51) & (row <= 1535.51)).all()
     assert ((column >= -0.51) & (column <= 2047.51)).all()
 

@@ -79,9 +79,9 @@ def test_a_finer_step_changes_medians_little(name):
 
 
 def test_the_same_seed_gives_the_same_flights():
-    one, two = (flown(PAPER_SHREDS, Gas(), seed=5) for _ in range(2))
-    np.testing.assert_array_equal(one.position_m, two.position_m)
-    np.testing.assert_array_equal(one.end_s, two.end_s)
+    first, again = (flown(PAPER_SHREDS, Gas(), seed=5) for _ in range(2))
+    np.testing.assert_array_equal(first.position_m, again.position_m)
+    np.testing.assert_array_equal(first.end_s, again.end_s)
 
 
 def test_a_longer_lance_gives_more_speed_and_never_more_than_the_air():

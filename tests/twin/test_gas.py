@@ -53,9 +53,9 @@ def test_momentum_flux_is_kept_within_the_laws_accuracy():
 
 
 def test_the_cold_jet_sinks_with_the_third_power():
-    one, two = JET.jet_drop(np.array([1.0, 2.0]))
-    assert two / one == pytest.approx(8.0)
-    assert 0.01 < one < 0.04
+    near, far = JET.jet_drop(np.array([1.0, 2.0]))
+    assert far / near == pytest.approx(8.0)
+    assert 0.01 < near < 0.04
 
 
 def test_the_mixture_lies_between_cold_and_hot():

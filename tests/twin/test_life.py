@@ -37,13 +37,13 @@ def test_the_same_seed_gives_the_same_lives_and_fractions_do_not_disturb_each_ot
 def test_a_moment_lies_on_the_flight(life):
     """At a sampled age the position is the sample; between two, the line."""
     for age in (0.0, 0.1, 0.101):
-        who = 45
-        moment = life.at(float(life.release_s[who]) + age + 1e-12)
-        row = int(np.flatnonzero(moment.particle == who)[0])
+        particle = 45
+        moment = life.at(float(life.release_s[particle]) + age + 1e-12)
+        row = int(np.flatnonzero(moment.particle == particle)[0])
         step = life.flights.age_s[1]
         low = int(age / step + 1e-9)
-        one, two = life.flights.position_m[who, low : low + 2].astype(float)
-        expected = one + (age / step - low) * (two - one)
+        before, after = life.flights.position_m[particle, low : low + 2].astype(float)
+        expected = before + (age / step - low) * (after - before)
         np.testing.assert_allclose(moment.position_m[row], expected, atol=1e-5)
         assert not moment.landed[row]
 
@@ -55,27 +55,27 @@ def test_nobody_is_there_before_or_after(life):
 
 def test_what_has_landed_stays_where_it_landed(life):
     landed = life.table["end"] == "landed"
-    who = int(life.table.index[landed & (life.table["flame_s"] > 0.2)][0])
-    time = life.release_s[who] + life.table["end_s"][who] + 0.1
+    particle = int(life.table.index[landed & (life.table["flame_s"] > 0.2)][0])
+    time = life.release_s[particle] + life.table["end_s"][particle] + 0.1
     moment = life.at(time)
-    row = int(np.flatnonzero(moment.particle == who)[0])
+    row = int(np.flatnonzero(moment.particle == particle)[0])
     assert moment.landed[row]
     assert not moment.velocity_m_s[row].any()
     place = KILN[1].to_camera(moment.position_m[row])
-    end = life.table.loc[who, ["end_x_mm", "end_y_mm", "end_z_mm"]].to_numpy(float)
+    end = life.table.loc[particle, ["end_x_mm", "end_y_mm", "end_z_mm"]].to_numpy(float)
     np.testing.assert_allclose(place, end)
 
 
 def test_flames_on_the_wall_flicker(life):
-    who = int(life.table["flame_s"][life.table["end"] == "landed"].idxmax())
-    start = life.release_s[who] + life.table["end_s"][who]
-    seen = []
-    for time in np.arange(start + 1e-6, life.over_s[who], 0.01):
+    particle = int(life.table["flame_s"][life.table["end"] == "landed"].idxmax())
+    start = life.release_s[particle] + life.table["end_s"][particle]
+    burning = []
+    for time in np.arange(start + 1e-6, life.over_s[particle], 0.01):
         moment = life.at(time)
-        seen.append(bool(moment.burning[moment.particle == who][0]))
-    assert not seen[0]  # the flame needs a moment
-    assert any(seen)
-    assert len(set(np.diff(np.array(seen, dtype=int)))) > 1
+        burning.append(bool(moment.burning[moment.particle == particle][0]))
+    assert not burning[0]  # the flame needs a moment
+    assert any(burning)
+    assert len(set(np.diff(np.array(burning, dtype=int)))) > 1
 
 
 def test_an_empty_kiln_is_a_kiln():

@@ -7,12 +7,12 @@ from kilnflight.twin.particles import FRACTIONS, PE_GRANULES, Burst, by_hand, fi
 
 @pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
 def test_particles_keep_the_limits_and_are_reproducible(kind):
-    one, two = (kind.draw(200, np.random.default_rng(4)) for _ in range(2))
-    np.testing.assert_array_equal(one.dry_mass_kg, two.dry_mass_kg)
+    first, again = (kind.draw(200, np.random.default_rng(4)) for _ in range(2))
+    np.testing.assert_array_equal(first.dry_mass_kg, again.dry_mass_kg)
     for name in ("length_m", "thickness_m"):
         low, high = getattr(kind, name)
-        assert ((getattr(one, name) >= low) & (getattr(one, name) <= high)).all()
-    assert (one.surface_m2 >= 2 * one.broadside_m2 * 0.99).all()
+        assert ((getattr(first, name) >= low) & (getattr(first, name) <= high)).all()
+    assert (first.surface_m2 >= 2 * first.broadside_m2 * 0.99).all()
     assert len(kind.draw(0, np.random.default_rng(1))) == 0
 
 

@@ -10,10 +10,10 @@ from kilnflight.twin.picture import Blobs
 
 def blobs(row, column, half, brightness=20_000.0, adds=True, softness=0.05):
     shape = np.diag([float(half[0]) ** 2, float(half[1]) ** 2])[None]
-    one = np.array([float(row)])
+    single = np.array([float(row)])
     return Blobs(
         np.array([0]),
-        one,
+        single,
         np.array([float(column)]),
         shape,
         np.array([brightness]),
@@ -44,8 +44,8 @@ def test_what_lies_outside_the_picture_is_cut_off():
 def test_a_flame_adds_and_a_body_covers():
     for adds, level in ((True, 5000.0 + 3000.0), (False, 3000.0)):
         picture = np.full((192, 256), 5000.0, dtype=np.float32)
-        one = blobs(90, 120, (8, 8), brightness=3000.0, adds=adds)
-        drawing.paint(picture, one, drawing.cover(one, 192, 256), Optics())
+        single = blobs(90, 120, (8, 8), brightness=3000.0, adds=adds)
+        drawing.paint(picture, single, drawing.cover(single, 192, 256), Optics())
         assert picture[90, 120] == pytest.approx(level, rel=1e-3)
         assert picture[0, 0] == 5000.0
 
@@ -62,13 +62,13 @@ def test_a_flame_adds_and_a_body_covers():
 def test_visible_is_what_a_person_would_mark(half, contrast, visible):
     """Contrast over three times the noise (68 at 5000) over at least five pixels."""
     picture = np.full((192, 256), 5000.0, dtype=np.float32)
-    one = blobs(90, 120, half, brightness=contrast)
-    _, seen = drawing.paint(picture, one, drawing.cover(one, 192, 256), Optics())
-    assert seen[0] == visible
+    single = blobs(90, 120, half, brightness=contrast)
+    _, visible_particles = drawing.paint(picture, single, drawing.cover(single, 192, 256), Optics())
+    assert visible_particles[0] == visible
 
 
 def test_nothing_is_visible_before_a_saturated_flame():
     picture = np.full((192, 256), 90_000.0, dtype=np.float32)
-    one = blobs(90, 120, (5, 5))
-    _, seen = drawing.paint(picture, one, drawing.cover(one, 192, 256), Optics())
-    assert not seen[0]
+    single = blobs(90, 120, (5, 5))
+    _, visible_particles = drawing.paint(picture, single, drawing.cover(single, 192, 256), Optics())
+    assert not visible_particles[0]

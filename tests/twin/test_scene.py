@@ -16,16 +16,16 @@ from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
 from kilnflight.twin.scene import RIM, Twin
 
 
-def same(one, two):
+def same(first, second):
     return all(
-        np.array_equal(getattr(one, name), getattr(two, name))
+        np.array_equal(getattr(first, name), getattr(second, name))
         for name in ("gray", "pixels", "xyz", "labels")
     )
 
 
 def test_a_frame_is_what_a_recording_promises(twin):
     frame = twin.frame(20)
-    check_frame(frame, twin.attributes, "here")
+    check_frame(frame, twin.attributes)
     assert frame.gray.dtype == np.uint16
     assert frame.time_s == pytest.approx(20 / 330)
     assert set(np.unique(frame.labels)) <= {0, 1, 2, 3, 4}
@@ -116,14 +116,16 @@ def test_depth_of_a_particle_is_true_on_average(twin):
     """Captured depth, calibrated by the camera's own forward map, against the truth."""
     errors = []
     for t in range(0, 60, 4):
-        frame, seen = twin.frame(t), truth.sightings(twin, t)
+        frame, sightings = twin.frame(t), truth.sightings(twin, t)
         plate = np.arange(500.0, 12_000.0)
         back = np.interp(frame.xyz[:, 2], twin.scene.depth.captured(plate), plate)
-        for one in seen[seen["visible"] & (seen["label"] != 4)].itertuples():
-            near = np.hypot(frame.pixels[:, 0] - one.row, frame.pixels[:, 1] - one.col) < 1.5
-            on = near & (frame.labels[frame.pixels[:, 0], frame.pixels[:, 1]] == one.label)
+        for sighting in sightings[sightings["visible"] & (sightings["label"] != 4)].itertuples():
+            near = (
+                np.hypot(frame.pixels[:, 0] - sighting.row, frame.pixels[:, 1] - sighting.col) < 1.5
+            )
+            on = near & (frame.labels[frame.pixels[:, 0], frame.pixels[:, 1]] == sighting.label)
             if on.any():
-                errors.append(np.median(back[on]) - one.z)
+                errors.append(np.median(back[on]) - sighting.z)
     assert len(errors) > 50
     assert abs(np.median(errors)) < 60.0
     q25, q75 = np.quantile(errors, [0.25, 0.75])

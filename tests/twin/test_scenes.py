@@ -45,14 +45,14 @@ def test_unknown_campaigns_are_told():
 def test_tracking_windows_hold_as_many_as_published(name):
     twin = scenes.Twin(scenes.campaign(name, 4.5))
     window = scenes.tracking_window(twin)
-    wanted, length = scenes.WINDOWS[name]
+    trajectories, length = scenes.WINDOWS[name]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     flying = [
         any(released * rate < t + 1 and (released + lasts) * rate > t for t in window)
         for released, lasts in zip(table["release_s"], table["end_s"], strict=True)
     ]
     assert len(window) == length
-    assert sum(flying) == wanted
+    assert sum(flying) == trajectories
 
 
 def test_a_mixed_recording_has_no_tracking_window():

@@ -1,21 +1,21 @@
-"""Bodies on the belt in MuJoCo: a surface that moves, two walls, particles of one material.
+"""Bodies on the belt in MuJoCo: moving surface, two walls, particles of one material.
 
 Units are millimetre, gram and second. MuJoCo comes with the extra ``sorter``; the rest of the
 package works without it.
 
-A `Batch` has a pool of bodies that wait above the belt. A particle that is fed takes a waiting
-body and gives it back at the edge. In between MuJoCo moves the body by gravity and by contact
-with belt, walls and other particles. Beyond the edge a particle keeps its velocity.
+A `Batch` has a pool of bodies that wait above the belt. A particle that is fed takes a waiting body
+and gives it back at the edge. In between MuJoCo moves the body by gravity and by contact with belt,
+walls and other particles. Beyond the edge a particle keeps its velocity.
 
-MuJoCo's friction model also pushes what slides away from the surface, at about
+MuJoCo's friction model also pushes a sliding body away from the surface, at about
 ``mu slip b_t / b_n``. The rates ``b = 2 / time constant`` damp the motion along the surface (t)
-and along its normal (n). With equal rates a particle of 1000 mm/s would leave the belt of
-1500 mm/s at up to 150 mm/s and hop by some tenths of a millimetre.
+and along its normal (n). With equal rates the belt of 1500 mm/s would push a particle of 1000 mm/s
+off at up to 150 mm/s. It would hop by some tenths of a millimetre.
 
 So friction has a slower time constant of its own here, ``slip_time_s``. MuJoCo allows that for
-explicit pairs of bodies only (`_pairs`). The push is then below 12 mm/s, and what is laid on the
-belt stays within a hundredth of a millimetre. The price: the last ``mu g / b_t`` of slip,
-12 mm/s, fades over ``1 / b_t``, 4 ms.
+explicit pairs of bodies only (`_pairs`). The push is then below 12 mm/s, and a body laid on the
+belt stays within a hundredth of a millimetre. The price: the last ``mu g / b_t`` of slip, 12 mm/s,
+fades over ``1 / b_t``, 4 ms.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ class Batch:
         turn = np.array([np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)])  # about the vertical
         if self.bulk.shape == "cylinder":  # MuJoCo's cylinder stands; lay it along x first
             turn = np.sqrt(0.5) * np.array([turn[0], -turn[3], turn[0], turn[3]])
-        height = self.bulk.rest_mm + 0.2  # mm of air: what starts inside is thrown up
+        height = self.bulk.rest_mm + 0.2  # mm of air: a body inside the belt would be thrown up
         self.pose[body] = [self.first_x[particle], self.fed.y[particle], height, *turn]
         self.velocity[body] = 0.0
         self.velocity[body, :3] = self.fed.velocity_mm_s[particle]

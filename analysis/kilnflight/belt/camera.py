@@ -1,7 +1,7 @@
 """The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
 
-`CameraView` is the camera that makes pictures. Measuring does not use it: the belt's
-four corners are found in a picture (`FindCorners`) and give the mapping (`calibrate_camera`).
+`CameraView` is the camera that makes pictures. Measuring does not use it: the belt's four corners
+are found in a picture (`FindCorners`) and give the mapping (`calibrate_camera`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Area:
     width_mm: float = 180.0  # 2020, section 3
 
     def __post_init__(self) -> None:
-        """Refuse what has no area."""
+        """Refuse a rectangle without area."""
         check_finite([self.start_mm, self.end_mm], "Area: start_mm and end_mm")
         if not self.start_mm < self.end_mm:
             raise InputError(f"Area: end_mm {self.end_mm} is not beyond start_mm {self.start_mm}.")
@@ -73,9 +73,9 @@ class CameraView:
 
     Notes
     -----
-    The paper gives the picture's size, its scale and its rate. Height and the small errors
-    of mounting are assumptions; they are what makes "an imperfect calibration" matter, since
-    a particle's centre lies above the plane that the belt's corners calibrate.
+    The paper gives the picture's size, its scale and its rate. Height and the small
+    errors of mounting are assumptions. They make "an imperfect calibration" matter: a particle's
+    centre lies above the plane that the belt's corners calibrate.
     """
 
     rows: int = 708  # px, section IV.B
@@ -113,7 +113,7 @@ class Corners(NamedTuple):
 
     places: Array  # (4, 2), row and col in px
     spread_px: Array  # (4,), standard error from the scatter of the edges' points
-    hidden: Flags  # (4,), not seen itself: where its two edges would meet
+    hidden: Flags  # (4,), the corner itself is not visible
 
 
 class _Line(NamedTuple):
@@ -132,9 +132,8 @@ class FindCorners:
 
     Notes
     -----
-    The paper detects "the corners of the belt" and does not say how. Lines are taken since
-    they use the whole edge and say themselves how well they are known, and since a corner that
-    something hides is still where its two edges meet.
+    The paper detects "the corners of the belt" and does not say how. Lines use the whole edge and
+    have an error of their own. A hidden corner is still where its two edges meet.
     """
 
     profiles: int = 200  # across each side
@@ -143,7 +142,7 @@ class FindCorners:
     least_visible: float = 0.5  # share of an edge that must be seen
 
     def __post_init__(self) -> None:
-        """Refuse what finds no line."""
+        """Refuse settings that find no line."""
         check_count(self.profiles, "FindCorners: profiles", least=20)
         check_positive(self.reach_px, "FindCorners: reach_px")
         check_positive(self.tolerance_px, "FindCorners: tolerance_px")
@@ -157,8 +156,8 @@ class FindCorners:
         Raises
         ------
         InputError
-            If nothing in the middle stands out, the belt reaches the picture's border, or
-            too little is seen of an edge; the message names the edge.
+            If nothing in the middle stands out, the belt reaches the picture's border, or too
+            little of an edge is visible. The message names the edge.
         """
         rough, level = _outline(picture)
         lines = [
@@ -200,6 +199,7 @@ class FindCorners:
         return _Line(point, turned / np.linalg.norm(turned), variance, inliers)
 
     def _check_visible(self, visible: Flags, side: str) -> None:
+        """Raise an `InputError` if too little of an edge is visible."""
         if visible.mean() < self.least_visible:
             raise InputError(
                 f"the belt's edge ({side}) is seen over {visible.mean():.0%} of its length only, "
@@ -257,12 +257,12 @@ def _meet(line: _Line, other: _Line) -> tuple[Array, float]:
 
 
 class Calibration(NamedTuple):
-    """A plane-to-plane mapping (homography) and how well it is known."""
+    """A plane-to-plane mapping (homography) and its error."""
 
     matrix: Array  # (3, 3), (col, row, 1) to (x, y, 1) up to a factor
     error_mm: float  # largest standard error of a corner, on the belt
     mm_per_px: float  # mean over the belt's edges
-    hidden: int  # corners that were not seen themselves
+    hidden: int  # corners that are not visible themselves
 
     def millimetres(self, places: Array) -> Array:
         """Return x and y (n, 2) of row and col (n, 2)."""
@@ -288,7 +288,7 @@ def _mapped(matrix: Array, places: Array) -> Array:
 
 
 def calibrate_camera(corners: Corners) -> Calibration:
-    """Return the mapping of the corners found onto the belt's known corners.
+    """Return the mapping of detected corners onto the belt's true corners.
 
     Parameters
     ----------
@@ -302,10 +302,9 @@ def calibrate_camera(corners: Corners) -> Calibration:
 
     Notes
     -----
-    Four corners fix the eight numbers of a homography, so that nothing is left over to judge
-    it by; the error reported is that of the corners, from the scatter of the edges' points.
-    It knows nothing of what is no error of the corners: a particle's centre lies above the
-    belt, and a camera at the height h shows what is z higher z / h farther from the middle.
+    Four corners fix the eight numbers of a homography and leave no residual. So the error is that
+    of the corners, from the scatter of the edges' points. It leaves out parallax: a camera at
+    height h shows a centre at height z farther from the middle, by the share z / h.
     """
     places = check_finite(corners.places, "corners")
     check_shape(places, (4, 2), "corners")

@@ -1,7 +1,7 @@
 """Deviations of predictions from observations (2016 paper, sec. IV; 2020 paper, sec. 5).
 
-A deviation is prediction minus reference: positive means that the particle arrived
-earlier than predicted (caption of Fig. 9; section 5.1 words it the other way round).
+A deviation is prediction minus reference. Positive means that the particle arrived earlier than
+predicted, as in the caption of Fig. 9; section 5.1 words it the other way round.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns ``x_mm``, ``mean_m_s``, ``std_m_s``, ``particles``; across the belt
-        ``lateral_m_s``, the median over particles of the absolute velocity (a few collisions
-        would rule a standard deviation), and ``lateral_std_m_s``. NaN where no particle was seen.
+        Columns ``x_mm``, ``mean_m_s``, ``std_m_s``, ``particles``, ``lateral_m_s`` (median of the
+        absolute velocity across the belt) and ``lateral_std_m_s``. A few collisions dominate this
+        standard deviation, hence the median. NaN where no particle was seen.
     """
     along = _interpolated(steps, "velocity_x_mm_s", x_mm) / 1000.0
     across = _interpolated(steps, "velocity_y_mm_s", x_mm) / 1000.0
@@ -111,10 +111,10 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last measurement,
-        and ``row`` of that measurement. Only tracks that were valid and left at the end of the
-        area: "only tracks that are deemed valid while entering the prediction phase trigger a
-        separation event".
+        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last measurement, and
+        ``row`` of that measurement. Tracks that were valid and left at the end of the area: "only
+        tracks that are deemed valid while entering the prediction phase trigger a separation
+        event".
     """
     check_positive(frame_s, "last_states: frame_s")
     states, ends = BELT_STATES.check(followed.states), followed.ends
@@ -136,8 +136,7 @@ def observe(
         From `kilnflight.belt.tracker.BeltTracker`, and its measurements; its area covers the
         target, so that arrivals there are observed, too.
     phase
-        Where observation ends and what is predicted to; `PredictionPhase.observe` says which
-        tracks are left out.
+        Where observation ends, and the target; `PredictionPhase.observe` leaves tracks out.
     frame_s
         Time between two frames.
     """
@@ -154,18 +153,27 @@ def observe(
 def summarise_deviations(deviation: Array) -> dict[str, float]:
     """Return count, quartiles, whiskers and mean absolute value of deviations, (n,).
 
-    Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The
-    whiskers reach to the last value within 1.5 box lengths of the box, which is 2.7
-    standard deviations from the median of a normal distribution (section 5.1).
+    Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The whiskers
+    reach to the last value within 1.5 box lengths of the box (section 5.1): 2.7 standard deviations
+    from the median of a normal distribution.
     """
-    known = deviation[np.isfinite(deviation)]
-    if not len(known):
+    predicted = deviation[np.isfinite(deviation)]
+    if not len(predicted):
         raise InputError("no particle has a prediction; nothing can be summarised.")
-    q25, median, q75 = np.quantile(known, [0.25, 0.5, 0.75])
+    q25, median, q75 = np.quantile(predicted, [0.25, 0.5, 0.75])
     reach = 1.5 * (q75 - q25)
-    inside = known[(known >= q25 - reach) & (known <= q75 + reach)]
-    whiskers, mae = (inside.min(), inside.max()), np.abs(known).mean()
-    values = (len(known), median, q25, q75, *whiskers, q75 - q25, mae, len(deviation) - len(known))
+    inside = predicted[(predicted >= q25 - reach) & (predicted <= q75 + reach)]
+    whiskers, mae = (inside.min(), inside.max()), np.abs(predicted).mean()
+    values = (
+        len(predicted),
+        median,
+        q25,
+        q75,
+        *whiskers,
+        q75 - q25,
+        mae,
+        len(deviation) - len(predicted),
+    )
     return dict(zip(SUMMARY, values, strict=True))
 
 
@@ -173,9 +181,9 @@ def summarise_deviations(deviation: Array) -> dict[str, float]:
 class Evaluation:
     """Compare all models on one bulk material, calibrated with a few of its particles.
 
-    The paper uses "at most 1 % of all particles available (37 to 44)" once; here the draw
-    is repeated, so that its effect can be separated from the models'. Each draw is evaluated on
-    the particles that it did not use.
+    The paper draws "at most 1 % of all particles available (37 to 44)" once. Here the draw is
+    repeated, which separates its effect from the models'. Each draw is evaluated on the particles
+    that it did not use.
     """
 
     share: float = 0.01  # of the particles, for calibration (sec. 5)

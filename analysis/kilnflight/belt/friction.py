@@ -1,14 +1,14 @@
 """A small friction simulation of the belt: the stand-in for the authors' DEM tracks.
 
 Particles leave a slide slower than the belt and are dragged along by Coulomb friction at
-their point of contact; collisions are random kicks. What distinguishes the materials is
-how a particle can roll: a sphere in any direction, a cylinder only across its axis, a
-cuboid not at all. It is no discrete-element simulation: particles do not meet.
+their point of contact; collisions are random kicks. The materials differ in how a particle can
+roll: a sphere in any direction, a cylinder only across its axis, a cuboid not at all. It is no
+discrete-element simulation: particles do not meet.
 
-For a unit mass the friction is ``-mu g s/|s|`` with the slip ``s = v + w - v_belt``, where
-``w`` is the velocity of the contact point due to rolling. The same force changes ``w`` by
-``1/kappa`` times as much as ``v`` (kappa: moment of inertia over m r^2), so slip ends at
-rolling (or standing) on the belt.
+For a unit mass the friction is ``-mu g s/|s|`` with the slip ``s = v + w - v_belt``. The velocity
+``w`` is that of the contact point due to rolling. The same force changes ``w`` by ``1/kappa`` times
+as much as ``v``; kappa is the moment of inertia over m r^2. So slip ends when the particle rolls or
+stands on the belt.
 """
 
 from __future__ import annotations
@@ -32,11 +32,10 @@ Array = npt.NDArray[np.float64]
 class FrictionBelt:
     """One bulk material on the belt.
 
-    The paper publishes neither friction coefficients nor feed velocities. Values marked
-    "read off" were taken once from the authors' tracks upstream of the prediction phase:
-    mean and standard deviation of the first velocity of each particle, and the median
-    acceleration of the cuboids. Nothing was adjusted to the deviations that the models
-    are compared by.
+    The paper publishes neither friction coefficients nor feed velocities. Values marked "read off"
+    were taken once from the authors' tracks upstream of the prediction phase. They are mean and
+    standard deviation of the first velocity of each particle, and the median acceleration of the
+    cuboids. Nothing was adjusted to the deviations of the models.
     """
 
     particles: int = 4000  # about 4000 per material (sec. 4, "Scenarios")
@@ -59,7 +58,7 @@ class FrictionBelt:
     steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
+        """Refuse values that cannot be simulated."""
         for name in ("particles", "inertia", "belt_mm_s", "sampling_hz", "steps_per_sample"):
             check_positive(min(float(getattr(self, name)), 1e300), f"FrictionBelt: {name}")
         for name in ("friction", "rolling_friction", "kicks_per_s", "kick_mm_s", "feed_s"):
@@ -88,6 +87,7 @@ class FrictionBelt:
         return pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
 
     def _feed(self, generator: np.random.Generator) -> _State:
+        """Return the particles as they reach the belt."""
         n = self.particles
         first = self.velocity_mm_s / self.sampling_hz  # first seen within one frame's way
         x = self.start_mm + generator.uniform(0.0, first, n)
@@ -106,8 +106,8 @@ class FrictionBelt:
         step = 1.0 / (self.sampling_hz * self.steps_per_sample)
         slip = state.velocity + state.rolling - np.array([self.belt_mm_s, 0.0])
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
-        # The force that would end the slip in this step, if it is below the Coulomb limit;
-        # along a cylinder's axis, where nothing rolls, it takes a few steps instead.
+        # The force that ends the slip in this step, up to the Coulomb limit. Along a cylinder's
+        # axis, where nothing rolls, the slip takes a few steps to end.
         push = np.minimum(
             self.friction * GRAVITY_MM_S2, speed / ((1.0 + 1.0 / self.inertia) * step)
         )

@@ -1,4 +1,4 @@
-"""What the simulated sorter is made of: particles, slide, belt and contacts (2016, 2020 papers).
+"""Parts of the simulated sorter: particles, slide, belt and contacts (2016, 2020 papers).
 
 The vibrating feeder lets particles fall on a slide, and the slide hands them to the belt.
 Its shape is not published, so it is kept to an energy balance over its drop ``h``::
@@ -44,8 +44,8 @@ class Bulk:
     shape
         ``sphere``, ``cylinder`` or ``box``, in MuJoCo's words.
     half_mm
-        What MuJoCo calls its size: radius; radius and half of the height; half edges, the
-        shortest last, so that a box lies on its largest face.
+        Its size in MuJoCo: radius; radius and half of the height; half edges. The shortest edge
+        comes last, so that a box lies on its largest face.
     count
         Particles in 0.2 kg, as published; with the volume it gives the density.
     """
@@ -55,7 +55,7 @@ class Bulk:
     count: int
 
     def __post_init__(self) -> None:
-        """Refuse what is no body."""
+        """Refuse a shape with the wrong lengths, and lengths or counts that are not positive."""
         if {"sphere": 1, "cylinder": 2, "box": 3}.get(self.shape) != len(self.half_mm):
             raise InputError(
                 f"Bulk: shape {self.shape!r} with {len(self.half_mm)} lengths; a sphere has one "
@@ -88,7 +88,7 @@ class Bulk:
 
     @property
     def outline_mm(self) -> Array:
-        """Half length, half width and radius of the corners of what lies, seen from above."""
+        """Half length, half width and corner radius of a lying particle, seen from above."""
         if self.shape == "sphere":
             return np.repeat(self.half_mm, 3)
         along, across = self.half_mm[:2]
@@ -133,7 +133,7 @@ class Conveyor:
     patience_s: float = 3.0  # a particle that takes longer to the edge is an error
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
+        """Refuse values that cannot be simulated."""
         for name in ("speed_mm_s", "width_mm", "sampling_hz", "step_s", "patience_s"):
             check_positive(getattr(self, name), f"Conveyor: {name}")
         if not self.start_mm < self.edge_mm <= self.end_mm:
@@ -166,12 +166,12 @@ class Contacts:
     belt_time_s: float = 0.0006  # of the normal contact with the belt, critically damped
     slip_time_s: float = 0.008  # of friction; see `kilnflight.belt.bodies`
     body_time_s: float = 0.0012  # of contacts between bodies and with walls
-    # Share of critical damping. Spheres part with 0.22 to 0.34 of their closing speed at steps
-    # of 0.2 ms, by where within a step they meet; with 0.28 to 0.31 of it at 0.05 ms.
+    # Share of critical damping. At steps of 0.2 ms spheres part with 0.22 to 0.34 of their closing
+    # speed, depending on where within a step they meet. At 0.05 ms it is 0.28 to 0.31.
     body_damping: float = 0.5
 
     def __post_init__(self) -> None:
-        """Refuse what is no contact."""
+        """Refuse coefficients below 0 and times that are not positive."""
         for name in ("belt_friction", "belt_time_s", "slip_time_s", "body_time_s", "body_damping"):
             check_positive(getattr(self, name), f"Contacts: {name}")
         for name in ("rolling_friction", "particle_friction", "wall_friction", "spinning_mm"):
@@ -201,8 +201,8 @@ class Feed(NamedTuple):
 class Slide:
     """A slide at the end of a vibrating feeder.
 
-    No number of it is published. Drop and spreads are found with the spheres of the
-    authors' tracks (`kilnflight.belt.sorter.FittedValues`), the others are assumptions.
+    No number of it is published. Drop and spreads are fitted to the spheres of the authors' tracks
+    (`kilnflight.belt.sorter.FittedValues`), the others are assumptions.
     """
 
     drop_mm: float = 100.0  # height over which particles gain speed; assumption
@@ -217,7 +217,7 @@ class Slide:
     rate_1_s: float = 270.0  # particles per second: about 4000 in 15 s, as in the files
 
     def __post_init__(self) -> None:
-        """Refuse what is no slide."""
+        """Refuse lengths, angles and shares that no slide has."""
         for name in ("drop_mm", "width_mm", "rate_1_s"):
             check_positive(getattr(self, name), f"Slide: {name}")
         for name in ("friction", "speed_spread", "lateral_spread_mm_s"):

@@ -1,12 +1,11 @@
 """When and where a particle leaves the belt (2020 paper, sections 4.1 and 4.2).
 
-An arrival model is called with the last observations (`kilnflight.tables.BELT_LAST`) and the
-place to predict to in mm; it returns times in s on the clock of the observations. A lateral
-model is called with the same and the time that each particle has left, in s; it returns ``y``
-in mm.
+An arrival model is called with the last observations (`kilnflight.tables.BELT_LAST`) and the target
+in mm. It returns times in s on the clock of the observations. A lateral model is called with the
+same and the time that each particle has left, in s; it returns ``y`` in mm.
 
-Where a model predicts no arrival at all the time is NaN: a particle that its own acceleration
-stops before the target, Eq. 6 without a positive root. Then there is no place either.
+Time and place are NaN where a model predicts no arrival. That is a particle whose acceleration
+stops it before the target: Eq. 6 has no positive root.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ def checked(table: TableOrColumns, kind: Table) -> Columns:
     """
     if not isinstance(table, pd.DataFrame):
         return table
-    known = kind.check(table)
-    return {name: known[name].to_numpy() for name in kind.names}
+    table = kind.check(table)
+    return {name: table[name].to_numpy() for name in kind.names}
 
 
 def select(columns: Columns, which: npt.NDArray[Any]) -> Columns:
@@ -51,8 +50,8 @@ def time_to_cover(distance: Array, velocity: Array, acceleration: Array) -> Arra
     """Return the smallest positive time at which Eq. 5 has covered the distance.
 
     Solves ``distance = velocity t + acceleration t^2 / 2`` (Eq. 6) by
-    ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration distance))``, which
-    holds for zero acceleration too and does not cancel. NaN where there is no root.
+    ``t = 2 distance / (velocity + sqrt(velocity^2 + 2 acceleration distance))``. This holds for
+    zero acceleration, too, and does not cancel. NaN where there is no root.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ class ArrivalModel(_Model, ABC):
         return table["time_s"] + self._duration(distance, velocity, acceleration)
 
     def calibrated(self, last: TableOrColumns, arrival: TableOrColumns, target_mm: float) -> Self:
-        """Return the model with its parameter taken from particles that were seen to arrive."""
+        """Return the model with its parameter from particles with observed arrival."""
         before, after = self._checked_pair(last, arrival)
         duration = after["time_s"] - before["time_s"]
         if (duration <= 0).any():
@@ -130,7 +129,7 @@ class ArrivalModel(_Model, ABC):
         """Return the time that the remaining distance (mm) takes, in s."""
 
     def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
-        """Return the model fitted to particles of which the duration (s) is known."""
+        """Return the model fitted to particles of known duration (s)."""
         return self
 
 
@@ -185,7 +184,7 @@ class CVBC(CV):
         error = duration - super()._duration(distance, velocity, velocity)
         if np.isnan(error).all():
             raise InputError(f"{self.name}: no calibration particle can be used; take others.")
-        return replace(self, bias_s=float(np.nanmedian(error)))  # CV never brings some: NaN
+        return replace(self, bias_s=float(np.nanmedian(error)))  # NaN: no arrival by CV
 
 
 @dataclass(frozen=True)
@@ -200,11 +199,11 @@ class CA(ArrivalModel):
 class CALV(ArrivalModel):
     """Constant acceleration up to a limit of the velocity, constant velocity from there.
 
-    The paper's printed condition for "the limit is not reached before the target" has a
-    sign reversed (figures/errata.csv); here the limit counts as reached when the distance
-    covered until then is below the remaining distance. A particle that is already faster
-    than the limit keeps its CA prediction if it slows down, and its velocity if it does
-    not: the limit is meant for acceleration beyond the belt's velocity (footnote 3).
+    The paper's printed condition for "the limit is not reached before the target" has a sign
+    reversed (figures/errata.csv). Here the limit counts as reached when the distance covered until
+    then is below the remaining distance. A particle above the limit keeps its CA prediction if it
+    slows down, else its velocity: the limit is for acceleration beyond the belt's velocity
+    (footnote 3).
     """
 
     limit_mm_s: float = BELT_VELOCITY_MM_S  # the belt's velocity: known, not calibrated
@@ -256,7 +255,7 @@ class LateralModel(_Model, ABC):
         return table["y"] + self._way(remaining_s, velocity, acceleration)
 
     def calibrated(self, last: TableOrColumns, arrival: TableOrColumns) -> Self:
-        """Return the model with its parameter taken from particles that were seen to arrive."""
+        """Return the model with its parameter from particles with observed arrival."""
         before, after = self._checked_pair(last, arrival)
         return self._fitted(before["velocity_y_mm_s"], after["velocity_y_mm_s"])
 
@@ -271,7 +270,7 @@ class LateralModel(_Model, ABC):
 
 @dataclass(frozen=True)
 class Straight(LateralModel):
-    """No lateral movement; what a line-scan sorter assumes."""
+    """No lateral movement, as a line-scan sorter assumes."""
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         return np.zeros_like(velocity)

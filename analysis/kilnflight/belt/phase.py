@@ -1,7 +1,7 @@
 """The prediction phase: the last observations before it, and the arrivals at its target.
 
-2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins; from
-there on only the crossing of the target is used, as the reference value.
+2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins. After that only
+the crossing of the target is used, as the reference value.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class Observed(NamedTuple):
 class PredictionPhase:
     """Where observation ends and where a particle is predicted to.
 
-    The paper predicts to the edge of the belt (788 mm in the authors' files) from 150 mm
-    before it. The public tracks end at that edge, so no observation lies beyond it: the last
-    position of every particle that leaves it is between 773 and 788 mm. Therefore target and
-    start are moved upstream by 15 mm, which keeps the length of the phase.
+    The paper predicts to the edge of the belt (788 mm in the authors' files) from 150 mm before it.
+    The public tracks end at that edge, so no observation lies beyond it. The last position of every
+    particle is between 773 and 788 mm. Therefore target and start are moved upstream by 15 mm,
+    which keeps the length of the phase.
     """
 
     start_mm: float = 623.0  # 150 mm before the target (sec. 5)
@@ -52,9 +52,9 @@ class PredictionPhase:
     def observe(self, tracks: pd.DataFrame) -> Observed:
         """Split tracks into last observations and arrivals at the target.
 
-        Velocity and acceleration come from the last three positions, by the parabola
-        through them: with noise-free positions "only the last few observations are
-        required" (sec. 5.1), and for a constant acceleration the result is exact.
+        Velocity and acceleration come from the parabola through the last three positions. With
+        noise-free positions "only the last few observations are required" (sec. 5.1). For a
+        constant acceleration the result is exact.
 
         Parameters
         ----------
@@ -64,8 +64,8 @@ class PredictionPhase:
         Returns
         -------
         Observed
-            Left out, and counted by the first reason that applies: a gap in the track;
-            fewer than three observations before the phase; the target never reached.
+            Particles are left out, and counted by the first reason that applies: a gap in the
+            track; fewer than three observations before the phase; the target never reached.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Pictures of particles on the belt, and what is measured in them (2016 paper, II.B, IV.B).
+"""Pictures of particles on the belt, and spots in them (2016 paper, II.B, IV.B).
 
 Pictures are rendered on demand: particles are drawn from true places with their shape and
 direction, soft edges and noise. The measurement (`average`, `Spots`, `measure_spots`) sees the
@@ -139,13 +139,13 @@ def _blend(picture: npt.NDArray[np.float32], gray: float, share: Array) -> None:
 
 
 def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
-    """Return the rows at the times of a slower camera, ``frame`` counted by it; times are kept.
+    """Return the rows at the times of a slower camera, with its frames.
 
     Raises
     ------
     InputError
-        If the tracks have no rows at such times (100 Hz for a camera of 200 frames/s, say), or
-        the rate is not above 0.
+        If the tracks have no rows at such times, as 100 Hz for a camera of 200 frames/s, or the
+        rate is not above 0.
     """
     check_positive(frames_per_s, "at_rate: frames_per_s")
     check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
@@ -165,12 +165,11 @@ def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
 def average(pictures: Iterable[Picture]) -> Picture:
     """Return the mean of pictures, "the constant background" (section II.B).
 
-    What lies still in all of them is part of the background and never found. A particle that
-    rests in a share s of the pictures is in the background with s times its contrast c, as the
-    plain mean has it. With the threshold t of `Spots`: while it lies it is found if
-    (1 - s) c > t, and once it has gone its place is found as a ghost, which never moves, if
-    s c > t. With wood on a dark belt (c = 140, t = 40 grey values): no ghost below s = 0.29, not
-    seen while it lies above s = 0.71, both in between.
+    A particle that rests in all of them is part of the background and never found. One that rests
+    in a share s of the pictures has s times its contrast c in the mean. By the threshold t of
+    `Spots` it is found while it lies if (1 - s) c > t. Afterwards its place is found as a ghost,
+    which never moves, if s c > t. For wood on a dark belt c is 140 and t is 40 grey values: no
+    ghost below s = 0.29, not found above s = 0.71, both in between.
     """
     total, count = np.zeros(0), 0
     for picture in pictures:
@@ -190,8 +189,8 @@ def average(pictures: Iterable[Picture]) -> Picture:
 class Spots:
     """Connected areas that differ from the background; one area is one particle or several.
 
-    Particles that touch come out as one spot at their common centroid. Spots that are larger
-    than ``touching_from`` times a single particle are marked; they are handed on all the same.
+    Particles that touch are one spot at their common centroid. Spots that are larger than
+    ``touching_from`` times a single particle are marked and kept.
 
     Notes
     -----
@@ -204,7 +203,7 @@ class Spots:
     single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
 
     def __post_init__(self) -> None:
-        """Refuse what finds everything or nothing."""
+        """Refuse settings that find everything or nothing."""
         check_positive(self.threshold, "Spots: threshold")
         check_at_least(self.least_px, 1, "Spots: least_px")
         check_at_least(self.touching_from, 1, "Spots: touching_from")
@@ -260,8 +259,8 @@ def measure_spots(
     background, spots, calibration
         From `average`, `Spots.calibrated` and `kilnflight.belt.camera.calibrate`.
     area
-        Spots with their centroid in it are kept; the picture is cut to it and a margin, so
-        that a particle at its border is seen whole.
+        Spots with their centroid in it are kept. Pictures are cut to it and a margin, which shows a
+        particle at its border whole.
 
     Returns
     -------

@@ -1,12 +1,12 @@
 """The authors' data: DEM tracks (2020 paper), and recordings of their real sorter.
 
-A DEM file is a zip with one CSV without header: rows are time steps of 10 ms, columns
-alternate x and y of one particle in metres, ``nan`` while it is not on the belt.
+A DEM file is a zip with one CSV without header. Rows are time steps of 10 ms. Columns alternate x
+and y of one particle in metres, ``nan`` while it is not on the belt.
 
-Of a recording, ``NNN.csv`` (or ``.csv.gz``) holds for each frame its number, how many midpoints
-were measured, and x, y of each in pixels (NaN where there are no more);
-``NNN_trackHistory_NothingDeleted.csv`` one pair of columns for each track that the authors
-found. The belt runs along y. Neither the frame rate nor the size of a pixel is given.
+A recording ``NNN.csv`` (or ``.csv.gz``) has a row per frame: its number, the number of measured
+midpoints, and x, y of each in pixels, then NaN. ``NNN_trackHistory_NothingDeleted.csv`` has one
+pair of columns for each of the authors' tracks. The belt runs along y. Neither the frame rate nor
+the size of a pixel is given.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def read_dem(path: Path | str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If the file is no zip with one CSV, a cell is no number or infinite, the number of
-        columns is odd, or only one of x and y is given.
+        If the file is no zip with one CSV, the number of columns is odd, a cell is no number or
+        infinite, or only one of x and y is given.
     """
     path = Path(path)
     if not path.is_file():
@@ -93,14 +93,14 @@ def read_dem(path: Path | str) -> pd.DataFrame:
 def find_recordings() -> dict[str, list[Path]]:
     """Return the files of measured positions by material; nothing where there are none.
 
-    Looked for in the folder that ``KILNFLIGHT_RECORDINGS`` names, else in
-    ``belt_recordings`` beside the authors' other data, where ``make data`` puts them and
-    they must be the published ones. Packed (``.csv.gz``) they will do as well.
+    The folder is ``KILNFLIGHT_RECORDINGS`` if this variable is set, else ``belt_recordings`` beside
+    the authors' other data. There ``make data`` puts them, and they must be the published ones.
+    Files may be packed (``.csv.gz``).
 
     Raises
     ------
     InputError
-        If the folder that is named has none, or a file beside the authors' other data is not the
+        If the folder of the variable has none, or a file beside the authors' other data is not the
         published one.
     """
     named = os.environ.get("KILNFLIGHT_RECORDINGS")
@@ -122,8 +122,8 @@ def read_recording(path: Path) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        ``frame``, as the file counts (FrameNr); ``x`` along the belt and ``y`` across it in
-        px; ``author_track``, the authors' track, -1 where it is in none.
+        ``frame``, as the file counts (FrameNr); ``x`` along the belt and ``y`` across it in px;
+        ``author_track``, the authors' track, -1 where it is in none.
 
     Raises
     ------
@@ -183,8 +183,8 @@ def _stem(path: Path) -> str:
 def _measured(folder: Path) -> list[Path]:
     """Return the recordings of one material, packed or not, each once."""
     every = [path for ending in reversed(ENDINGS) for path in folder.glob(f"*{ending}")]
-    known = {_stem(path): path for path in every if TRACKED not in path.name}
-    return [known[stem] for stem in sorted(known)]
+    by_stem = {_stem(path): path for path in every if TRACKED not in path.name}
+    return [by_stem[stem] for stem in sorted(by_stem)]
 
 
 def _check_published(folder: Path) -> None:

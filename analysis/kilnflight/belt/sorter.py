@@ -1,15 +1,16 @@
-"""The simulated sorter (2016 and 2020 papers), and its tracks, made once and kept on disk.
+"""The simulated sorter (2016 and 2020 papers), and its tracks, cached on disk.
 
 slide -> bodies on the belt, 0.2 ms at a time -> positions 1000 times a second
 
-Seven values that the papers do not print were found with the spheres of the authors' tracks
+Seven values that the papers do not print were fitted to the spheres of the authors' tracks
 (`kilnflight.experiments.belt_calibration`) and frozen. Cylinders and cuboids get the same values,
-so what they do is a prediction. What came out is effective: the slide stands for a feeder and a
-chute of unknown shape, and the friction for whatever contact law the authors' DEM has.
+so their motion is a prediction. The fitted values are effective ones. The slide stands for a feeder
+and a chute of unknown shape, friction for the contact law of the authors' DEM.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -28,8 +29,8 @@ from kilnflight.tables import BELT_BODIES
 
 BATCH = 500  # particles that are simulated together: about two seconds of feed
 FILE = Path(__file__).with_name("friction_values.json")
-PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are seen
-SCALES = {"mean_m_s": 0.01, "std_m_s": 0.01, "lateral_m_s": 0.002}  # what counts as one misfit
+PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are observed
+SCALES = {"mean_m_s": 0.01, "std_m_s": 0.01, "lateral_m_s": 0.002}  # unit of a misfit
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Sorter:
 
 @dataclass(frozen=True)
 class FittedValues:
-    """The values that were fitted; the defaults are those of `Contacts` and `Slide`, untouched."""
+    """The fitted values; their defaults are those of `Contacts` and `Slide`."""
 
     belt_friction: float = Contacts.belt_friction
     rolling_friction: float = Contacts.rolling_friction
@@ -72,15 +73,15 @@ class FittedValues:
     lateral_spread_mm_s: float = Slide.lateral_spread_mm_s
 
     def applied(self, sorter: Sorter) -> Sorter:
-        """Return a sorter with these values, all others as they were."""
+        """Return a sorter with these values, its others unchanged."""
         values = asdict(self)
-        touch = {name: values.pop(name) for name in ("belt_friction", "rolling_friction")}
-        contacts = replace(sorter.contacts, **touch)
+        friction = {name: values.pop(name) for name in ("belt_friction", "rolling_friction")}
+        contacts = replace(sorter.contacts, **friction)
         return replace(sorter, contacts=contacts, slide=replace(sorter.slide, **values))
 
 
 def fit_targets() -> dict[str, object]:
-    """Return what the fit is held against, as it is hashed: the file, the places, the scales."""
+    """Return the targets of the fit as they are hashed: file, places and scales."""
     spheres = data.BELT_DEM["spheres"]
     return {"sha256": data.SHA256[spheres], "places_mm": PLACES_MM.tolist(), "scales": SCALES}
 
@@ -101,17 +102,17 @@ def calibrated_sorter() -> Sorter:
     return fitted_values().applied(Sorter())
 
 
-def tracks(
+def simulate_tracks(
     material: str,
     count: int | None = None,
     seed: int = 0,
     jobs: int = 1,
     sorter: Sorter | None = None,
 ) -> pd.DataFrame:
-    """Return the bodies of one material on the belt, batch after batch, from disk if kept.
+    """Simulate one material on the belt in batches; finished batches are kept on disk.
 
-    Batches of particles are independent of each other, each with a seed of its own, so that
-    the tracks do not depend on the number of processes; finished batches are kept.
+    Batches of particles are independent, each with a seed of its own. So the tracks do not depend
+    on the number of processes.
 
     Parameters
     ----------
@@ -120,8 +121,8 @@ def tracks(
     count
         Particles; None: as many as in the paper.
     seed
-        Of all chances. The first particles of a longer run are not those of a shorter one
-        unless both fill their batches.
+        The first particles of a longer run are those of a shorter one if both fill their
+        batches.
     jobs
         Processes on this machine; the result does not depend on it.
     sorter
@@ -137,18 +138,25 @@ def tracks(
     engine()
     sorter = calibrated_sorter() if sorter is None else sorter
     count = BULKS[material].count if count is None else count
-    check_count(count, "sorter.tracks: count", least=0)
+    check_count(count, "simulate_tracks: count", least=0)
     sizes = [min(BATCH, count - first) for first in range(0, count, BATCH)]
-    folder = paths.derived().absolute()  # a process that is used again may know another
+    folder = paths.derived().absolute()  # a reused process may have another one
     simulate = joblib.delayed(partial(_batch, sorter, material, seed, folder))
     run = joblib.Parallel(n_jobs=min(jobs, len(sizes)) or 1, return_as="generator")
     batches = run(simulate(number, size) for number, size in enumerate(sizes))
     bar = tqdm(batches, desc=f"belt with {material}", total=len(sizes), unit="batch", disable=None)
+    return _joined(bar, sizes, sorter.conveyor.sampling_hz)
+
+
+def _joined(
+    batches: Iterable[pd.DataFrame], sizes: Iterable[int], sampling_hz: float
+) -> pd.DataFrame:
+    """Join batches, one after the other in time, with particles numbered through."""
     parts, frame, particle = [BELT_BODIES.empty()], 0, 0
-    for part, size in zip(bar, sizes, strict=True):
+    for part, size in zip(batches, sizes, strict=True):
         part["frame"] += frame
         part["particle"] += particle
-        part["time_s"] = part["frame"] / sorter.conveyor.sampling_hz
+        part["time_s"] = part["frame"] / sampling_hz
         frame, particle = int(part["frame"].max()) + 1, particle + size
         parts.append(part)
     return pd.concat(parts, ignore_index=True)

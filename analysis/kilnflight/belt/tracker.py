@@ -2,9 +2,9 @@
 
 predict, gate, associate with extra rows and columns, update, score, start, stop
 
-The loop, filter, gate and assignment are those of the kiln's tracker; the belt brings its costs,
-where tracks begin and end, and the score that tells particles from dirt. Lengths are in mm, times
-in s. All likelihoods are taken as -ln, so the likeliest association is the cheapest.
+Loop, filter, gate and assignment are those of the kiln's tracker. The belt brings its costs, the
+likelihoods that tracks begin and end, and the score that separates particles from dirt. Lengths are
+in mm, times in s. All likelihoods are taken as -ln, so the likeliest association is the cheapest.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def constant_velocity(
     frame_s
         Time between two frames in s.
     spread_mm
-        Standard deviation of a measurement; the default is a choice, the size that rounding to
-        whole pixels of 0.44 mm would have, 0.44 / sqrt(12). See the notes.
+        Standard deviation of a measurement. The default is a choice: that of rounding to whole
+        pixels of 0.44 mm, 0.44 / sqrt(12). See the notes.
     acceleration_mm_s2
         By which the velocity may change from frame to frame; the default is 0.2 g, a belt's
         drag.
@@ -78,13 +78,12 @@ def constant_velocity(
     750, standard deviation 433. The noise changes its velocity by ``acceleration_mm_s2`` times
     ``frame_s`` in a frame.
 
-    ``spread_mm`` was set before places were held against the truth, and is not fitted to it.
-    Centroids are not rounded to pixels: what they scatter is less. But a place is that of the
-    belt below a particle as the camera sees it, off by up to 0.5 mm for a sphere at the start of
-    the belt and changing slowly from there on, so that errors of successive frames are not
-    independent, as the filter takes them to be. Notebook 46 (belt16-pictures) has bias and root
-    mean square (spheres: some 0.27 mm along the belt, 0.1 mm across it); neither follows from the
-    error of the calibration, which is that of the corners.
+    ``spread_mm`` was set before places were compared with the truth, and is not fitted to it.
+    Centroids are not rounded to pixels and scatter less. But parallax shifts the place of a sphere
+    by up to 0.5 mm at the start of the belt, and changes slowly from there on. So errors of
+    successive frames are not independent, as the filter assumes. Notebook 46 (belt16-pictures) has
+    their root mean square, for spheres some 0.27 mm along the belt and 0.1 mm across it. It does
+    not follow from the error of the calibration, that of the corners.
     """
     check_positive(frame_s, "constant_velocity: frame_s")
     noise = acceleration_mm_s2 * np.sqrt(frame_s)
@@ -109,11 +108,11 @@ class Appearance:
 
     Notes
     -----
-    Fig. 2 shows both curves without a scale; their text says that particles appear mostly at
-    the beginning of the observed region, and have likely disappeared where their prediction
-    lies behind its end. Here both follow from counting: what is new in a frame lies within
-    the way that the belt makes in it, and a track whose prediction lies outside by a certain
-    probability is missed by that probability. Beyond the sides is outside, too.
+    Fig. 2 shows both curves without a scale. By its text, particles appear mostly at the
+    beginning of the observed region, and likely disappear behind its end. Here both follow from
+    counting. A new particle lies within the distance that the belt moves in a frame. A track is
+    missed with the probability that its prediction lies outside. Beyond the sides is outside,
+    too.
     """
 
     area: Area = TRACKED
@@ -124,7 +123,7 @@ class Appearance:
     missed: float = 0.1  # share of particles in view without a spot of their own; assumption
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of particles."""
+        """Refuse numbers and lengths that are not positive, and shares outside 0 to 1."""
         for name in ("arrivals", "entry_mm", "entry_blur_mm", "clutter"):
             check_positive(getattr(self, name), f"Appearance: {name}")
         check_between(self.missed, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY, "Appearance: missed")
@@ -150,8 +149,7 @@ class Appearance:
         places
             Predicted, (n, 2) in mm.
         residual
-            S (n, 2, 2) in mm^2, the covariance of what would be measured; the ellipse is taken
-            along the axes.
+            S (n, 2, 2) in mm^2, covariance of a measurement. Its ellipse is taken along the axes.
         """
         check_shape(places, (None, 2), "places")
         check_shape(residual, (len(places), 2, 2), "residual")
@@ -178,9 +176,9 @@ class Likelihoods(NamedTuple):
 
         Notes
         -----
-        Each measurement has an extra row and each track an extra column of its own, so all of
-        ``new`` is paid but for the measurements that go to a track. Taking it off the pairs gives
-        the same optimum from the (n, m) part alone; `matrix` writes the whole one out.
+        Each measurement has an extra row of its own, each track an extra column. So every
+        measurement costs its ``new`` unless it goes to a track. Taking ``new`` off the pairs
+        gives the same optimum from the (n, m) part alone; `matrix` returns the whole.
         """
         return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
 
@@ -190,8 +188,8 @@ class Likelihoods(NamedTuple):
         Notes
         -----
         Rows n on are "new", each for one measurement; columns m on are "not observed", each for
-        one track. The paper leaves open what fills the corner of both; it is free (0, likelihood
-        1), so that what one solution needs of it costs nothing.
+        one track. The paper leaves open the corner of both. Here it is 0 (likelihood 1), so that
+        it adds nothing to any solution.
         """
         n, m = self.costs.shape
         whole = np.full((n + m, m + n), np.inf)
@@ -220,10 +218,10 @@ class Followed(NamedTuple):
 class BeltTracker:
     """Global nearest neighbour with likelihoods of appearing and leaving, and track scores.
 
-    A track's score is the log likelihood ratio of a particle against dirt (Blackman and
-    Popoli, ch. 6): at its start that of a new particle at this place, with each measurement
-    ln((1 - missed) N / clutter), with each miss ln(gone). It is valid from ln((1 - b) / a) on,
-    and lost when the score has fallen below its best by more than ln((1 - a) / b).
+    A track's score is the log likelihood ratio of a particle against dirt (Blackman and Popoli,
+    ch. 6). It starts with that of a new particle at this place. Each measurement adds
+    ln((1 - missed) N / clutter), each miss ln(unobserved). The track is valid from ln((1 - b) / a)
+    on. It is lost when the score falls below its best by more than ln((1 - a) / b).
 
     Notes
     -----
@@ -252,18 +250,18 @@ class BeltTracker:
         Parameters
         ----------
         measured
-            Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; outside the area they
-            are passed over.
+            Columns frame, x, y (mm), as `kilnflight.tables.BELT_SPOTS`; those outside the area are
+            ignored.
         frames
-            How many frames the camera took, so that tracks may end after the last measurement;
-            None: up to that one.
+            Number of frames of the camera, so that tracks may end after the last measurement; None:
+            up to that one.
 
         Raises
         ------
         InputError
-            If a column is missing or holds what is no number, if one frame has two measurements
-            at the same place, which would make two tracks of one particle, or if ``frames`` is no
-            whole number from 0.
+            If a column is missing or not numeric, or ``frames`` is no whole number from 0. Also if
+            one frame has two measurements at the same place: they would be two tracks of one
+            particle.
         """
         numbers, parts = [], []
         for step in self.steps(measured, frames):

@@ -1,7 +1,7 @@
-"""Which particles a bar of valves hits, given when and where they are predicted to arrive.
+"""Particles that a bar of valves hits, by predictions of their arrival.
 
-The purpose of every prediction in both papers (Fig. 1 of each): an array of nozzles across the
-belt blows particles out. None of them evaluates it; numbers of a real bar are the user's to set.
+The purpose of the predictions in both papers (Fig. 1 of each): an array of nozzles across the belt
+blows particles out. Neither evaluates it; numbers of a real bar are for the user to set.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class ValveBar:
     open_s: float = 0.005  # not printed
 
     def __post_init__(self) -> None:
-        """Refuse what is no bar of valves."""
+        """Refuse a number, width or time that is not positive."""
         check_count(self.valves, "ValveBar: valves")
         check_positive(self.belt_mm, "ValveBar: belt_mm")
         if self.valve_mm is not None:
@@ -152,32 +152,22 @@ def hit_shares(
     seed
         Of the draw of calibration particles and of those to be blown out.
     blown
-        Share of the particles to be blown out; an assumption, since no paper sorts.
+        Share of the particles to be blown out; an assumption, since no paper sorts them.
     calibrating
         Share that calibrates the models and is left out, 1 % as in the 2020 paper.
 
     Returns
     -------
     DataFrame
-        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``ejected`` (particles
-        to be blown out), ``remaining`` (the others), ``hit_percent``, ``inadvertent_percent``.
+        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``ejected`` (particles to
+        be blown out), ``remaining`` (the others), ``hit_percent``, ``inadvertent_percent``.
 
     Raises
     ------
     InputError
         If there are too few particles for either share.
     """
-    check_between(blown, 0, 1, "hit_shares: blown")
-    check_between(calibrating, 0, 1, "hit_shares: calibrating")
-    count, rng = len(observed.last), np.random.default_rng(seed)
-    calibration = np.isin(np.arange(count), rng.permutation(count)[: int(calibrating * count)])
-    evaluated = int((~calibration).sum())
-    chosen = np.isin(np.arange(evaluated), rng.permutation(evaluated)[: int(blown * evaluated)])
-    if not (calibration.any() and chosen.any()):
-        raise InputError(
-            f"hit_shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
-            "rest are blown out; that is less than one. Give more particles or larger shares."
-        )
+    calibration, chosen = _drawn(len(observed.last), seed, blown, calibrating)
     arrival = observed.arrival[~calibration]
     true = arrival["time_s"].to_numpy(), arrival["y"].to_numpy()
     rows, bars, sizes = [], list(bars), (int(chosen.sum()), int((~chosen).sum()))
@@ -188,3 +178,19 @@ def hit_shares(
             rows.append((model, bar.valves, bar.width_mm, 1000 * bar.open_s, *sizes, *percent))
     columns = ["model", "valves", "valve_mm", "open_ms", "ejected", "remaining"]
     return pd.DataFrame(rows, columns=[*columns, "hit_percent", "inadvertent_percent"])
+
+
+def _drawn(count: int, seed: int, blown: float, calibrating: float) -> tuple[Flags, Flags]:
+    """Draw the calibration particles, (count,), and of the others those to be blown out."""
+    check_between(blown, 0, 1, "hit_shares: blown")
+    check_between(calibrating, 0, 1, "hit_shares: calibrating")
+    rng = np.random.default_rng(seed)
+    calibration = np.isin(np.arange(count), rng.permutation(count)[: int(calibrating * count)])
+    evaluated = int((~calibration).sum())
+    chosen = np.isin(np.arange(evaluated), rng.permutation(evaluated)[: int(blown * evaluated)])
+    if not (calibration.any() and chosen.any()):
+        raise InputError(
+            f"hit_shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
+            "rest are blown out; that is less than one. Give more particles or larger shares."
+        )
+    return calibration, chosen

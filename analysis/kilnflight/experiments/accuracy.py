@@ -39,7 +39,7 @@ from kilnflight.scores.flights import METRES, quartiles
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
-from kilnflight.twin.truth import velocities
+from kilnflight.twin.truth import metre_velocities
 
 Array = npt.NDArray[np.float64]
 Owners = npt.NDArray[np.int64]
@@ -85,7 +85,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
     twin, frames = twin_of(campaign), campaign.frames
     flights, rate = twin.life.flights, twin.scene.frame_rate_hz
     release = twin.life.release_s * rate
-    metres = velocities(flights)
+    metres = metre_velocities(flights)
     table = twin.life.table[["particle"]].assign(ending=twin.life.table["end"])
     table = table.assign(
         dwell_s=np.where(table["ending"].isin([LANDED, BURNT_OUT]), flights.end_s, np.nan),

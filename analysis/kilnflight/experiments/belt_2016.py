@@ -44,7 +44,7 @@ _CV = CV()
 
 
 def simulate_bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.DataFrame:
-    """Return tracks at 1000 Hz: of the simulated sorter, or of the friction model without MuJoCo.
+    """Simulate tracks at 1000 Hz: the sorter, or without MuJoCo the friction model.
 
     The friction model feeds as many particles per second as the papers, about 270.
 
@@ -56,7 +56,7 @@ def simulate_bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.D
     check_material(material)
     check_count(count, "simulate_bodies: count", least=0)
     if is_installed():
-        return sorter.tracks(material, count, seed, jobs)
+        return sorter.simulate_tracks(material, count, seed, jobs)
     belt = MATERIALS[material]
     feed_s = count / belt.particles * belt.feed_s
     fast = replace(belt, particles=count, feed_s=feed_s, sampling_hz=1000.0)
@@ -180,8 +180,8 @@ def deviations(
     approach
         Its name; STRAIGHT keeps the lateral position and has no time.
     last, arrival
-        `kilnflight.tables.BELT_LAST` and `kilnflight.tables.BELT_ARRIVAL`; particles that did
-        not arrive are left out.
+        `kilnflight.tables.BELT_LAST` and `kilnflight.tables.BELT_ARRIVAL`; particles that did not
+        arrive are left out.
     phase, when
         Where the edge of the belt is, and the model that predicts the time.
 
@@ -291,7 +291,7 @@ def compare_sources(
         ``material``, ``data`` and the columns of `noise_free` and `from_images`.
     bodies, authors
         Tracks of our simulation (1000 Hz) and of the authors (100 Hz); ours are thinned to
-        theirs, too.
+        100 Hz, too.
     """
     slow = {("own simulation, 100 Hz", name): at_rate(bodies[name], 100.0) for name in bodies}
     slow |= {("authors' DEM, 100 Hz", name): authors[name] for name in authors}
@@ -319,7 +319,7 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _check_1000(bodies: pd.DataFrame) -> None:
-    """Raise an `InputError` unless frame k is at k ms and each particle is in all of its frames."""
+    """Raise an `InputError` unless frame k is at k ms and no track has a gap."""
     table = BELT_TRACKS.check(bodies).sort_values(["particle", "frame"], ignore_index=True)
     late = np.abs(table["time_s"].to_numpy() - TRUTH_S * table["frame"].to_numpy())
     if (late > 1e-6).any():
@@ -378,8 +378,8 @@ def judge_spheres(
         Number and origin of the spheres.
     fitted
         Whether their friction and slide were fitted to the authors' spheres. Then a straight
-        prediction's deviation follows from the fitted velocity across the belt. Whether
-        particles still accelerate was fitted, too.
+        prediction's deviation follows from the fitted velocity across the belt. Whether particles
+        still accelerate was fitted, too.
     """
     sim = boxes.query("quantity == 'temporal_ms' and data == 'noise-free' and approach == 'Sim'")
     medians = sim.set_index("material")["median"].drop("spheres")

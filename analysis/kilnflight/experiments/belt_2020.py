@@ -2,8 +2,8 @@
 
 tracks -> observe -> compare the models -> summaries over the draws -> answers to the claims
 
-Notebook 40 asks for the time of arrival (`ARRIVAL`), notebook 41 for the lateral position
-(`LATERAL`); a `Study` holds what differs between them.
+Notebook 40 studies the time of arrival (`ARRIVAL`), notebook 41 the lateral position (`LATERAL`); a
+`Study` holds the differences.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ Answers = Callable[[pd.DataFrame], dict[str, Answer]]
 def load_tracks(
     files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
 ) -> dict[Key, pd.DataFrame]:
-    """Return the tracks of every source and data set: the available ones and our simulation.
+    """Return the tracks by source and data set: the authors' files and our simulation.
 
     Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.belt.sorter`)
     where MuJoCo is installed, otherwise the friction model at 100 Hz.
@@ -83,21 +83,21 @@ def load_tracks(
     contacts = is_installed()
     for number, (name, friction) in enumerate(MATERIALS.items()):
         if contacts:
-            tracks[OWN, name] = sorter.tracks(name, count, seed, jobs)
+            tracks[OWN, name] = sorter.simulate_tracks(name, count, seed, jobs)
         else:
             tracks[OWN, name] = friction(np.random.default_rng([seed, number]))
     return tracks
 
 
 def describe_own() -> str:
-    """Return in words what our simulation is here."""
+    """Describe our simulation in words: with contacts, or the friction model."""
     if is_installed():
         return "the sorter simulated with all contacts (MuJoCo) at 1000 Hz"
     return "our friction model at 100 Hz, which only assumes how each shape moves"
 
 
 def describe_input(files: Mapping[str, Path]) -> str:
-    """Return in Markdown which tracks decide: the authors' ``files``, or our simulation."""
+    """Describe in Markdown the tracks that decide: the authors' ``files``, or ours."""
     own = describe_own()
     if files:
         return f"**Input:** the authors' DEM tracks at 100 Hz decide; beside them stands {own}."
@@ -115,7 +115,7 @@ def profiles(
 def count_particles(
     tracks: Mapping[Key, pd.DataFrame], observed: Mapping[Key, Observed]
 ) -> pd.DataFrame:
-    """Return how many particles each data set has, how many count, and why others do not."""
+    """Count the particles of each data set: all, evaluated, and left out by reason."""
     rows = []
     for (source, data_set), table in tracks.items():
         part, visible = observed[source, data_set], table["particle"].nunique()
@@ -126,7 +126,7 @@ def count_particles(
     return pd.DataFrame(rows)
 
 
-def compare(
+def compare_models(
     observed: Mapping[Key, Observed],
     phase: PredictionPhase,
     evaluation: Evaluation,
@@ -171,8 +171,8 @@ def vary_target(
 ) -> pd.DataFrame:
     """Return the deviations for several targets, the length of the phase kept.
 
-    Where the target lies is our choice (the public tracks end at the belt's edge); what a
-    verdict owes to it shows here.
+    The target is our choice, since the public tracks end at the belt's edge. The table shows its
+    influence on verdicts.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def vary_target(
     for target in targets_mm:
         phase = PredictionPhase(target - (PHASE.target_mm - PHASE.start_mm), target)
         observed = {key: phase.observe(table) for key, table in tracks.items()}
-        parts[target] = over_draws(compare(observed, phase, evaluation, deviations, seed))
+        parts[target] = over_draws(compare_models(observed, phase, evaluation, deviations, seed))
     return pd.concat(parts, names=["target_mm"]).droplevel(-1).reset_index()
 
 
@@ -196,8 +196,8 @@ def vary_rate(
 ) -> pd.DataFrame:
     """Return the deviations at the edge for tracks of which only every n-th frame is kept.
 
-    Only particles that are observed at every rate count, the same ones in the same draws: the
-    slower the rate, the more have no observation between the edge and the end of the tracks.
+    Only particles that are observed at every rate count, the same ones in the same draws. At a slow
+    rate some have no observation between the edge and the end of the tracks.
 
     Returns
     -------
@@ -205,10 +205,10 @@ def vary_rate(
         ``sampling_hz`` and the columns of `over_draws`.
     """
     later = pd.concat(tracks.values()).query("frame > 0")
-    hertz = float(np.round((later["frame"] / later["time_s"]).median(), 6))
+    full_hz = float(np.round((later["frame"] / later["time_s"]).median(), 6))
     observed = {
-        hertz / n: {
-            key: AT_EDGE.observe(at_rate(table, hertz / n)) for key, table in tracks.items()
+        full_hz / n: {
+            key: AT_EDGE.observe(at_rate(table, full_hz / n)) for key, table in tracks.items()
         }
         for n in every
     }
@@ -216,59 +216,59 @@ def vary_rate(
     for rate, by_key in observed.items():
         shared = {}
         for key, part in by_key.items():
-            names = [other[key].last["particle"] for other in observed.values()]
-            kept = np.all([part.last["particle"].isin(known) for known in names], axis=0)
+            particles = [other[key].last["particle"] for other in observed.values()]
+            kept = np.all([part.last["particle"].isin(others) for others in particles], axis=0)
             shared[key] = Observed(part.last[kept], part.arrival[kept], part.left_out)
-        parts[rate] = over_draws(compare(shared, AT_EDGE, evaluation, deviations, seed))
+        parts[rate] = over_draws(compare_models(shared, AT_EDGE, evaluation, deviations, seed))
     return pd.concat(parts, names=["sampling_hz"]).droplevel(-1).reset_index()
 
 
-def describe_changes(rated: pd.DataFrame, answers: Answers) -> str:
-    """Return in words which verdicts the sampling rate changes, as a whole and by data set.
+def describe_changes(by_rate: pd.DataFrame, answers: Answers) -> str:
+    """Describe which verdicts the sampling rate changes, as a whole and by data set.
 
     Parameters
     ----------
-    rated
+    by_rate
         From `vary_rate`.
     answers
         `arrival_answers` or `lateral_answers`.
     """
-    slowest, fastest = rated["sampling_hz"].agg(["min", "max"])
+    slowest, fastest = by_rate["sampling_hz"].agg(["min", "max"])
     if slowest == fastest:
         return "One rate only, nothing to compare"
     verdicts: dict[float, dict[Key, str]] = {slowest: {}, fastest: {}}
-    for rate, known in verdicts.items():
-        table = rated[rated["sampling_hz"] == rate]
+    for rate, verdict_of in verdicts.items():
+        table = by_rate[by_rate["sampling_hz"] == rate]
         for data_set, part in (("", table), *table.groupby("data_set")):
             for claim, answer in answers(part).items():
-                known[claim, str(data_set)] = claims.judge(claim, answer).verdict
+                verdict_of[claim, str(data_set)] = claims.judge(claim, answer).verdict
     changed = sorted(
         key for key, verdict in verdicts[slowest].items() if verdict != verdicts[fastest][key]
     )
-    whole = [claim for claim, data_set in changed if not data_set]
-    alone = [f"{claim} for {data_set}" for claim, data_set in changed if data_set]
+    overall = [claim for claim, data_set in changed if not data_set]
+    single = [f"{claim} for {data_set}" for claim, data_set in changed if data_set]
     return (
-        f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(whole) or 'no claim'} changes its "
-        f"verdict on the own simulation, and of single data sets {', '.join(alone) or 'none'}"
+        f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(overall) or 'no claim'} changes its "
+        f"verdict on the own simulation, and of single data sets {', '.join(single) or 'none'}"
     )
 
 
-def describe_lowest(rated: pd.DataFrame) -> str:
-    """Return in words which model has the lowest mean absolute error at the highest rate."""
-    fastest = rated[rated["sampling_hz"] == rated["sampling_hz"].max()]
+def describe_lowest(by_rate: pd.DataFrame) -> str:
+    """Describe which model has the lowest mean absolute error at the highest rate."""
+    fastest = by_rate[by_rate["sampling_hz"] == by_rate["sampling_hz"].max()]
     best = fastest.loc[fastest.groupby("data_set")["mae"].idxmin()].set_index("data_set")["model"]
     models = ", ".join(f"{name} {best[name]}" for name in DATA_SETS)
     return f"{fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean absolute error has: {models}"
 
 
 def verdicts_by_source(
-    deviations: pd.DataFrame, rated: pd.DataFrame, answers: Answers
+    deviations: pd.DataFrame, by_rate: pd.DataFrame, answers: Answers
 ) -> pd.DataFrame:
     """Return the verdicts on claims by other sources, and by our simulation at every rate.
 
     Parameters
     ----------
-    deviations, rated
+    deviations, by_rate
         From `over_draws` and from `vary_rate`.
     answers
         `arrival_answers` or `lateral_answers`.
@@ -280,7 +280,7 @@ def verdicts_by_source(
     """
     others = deviations[deviations["source"] != OWN].assign(sampling_hz=100.0)
     rows = []
-    for (source, rate), table in pd.concat([others, rated]).groupby(["source", "sampling_hz"]):
+    for (source, rate), table in pd.concat([others, by_rate]).groupby(["source", "sampling_hz"]):
         for claim, answer in answers(table).items():
             verdict = claims.judge(claim, answer)
             rows.append((source, rate, claim, verdict.verdict, verdict.measured))
@@ -289,12 +289,12 @@ def verdicts_by_source(
 
 @dataclass(frozen=True)
 class Study:
-    """What is asked of the models: when particles arrive (`ARRIVAL`), or where (`LATERAL`)."""
+    """A comparison of models: when particles arrive (`ARRIVAL`), or where (`LATERAL`)."""
 
     quantity: str
     unit: tuple[str, str]  # its sign and its name
-    models: tuple[str, str, str]  # what is compared, what a reader of their boxes must know, Fig.
-    measure: str  # that its claims go by: mae or iqr
+    models: tuple[str, str, str]  # compared models, how to read their boxes, figure
+    measure: str  # of its claims: mae or iqr
     deviations: Deviations
     answers: Answers
     notes: Callable[[pd.DataFrame, str], dict[str, str]]
@@ -302,7 +302,7 @@ class Study:
 
     @property
     def captions(self) -> dict[str, str]:
-        """What stands below its table, its box plots, its rates and its verdicts."""
+        """Captions of its table, box plots, rates and verdicts."""
         (sign, unit), (model, reading, figure) = self.unit, self.models
         return {
             "table": f"Deviation of the predicted from the true {self.quantity} in {unit}: "
@@ -333,7 +333,7 @@ class Study:
     def vary(
         self, tracks: Mapping[Key, pd.DataFrame], evaluation: Evaluation, seed: int
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Return the deviations by target of what decides, and by sampling rate of our simulation.
+        """Return deviations by target (tracks that decide) and by sampling rate (ours).
 
         The authors' tracks decide where they are; they end at the edge, ours go on beyond it.
         """
@@ -342,15 +342,15 @@ class Study:
         targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if authors else (788.0,))
         every = (1, 2, 5, 10) if is_installed() else (1,)
         arguments = evaluation, self.deviations, seed
-        varied = vary_target(authors or ours, targets, *arguments)
-        return varied.round(6), vary_rate(ours, every, *arguments).round(6)
+        by_target = vary_target(authors or ours, targets, *arguments)
+        return by_target.round(6), vary_rate(ours, every, *arguments).round(6)
 
     def judge(
-        self, answers: Mapping[str, Answer], varied: pd.DataFrame, hertz: float
+        self, answers: Mapping[str, Answer], by_target: pd.DataFrame, sampling_hz: float
     ) -> list[claims.Verdict]:
-        """Return the verdicts; ``varied`` by `vary`, ``hertz`` the rate of what decides."""
-        source = varied["source"].iloc[0]
-        notes = self.notes(varied, f"decided by {source} at {hertz:.0f} Hz")
+        """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`."""
+        source = by_target["source"].iloc[0]
+        notes = self.notes(by_target, f"decided by {source} at {sampling_hz:.0f} Hz")
         verdicts = {id: claims.judge(id, answer, note=notes[id]) for id, answer in answers.items()}
         if source == OWN and not is_installed():
             reason = "depends on how each shape moves, which our friction simulation only assumes"
@@ -390,7 +390,7 @@ def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Fi
     Parameters
     ----------
     summaries
-        ``source``, ``data_set``, ``model`` and what `style.draw_boxes` takes.
+        ``source``, ``data_set``, ``model`` and the columns that `style.draw_boxes` takes.
     label
         Of the vertical axes, below the source.
     height_mm
@@ -406,27 +406,27 @@ def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Fi
             axes.axhline(0, color="0.6", lw=0.6, ls="-")
             draw_boxes(axes, table)
             axes.set(title=data_set)
-            turned = 60 if len(table) > 5 else 0
-            axes.set_xticks(range(len(table)), table["model"], rotation=turned)
+            rotation = 60 if len(table) > 5 else 0
+            axes.set_xticks(range(len(table)), table["model"], rotation=rotation)
     return picture
 
 
-def lines_by_rate(rated: pd.DataFrame, models: Sequence[str], measure: str, label: str) -> Figure:
+def lines_by_rate(by_rate: pd.DataFrame, models: Sequence[str], measure: str, label: str) -> Figure:
     """Draw deviations over the sampling rate: a panel per data set, a line per model.
 
     Parameters
     ----------
-    rated
+    by_rate
         From `vary_rate`.
     models
         Which are drawn.
     measure, label
-        Column of the vertical axes, and what they say.
+        Column of the vertical axes, and their label.
     """
-    sets = rated["data_set"].unique()
+    sets = by_rate["data_set"].unique()
     picture, (panels,) = canvas(1, len(sets), width_mm=PAGE_MM, height_mm=55)
     for axes, data_set in zip(panels, sets, strict=True):
-        table = rated[rated["data_set"] == data_set]
+        table = by_rate[by_rate["data_set"] == data_set]
         wide = table.pivot(index="sampling_hz", columns="model", values=measure)
         for name, mark in zip(models, MARKERS, strict=False):
             axes.plot(wide[name], marker=mark, label=name)

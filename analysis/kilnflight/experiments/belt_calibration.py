@@ -6,8 +6,8 @@ mean and standard deviation along the belt, and the median of the absolute veloc
 deviation of any motion model takes part.
 
 The search ends after `ROUNDS` (57 evaluations), converged or not. So these values are the best of
-the search, no proven optimum; other values may fit as well. Their cost is that of the 300
-particles of the fit.
+the search, no proven optimum; other values may fit as well. Their cost is that of the 300 particles
+of the fit.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ def profile_misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
 def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, int]:
     """Return the values of least squares within `LIMITS`, and how many profiles it took.
 
-    Each value is scaled to run from 1 to 2 between its limits. A relative step of 3 % is then 3
-    to 6 % of that range, wide enough to look past single collisions. Values are rounded as they
-    are written.
+    Each value is scaled to run from 1 to 2 between its limits. A relative step of 3 % is then 3 to
+    6 % of that range, wide enough to look past single collisions. Values are rounded as they are
+    written.
     """
     low, high = (np.array(corner) for corner in zip(*LIMITS.values(), strict=True))
 

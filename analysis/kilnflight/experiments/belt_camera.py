@@ -68,8 +68,8 @@ def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> 
 def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integers:
     """Return the particles whose nearest spot was marked as several, in any frame.
 
-    Two particles that touch are one spot at their common centroid. The tracker does not know
-    that, and each measurement goes to one track. The truth shows what that costs.
+    Two particles that touch are one spot at their common centroid. The tracker does not know that,
+    and each measurement goes to one track. The truth shows what that costs.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
     Returns
     -------
     DataFrame
-        -ln of the likelihoods, NaN where impossible; index: the tracks, then ``new`` for each
-        measurement; columns: the measurements, then ``unobserved`` for each track.
+        -ln of the likelihoods, NaN where impossible. Rows: the tracks, then ``new`` for each
+        measurement. Columns: the measurements, then ``unobserved`` for each track.
     ndarray
         The measurement of each track in the likeliest association, -1: none.
     """

@@ -1,4 +1,4 @@
-"""What the belt papers claim, asked of tables of deviations, and what the answers rest on."""
+"""Answers to the claims of the belt papers from tables of deviations, with notes."""
 
 from __future__ import annotations
 
@@ -87,28 +87,28 @@ def lateral_answers(table: pd.DataFrame) -> dict[str, Answer]:
     }
 
 
-def arrival_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
-    """Return what the answers to belt20-1 to belt20-6 rest on, after a note.
+def arrival_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
+    """Return notes on the measures behind belt20-1 to belt20-6, after a common note.
 
-    ``varied`` is from `vary_target`; it says how often IA is first.
+    ``by_target`` is from `vary_target`; it shows how often IA is best.
     """
-    first = varied.loc[varied.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
+    first = by_target.loc[by_target.groupby(["target_mm", "data_set"])["mae"].idxmin(), "model"]
     everywhere = f"IA is first in {(first == 'IA').sum()} of {len(first)} data sets and targets"
-    known = dict.fromkeys([f"belt20-{k}" for k in range(1, 7)], f"{note}; mean absolute error")
-    known["belt20-1"] = f"{note}; interquartile range"
-    known["belt20-4"] = f"{note}; 1 - MAE CALV / MAE CA"
-    known["belt20-5"] += f"; {everywhere}"
-    known["belt20-6"] = f"{note}; mean velocity"
-    return known
+    notes = dict.fromkeys([f"belt20-{k}" for k in range(1, 7)], f"{note}; mean absolute error")
+    notes["belt20-1"] = f"{note}; interquartile range"
+    notes["belt20-4"] = f"{note}; 1 - MAE CALV / MAE CA"
+    notes["belt20-5"] += f"; {everywhere}"
+    notes["belt20-6"] = f"{note}; mean velocity"
+    return notes
 
 
-def lateral_notes(varied: pd.DataFrame, note: str) -> dict[str, str]:
-    """Return what the answers to belt20-7 to belt20-10 rest on, after a note."""
-    targets = varied["target_mm"]
-    iqr = varied.pivot(index=["target_mm", "data_set"], columns="model", values="iqr")
+def lateral_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
+    """Return notes on the measures behind belt20-7 to belt20-10, after a common note."""
+    targets = by_target["target_mm"]
+    iqr = by_target.pivot(index=["target_mm", "data_set"], columns="model", values="iqr")
     shares = (iqr["CV-CV"] / iqr["Straight"]).groupby("target_mm").max()
     changes = iqr["LV-DSC"] / iqr["CA-CA"] - 1
-    ranks = _wide(varied[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
+    ranks = _wide(by_target[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
     at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
     by_mae = ", ".join(f"{name} {ranks[name]:.0f}" for name in DATA_SETS)
     note = f"{note}; interquartile range"
@@ -174,8 +174,8 @@ def tracking_answers(table: pd.DataFrame) -> dict[str, Answer]:
         Of one material: ``data`` ("noise-free" or "images"), ``approach``, ``lateral_mm``,
         ``temporal_ms``, as `noise_free` and `from_images` give them.
     """
-    off = table["lateral_mm"].abs()
-    grouped = table.assign(near=off < 0.2, far=off < 1.5).groupby(["data", "approach"])
+    error = table["lateral_mm"].abs()
+    grouped = table.assign(near=error < 0.2, far=error < 1.5).groupby(["data", "approach"])
     within = grouped[["near", "far"]].mean()
     values = ["lateral_mm", "temporal_ms"]
     median, iqr = grouped[values].median(), grouped[values].quantile(0.75)
@@ -198,11 +198,11 @@ def tracking_answers(table: pd.DataFrame) -> dict[str, Answer]:
     if sim in iqr.index:
         answers["belt16-4"] = median["temporal_ms"]["noise-free"].dropna()
     if {images, free} <= set(iqr.index):
-        both = {"spread": iqr["temporal_ms"], "bias": median["temporal_ms"].abs()}
+        measures = {"spread": iqr["temporal_ms"], "bias": median["temporal_ms"].abs()}
         answers["belt16-5"] = {
             f"{name} from images {value[images]:.2f}, noise-free {value[free]:.2f} ms": bool(
                 value[images] > value[free]
             )
-            for name, value in both.items()
+            for name, value in measures.items()
         }
     return answers

@@ -1,12 +1,12 @@
-"""The simulated sorter beside the authors', and what its contact parameters change.
+"""The simulated sorter beside the authors', and the influence of its contact parameters.
 
-Its variants are held against the authors' velocities (`velocity_misfits`).
+Its variants are compared with the authors' velocities (`velocity_misfits`).
 
-MuJoCo's contacts are soft: time constants, damping and impedance are numerical settings, of
-which no paper prints any. The same particles are simulated with each of them halved and doubled
-(the impedance moved towards both of its ends), and with the friction values that were not
-fitted at both ends of what handbooks give. The step is 0.1 ms, half of the usual one, so that
-contacts half as soft can be simulated at all. Nothing is chosen by the outcome.
+MuJoCo's contacts are soft: time constants, damping and impedance are numerical settings, and no
+paper prints any. The same particles are simulated with each of them halved and doubled; the
+impedance is moved towards both of its ends. Friction values that were not fitted are set to both
+ends of the range in handbooks. The step is 0.1 ms, half of the usual one: contacts half as soft
+need it. Nothing is chosen by the outcome.
 """
 
 from __future__ import annotations
@@ -19,12 +19,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from kilnflight.belt import sorter as own
 from kilnflight.belt.bodies import Batch, build_model, engine, is_installed
 from kilnflight.belt.evaluation import motion_profile, step_velocities
 from kilnflight.belt.machine import BULKS, Contacts, Conveyor, check_material
 from kilnflight.belt.pictures import at_rate
-from kilnflight.belt.sorter import PLACES_MM, Sorter, calibrated_sorter
+from kilnflight.belt.sorter import (
+    PLACES_MM,
+    Sorter,
+    calibrated_sorter,
+    simulate_tracks,
+)
 from kilnflight.checks import check_between, check_count
 from kilnflight.experiments.belt_2020 import DATA_SETS, OWN, Key, load_tracks
 from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas
@@ -32,10 +36,10 @@ from kilnflight.tables import BELT_BODIES
 
 IMPEDANCE = 0.99  # MuJoCo's solimp in `kilnflight.belt.bodies`
 FINE_S = 0.0001  # the 2020 paper's step
-CLOSING_MM_S = 100.0  # of two spheres that meet; contacts are linear, so any will do
+CLOSING_MM_S = 100.0  # of two spheres that meet; any, since contacts are linear
 REFERENCE, USUAL, OTHERS = "as used", "as used, steps of 0.2 ms", "as used, other particles"
 QUANTITIES = ("mean_m_s", "gain_m_s", "std_m_s", "lateral_m_s", "lateral_std_m_s")
-# Ends of what handbooks give for what is not fitted; see `kilnflight.belt.machine.Contacts`.
+# Ranges in handbooks of the values that are not fitted; see `kilnflight.belt.machine.Contacts`.
 ASSUMED = {"particle_friction": (0.25, 0.5), "wall_friction": (0.2, 0.6)}
 
 
@@ -54,122 +58,130 @@ class Setting:
 
 
 def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFrame]:
-    """Return our simulation before and after its free values were found, at 100 Hz.
+    """Return our simulation before and after the fit of its free values, at 100 Hz.
 
     Returns
     -------
     dict
-        Tracks by variant and data set: ``inputs only`` (spheres), ``calibrated`` (all; the
-        values were found with spheres), ``along the belt`` (cylinders whose axes are within
-        some 20 degrees of the belt's direction instead of any). Without MuJoCo the
-        ``friction model`` alone.
+        Tracks by variant and data set. ``inputs only`` has spheres. ``calibrated`` has all
+        materials, with values fitted to spheres. ``along the belt`` has cylinders with axes within
+        some 20 degrees of the belt's direction. Without MuJoCo there is ``friction model`` alone.
     """
     if not is_installed():
-        known = load_tracks({}, seed)
-        return {("friction model", name): known[OWN, name] for name in DATA_SETS}
+        own_tracks = load_tracks({}, seed)
+        return {("friction model", name): own_tracks[OWN, name] for name in DATA_SETS}
     fitted = calibrated_sorter()
     sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
     sorters |= {("calibrated", name): fitted for name in DATA_SETS}
     along = replace(fitted.slide, yaw_spread_deg=20.0)
     sorters["along the belt", "cylinders"] = replace(fitted, slide=along)
     return {
-        key: at_rate(own.tracks(key[1], count, seed, jobs, used), 100.0)
+        key: at_rate(simulate_tracks(key[1], count, seed, jobs, used), 100.0)
         for key, used in sorters.items()
     }
 
 
 def velocity_misfits(profiles: pd.DataFrame, reference: str) -> pd.DataFrame:
-    """Return how far velocity profiles are off, root mean square over the belt.
+    """Return root mean square differences of velocity profiles over the belt.
 
     Parameters
     ----------
     profiles
         ``variant``, ``data_set`` and the columns of `kilnflight.belt.evaluation.motion_profile`.
     reference
-        The variant that the others are held against; without it the table is empty.
+        The variant that the others are compared with; without it the table is empty.
     """
     quantities = [name for name in profiles.columns if name.endswith("_m_s")]
     table = profiles.set_index(["data_set", "x_mm"])
-    known = table.loc[table["variant"] == reference, quantities]
+    expected = table.loc[table["variant"] == reference, quantities]
     others = table[table["variant"] != reference]
-    others = others[others.index.isin(known.index)]
-    squares = (others[quantities] - known.reindex(others.index)) ** 2
+    others = others[others.index.isin(expected.index)]
+    squares = (others[quantities] - expected.reindex(others.index)) ** 2
     squares.insert(0, "variant", others["variant"])
     mean = squares.reset_index().groupby(["variant", "data_set"], sort=False)[quantities].mean()
     return mean.pow(0.5).reset_index()
 
 
-def settings(sorter: Sorter) -> dict[str, Setting]:
-    """Return what is compared: a sorter at steps of 0.1 ms, and with one value changed each."""
+def contact_settings(sorter: Sorter) -> dict[str, Setting]:
+    """Return a sorter at steps of 0.1 ms, and the same with one value changed each."""
     fine = replace(sorter, conveyor=replace(sorter.conveyor, step_s=FINE_S))
-    known = {REFERENCE: Setting(fine), USUAL: Setting(sorter), OTHERS: Setting(fine, others=True)}
+    settings = {
+        REFERENCE: Setting(fine),
+        USUAL: Setting(sorter),
+        OTHERS: Setting(fine, others=True),
+    }
     for name in ("belt_time_s", "slip_time_s", "body_time_s", "body_damping"):
         value = getattr(sorter.contacts, name)
-        known |= {f"{name} {part:g}": _with(fine, name, part) for part in (value / 2, value * 2)}
+        settings |= {
+            f"{name} {part:g}": _changed(fine, name, part) for part in (value / 2, value * 2)
+        }
     for impedance in (0.95, 0.998):
-        known[f"impedance {impedance:g}"] = Setting(fine, impedance)
+        settings[f"impedance {impedance:g}"] = Setting(fine, impedance)
     for name, ends in ASSUMED.items():
-        known |= {f"{name} {end:g}": _with(fine, name, end) for end in ends}
-    return known
+        settings |= {f"{name} {end:g}": _changed(fine, name, end) for end in ends}
+    return settings
 
 
-def study(
+def vary_contacts(
     sorter: Sorter, count: int, seed: int, materials: Iterable[str] = tuple(BULKS)
 ) -> pd.DataFrame:
-    """Return how particles move with each of the `settings`.
+    """Return how particles move with each of the `contact_settings`.
 
     Parameters
     ----------
     sorter
-        What is varied.
+        The sorter to change.
     count
         Particles of each material, the same for all settings but `OTHERS`.
     seed
         Of the particles.
     materials
-        Which.
+        Names of `BULKS`.
 
     Returns
     -------
     DataFrame
-        ``setting``, ``data_set``; at 100 Hz and as means over the belt the mean and standard
-        deviation of the velocity along it (``mean_m_s``, ``std_m_s``) and of the velocity across
-        it (median of its size ``lateral_m_s``, standard deviation ``lateral_std_m_s``), with
-        ``gain_m_s``, what the mean gains from 425 to 750 mm, beside them;
-        ``restitution_least`` and ``restitution_most`` from `restitution`.
+        ``setting``, ``data_set``, and means over the belt of velocities at 100 Hz. Along the belt:
+        mean ``mean_m_s``, standard deviation ``std_m_s``. Across it: median of its size
+        ``lateral_m_s``, standard deviation ``lateral_std_m_s``. Then ``gain_m_s``, the gain of the
+        mean from 425 to 750 mm; ``restitution_least`` and ``restitution_most``.
 
     Raises
     ------
     InputError
         If there are too few particles, or no such material.
     """
-    check_count(count, "study: count", least=2)
+    check_count(count, "vary_contacts: count", least=2)
     rows = []
-    for name, setting in settings(sorter).items():
+    for name, setting in contact_settings(sorter).items():
         least, most = restitution(setting)
         for material in materials:
-            row = {"setting": name, "data_set": material, **_moved(setting, material, count, seed)}
+            row = {
+                "setting": name,
+                "data_set": material,
+                **_mean_motion(setting, material, count, seed),
+            }
             rows.append(row | {"restitution_least": least, "restitution_most": most})
     return pd.DataFrame(rows)
 
 
 def changes(table: pd.DataFrame) -> pd.DataFrame:
-    """Return, in mm/s, how far each setting is from the reference, columns ``mean_mm_s`` ..."""
-    known = table[table["setting"] == REFERENCE].set_index("data_set")
+    """Return the difference of each setting from the reference in mm/s."""
+    reference_rows = table[table["setting"] == REFERENCE].set_index("data_set")
     result = table[["setting", "data_set"]].copy()
     for name in QUANTITIES:
-        reference = table["data_set"].map(known[name])
+        reference = table["data_set"].map(reference_rows[name])
         result[name.replace("_m_s", "_mm_s")] = 1000.0 * (table[name] - reference)
     return result[result["setting"] != REFERENCE].reset_index(drop=True)
 
 
-def plot(changed: pd.DataFrame) -> Figure:
+def plot_changes(differences: pd.DataFrame) -> Figure:
     """Draw the `changes`: a panel per quantity, a line per setting, a mark per material."""
     labels = ("mean along", "gain along", "spread along", "median across")
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 95, "sharey": True}
     picture, (panels,) = canvas(1, len(labels), **size)
-    for axes, name, label in zip(panels, changed.columns[2:], labels, strict=False):
-        for k, (data_set, table) in enumerate(changed.groupby("data_set", sort=False)):
+    for axes, name, label in zip(panels, differences.columns[2:], labels, strict=False):
+        for k, (data_set, table) in enumerate(differences.groupby("data_set", sort=False)):
             look: dict[str, Any] = {"marker": MARKERS[k], "color": COLOURS[k], "ls": "", "ms": 4}
             axes.plot(table[name], table["setting"], label=data_set, mfc="none", **look)
         axes.axvline(0, color="0.6", lw=0.8, ls="-")
@@ -201,14 +213,15 @@ def restitution(setting: Setting) -> tuple[float, float]:
     return min(shares), max(shares)
 
 
-def _with(sorter: Sorter, name: str, value: float) -> Setting:
+def _changed(sorter: Sorter, name: str, value: float) -> Setting:
+    """Return a setting with one value of the contacts changed."""
     contacts: Contacts = replace(sorter.contacts, **{name: value})
     return Setting(replace(sorter, contacts=contacts))
 
 
-def _moved(setting: Setting, material: str, count: int, seed: int) -> dict[str, float]:
+def _mean_motion(setting: Setting, material: str, count: int, seed: int) -> dict[str, float]:
     """Return the means over the belt of the profile of one simulation."""
-    bodies = simulated(setting, material, count, seed)
+    bodies = simulate_setting(setting, material, count, seed)
     profile = motion_profile(step_velocities(at_rate(bodies, 100.0)), PLACES_MM)
     along = profile["mean_m_s"]
     means = {"mean_m_s": along.mean(), "gain_m_s": along.iloc[-1] - along.iloc[0]}
@@ -216,8 +229,8 @@ def _moved(setting: Setting, material: str, count: int, seed: int) -> dict[str, 
     return {name: float(value) for name, value in means.items()}
 
 
-def simulated(setting: Setting, material: str, count: int, seed: int) -> pd.DataFrame:
-    """Return the bodies of one setting, `kilnflight.tables.BELT_BODIES`."""
+def simulate_setting(setting: Setting, material: str, count: int, seed: int) -> pd.DataFrame:
+    """Simulate one setting; return `kilnflight.tables.BELT_BODIES`."""
     check_material(material)
     sorter, bulk = setting.sorter, BULKS[material]
     generator = np.random.default_rng([seed, int(setting.others)])

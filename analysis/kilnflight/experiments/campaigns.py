@@ -254,7 +254,7 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
 def true_values(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues]:
     """Return the values of all `whole_flights` by campaign, detected or not."""
     return {
-        each.key: truth.flight_values(twin_of(each).life.flights.only(whole_flights(each)))
+        each.key: truth.true_flight_values(twin_of(each).life.flights.only(whole_flights(each)))
         for each in campaigns
     }
 

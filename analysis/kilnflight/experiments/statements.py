@@ -133,7 +133,7 @@ def misfits(rows: pd.DataFrame, values: pd.Series) -> pd.Series:
 
 def true_outcomes(flights: Mapping[CampaignKey, Flights]) -> pd.DataFrame:
     """Return the `outcome_table` of flights of the twin, as they truly are."""
-    return outcome_table({key: truth.flight_values(each) for key, each in flights.items()})
+    return outcome_table({key: truth.true_flight_values(each) for key, each in flights.items()})
 
 
 def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:

@@ -32,7 +32,7 @@ from kilnflight.twin.fitted import LIGHT_FILE, LightInputs
 from kilnflight.twin.life import Life
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import FRAMES, LABELLED, SUBSETS, fed
+from kilnflight.twin.scenes import FRAMES, LABELLED, SUBSETS, subset_scene
 
 EVERY = 7  # frames of a subset that are rendered: 23 for the background, two of them labelled
 RENDERED = range(LABELLED.start % EVERY, FRAMES, EVERY)
@@ -158,7 +158,7 @@ def read_fit(path: Path = LIGHT_FILE) -> dict[str, object]:
 
 def main() -> int:
     """Fit, write the file, and print the result."""
-    twins = [Twin(fed(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
+    twins = [Twin(subset_scene(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
     print(cache.write_calibration(LIGHT_FILE, calibrate(twins)))
     return 0
 

@@ -19,7 +19,7 @@ from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import light_inputs
 from kilnflight.twin.scene import Scene, Twin
-from kilnflight.twin.scenes import HANDFULS, LABELLED, SUBSETS, fed
+from kilnflight.twin.scenes import HANDFULS, LABELLED, SUBSETS, subset_scene
 
 CLOSE = 0.08  # a class count off by less is close enough; the rule is 10 % (design)
 LARGE = 300  # particles of the handful that shows how many sightings a particle yields
@@ -52,7 +52,7 @@ def solve(name: str, seed: int, rounds: int = 6, tries: int = 40) -> dict[str, i
     off: dict[tuple[int, ...], float] = {}
 
     def shown(sizes: dict[str, int]) -> Counts:
-        return counted(light_inputs().applied(fed(name, sizes, seed)))
+        return counted(light_inputs().applied(subset_scene(name, sizes, seed)))
 
     def measure(sizes: tuple[int, ...]) -> Counts:
         counts = shown(dict(zip(HANDFULS, sizes, strict=True)))
@@ -107,7 +107,7 @@ def main() -> int:
     """Print the handfuls of every subset, and the counts they show beside Table 5.2."""
     for number, name in enumerate(SUBSETS, start=1):
         sizes = solve(name, number)
-        counts = counted(light_inputs().applied(fed(name, sizes, number))).astype(int)
+        counts = counted(light_inputs().applied(subset_scene(name, sizes, number))).astype(int)
         published = published_counts(name).astype(int)
         print(f"{name}: {sizes} shows {counts}, published {published}", flush=True)
     return 0

@@ -15,15 +15,15 @@ module      content
 ==========  =====================================================================
 camera      kiln, lance and camera; light into grey values; depth and its error
 gas         stream and jet; drag, heat transfer, conduction
-particles   what is fed and when: sizes, masses, material, handfuls
+particles   the feed: sizes, masses, material, handfuls and their times
 burning     the state of a particle in flight: heating, ignition, burning
 flight      from the lance to the end
-life        every particle of a scene at any moment
+life        all particles of a scene at any moment
 background  the picture without particles
-picture     particles as ellipses in the picture; what a person would mark
+picture     particles as ellipses in the picture, marked as by a person
 scene       `Scene` and `Twin`, its recording
 scenes      the five subsets, the eight campaigns, the scenarios
-truth       tables of what is true; velocities and dwell times of flights
+truth       tables of the truth; true velocities and dwell times of flights
 fitted      the few fitted inputs (calibrated.json, exposure.json)
 ==========  =====================================================================
 """

@@ -1,4 +1,4 @@
-"""What the camera sees without particles: wall, inlet plate, burner flame, flicker, edges.
+"""The picture without particles: wall, inlet plate, burner flame, flicker, edges.
 
 The static part is made once per scene. The changing part is a function of time alone
 (sums of sinusoids with seeded phases), so that any frame can be rendered by itself.
@@ -152,7 +152,7 @@ class Background:
         return np.clip(1.3 - 1.6 * np.hypot(row, column), 0, None).astype(np.float32)
 
     def _flame(self, time_s: float) -> Picture:
-        """Return what the burner's flame adds inside its rectangle: eddies that drift."""
+        """Return the grey values of the burner's flame in its rectangle: eddies that drift."""
         generator = np.random.default_rng([self.seed, 104])
         eddies = generator.normal(1.0, self.surroundings.flame_flicker, (16, 64))
         eddies = eddies.astype(np.float32)

@@ -30,7 +30,7 @@ CAUSES = ("", "surface temperature", "hot gas", "slip")
 
 @dataclass
 class State:
-    """The particles still in flight: what is fixed, and what changes; arrays (active, ...)."""
+    """The particles still in flight, with fixed and changing values; arrays (active, ...)."""
 
     kind: Fraction
     index: npt.NDArray[np.intp]  # row of the particle among all
@@ -50,7 +50,7 @@ class State:
     volatiles_kg: Array
     char_kg: Array
     burning: npt.NDArray[np.int8]
-    met: npt.NDArray[np.bool_]  # (active, 3): ignition criteria fulfilled one step ago
+    fulfilled: npt.NDArray[np.bool_]  # (active, 3): ignition criteria of the step before
 
     @classmethod
     def at_rest(cls, particles: Particles, nodes: int, temperature_k: float) -> State:
@@ -75,7 +75,7 @@ class State:
             volatiles_kg=dry * kind.volatile_share,
             char_kg=dry * (1 - kind.volatile_share),
             burning=np.full(n, UNLIT, dtype=np.int8),
-            met=np.zeros((n, 3), dtype=bool),
+            fulfilled=np.zeros((n, 3), dtype=bool),
         )
 
     def keep(self, rows: npt.NDArray[np.bool_]) -> None:
@@ -114,7 +114,7 @@ def heat_and_burn(state: State, gas: Gas, gas_k: Array, slip_m_s: Array, step_s:
     wall = gas.wall_temperature_k
     flux = heat_flux(state.surface_k, gas_k, wall, coefficient, state.kind.emissivity)
     unlit = state.burning == UNLIT
-    nodes, surface = _warmer(state, flux, step_s)
+    nodes, surface = _heated(state, flux, step_s)
     state.nodes_k = np.where(unlit[:, None], nodes, state.nodes_k)
     state.surface_k = np.where(unlit, surface, state.surface_k)
     power = np.maximum(flux, 0.0) * state.surface_m2
@@ -125,7 +125,7 @@ def heat_and_burn(state: State, gas: Gas, gas_k: Array, slip_m_s: Array, step_s:
     state.burning[(state.burning == BURNING) & (state.volatiles_kg <= 0.0)] = CHAR
 
 
-def _warmer(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
+def _heated(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
     """Return the temperatures (active, nodes) and that of the surface one step later.
 
     The surface lies half a shell outside the last node; the flux brings the difference.
@@ -159,7 +159,7 @@ def ignite(
         Index into `CAUSES`: the criterion that had not been fulfilled one step before
         (of several, the first in that order).
     """
-    met = np.stack(
+    fulfilled = np.stack(
         [
             state.surface_k >= state.ignition_k,
             gas_k >= gas_limit_k,
@@ -167,8 +167,8 @@ def ignite(
         ],
         axis=1,
     )
-    lit = met.all(axis=1) & (state.burning == UNLIT)
-    cause = np.where(lit, 1 + np.argmin(state.met, axis=1), 0).astype(np.int8)
+    lit = fulfilled.all(axis=1) & (state.burning == UNLIT)
+    cause = np.where(lit, 1 + np.argmin(state.fulfilled, axis=1), 0).astype(np.int8)
     state.burning[lit] = BURNING
-    state.met = met
+    state.fulfilled = fulfilled
     return lit, cause

@@ -4,9 +4,9 @@ Camera coordinates are millimetres: x to the right, y up, z away from the camera
 coordinates are metres: s from the lance exit along the axis towards the camera, x to the
 side, y up, both from the kiln's axis. Row 0, column 0 is the centre of the upper left pixel.
 
-The thesis publishes the fitted cylinder (Table 5.12) and, in Fig. 5.11, the pixel of the
-lance exit, but neither the pose of the camera nor the depth of the lance. Those two are
-chosen once from what the printed numbers bound and varied as scenarios.
+The thesis publishes the fitted cylinder (Table 5.12) and the pixel of the lance exit (Fig.
+5.11). It publishes neither the pose of the camera nor the depth of the lance. Those two are
+chosen once, within the bounds of the printed numbers, and varied as scenarios.
 """
 
 from __future__ import annotations
@@ -225,8 +225,8 @@ class DepthCamera:
     def captured(self, true_mm: npt.ArrayLike) -> Array:
         """Return the captured depth of a true depth in mm.
 
-        The line through the captured depths of the plate at 1 m, 2 m, ... 11 m: monotone,
-        equal to the inverse of Eq. 2.4 at those distances, and continued beyond them.
+        It lies on the line through the captured depths of the plate at 1 m, 2 m, ... 11 m. The
+        line is monotone, equal to the inverse of Eq. 2.4 there, and continued beyond.
         """
         return np.interp(np.asarray(true_mm, dtype=np.float64), *self._knots)
 

@@ -1,9 +1,9 @@
 """The few inputs that are not published: fitted once, read from their files.
 
-The files beside this module are written by ``python -m
-kilnflight.experiments.twin_calibration`` (flight and ignition, from two of the eight
-campaigns) and ``python -m kilnflight.experiments.twin_exposure`` (the picture, from Otsu's
-row of Table 5.5). What they were fitted to is compared with the published values there.
+Two scripts write the files beside this module, and compare their targets with the published
+values. ``python -m kilnflight.experiments.twin_calibration`` fits flight and ignition to two of
+the eight campaigns. ``python -m kilnflight.experiments.twin_exposure`` fits the picture to Otsu's
+row of Table 5.5.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class LightInputs:
     flame_reach: float = (Optics.wall_level + Optics.flame_level) / FULL_SCALE
     irradiance: float = Optics.irradiance  # contrast of those that do not burn
     share_on: float = OnTheWall.share_on  # flicker of the flames on the wall
-    # How long they last: what a median over half a second takes for background hangs on it, so
-    # it is counted as flicker; twin.md does not name it.
+    # Duration of these flames. A median over half a second takes long ones for background, so it
+    # is counted as flicker.
     body_s: float = OnTheWall.body_s
     burner_level: float = Surroundings.flame_level  # the burner's flame: how far it saturates
     burner_flicker: float = Surroundings.flame_flicker  # and how much its rim moves

@@ -1,8 +1,8 @@
 """Flight of single particles from the lance to their end, all of a fraction at once.
 
 A particle is a point with a mass, a mean area and a temperature. It leaves the lance with
-a slip, is dragged by stream, jet and turbulence, pushed aside by a lift that wanders
-(tumbling), heats up, may ignite, and ends on the wall, burnt out or out of the kiln.
+a slip, is dragged by stream, jet and turbulence, and pushed aside by a lift that wanders
+(tumbling). It heats up, may ignite, and ends on the wall, burnt out or out of the kiln.
 Kiln coordinates in metres, SI units; time counts from the particle's release.
 """
 
@@ -95,7 +95,7 @@ class Flights(NamedTuple):
         columns = zip(*(part[1:] for part in parts), strict=True)
         return cls(parts[0].age_s, *(np.concatenate(column) for column in columns))
 
-    def note(self, column: int, state: State) -> None:
+    def store(self, column: int, state: State) -> None:
         """Store the present state as a sample."""
         rows = state.index
         self.position_m[rows, column] = state.position
@@ -104,7 +104,7 @@ class Flights(NamedTuple):
         self.area[rows, column] = state.area_share
         self.state[rows, column] = state.burning
 
-    def note_end(self, state: State, over: npt.NDArray[np.int8], time_s: float) -> None:
+    def store_end(self, state: State, over: npt.NDArray[np.int8], time_s: float) -> None:
         """Store time, kind and place of the flights that have ended."""
         rows = state.index[over >= 0]
         self.end_s[rows] = time_s
@@ -162,13 +162,13 @@ def fly(
         over = _ended(state, geometry, settings)
         if step == steps:
             over[over < 0] = ENDS.index("still flying")
-        flights.note_end(state, over, time)
+        flights.store_end(state, over, time)
         if (over >= 0).any():
             state.keep(over < 0)
         if not len(state.index):
             break
         if step % every == 0:
-            flights.note(step // every, state)
+            flights.store(step // every, state)
         gas_k, slip = _move(state, gas, geometry, generator, settings)
         heat_and_burn(state, gas, gas_k, slip, settings.step_s)
         limits = (settings.ignition_gas_k, settings.extinction_1_s)

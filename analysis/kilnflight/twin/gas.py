@@ -1,9 +1,9 @@
 """The gas in the kiln, and how it pushes and heats a particle (SI units).
 
-A slow hot stream, and the cold jet of the lance that dies in it. The jet is a round
-turbulent jet of variable density: the law of constant density holds with the equivalent
-diameter ``d sqrt(rho_jet / rho_gas)`` (Thring and Newby 1953; decay and spreading after
-Pope, Turbulent Flows, 2000). Being heavier than the hot gas, it sinks. Kiln coordinates
+A slow hot stream, and the cold jet of the lance that dies in it. The jet is round and
+turbulent and has a variable density. The law of constant density holds with the equivalent
+diameter ``d sqrt(rho_jet / rho_gas)`` (Thring and Newby 1953). Decay and spreading are after
+Pope, Turbulent Flows, 2000. Being heavier than the hot gas, it sinks. Kiln coordinates
 in metres, see `kilnflight.twin.camera`.
 """
 

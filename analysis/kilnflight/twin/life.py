@@ -1,4 +1,4 @@
-"""The life of every particle of a scene, and what it is at a given moment.
+"""The life of every particle of a scene, and its state at a given moment.
 
 Flights are computed once per scene (a few milliseconds per particle) and looked up by
 time; the state between two samples is interpolated. On the wall (about 1200 degC) every
@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OnTheWall:
-    """What happens to a particle after it has landed; all assumptions.
+    """Flames of particles that have landed; all assumptions.
 
     Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
     over 150 frames would absorb them otherwise, yet they are found (Table 5.5). Scenes take
@@ -73,7 +73,7 @@ class Life:
 
     @cached_property
     def over_s(self) -> Array:
-        """When nothing of a particle can be seen any more, (n,), in s from the first frame."""
+        """Time from which a particle is invisible, (n,), in s from the first frame."""
         landed = self.flights.end == ENDS.index("landed")
         afterwards = (self.table["flame_delay_s"] + self.table["flame_s"]).to_numpy() * landed
         return self.release_s + self.flights.end_s + afterwards

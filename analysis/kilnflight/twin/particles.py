@@ -1,8 +1,8 @@
 """The four fractions: how single particles differ, and when they are fed.
 
 The thesis shows the fractions on a photograph with a scale (Fig. 2.7) but prints neither
-sizes nor masses; every range here is therefore a value of handbooks or of the product, as
-its comment says, and is drawn uniformly. Particles are fed by hand, in bursts (sections
+sizes nor masses. So every range here comes from handbooks or the product, as its comment
+says; values are drawn uniformly from it. Particles are fed by hand, in bursts (sections
 2.1.1 and 5.2.1). Lengths in metres, SI units throughout.
 """
 
@@ -229,7 +229,7 @@ class Burst:
             raise InputError(f"Burst: count {self.count} is below 0.")
 
     def release(self, generator: np.random.Generator) -> tuple[Particles, Array]:
-        """Return the particles and when each leaves the lance, in s, ascending."""
+        """Return the particles and the time in s at which each leaves the lance, ascending."""
         particles = find_fraction(self.fraction).draw(self.count, generator)
         times = self.start_s + self.duration_s * generator.beta(2.0, 2.0, self.count)
         return particles, np.sort(times)
@@ -246,7 +246,7 @@ def by_hand(
     Parameters
     ----------
     fraction
-        What is fed.
+        Kind of the particles.
     count
         Particles in all; the last burst takes the rest.
     duration_s

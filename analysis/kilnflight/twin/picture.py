@@ -1,7 +1,7 @@
 """How particles look: tumbling ellipsoids, unlit in the wall's light or with a flame.
 
-All particles of a frame are drawn together: the pixels of every particle's box stand in
-one long array, so that nothing loops over particles or pixels.
+All particles of a frame are drawn together. The pixels of every particle's box stand in one
+long array, so that nothing loops over particles or pixels.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class Bodies(NamedTuple):
     sheet: npt.NDArray[np.bool_]
 
 
-def bodies(table: pd.DataFrame, tumbling: Tumbling, seed: int) -> Bodies:
-    """Return the bodies of the particles of a scene (columns as in `life.live`)."""
+def draw_bodies(table: pd.DataFrame, tumbling: Tumbling, seed: int) -> Bodies:
+    """Draw the bodies of the particles of a scene (columns as in `life.live`)."""
     n = len(table)
     generator = np.random.default_rng([seed, 201])
     axis = unit_vectors(generator.normal(size=(n, 3)))

@@ -1,8 +1,8 @@
-"""A scene: what is fed into which kiln, seen by which camera, and its recording.
+"""A scene: feed, kiln and camera, and its recording.
 
-A `Scene` is a few parameters and a seed. `Twin` is its recording: frames are rendered on
-demand, each from the seed and its number alone, so that any frame can be had in any order,
-by any process, and nothing grows with the length.
+A `Scene` is a few parameters and a seed. `Twin` is its recording. Each frame is
+rendered on demand from the seed and its number alone. So frames come in any order and from any
+process, and nothing grows with the length.
 """
 
 from __future__ import annotations
@@ -23,7 +23,16 @@ from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import Life, Moment, OnTheWall, live
 from kilnflight.twin.particles import Burst
-from kilnflight.twin.picture import Blobs, Bodies, Pixels, Tumbling, bodies, cover, paint, project
+from kilnflight.twin.picture import (
+    Blobs,
+    Bodies,
+    Pixels,
+    Tumbling,
+    cover,
+    draw_bodies,
+    paint,
+    project,
+)
 
 Array = npt.NDArray[np.float64]
 RIM = 0.8  # share of the radius from which on a burning particle's edge has depth; assumption
@@ -93,7 +102,7 @@ class Twin:
 
     @cached_property
     def _bodies(self) -> Bodies:
-        return bodies(self.life.table, self.scene.tumbling, self.scene.seed)
+        return draw_bodies(self.life.table, self.scene.tumbling, self.scene.seed)
 
     @cached_property
     def _background(self) -> Background:
@@ -138,11 +147,11 @@ class Twin:
         """Return the picture (rows, columns) at frame ``t`` without any particle or noise."""
         return self._background.at(self.time_s(t))
 
-    def view(self, t: int) -> View:
+    def view(self, t: int) -> SceneView:
         """Return the picture before noise, and which particle covers which pixel of it."""
         place, optics, time = self.scene.geometry, self.scene.optics, self.time_s(t)
         moment = self.life.at(time)
-        # leave out what is behind the camera or not burning on the wall
+        # leave out particles behind the camera, and those on the wall that do not burn
         in_front = place.to_camera(moment.position_m)[:, 2] > 300.0
         moment = moment.take(in_front & (~moment.landed | moment.burning))
         picture = self._background.at(time)
@@ -154,13 +163,13 @@ class Twin:
         moment = moment.take(of_blob)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
         first, last, left, right = self.scene.surroundings.flame_roi
-        # what a person sees as flame: far above the wall, or as bright as the camera can tell
+        # a person sees a flame where it is far brighter than the wall, or saturated
         bright = picture[first:last, left:right] >= min(2.5 * optics.wall_level, FULL_SCALE)
         labels[first:last, left:right][bright] = 1
         shown = marked & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
         labels.reshape(-1)[pixels.place[shown]] = kinds[pixels.blob[shown]]
-        return View(picture, moment, blobs, pixels, shown, visible, kinds, labels)
+        return SceneView(picture, moment, blobs, pixels, shown, visible, kinds, labels)
 
     def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
         """Return the picture with noise as grey values."""
@@ -184,7 +193,9 @@ class Twin:
     def _wall(self) -> _Wall:
         return _wall_points(self.scene, self._background)
 
-    def _cloud(self, t: int, view: View) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    def _cloud(
+        self, t: int, view: SceneView
+    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
         generator = self._random(t, 1)
         index, depth = self._wall_depth(generator, view.labels)
@@ -208,7 +219,7 @@ class Twin:
         error = wall.scale.take(chosen) * common + depth.white_mm * white
         return wall.index.take(chosen), wall.depth_mm.take(chosen) + error
 
-    def _particle_depth(self, t: int, view: View) -> tuple[npt.NDArray[np.intp], Array]:
+    def _particle_depth(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.intp], Array]:
         """Return pixels and true depth with error of the points on particles."""
         depth, blobs = self.scene.depth, view.blobs
         has_depth, common = self.particle_errors(t)
@@ -220,26 +231,26 @@ class Twin:
         white = depth.white_mm * self._random(t, 4).standard_normal(len(index))
         return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
 
-    def particles_with_depth(self, t: int, view: View) -> npt.NDArray[np.intp]:
+    def particles_with_depth(self, t: int, view: SceneView) -> npt.NDArray[np.intp]:
         """Return the particles that have at least one valid point in the view of frame ``t``."""
         chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
         return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
 
     def _chosen_points(
-        self, t: int, view: View, has_depth: npt.NDArray[np.bool_]
+        self, t: int, view: SceneView, has_depth: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.intp]:
         """Return which of a view's pixels are valid points; ``has_depth`` by particle."""
         pixels, of_blob = view.pixels, has_depth[view.blobs.particle]
         flat = view.picture.reshape(-1)[pixels.place]
-        on = view.shown & of_blob[pixels.blob] & (pixels.radius <= 1.0)
+        valid = view.shown & of_blob[pixels.blob] & (pixels.radius <= 1.0)
         # A saturated core has no texture, and so no depth; its rim against the wall has.
-        on &= (flat < FULL_SCALE) | (pixels.radius > RIM)
-        chosen = np.flatnonzero(on)
-        luck = self._random(t, 2).random(len(chosen))
-        return chosen[luck < self.scene.depth.points_per_pixel]
+        valid &= (flat < FULL_SCALE) | (pixels.radius > RIM)
+        chosen = np.flatnonzero(valid)
+        draws = self._random(t, 2).random(len(chosen))
+        return chosen[draws < self.scene.depth.points_per_pixel]
 
     @cached_property
-    def _particle_luck(self) -> tuple[Array, Array]:
+    def _particle_draws(self) -> tuple[Array, Array]:
         """Size (n,) of each particle's error, and phase and pace (2, n) of its own wave."""
         table = self.life.table
         size = table["fraction"].map(self.scene.depth.error_of).to_numpy(dtype=np.float64)
@@ -248,7 +259,7 @@ class Twin:
 
     def particle_errors(self, t: int) -> tuple[npt.NDArray[np.bool_], Array]:
         """Return for every particle whether it has depth and its common error in mm."""
-        depth, (size, luck) = self.scene.depth, self._particle_luck
+        depth, (size, wave) = self.scene.depth, self._particle_draws
         n = len(size)
         generator = self._random(t, 3)
         outlier = generator.random(n) < depth.outlier_share
@@ -258,11 +269,11 @@ class Twin:
         in_air = np.where(moment.burning, depth.available[0], depth.available[1])
         share[moment.particle] = np.where(moment.landed, depth.available[2], in_air)
         # whether a particle has depth persists over a few frames: its own slow wave decides
-        wave = (luck[0] + (0.5 + luck[1]) * self.time_s(t) / 0.1) % 1.0
-        return wave < share, size * generator.standard_normal(n)
+        phase = (wave[0] + (0.5 + wave[1]) * self.time_s(t) / 0.1) % 1.0
+        return phase < share, size * generator.standard_normal(n)
 
 
-class View(NamedTuple):
+class SceneView(NamedTuple):
     """One frame before noise."""
 
     picture: npt.NDArray[np.float32]
@@ -295,7 +306,7 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     # Depth comes in patches where there is structure, not in lonely pixels (Fig. 5.7).
     # The structure that counts is relative to its surroundings, so patches lie everywhere.
     score = cv2.GaussianBlur(texture, (0, 0), depth.patch_px / 8)
-    score /= _broadly(texture, 4.0 * depth.patch_px) + 1.0
+    score /= _widely_blurred(texture, 4.0 * depth.patch_px) + 1.0
     score *= 0.9 + 0.1 * generator.random(level.shape, dtype=np.float32)
     edge = scene.surroundings.edge_px
     score[:edge], score[-edge:], score[:, :edge], score[:, -edge:] = 0, 0, 0, 0
@@ -312,7 +323,7 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
     return _Wall(index, biased, depth.wall_scale(true), patch, int(patch.max()) + 1)
 
 
-def _broadly(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
+def _widely_blurred(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
     """Return a picture blurred by many pixels: coarse blocks are blurred, then interpolated."""
     rows, columns = picture.shape
     block = max(int(spread_px / 8), 1)

@@ -1,10 +1,10 @@
 """The scenes of the thesis: five ground-truth subsets and eight campaigns, and variations.
 
-``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections
-5.1.1, 5.2.3, appendix A.1). How many particles were fed is not: the rates of the campaigns
-follow from the trajectories in the windows of Table 5.15, the handfuls of the subsets from
-the counts of Table 5.2. Flight, ignition and light have the inputs of
-`kilnflight.twin.fitted`; the scenario ``inputs-only`` has the assumed ones.
+``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections 5.1.1,
+5.2.3, appendix A.1). The number of fed particles is not. The rates of the campaigns follow from
+the trajectories in the windows of Table 5.15, the handfuls of the subsets from the counts of
+Table 5.2. Flight, ignition and light have the inputs of `kilnflight.twin.fitted`; the scenario
+``inputs-only`` has the assumed ones.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HANDFULS: dict[str, tuple[dict[str, float], float, float]] = {
     "unlit": (_MIXTURE, -0.25, 0.25),
     "landed": (_MIXTURE, -0.85, 0.4),
 }
-# Their particles, found by `python -m kilnflight.experiments.twin_mixture`.
+# Their particles, fitted by `python -m kilnflight.experiments.twin_mixture`.
 SIZES: dict[str, dict[str, int]] = {
     "V1": {"flying": 198, "unlit": 29, "landed": 123},
     "V2": {"flying": 108, "unlit": 12, "landed": 321},
@@ -86,7 +86,7 @@ def handful(kind: str, count: int) -> tuple[Burst, ...]:
     )
 
 
-def fed(name: str, sizes: dict[str, int], seed: int) -> Scene:
+def subset_scene(name: str, sizes: dict[str, int], seed: int) -> Scene:
     """Return the scene of a subset with the given handfuls, its picture as assumed."""
     feed = sum((handful(kind, size) for kind, size in sizes.items()), ())
     flight, gas = flight_inputs().applied(Flight(), Gas())
@@ -98,7 +98,7 @@ def ground_truth(name: str, seed: int = 0) -> Scene:
     if name not in SUBSETS:
         raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
     number = SUBSETS.index(name) + 1
-    return light_inputs().applied(fed(name, SIZES[name], 1000 * seed + number))
+    return light_inputs().applied(subset_scene(name, SIZES[name], 1000 * seed + number))
 
 
 def campaign_name(fraction: str, pressure_bar: float) -> str:
@@ -162,14 +162,14 @@ def tracking_window(twin: Twin) -> range:
     return range(best, best + length)
 
 
-def _assumed(scene: Scene) -> Scene:
+def _with_assumed_inputs(scene: Scene) -> Scene:
     """Return a scene with the assumed instead of the fitted inputs."""
     flight, gas = FlightInputs().applied(scene.flight, scene.gas)
     return LightInputs().applied(replace(scene, flight=flight, gas=gas))
 
 
-def small(scene: Scene) -> Scene:
-    """Return a scene seen by a camera with a quarter of the rows and columns: for trying out."""
+def downscaled(scene: Scene) -> Scene:
+    """Return a scene for trials: a camera with a quarter of the rows and columns."""
     place, around, depth = scene.geometry, scene.surroundings, scene.depth
     pixel = (place.lance_pixel[0] / 4, place.lance_pixel[1] / 4)
     top, bottom, left, right = (edge // 4 for edge in around.flame_roi)
@@ -192,8 +192,8 @@ def small(scene: Scene) -> Scene:
 # One line each: inputs that the publications only bound, at other values.
 SCENARIOS = {
     "base": lambda scene: scene,
-    "small": small,
-    "inputs-only": _assumed,
+    "small": downscaled,
+    "inputs-only": _with_assumed_inputs,
     "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
     "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
     "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),

@@ -183,7 +183,7 @@ def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) 
     return times
 
 
-def velocities(flights: Flights) -> Array:
+def metre_velocities(flights: Flights) -> Array:
     """Return each particle's mean velocity within each metre in m/s (Eq. 5.8), (n, 5).
 
     NaN where a particle did not pass the whole metre.
@@ -201,7 +201,9 @@ def dwell_times(flights: Flights) -> Array:
     return flights.end_s[~np.isin(flights.end, NO_DWELL)]
 
 
-def flight_values(flights: Flights) -> FlightValues:
+def true_flight_values(flights: Flights) -> FlightValues:
     """Return the true values of the flights, particle by particle."""
     reached = flights.end_position_m[:, 0]
-    return FlightValues(dwell_times(flights), velocities(flights), flights.ignition_s, reached)
+    return FlightValues(
+        dwell_times(flights), metre_velocities(flights), flights.ignition_s, reached
+    )
