@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import statements
+from kilnflight.experiments.campaigns import outcome_table
 from kilnflight.scores import flights as flight_scores
 from kilnflight.scores.flights import FlightValues
 
@@ -73,7 +73,7 @@ def test_the_histogram_counts_each_ignition_once_in_per_cent_of_all():
 
 
 def test_along_the_way_every_campaign_has_five_velocities_and_five_shares():
-    rows = flight_scores.along(statements.outcome_table({("confetti", 4.5): PARTICLES}))
+    rows = flight_scores.along(outcome_table({("confetti", 4.5): PARTICLES}))
     assert len(rows) == 10
     share = rows[rows["quantity"] == "remaining"].set_index("distance_m")["value"]
     np.testing.assert_allclose(share.loc[[1.0, 2.0, 3.0]], [75, 50, 25])
