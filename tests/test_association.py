@@ -345,8 +345,8 @@ def test_jpda_is_pda_where_nothing_is_shared():
 
 def test_jpda_keeps_two_close_tracks_apart():
     pairs = make_pairs([[0, 0], [0, 6]], [[0, 0], [0, 6]])
-    one, joint = PDA()(pairs), JPDA()(pairs)
-    assert joint[0, 1] > one[0, 1] > one[0, 2] > joint[0, 2]
+    first, joint = PDA()(pairs), JPDA()(pairs)
+    assert joint[0, 1] > first[0, 1] > first[0, 2] > joint[0, 2]
 
 
 sizes = st.tuples(st.integers(1, 5), st.integers(1, 5))
@@ -367,8 +367,8 @@ def plain_probabilities(likelihood, nonassignment):
 def test_against_enumeration(numbers):
     likelihood, missed = numbers[:, 1:], numbers[:, 0] + 1e-3
     expected = plain_probabilities(likelihood, missed)
-    found = joint_probabilities(likelihood, missed)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    result = joint_probabilities(likelihood, missed)
+    np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
 
 
 @settings(max_examples=12, deadline=None)
@@ -427,9 +427,9 @@ def test_a_chain_of_forty():
             (free + used)[:-1] * right * back_free[1:],
         ]
     )
-    found = joint_probabilities(likelihood, missed)
-    found = np.column_stack([found[:, 0], found[index, 1 + index], found[index, 2 + index]])
-    np.testing.assert_allclose(found, expected / total, rtol=1e-9, atol=1e-12)
+    result = joint_probabilities(likelihood, missed)
+    result = np.column_stack([result[:, 0], result[index, 1 + index], result[index, 2 + index]])
+    np.testing.assert_allclose(result, expected / total, rtol=1e-9, atol=1e-12)
 
 
 def test_a_chain_of_any_length_fits():
@@ -442,9 +442,9 @@ def test_all_in_all_gates(tracks, detections):
     """All weights 1: events with k pairs are C(n, k) m! / (m - k)!, and all tracks are alike."""
     counts = [comb(tracks, k) * perm(detections, k) for k in range(tracks + 1)]
     matched = sum(k * count for k, count in enumerate(counts)) / sum(counts) / tracks
-    found = joint_probabilities(np.ones((tracks, detections)), np.ones(tracks))
-    np.testing.assert_allclose(found[:, 0], 1 - matched, rtol=1e-9)
-    np.testing.assert_allclose(found[:, 1:], matched / detections, rtol=1e-9)
+    result = joint_probabilities(np.ones((tracks, detections)), np.ones(tracks))
+    np.testing.assert_allclose(result[:, 0], 1 - matched, rtol=1e-9)
+    np.testing.assert_allclose(result[:, 1:], matched / detections, rtol=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-250, 250))
@@ -453,8 +453,8 @@ def test_the_scale_of_a_track_does_not_matter(seed, power):
     likelihood, missed = rng.exponential(1, (4, 5)), rng.exponential(1, 4)
     scale = 10.0 ** (power * rng.uniform(0, 1, 4))
     expected = joint_probabilities(likelihood, missed)
-    found = joint_probabilities(likelihood * scale[:, None], missed * scale)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    result = joint_probabilities(likelihood * scale[:, None], missed * scale)
+    np.testing.assert_allclose(result, expected, rtol=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -462,19 +462,19 @@ def test_probabilities(seed):
     rng = np.random.default_rng(seed)
     likelihood = rng.exponential(1, (30, 30)) * (rng.random((30, 30)) < 0.08)
     likelihood = 10.0 ** rng.uniform(-20, 20, likelihood.shape) * likelihood
-    found = joint_probabilities(likelihood, 10.0 ** rng.uniform(-20, 20, 30))
-    assert (found >= 0).all()
-    np.testing.assert_allclose(found.sum(axis=1), 1.0, rtol=1e-12)
-    assert (found[:, 1:].sum(axis=0) <= 1 + 1e-12).all()
-    assert (found[:, 1:][likelihood == 0] == 0).all()
+    result = joint_probabilities(likelihood, 10.0 ** rng.uniform(-20, 20, 30))
+    assert (result >= 0).all()
+    np.testing.assert_allclose(result.sum(axis=1), 1.0, rtol=1e-12)
+    assert (result[:, 1:].sum(axis=0) <= 1 + 1e-12).all()
+    assert (result[:, 1:][likelihood == 0] == 0).all()
 
 
 def test_extreme_likelihoods():
     """Three tracks that must share out: every event weighs about 1e-600 or 1e+300."""
     tiny = np.full((3, 3), 1e-300)
     tiny[:, 0] = 1.0
-    found = joint_probabilities(tiny, np.zeros(3))
-    np.testing.assert_allclose(found, np.column_stack([np.zeros(3), np.full((3, 3), 1 / 3)]))
+    result = joint_probabilities(tiny, np.zeros(3))
+    np.testing.assert_allclose(result, np.column_stack([np.zeros(3), np.full((3, 3), 1 / 3)]))
     mixed = joint_probabilities([[1e300, 1e-300], [1e300, 0.0]], [1e-300, 1e300])
     np.testing.assert_allclose(mixed, [[0, 1, 0], [1, 0, 0]], atol=1e-12)
     subnormal = joint_probabilities([[5e-324]], [5e-324])
@@ -535,15 +535,15 @@ def test_a_group_too_dense_leaves_out_what_weighs_least():
     likelihood[0, 1] = 0.5
     missed = np.full(5, 0.1)
     with pytest.warns(UserWarning, match="5 tracks share detections too densely") as caught:
-        found = joint_probabilities(likelihood, missed, most_states=24)
+        result = joint_probabilities(likelihood, missed, most_states=24)
     assert len(caught) == 1
-    kept = np.where(found[:, 1:] > 0, likelihood, 0.0)
+    kept = np.where(result[:, 1:] > 0, likelihood, 0.0)
     assert (kept.diagonal() > 0).all()
     assert kept[0, 1] > 0
     assert 0 < (kept == 0).sum() < 20
     # Exact for what is left, and near to the whole.
-    np.testing.assert_allclose(found, plain_probabilities(kept, missed), rtol=1e-9)
-    np.testing.assert_allclose(found, plain_probabilities(likelihood, missed), atol=1e-4)
+    np.testing.assert_allclose(result, plain_probabilities(kept, missed), rtol=1e-9)
+    np.testing.assert_allclose(result, plain_probabilities(likelihood, missed), atol=1e-4)
 
 
 def test_only_the_group_that_is_too_dense_is_thinned():
@@ -551,10 +551,10 @@ def test_only_the_group_that_is_too_dense_is_thinned():
     likelihood[:30, :30] = 1.0
     likelihood[30:, 30:] = 1e-9
     with pytest.warns(UserWarning, match="30 tracks share"):
-        found = joint_probabilities(likelihood, np.ones(32), most_states=2**16)
-    np.testing.assert_allclose(found.sum(axis=1), 1.0)
+        result = joint_probabilities(likelihood, np.ones(32), most_states=2**16)
+    np.testing.assert_allclose(result.sum(axis=1), 1.0)
     alone = joint_probabilities(likelihood[30:, 30:], np.ones(2))
-    np.testing.assert_allclose(found[30:, 31:], alone[:, 1:], rtol=1e-12)
+    np.testing.assert_allclose(result[30:, 31:], alone[:, 1:], rtol=1e-12)
 
 
 def by_stone_soup(likelihood, nonassignment, associator):
@@ -579,10 +579,10 @@ def by_stone_soup(likelihood, nonassignment, associator):
         for track, row, missed in zip(tracks, likelihood, nonassignment, strict=True)
     }
     ready = SimpleNamespace(hypothesise=lambda track, *args, **more: hypotheses[track])
-    found = associator(ready).associate(tracks, set(detections), now)
+    result = associator(ready).associate(tracks, set(detections), now)
     weights = np.zeros((len(tracks), 1 + len(detections)))
     for row, track in zip(weights, tracks, strict=True):
-        for hypothesis in found[track]:
+        for hypothesis in result[track]:
             at = 1 + detections.index(hypothesis.measurement) if hypothesis else 0
             row[at] = float(hypothesis.probability)
     return weights

@@ -64,10 +64,10 @@ def test_it_passes_the_exit_before_the_first_detection(flight, seed, parameters)
 def test_a_shift_in_time_shifts_t0(flight, seed, frames):
     track = flight(seed=seed, scatter=SCATTER)
     later = track.assign(frame=track["frame"] + frames)
-    one, other = regress(track, EXIT, RATE), regress(later, EXIT, RATE)
-    assert other.t0 == pytest.approx(one.t0 + frames / RATE, abs=1e-6)
-    assert other.orders == one.orders
-    np.testing.assert_allclose(other.rmse_mm, one.rmse_mm, rtol=1e-5)
+    first, other = regress(track, EXIT, RATE), regress(later, EXIT, RATE)
+    assert other.t0 == pytest.approx(first.t0 + frames / RATE, abs=1e-6)
+    assert other.orders == first.orders
+    np.testing.assert_allclose(other.rmse_mm, first.rmse_mm, rtol=1e-5)
 
 
 @given(seeds, st.sampled_from("xyz"))
@@ -75,11 +75,11 @@ def test_a_shift_in_time_shifts_t0(flight, seed, frames):
 def test_a_mirrored_axis_mirrors_its_polynomial(flight, seed, axis):
     track = flight(seed=seed, scatter=SCATTER)
     signs = np.where(np.array(list("xyz")) == axis, -1.0, 1.0)
-    one = regress(track, EXIT, RATE)
+    first = regress(track, EXIT, RATE)
     other = regress(track.assign(**{axis: -track[axis]}), signs * EXIT, RATE)
-    assert other.t0 == pytest.approx(one.t0, abs=1e-9)
-    time = np.linspace(one.first_s, one.last_s, 7)
-    np.testing.assert_allclose(other(time), signs * one(time), atol=1e-5)
+    assert other.t0 == pytest.approx(first.t0, abs=1e-9)
+    time = np.linspace(first.first_s, first.last_s, 7)
+    np.testing.assert_allclose(other(time), signs * first(time), atol=1e-5)
 
 
 @given(seeds)

@@ -66,10 +66,12 @@ def test_a_wider_gate_never_loses_a_pair(truth, detected, gate, more):
 def test_outside_the_region_nothing_counts(truth, detected):
     score = score_detections(truth, detected, roi=SQUARE)
     inside = [
-        [i for i, (r, c) in enumerate(one) if r <= 100 and c <= 100] for one in (truth, detected)
+        [i for i, (r, c) in enumerate(first) if r <= 100 and c <= 100]
+        for first in (truth, detected)
     ]
     kept = [
-        np.reshape(one, (-1, 2))[rows] for one, rows in zip((truth, detected), inside, strict=True)
+        np.reshape(first, (-1, 2))[rows]
+        for first, rows in zip((truth, detected), inside, strict=True)
     ]
     assert counts(score) == counts(score_detections(*kept))
     assert set(score.pairs[:, 0]) | set(score.missed) == set(inside[0])

@@ -95,8 +95,8 @@ def test_swapped_identities():
     """Two particles exchange their numbers after six of ten frames."""
     truth = join(line(range(10), 0), line(range(10), 1, row=100.0))
     late = truth["frame"] >= 6
-    seen = truth.assign(particle=np.where(late, 1 - truth["particle"], truth["particle"]))
-    score = score_tracks(truth, seen, gate=5.0)
+    detected = truth.assign(particle=np.where(late, 1 - truth["particle"], truth["particle"]))
+    score = score_tracks(truth, detected, gate=5.0)
     assert score.pairs[["truth", "candidate"]].to_numpy().tolist() == [[0, 0], [1, 1]]
     assert score.alpha == score.beta == 0.6
     assert points(score) == (12, 8, 8)
@@ -115,8 +115,8 @@ def test_two_particles_and_one_candidate():
 def test_the_sum_decides_not_the_single_pair():
     """The nearest candidate of one particle is the only one that another can have."""
     truth = join(line(range(4), 0, row=0.0), line(range(4), 1, row=6.0))
-    seen = join(line(range(4), 0, row=2.0), line(range(4), 1, row=-4.0))
-    score = score_tracks(truth, seen, gate=10.0)
+    detected = join(line(range(4), 0, row=2.0), line(range(4), 1, row=-4.0))
+    score = score_tracks(truth, detected, gate=10.0)
     assert score.pairs.to_numpy() == pytest.approx(np.array([[0, 1, 16.0], [1, 0, 16.0]]))
 
 
@@ -194,7 +194,9 @@ def test_measures_are_in_their_bounds_and_have_no_unit(truth, seen, gate, unit):
     assert score.tp_tracks + score.fp_tracks == seen["particle"].nunique()
     if not score.fp_tracks:
         assert score.alpha == score.beta
-    scaled = [one.assign(row=unit * one["row"], col=unit * one["col"]) for one in (truth, seen)]
+    scaled = [
+        first.assign(row=unit * first["row"], col=unit * first["col"]) for first in (truth, seen)
+    ]
     assert score_tracks(*scaled, gate * unit).alpha == score.alpha
 
 

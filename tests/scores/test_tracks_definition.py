@@ -60,13 +60,13 @@ def counts(truth, candidates, pairs, gate):
     """tp, fn, fp and fp of spurious tracks of the given pairs."""
     tp = fp = 0
     for t, c in pairs.items():
-        true, seen = truth[t], candidates[c]
-        for frame, (_, real) in seen.items():
-            match = frame in true and gated(true, seen, frame, gate) < gate
+        true, detected = truth[t], candidates[c]
+        for frame, (_, real) in detected.items():
+            match = frame in true and gated(true, detected, frame, gate) < gate
             tp += match
             fp += not match and (real or frame not in true)
-    rest = [seen for c, seen in candidates.items() if c not in pairs.values()]
-    spurious = sum(real for seen in rest for _, real in seen.values())
+    rest = [detected for c, detected in candidates.items() if c not in pairs.values()]
+    spurious = sum(real for detected in rest for _, real in detected.values())
     length = sum(map(len, truth.values()))
     return tp, length - tp, fp + spurious, spurious
 
@@ -76,13 +76,13 @@ def counts(truth, candidates, pairs, gate):
 def test_the_fast_way_is_the_definition(truth, seen, gate, dimensions):
     names = ["frame", "particle", *["x", "y", "z"][:dimensions]]
     tables = [
-        pd.DataFrame([row[: len(names)] for row in one], columns=names) for one in (truth, seen)
+        pd.DataFrame([row[: len(names)] for row in first], columns=names) for first in (truth, seen)
     ]
     score = score_tracks(*tables, gate, columns=names[2:])
     true, candidates = map(filled, tables)
     empty = gate * sum(map(len, true.values()))
     pairs = dict(score.pairs[["truth", "candidate"]].to_numpy().tolist())
-    rest = sum(len(one) for c, one in candidates.items() if c not in pairs.values())
+    rest = sum(len(first) for c, first in candidates.items() if c not in pairs.values())
     best = least(true, candidates, gate)
     assert score.alpha == pytest.approx(1 - best / empty, abs=1e-9)
     assert score.beta == pytest.approx((empty - best) / (empty + gate * rest), abs=1e-9)

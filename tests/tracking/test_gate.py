@@ -21,8 +21,8 @@ def tracks(positions, residual=None, depth=None, points=None):
 
 
 def found(positions, depth=None, points=None):
-    one = tracks(positions, None, depth, points)
-    return Detected(one.positions, one.depth_mm, one.points)
+    first = tracks(positions, None, depth, points)
+    return Detected(first.positions, first.depth_mm, first.points)
 
 
 @settings(deadline=None)
@@ -31,12 +31,12 @@ def test_eq_4_8_pair_by_pair(seed, n, m, distance):
     rng = np.random.default_rng(seed)
     roots = rng.normal(0, 2, (n, 2, 2))
     residual = roots @ roots.transpose(0, 2, 1) + 0.2 * np.eye(2)
-    depth, seen = rng.uniform(1000, 5000, n), rng.uniform(1000, 5000, m)
-    depth[rng.random(n) < 0.3], seen[rng.random(m) < 0.3] = NAN, NAN
+    depth, detected = rng.uniform(1000, 5000, n), rng.uniform(1000, 5000, m)
+    depth[rng.random(n) < 0.3], detected[rng.random(m) < 0.3] = NAN, NAN
     sizes, counts = rng.integers(1, 50, n), rng.integers(1, 50, m)
-    one = tracks(rng.normal(0, 4, (n, 2)), residual, depth, sizes)
-    other = found(rng.normal(0, 4, (m, 2)), seen, counts)
-    pairs = Gate(distance)(one, other)
+    first = tracks(rng.normal(0, 4, (n, 2)), residual, depth, sizes)
+    other = found(rng.normal(0, 4, (m, 2)), detected, counts)
+    pairs = Gate(distance)(first, other)
     assert pairs.distance_squared.shape == pairs.size_difference.shape == (n, m)
     for i in range(n):
         log = np.linalg.slogdet(residual[i])[1]
@@ -44,9 +44,9 @@ def test_eq_4_8_pair_by_pair(seed, n, m, distance):
         area = np.pi * distance**2 * np.sqrt(np.linalg.det(residual[i]))
         assert pairs.gate_area[i] == pytest.approx(area, abs=1e-9)
         for j in range(m):
-            apart = other.positions[j] - one.positions[i]
+            apart = other.positions[j] - first.positions[i]
             square = apart @ np.linalg.inv(residual[i]) @ apart
-            inside = square < distance**2 and not abs(depth[i] - seen[j]) >= 1500
+            inside = square < distance**2 and not abs(depth[i] - detected[j]) >= 1500
             expected = square if inside else np.inf
             assert pairs.distance_squared[i, j] == pytest.approx(expected, rel=1e-6)
             size = abs(int(sizes[i]) - int(counts[j])) if inside else 0
@@ -74,8 +74,8 @@ def test_the_share_of_a_gaussian_that_passes():
     assert Gate(4.0)(tracks([]), found([])).gate_probability == pytest.approx(1 - np.exp(-8))
     rng = np.random.default_rng(0)
     residual = np.array([[4.0, 1.0], [1.0, 2.0]])
-    seen = rng.multivariate_normal([0, 0], residual, 100_000)
-    pairs = Gate(1.5)(tracks([[0, 0]], [residual]), found(seen))
+    detected = rng.multivariate_normal([0, 0], residual, 100_000)
+    pairs = Gate(1.5)(tracks([[0, 0]], [residual]), found(detected))
     share = np.isfinite(pairs.distance_squared).mean()
     assert share == pytest.approx(pairs.gate_probability, abs=0.01)
 

@@ -56,8 +56,8 @@ def test_a_particle_seen_once_is_where_it_was_seen(motion):
     positions = np.array([[3.0, 4.0], [5.0, 6.0]])
     state, covariance = motion.initial(positions)
     np.testing.assert_array_equal(state @ motion.measurement().T, positions)
-    seen = motion.measurement() @ covariance @ motion.measurement().T
-    np.testing.assert_array_equal(seen, [motion.measurement_noise()] * 2)
+    detected = motion.measurement() @ covariance @ motion.measurement().T
+    np.testing.assert_array_equal(detected, [motion.measurement_noise()] * 2)
     assert [a.shape[0] for a in motion.initial(np.empty((0, 2)))] == [0, 0]
 
 

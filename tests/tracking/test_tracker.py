@@ -24,7 +24,7 @@ def flight(start, velocity, frames=20, first=0, **columns):
 
 def together(*flights):
     """Return the flights in one table, in the order of time, ``truth`` telling which is which."""
-    table = pd.concat([one.assign(truth=k) for k, one in enumerate(flights)])
+    table = pd.concat([first.assign(truth=k) for k, first in enumerate(flights)])
     return table.sort_values(["frame", "row"], ignore_index=True)
 
 
@@ -44,8 +44,8 @@ def same_partition(one, other):
 @trackers
 def test_one_particle_in_straight_flight_is_one_track(associator):
     table = flight((100, 200), (12, -7))
-    found = track(table, associator)
-    pd.testing.assert_frame_equal(found, table.assign(particle=np.int64(0)))
+    result = track(table, associator)
+    pd.testing.assert_frame_equal(result, table.assign(particle=np.int64(0)))
 
 
 @trackers
@@ -53,8 +53,8 @@ def test_one_particle_in_straight_flight_is_one_track(associator):
 def test_two_that_cross_keep_their_ways(associator, motion):
     """They cross between two frames, so nothing but their motion tells them apart."""
     table = together(flight((100, 100), (10, 12)), flight((297, 105), (-10, 12)))
-    found = track(table, associator, motion)
-    assert same_partition(found["particle"], found["truth"])
+    result = track(table, associator, motion)
+    assert same_partition(result["particle"], result["truth"])
 
 
 @trackers
@@ -84,8 +84,8 @@ def test_a_track_that_is_seldom_seen_is_given_up():
 
 def test_clutter_does_not_lead_a_particle_astray():
     table = together(flight((100, 300), (14, 3)), clutter(1, size=1000.0))
-    found = track(table)
-    assert len(found.loc[found["truth"] == 0, "particle"].unique()) == 1
+    result = track(table)
+    assert len(result.loc[result["truth"] == 0, "particle"].unique()) == 1
 
 
 def test_a_throw_needs_acceleration_or_noise():
@@ -100,16 +100,16 @@ def test_a_throw_needs_acceleration_or_noise():
 def test_depth_and_size_keep_two_apart_that_fly_as_one():
     near = flight((100, 100), (10, 12), z=3000.0, points=40)
     far = flight((100.5, 100), (10, 12), z=6000.0, points=90)
-    found = track(together(near, far))
-    assert same_partition(found["particle"], found["truth"])
+    result = track(together(near, far))
+    assert same_partition(result["particle"], result["truth"])
 
 
 def test_a_track_keeps_its_last_known_depth():
     """The second comes where the first was expected, but 3 m behind it."""
     near = flight((100, 100), (10, 0), 5, z=[3000.0, np.nan, np.nan, np.nan, np.nan])
     far = flight((150, 100), (10, 0), 3, first=5, z=6000.0)
-    found = track(together(near, far))
-    assert same_partition(found["particle"], found["truth"])
+    result = track(together(near, far))
+    assert same_partition(result["particle"], result["truth"])
     nothing = track(together(near.assign(z=np.nan), far))  # never had one: passes
     assert not nothing["particle"].any()
 
@@ -132,11 +132,11 @@ def test_a_gap_is_predicted_with_its_true_length():
 @trackers
 def test_every_detection_is_in_one_track_and_no_track_twice_in_a_frame(associator):
     for seed in range(3):
-        found = track(clutter(seed, per_frame=12), associator)
-        assert found["particle"].dtype == np.int64
-        assert sorted(found["particle"].unique()) == list(range(found["particle"].nunique()))
-        assert not found.duplicated(["frame", "particle"]).any()
-        birth = found.groupby("particle")["frame"].min()
+        result = track(clutter(seed, per_frame=12), associator)
+        assert result["particle"].dtype == np.int64
+        assert sorted(result["particle"].unique()) == list(range(result["particle"].nunique()))
+        assert not result.duplicated(["frame", "particle"]).any()
+        birth = result.groupby("particle")["frame"].min()
         assert birth.is_monotonic_increasing
 
 
@@ -156,9 +156,9 @@ def test_where_and_when_it_happens_does_not_matter(seed, shift):
 def test_neither_tracks_nor_ids_depend_on_the_order_of_the_rows(seed):
     table = clutter(seed, 10, 8)
     shuffled = table.sample(frac=1, random_state=seed % 2**31)
-    found = track(shuffled)
-    assert found.index.equals(shuffled.index)
-    pd.testing.assert_frame_equal(found.sort_index(), track(table))
+    result = track(shuffled)
+    assert result.index.equals(shuffled.index)
+    pd.testing.assert_frame_equal(result.sort_index(), track(table))
 
 
 def test_nothing_is_remembered_between_calls():
@@ -180,8 +180,8 @@ def test_the_steps_tell_what_was_done():
         assert sorted(recorded["particle"]) == sorted(step.particle)
         assert sorted(recorded["row"]) == sorted(step.rows)
     assert n == m == 2
-    found = table.iloc[step.rows].assign(particle=step.particle).sort_values("particle")
-    apart = step.predicted.positions - found[["row", "col"]]
+    result = table.iloc[step.rows].assign(particle=step.particle).sort_values("particle")
+    apart = step.predicted.positions - result[["row", "col"]]
     assert (apart.abs() < 1.0).all(axis=None)
 
 
@@ -189,15 +189,15 @@ def test_the_steps_tell_what_was_done():
     "table", [DETECTIONS.empty(), pd.DataFrame(columns=["frame", "row", "col"])]
 )
 def test_no_detections_are_no_tracks(table):
-    found = track(table)
-    assert list(found.columns) == [*table.columns, "particle"]
-    assert found["particle"].dtype == np.int64
-    assert not len(found)
+    result = track(table)
+    assert list(result.columns) == [*table.columns, "particle"]
+    assert result["particle"].dtype == np.int64
+    assert not len(result)
 
 
 def test_a_gate_of_width_zero_makes_every_detection_its_own_track():
-    found = track(flight((100, 200), (0, 0)), gate=Gate(distance=0.0))
-    assert found["particle"].tolist() == list(range(20))
+    result = track(flight((100, 200), (0, 0)), gate=Gate(distance=0.0))
+    assert result["particle"].tolist() == list(range(20))
 
 
 def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
@@ -212,15 +212,15 @@ def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
 
     first = pd.DataFrame({"frame": 0, "row": [0.0, 1.0], "col": 0.0})
     second = pd.DataFrame({"frame": 1, "row": [0.0, 1.0, 2.0], "col": 0.0})
-    found = track(pd.concat([first, second]), undecided)
-    assert found["particle"].tolist() == [0, 1, 1, 0, 2]
+    result = track(pd.concat([first, second]), undecided)
+    assert result["particle"].tolist() == [0, 1, 1, 0, 2]
 
 
 def test_probabilities_move_the_filter_but_never_a_position():
     """JPDA weighs both detections; what is recorded is one of them, as it was detected."""
     table = together(flight((100, 100), (10, 12)), flight((104, 100), (10, 12)))
-    found = track(table, JPDA())
-    pd.testing.assert_frame_equal(found.drop(columns="particle"), table)
+    result = track(table, JPDA())
+    pd.testing.assert_frame_equal(result.drop(columns="particle"), table)
     assert any(((s.weights > 0.01) & (s.weights < 0.99)).any() for s in steps(table, JPDA()))
 
 

@@ -50,13 +50,13 @@ def test_frames_that_are_no_integers_are_refused(frames, message):
 
 def test_whole_frames_may_be_held_as_floats():
     """As a CSV gives them that had a gap; the column comes back as it was."""
-    found = track(table(frame=[0.0, 1.0, 2.0], particle=[np.nan, 4.0, -1.0]))
-    assert found["particle"].tolist() == [0, 0, -1]
-    assert found["frame"].tolist() == [0.0, 1.0, 2.0]
-    assert found["frame"].dtype == float
+    result = track(table(frame=[0.0, 1.0, 2.0], particle=[np.nan, 4.0, -1.0]))
+    assert result["particle"].tolist() == [0, 0, -1]
+    assert result["frame"].tolist() == [0.0, 1.0, 2.0]
+    assert result["frame"].dtype == float
     twice = pd.array([0, 1, 2], dtype="Int64")
-    found = track(table(frame=twice, particle=pd.array([1, None, -1], dtype="Int64")))
-    assert found["particle"].tolist() == [0, 0, -1]
+    result = track(table(frame=twice, particle=pd.array([1, None, -1], dtype="Int64")))
+    assert result["particle"].tolist() == [0, 0, -1]
 
 
 @pytest.mark.parametrize("bad", [None, [1, 2], {"frame": [1]}, "table"])
@@ -111,22 +111,22 @@ def test_depth_that_is_invalid_is_refused():
 
 
 def test_missing_numbers_of_pandas_are_taken():
-    found = track(table(points=pd.array([3, None, 4], dtype="Int64"), z=[1.0, np.nan, 2.0]))
-    assert found["particle"].tolist() == [0, 0, 0]
+    result = track(table(points=pd.array([3, None, 4], dtype="Int64"), z=[1.0, np.nan, 2.0]))
+    assert result["particle"].tolist() == [0, 0, 0]
 
 
 def test_two_detections_at_one_point_are_two_tracks():
     """Rows that are the same in everything, as a detector gives them that finds one twice."""
     twice = pd.concat([table(), table()])
-    found = track(twice)
-    assert found.groupby("particle").size().tolist() == [3, 3]
-    assert not found.duplicated(["frame", "particle"]).any()
+    result = track(twice)
+    assert result.groupby("particle").size().tolist() == [3, 3]
+    assert not result.duplicated(["frame", "particle"]).any()
 
 
 def test_a_track_that_starts_in_the_last_frame_is_a_track_of_one():
     late = pd.DataFrame({"frame": [2], "row": [900.0], "col": [900.0]})
-    found = track(pd.concat([table(), late], ignore_index=True))
-    assert found["particle"].tolist() == [0, 0, 0, 1]
+    result = track(pd.concat([table(), late], ignore_index=True))
+    assert result["particle"].tolist() == [0, 0, 0, 1]
 
 
 def test_one_detection_is_one_track():
@@ -135,8 +135,8 @@ def test_one_detection_is_one_track():
 
 def test_rows_that_are_in_no_track_stay_out_of_all():
     """An input that asks for it: -1. Other particles are those of an earlier run."""
-    found = track(table(particle=[7, -1, 7]))
-    assert found["particle"].tolist() == [0, -1, 0]
+    result = track(table(particle=[7, -1, 7]))
+    assert result["particle"].tolist() == [0, -1, 0]
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def same_tracks(plain):
         found = plain.tracklets_of(found)
         expected = sorted(expected, key=lambda t: (min(t), t[min(t)][:2]))
         assert [sorted(t) for t in found] == [sorted(t) for t in expected]
-        for one, other in zip(found, expected, strict=True):
-            for frame, place in one.items():
+        for first, other in zip(found, expected, strict=True):
+            for frame, place in first.items():
                 np.testing.assert_allclose(place, other[frame], rtol=1e-9, atol=1e-9)
 
     return compare

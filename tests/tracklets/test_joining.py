@@ -25,8 +25,8 @@ ONLY = dict.fromkeys(Costs.__dataclass_fields__, 0.0)
 def pairs(tracks, **costs):
     paths = read_paths(tracks, "here")
     step = Connection(costs=Costs(**{**ONLY, **costs}) if costs else Costs())
-    found = step.candidates(paths, np.ones(len(paths.starts) - 1, dtype=bool))
-    return list(zip(*(values.tolist() for values in found), strict=True))
+    result = step.candidates(paths, np.ones(len(paths.starts) - 1, dtype=bool))
+    return list(zip(*(values.tolist() for values in result), strict=True))
 
 
 def line(first, last, col=0.0, step=1, z=np.nan):
@@ -39,8 +39,8 @@ def number(tracks, step=None):
 
 
 def test_fig_4_10_left_a_gap_is_connected(table):
-    one, other = [1, 3, 4, 5, 7, 8], [11, 13, 14, 15]
-    tracks = table((one, 5.0 * np.array(one), 0.0), (other, 5.0 * np.array(other), 0.0))
+    first, other = [1, 3, 4, 5, 7, 8], [11, 13, 14, 15]
+    tracks = table((first, 5.0 * np.array(first), 0.0), (other, 5.0 * np.array(other), 0.0))
     assert pairs(tracks) == [(0, 1, pytest.approx(3.0))]  # d times 11 - 8
     result = Connection()(tracks)
     assert (result["particle"] == 0).all()
@@ -48,8 +48,8 @@ def test_fig_4_10_left_a_gap_is_connected(table):
 
 
 def test_fig_4_10_right_an_overlap_is_merged_to_the_mean(table):
-    one, other = [1, 3, 4, 5, 7, 9, 10, 11], [8, 9, 11, 13, 14, 15, 16]
-    tracks = table((one, 5.0 * np.array(one), 0.0, 3000.0), (other, 5.0 * np.array(other), 2.0))
+    first, other = [1, 3, 4, 5, 7, 9, 10, 11], [8, 9, 11, 13, 14, 15, 16]
+    tracks = table((first, 5.0 * np.array(first), 0.0, 3000.0), (other, 5.0 * np.array(other), 2.0))
     (pair,) = pairs(tracks, overlap=2.0)
     assert pair == (0, 1, 4.0)  # e times two common frames, 9 and 11
     result = Connection()(tracks)
@@ -139,8 +139,8 @@ def test_it_is_the_plain_definition(flights, plain, same_tracks, seed, count, di
     tracks = flights(seed, count).round({"row": digits, "col": digits})
     expected = [(i, k, c) for i, k, c in pairs(tracks)]
     matrix = plain.matrix(plain.tracklets_of(tracks), False)
-    found = np.argwhere(np.isfinite(matrix))
-    assert sorted((i, k) for i, k, _ in expected) == [tuple(x) for x in found.tolist()]
+    result = np.argwhere(np.isfinite(matrix))
+    assert sorted((i, k) for i, k, _ in expected) == [tuple(x) for x in result.tolist()]
     for i, k, cost in expected:
         assert cost == pytest.approx(matrix[i, k], abs=1e-4)  # arc cosine near 0 degrees
     same_tracks(Connection()(tracks), plain.join(plain.tracklets_of(tracks)))
@@ -232,8 +232,8 @@ MATCHINGS = (DualNearest(), Hungarian())
 
 def chosen(matching, matrix):
     pairs = listed(matrix)
-    found = matching(pairs)
-    return sorted(zip(pairs.earlier[found].tolist(), pairs.later[found].tolist(), strict=True))
+    result = matching(pairs)
+    return sorted(zip(pairs.earlier[result].tolist(), pairs.later[result].tolist(), strict=True))
 
 
 def test_munkres_gives_up_the_nearest_pair_and_dnn_does_not():
@@ -254,9 +254,9 @@ def test_a_tracklet_has_one_nearest_neighbour_on_either_side():
 @pytest.mark.parametrize("matching", MATCHINGS)
 def test_nothing_possible_is_nothing(matching):
     for size in (0, 3):
-        found = matching(listed(np.full((size, size), C)))
-        assert found.shape == (0,)
-        assert found.dtype == np.int64
+        result = matching(listed(np.full((size, size), C)))
+        assert result.shape == (0,)
+        assert result.dtype == np.int64
     assert chosen(matching, [[C, 0.0], [C, C]]) == [(0, 1)]
 
 
@@ -288,11 +288,11 @@ def test_dual_nearest_is_mutual_and_holds_the_cheapest(matrix):
 
 @given(matrices)
 def test_hungarian_costs_what_scipy_costs(matrix):
-    one, other = linear_sum_assignment(np.where(np.isfinite(matrix), matrix, 1e9))
-    costs = matrix[one, other]
-    found = chosen(Hungarian(), matrix)
-    assert len(found) == np.isfinite(costs).sum()
-    assert sum(matrix[i, k] for i, k in found) == pytest.approx(costs[np.isfinite(costs)].sum())
+    first, other = linear_sum_assignment(np.where(np.isfinite(matrix), matrix, 1e9))
+    costs = matrix[first, other]
+    result = chosen(Hungarian(), matrix)
+    assert len(result) == np.isfinite(costs).sum()
+    assert sum(matrix[i, k] for i, k in result) == pytest.approx(costs[np.isfinite(costs)].sum())
 
 
 @pytest.mark.parametrize(

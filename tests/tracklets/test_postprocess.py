@@ -38,10 +38,10 @@ def test_nothing_is_lost_and_the_order_of_rows_is_nothing(flights, step, seed):
 
 @EVERY
 def test_particles_are_numbered_by_first_frame_and_place(flights, step):
-    found = tracked(step(flights(3, 20)))
-    assert sorted(set(found["particle"])) == list(range(found["particle"].nunique()))
-    assert not found.duplicated(["frame", "particle"]).any()
-    first = found.sort_values("frame").groupby("particle")[["frame", "row", "col"]].first()
+    result = tracked(step(flights(3, 20)))
+    assert sorted(set(result["particle"])) == list(range(result["particle"].nunique()))
+    assert not result.duplicated(["frame", "particle"]).any()
+    first = result.sort_values("frame").groupby("particle")[["frame", "row", "col"]].first()
     pd.testing.assert_frame_equal(first.sort_values(["frame", "row", "col"]), first)
 
 

@@ -33,16 +33,16 @@ def test_the_masks_are_eq_4_25():
     smooth, edge, spot = np.array([1, 2, 1]), np.array([-1, 0, 1]), np.array([-1, 2, -1])
     products = {"L": (smooth, smooth), "E": (smooth, edge), "S": (smooth, spot),
                 "R": (spot, spot)}  # fmt: skip
-    for name, (one, two) in products.items():
-        np.testing.assert_array_equal(MASKS[name], np.convolve(one, two))
+    for name, (first, two) in products.items():
+        np.testing.assert_array_equal(MASKS[name], np.convolve(first, two))
     np.testing.assert_array_equal(MASKS["W"], -np.convolve(edge, spot))  # printed with this sign
 
 
 def test_fifteen_energies_are_those_of_scipy():
     image = streak(30.0)
-    found = energies(image)
-    assert len(found) == 15
-    for name, value in found.items():
+    result = energies(image)
+    assert len(result) == 15
+    for name, value in result.items():
         both = [
             np.abs(correlate1d(correlate1d(image, MASKS[a], 0, mode="nearest"), MASKS[b], 1,
                                mode="nearest"))
@@ -81,12 +81,14 @@ def test_the_window_follows_the_connection():
     ],
 )
 def test_the_box_and_the_parallelogram(monkeypatch, start, end, box, pixels):
-    seen = []
-    monkeypatch.setattr("kilnflight.tracklets.texture._energy", lambda *a: seen.append(a[1]) or 0.0)
+    detected = []
+    monkeypatch.setattr(
+        "kilnflight.tracklets.texture._energy", lambda *a: detected.append(a[1]) or 0.0
+    )
     sums = Sums(np.zeros((100, 120)))
     LevelEdge()(start, end, (3, 8), sums)
     assert sums.asked == [(3, 8, *box)]
-    assert seen[0].sum() == pixels
+    assert detected[0].sum() == pixels
 
 
 def test_a_window_outside_the_image_holds_nothing():
