@@ -119,8 +119,9 @@ def metres_before_detection(
     for key, flight_values in true.items():
         part = of_campaign(slices, key)
         for metre, velocity in zip(METRES, flight_values.velocity_m_s.T, strict=True):
-            here = part[part["slice_m"] == metre]
-            speed, detected = here["velocity_m_s"].to_numpy(float), here["observed"].to_numpy(bool)
+            passed = part[part["slice_m"] == metre]
+            speed = passed["velocity_m_s"].to_numpy(float)
+            detected = passed["observed"].to_numpy(bool)
             fast = speed > finite(velocity).max(initial=0.0)
             median = interval_columns(median_of(speed[detected], generator))
             row = {**dict(zip(KEYS, key, strict=True)), "metre": metre, "number": len(speed)}
@@ -212,18 +213,21 @@ def group_differences(
         if shares:
             ours = [(len(known[key]), len(groups[key])) for key in pair]
             theirs = [(expected[key], published[key]) for key in pair]
-            here, there = (intervals.difference_of_shares(a, b) for a, b in (ours, theirs))
+            interval, published_size = (
+                intervals.difference_of_shares(a, b) for a, b in (ours, theirs)
+            )
         else:
             values, statistic = [known[key] for key in pair], intervals.difference_of_medians
-            here, there = (
+            interval, published_size = (
                 Bootstrap()(statistic, values, generator, sizes)
                 for sizes in (None, [expected[key] for key in pair])
             )
-        row = {"first": first, "second": second, **interval_columns(here)}
+        row = {"first": first, "second": second, **interval_columns(interval)}
         if true is not None:
             real = [_estimate(true[k], shares) for k in pair]
             row["true"] = real[0] - real[1]
-        row |= {"resolved": here.resolves(), "resolved_with_table_5_15": there.resolves()}
+        row["resolved"] = interval.resolves()
+        row["resolved_with_table_5_15"] = published_size.resolves()
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -123,11 +123,11 @@ def run(
 def _frame_rows(
     subset: Subset, t: int, view: View, methods: Mapping[Any, Method]
 ) -> list[dict[str, Any]]:
-    here = subset.particles[subset.particles["frame"] == t]
-    place, label = here[["row", "col"]].to_numpy(), here["label"].to_numpy()
+    particles = subset.particles[subset.particles["frame"] == t]
+    place, label = particles[["row", "col"]].to_numpy(), particles["label"].to_numpy()
     image, roi = subset.instances(t), subset.recording.attributes.roi
     # the particles that have a pixel; most pixels show none
-    visible = here["particle"][here["particle"].isin(np.unique(image[image >= 0]))]
+    visible = particles["particle"][particles["particle"].isin(np.unique(image[image >= 0]))]
     centroids = particle_centroids(image, visible.to_numpy())
     rows = []
     for name, method in methods.items():
@@ -135,13 +135,13 @@ def _frame_rows(
         spots = method(view)[:, :2]
         seconds = time.perf_counter() - begin
         row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-        gated = score_detections(place, spots, roi=roi)
+        scored = score_detections(place, spots, roi=roi)
         within = score_in_pixels(image, centroids, spots, roi)
-        row |= {count: getattr(gated, count) for count in COUNTS}
+        row |= {count: getattr(scored, count) for count in COUNTS}
         row |= {f"{count}_pixels": getattr(within, count) for count in COUNTS}
         for kind in truth.CLASSES:
-            row[f"tp_{kind}"] = int((label[gated.pairs[:, 0]] == kind).sum())
-            row[f"fn_{kind}"] = int((label[gated.missed] == kind).sum())
+            row[f"tp_{kind}"] = int((label[scored.pairs[:, 0]] == kind).sum())
+            row[f"fn_{kind}"] = int((label[scored.missed] == kind).sum())
         rows.append(row)
     return rows
 
@@ -304,9 +304,9 @@ def precision_by_case(
     for subset in subsets:
         roi = subset.recording.attributes.roi
         for t, view in subset_views(subset):
-            here = subset.particles[subset.particles["frame"] == t]
+            particles = subset.particles[subset.particles["frame"] == t]
             table = detectors[subset.name](view, roi, t)
-            score = score_detections(here[["row", "col"]], table[["row", "col"]], roi=roi)
+            score = score_detections(particles[["row", "col"]], table[["row", "col"]], roi=roi)
             right = np.isin(np.arange(len(table)), score.pairs[:, 1])
             parts.append(table[["case"]].assign(right=right))
     groups = pd.concat(parts).groupby("case")["right"]
@@ -379,10 +379,12 @@ def positions(
     marked, detected = [], []
     for subset in subsets:
         for t, view in subset_views(subset):
-            here = subset.particles[subset.particles["frame"] == t]
+            particles = subset.particles[subset.particles["frame"] == t]
             shown = subset.instances(t)[view.pixels[:, 0], view.pixels[:, 1]]
             means = pd.DataFrame(view.xyz, columns=list("xyz")).groupby(shown).mean()
-            part = here[["frame", "particle", "row", "col", "label"]].assign(subset=subset.name)
+            part = particles[["frame", "particle", "row", "col", "label"]].assign(
+                subset=subset.name
+            )
             marked.append(part.join(means, on="particle"))
             detections = detectors[subset.name](view, subset.recording.attributes.roi, t)
             detected.append(detections.assign(subset=subset.name))
@@ -419,12 +421,12 @@ def classification_table(
         ``recall``, ``f1``; by subset, and below them those of all subsets, "Total".
     """
     rows, frames = [], marked.groupby(["subset", "frame"], sort=False)
-    for (name, level), ((subset, frame), here) in product(thresholds.items(), frames):
-        there = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
-        score = score_detections(here[["row", "col"]], there[["row", "col"]], roi=roi)
-        flying = (here["label"] != 4) & here["distance_mm"].notna()
+    for (name, level), ((subset, frame), particles) in product(thresholds.items(), frames):
+        detections = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
+        score = score_detections(particles[["row", "col"]], detections[["row", "col"]], roi=roi)
+        flying = (particles["label"] != 4) & particles["distance_mm"].notna()
         row = {"threshold": name, "threshold_mm": level, "subset": str(subset)}
-        rows.append(row | count_in_air(score, flying, there["distance_mm"] <= level))
+        rows.append(row | count_in_air(score, flying, detections["distance_mm"] <= level))
     table = pd.DataFrame(rows)
     keys = ["threshold", "threshold_mm", "subset"]
     both = pd.concat([table, table.assign(subset="Total")]).groupby(keys, sort=False)

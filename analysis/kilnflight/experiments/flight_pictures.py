@@ -291,11 +291,11 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     picture, grid = canvas(len(quantities), len(names), **size, sharex=True)
     for axes, (quantity, name) in zip(grid.flat, product(quantities, names), strict=True):
         top = TOPS[quantity]
-        here = table[(table["quantity"] == quantity) & (table["fraction"] == name)]
+        panel = table[(table["quantity"] == quantity) & (table["fraction"] == name)]
         axes.set(title=name, ylim=(0, top), xlim=(0, 5.3))
         looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
         for bar, (colour, mark, aside) in looks.items():
-            rows = here[here["pressure_bar"] == bar].set_index("version")
+            rows = panel[panel["pressure_bar"] == bar].set_index("version")
             for version, line in zip(versions, (":", "-"), strict=True):
                 part = rows[rows.index == version]
                 look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}

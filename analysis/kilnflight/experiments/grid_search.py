@@ -188,8 +188,8 @@ def _search(windows: list[Window], name: str, grid: Grid) -> pd.DataFrame:
             best = int(table["beta"].argmax())
             setting = list(rows)[best]
             ahead = [neighbor for neighbor in grid.neighbors(setting) if neighbor not in rows]
-    here = np.arange(len(table)) == best
-    return table.assign(chosen=here, at_end=np.where(here, grid.at_end(setting), ""))
+    chosen = np.arange(len(table)) == best
+    return table.assign(chosen=chosen, at_end=np.where(chosen, grid.at_end(setting), ""))
 
 
 def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]:

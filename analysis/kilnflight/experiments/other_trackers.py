@@ -250,8 +250,8 @@ class _StoneSoup(_ExternalTracker):
             alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.missed_frames}
             number, alone = {id(track): k for k, (track, _) in alive.items()}, set(rows)
             tracks = [track for track, _ in alive.values()]
-            here = Frame(detections, places[rows], now, *parts)
-            for track, state, detection in self._associated(here, tracks):
+            view = Frame(detections, places[rows], now, *parts)
+            for track, state, detection in self._associated(view, tracks):
                 track.append(state)
                 if detection is not None:
                     row, k = detection.metadata["row"], number[id(track)]
