@@ -354,17 +354,7 @@ def ignition_verdicts(
     evidence: Evidence = {"ign-1": pd.Series(never)}
     for claim, name in (("ign-2", "confetti"), ("ign-3", "paper shred")):
         evidence[claim] = conditions(published, (name, 4.5)) | conditions(published, (name, 5.0))
-    more = {}
-    for bar in bars:
-        often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
-        more[f"shreds more often at {bar} bar"] = bool(often.iloc[1] > often.iloc[0])
-        more[f"shreds earlier at {bar} bar"] = bool(early.iloc[1] < early.iloc[0])
-    for name in papers:
-        fewer, later = (table.loc[name] for table in (share, middle))
-        more[f"{name}: fewer at 5 bar"] = bool(fewer.iloc[-1] < fewer.iloc[0])
-        more[f"{name}: later at 5 bar"] = bool(later.iloc[-1] > later.iloc[0])
-    evidence["ign-4"] = more
-
+    evidence["ign-4"] = _paper_conditions(share, middle)
     pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
     pairs += [((name, 5.0), (name, 4.5)) for name in papers]
     times = {key: each.ignition_s for key, each in values.items()}
@@ -376,6 +366,20 @@ def ignition_verdicts(
     verdicts = judge_all(results.tables, evidence, note, {"ign-4": f"{shares}; {medians}"})
     fit = "the twin was fitted to the share of confetti at 4.5 bar"
     return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in verdicts]
+
+
+def _paper_conditions(share: pd.DataFrame, middle: pd.DataFrame) -> dict[str, bool]:
+    """Return what is claimed of papers; shares and median times by fraction and pressure."""
+    conditions = {}
+    for bar in share.columns:
+        often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
+        conditions[f"shreds more often at {bar} bar"] = bool(often.iloc[1] > often.iloc[0])
+        conditions[f"shreds earlier at {bar} bar"] = bool(early.iloc[1] < early.iloc[0])
+    for name in (name for name in PAPERS if name in share.index):
+        fewer, later = (table.loc[name] for table in (share, middle))
+        conditions[f"{name}: fewer at 5 bar"] = bool(fewer.iloc[-1] < fewer.iloc[0])
+        conditions[f"{name}: later at 5 bar"] = bool(later.iloc[-1] > later.iloc[0])
+    return conditions
 
 
 def regression_verdicts(
@@ -412,16 +416,21 @@ def regression_verdicts(
     compared = {"fit-2": ("mape_{}_percent", pairs), "fit-3": ("r2_{}", pairs + worse)}
     resolved = {}
     for claim, (column, each) in compared.items():
-        groups = {
-            (name, axis): part[column.format(axis)].to_numpy()
-            for name, part in from_lance(tables, "trajectories").groupby("fraction")
-            for axis in "xyz"
-        }
+        groups = _by_axis(tables, column)
         resolved[claim] = in_words(group_differences(groups, each, generator), "medians")
     evidence: Evidence = {"fit-1": ratio, "fit-2": lowest, "fit-3": least}
     evidence["fit-4"] = order_gain(by_order)
     note = "trajectories from the lance; the scatter of the depth is an input"
     return judge_all(tables, evidence, note, resolved)
+
+
+def _by_axis(tables: Measurement, column: str) -> dict[tuple[str, object], Array]:
+    """Return a measure of the trajectories from the lance by fraction and axis."""
+    return {
+        (str(name), axis): part[column.format(axis)].to_numpy()
+        for name, part in from_lance(tables, "trajectories").groupby("fraction")
+        for axis in "xyz"
+    }
 
 
 def order_gain(by_order: pd.DataFrame) -> float:
