@@ -251,11 +251,7 @@ def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     ``both``: `compare_campaigns` by the grey values that ignition is read from.
     """
     rows = [
-        {
-            "gray_values": name,
-            **dict(zip(KEYS, key, strict=True)),
-            **errors(of_campaign(table, key)),
-        }
+        {"gray_values": name} | dict(zip(KEYS, key, strict=True)) | errors(of_campaign(table, key))
         for name, table in both.items()
         for key in campaign_keys(table)
     ]
