@@ -114,6 +114,39 @@ def test_info(small, tmp_path, capsys):
     assert "frames      5 of 24 x 32 pixels" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["import", "gone.toml"], "gone.toml: cannot be read (No such file or directory). Give"),
+        (["info", "gone"], "gone: there is no recording (no folder with a zarr.json). Give"),
+        (["detect", "gone", "d.csv", "--threshold", "9"], "gone: there is no recording (no folder"),
+        (["track", "gone.csv", "t.csv"], "gone.csv: is no CSV table (No such file or directory). "),
+        (["track", ".", "t.csv"], ".: is no CSV table (Is a directory). Give one that"),
+        (["run", "gone"], "gone: there is no recording (no folder with a zarr.json). Give"),
+        (["export", "gone", "a.zarr"], "no scene 'gone'; there are V1, V2"),
+        (["detect", "gone", "no/d.csv", "--threshold", "9"], "no/d.csv: its folder does not exist"),
+        (["track", "gone.csv", "no/t.csv"], "no/t.csv: its folder does not exist. Make it first."),
+    ],
+)
+def test_a_missing_input_is_an_error_that_says_what_to_do(
+    command, message, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(command) == 1
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith(f"kilnflight {command[0]}: {message}")
+    assert len(output.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_without_rows_has_no_tracks(tmp_path, capsys):
+    (tmp_path / "d.csv").write_text("frame,row,col,z\n")
+    assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 0
+    assert "0 tracks with 0 of 0 detections" in capsys.readouterr().out
+    assert (tmp_path / "t.csv").read_text() == "frame,row,col,z,particle\n"
+
+
 def test_the_module_runs_as_a_command(tmp_path):
     command = [sys.executable, "-m", "kilnflight", "info", str(tmp_path / "gone")]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)

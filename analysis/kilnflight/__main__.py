@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_target
 
 FORMATS = ("csv", "challenge", "napari", "trackmate", "trackpy")
 
@@ -36,17 +36,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _import(options: argparse.Namespace) -> None:
     from kilnflight.recording.importing import import_recording
+    from kilnflight.recording.summary import aligned
 
     target = options.to or options.manifest.with_suffix(".zarr")
-    print(import_recording(options.manifest, target).text())
+    print(aligned(import_recording(options.manifest, target)))
     print(f"imported as {target}")
 
 
 def _info(options: argparse.Namespace) -> None:
     from kilnflight.recording.store import open_recording
-    from kilnflight.recording.summary import summarise
+    from kilnflight.recording.summary import aligned, summarise
 
-    print(summarise(open_recording(options.folder)).text())
+    print(aligned(summarise(open_recording(options.folder))))
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -60,49 +61,46 @@ def _export(options: argparse.Namespace) -> None:
 
 
 def _detect(options: argparse.Namespace) -> None:
-    from kilnflight import kiln
-    from kilnflight.detection import DoG
-    from kilnflight.detection.combination import Combination
+    from kilnflight import run
     from kilnflight.project.cache import write_whole
     from kilnflight.recording.store import open_recording
 
-    recording, detector = open_recording(options.folder), Combination(DoG(options.threshold))
-    table = kiln.detect(recording, range(len(recording)), detector, progress=True)
+    check_target(options.table)
+    recording = open_recording(options.folder)
+    table = run.detect(recording, options.threshold, progress=True)
     write_whole(options.table, table.to_csv(index=False).encode())
-    print(
-        f"{len(table)} detections in {len(recording)} frames of {recording.attributes.name}: "
-        f"{options.table}"
-    )
+    where = f"{len(recording)} frames of {recording.attributes.name}: {options.table}"
+    print(f"{len(table)} detections in {where}")
 
 
 def _track(options: argparse.Namespace) -> None:
     import pandas as pd
 
+    from kilnflight import run
     from kilnflight.association import GNN, JPDA
     from kilnflight.project.cache import write_whole
     from kilnflight.recording import track_files
-    from kilnflight.tracking.tracker import track
-    from kilnflight.tracklets import postprocess, tracked
+    from kilnflight.tracklets import tracked
 
+    check_target(options.tracks)
     try:
         detections = pd.read_csv(options.detections)
-    except ValueError as error:
-        raise InputError(f"{options.detections}: is no CSV table ({error}).") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{options.detections}: is no CSV table ({reason}). Give one that kilnflight detect "
+            "wrote, or with the columns frame, row, col."
+        ) from error
     if detections.empty:  # a CSV without rows has columns of no kind
-        whole = [name for name in ("frame", "points") if name in detections]
-        detections = detections.astype(float).astype(dict.fromkeys(whole, int))
-    tracks = track(detections, JPDA() if options.jpda else GNN())
-    if not options.raw:
-        tracks = postprocess(tracks)
+        detections = detections.astype(int)
+    tracks = run.track(detections, JPDA() if options.jpda else GNN(), options.raw)
     if options.format == "csv":
         write_whole(options.tracks, tracks.to_csv(index=False).encode())
     else:
         getattr(track_files, f"write_{options.format}")(tracks, options.tracks)
     linked = tracked(tracks)
-    print(
-        f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)} detections: "
-        f"{options.tracks}"
-    )
+    counts = f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)}"
+    print(f"{counts} detections: {options.tracks}")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -164,8 +162,7 @@ def _parser() -> argparse.ArgumentParser:
         return command.add_argument
 
     argument = add("import", _import, "import the files that a manifest names")
-    where = "TOML; see python -m pydoc kilnflight.recording.importing"
-    argument("manifest", type=Path, help=where)
+    argument("manifest", type=Path, help="TOML; see python -m pydoc kilnflight.recording.importing")
     argument("--to", type=Path, metavar="DIR", help="default: <manifest>.zarr")
 
     argument = add("export", _export, "write a scene of the twin to disk")
@@ -193,13 +190,11 @@ def _parser() -> argparse.ArgumentParser:
 
     argument = add("run", _run, "all steps from a recording to flights, and a report")
     argument("folder", type=Path, metavar="RECORDING")
-    argument(
-        "--to",
-        type=Path,
-        metavar="FOLDER",
-        help="a killed run goes on there, from its folder parts, which may be deleted when all "
-        "is done (default: <recording>-run)",
+    target = (
+        "a killed run goes on there, from its folder parts, which may be deleted when all is done "
+        "(default: <recording>-run)"
     )
+    argument("--to", type=Path, metavar="FOLDER", help=target)
     argument("--threshold", type=float, help="of DoG; default: five times the noise")
     lance = "where the lance ends, mm as captured (before Eq. 2.4); default: as recorded"
     argument("--exit-point", metavar="x,y,z", help=lance)
@@ -207,12 +202,11 @@ def _parser() -> argparse.ArgumentParser:
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)
     burning = "grey value that only what burns reaches: alight when first seen (default: not asked)"
     argument("--bright", type=float, metavar="GRAY", help=burning)
-    argument(
-        "--above-background",
-        action="store_true",
-        help="ignition is a rise above the kiln behind a particle, which may itself be brighter "
-        "on the way (default: of the grey values as they are, as in the thesis)",
+    above = (
+        "ignition is a rise above the kiln behind a particle, which may itself be brighter on the "
+        "way (default: of the grey values as they are, as in the thesis)"
     )
+    argument("--above-background", action="store_true", help=above)
     argument("--jobs", type=int, default=1, help="processes (default: 1)")
     argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that detects")
     return parser

@@ -207,3 +207,9 @@ def check_new(path: Path) -> None:
     """Raise an `InputError` if there is a file or folder of this name already."""
     if path.exists():
         raise InputError(f"{path}: exists already. Delete it or choose another target.")
+
+
+def check_target(path: Path) -> None:
+    """Raise an `InputError` unless the folder exists in which a file is to be written."""
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: its folder does not exist. Make it first.")

@@ -35,7 +35,7 @@ from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths
 from kilnflight.project.cache import CachedTable, clear_parts, make_whole
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.frames import Recording
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
@@ -96,7 +96,7 @@ def stored_source(folder: Path | str) -> StoredSource:
 class GrayFrames:
     """The grey values of a recording as a stack that is read frame by frame."""
 
-    recording: PictureRecording
+    recording: Recording
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -108,7 +108,7 @@ class GrayFrames:
 
 
 def views(
-    recording: PictureRecording, frames: Iterable[int], background: BackgroundModel | None = None
+    recording: Recording, frames: Iterable[int], background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
     """Yield number and view of each frame: what a detector may use of it.
 
@@ -143,7 +143,7 @@ def views(
 
 
 def detect(
-    recording: PictureRecording,
+    recording: Recording,
     frames: Sequence[int],
     detector: Combination | None = None,
     background: BackgroundModel | None = None,
@@ -438,7 +438,7 @@ def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd
 
 
 def background_gray(
-    detections: pd.DataFrame, recording: PictureRecording, frames: range
+    detections: pd.DataFrame, recording: Recording, frames: range
 ) -> npt.NDArray[np.float64]:
     """Return the grey values (n,) of the kiln behind detections: the mean within their discs.
 

@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -212,11 +212,15 @@ def test_what_is_no_recording_is_told(small, target):
         open_recording(target)
 
 
-def test_a_recording_without_one_of_its_attributes_is_told(small, target):
+@pytest.mark.parametrize("fault", ["missing", "unknown"])
+def test_a_recording_with_other_attributes_is_refused(small, target, fault):
     write_recording(small, target)
+    attributes = {**asdict(small.attributes), "presure": 5} if fault == "unknown" else {}
     group = zarr.open_group(target, mode="r+")
-    group.attrs.put({"format": store.FORMAT, "name": "small"})
-    with pytest.raises(InputError, match=r"small\.zarr: damaged recording"):
+    group.attrs.put({"format": store.FORMAT, "name": "small", **attributes})
+    argument = "presure" if fault == "unknown" else "frame_rate_hz"
+    message = rf"small\.zarr: damaged recording .*argument.*{argument}.* again"
+    with pytest.raises(InputError, match=message):
         open_recording(target)
 
 

@@ -3,29 +3,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.recording.summary import summarise
+from kilnflight.recording.summary import aligned, summarise
 
 
 def test_the_numbers_are_those_of_the_frames(small):
-    report = summarise(small)
+    facts = summarise(small)
+    value = facts.set_index("what")["value"]
     frames = [small.frame(t) for t in range(5)]
+    gray = np.stack([frame.gray for frame in frames])
     depths = np.concatenate([frame.xyz[:, 2] for frame in frames])
-    assert (report.frames, report.rows, report.columns, report.bit_depth) == (5, 24, 32, 12)
-    assert report.gray_range == (
-        min(f.gray.min() for f in frames),
-        max(f.gray.max() for f in frames),
-    )
-    assert report.points == (0, 20.0, 40)
-    assert report.depth_share == pytest.approx(100 / (5 * 24 * 32))
-    assert report.depth_range_mm == (depths.min(), depths.max())
-    assert report.labelled_frames == 2
-    counted = sum((f.labels == 3).sum() for f in frames if f.labels is not None)
-    assert report.label_pixels["non-burning in air"] == counted
-    assert report.warnings == ("1 of 5 frames without points, the first is 0",)
+    labels = np.stack([frame.labels for frame in frames if frame.labels is not None])
+    assert value["frames"] == "5 of 24 x 32 pixels"
+    assert value["gray"] == f"{gray.min()} to {gray.max()} (12 bits)"
+    share = 100 * len(depths) / gray.size
+    assert value["points"] == f"0 to 40 per frame, median 20; {share:.2f} % of the pixels"
+    assert value["depth"] == f"{depths.min():.0f} to {depths.max():.0f} mm, as captured"
+    assert value["labels"] == f"{len(labels)} frames" == "2 frames"
+    assert f"{(labels == 3).sum()} px non-burning in air" in facts["value"].tolist()
+    assert value["warning"] == "1 of 5 frames without points, the first is 0"
 
 
-def test_the_text_has_one_fact_a_line(small):
-    lines = summarise(small).text().splitlines()
+def test_the_text_has_a_fact_a_line(small):
+    lines = aligned(summarise(small)).splitlines()
     assert lines[0] == "recording   small"
     assert lines[1] == "frames      5 of 24 x 32 pixels"
     assert lines[3] == "points      0 to 40 per frame, median 20; 2.60 % of the pixels"
@@ -48,11 +47,12 @@ def metres(f):
 def test_what_looks_wrong_is_warned_of(small, edit, warning):
     original = small.frame
     small.frame = lambda t: replace(original(t), **edit(original(t)))
-    assert any(warning in text for text in summarise(small).warnings)
+    facts = summarise(small)
+    assert any(warning in text for text in facts.loc[facts["what"] == "warning", "value"])
 
 
 def test_a_recording_without_points_or_labels(small):
-    report = summarise(replace(small, length=1))
-    assert report.depth_range_mm is None
-    assert "depth" not in report.text()
-    assert "labels      0 frames" in report.text()
+    value = summarise(replace(small, length=1)).set_index("what")["value"]
+    assert "depth" not in value
+    assert value["labels"] == "0 frames"
+    assert value["warning"] == "1 of 1 frames without points, the first is 0"

@@ -24,7 +24,7 @@ from kilnflight.detection import Polygon
 from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
-from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.frames import Recording
 from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import particle_centroids
 from kilnflight.twin import scenes, truth
@@ -44,7 +44,7 @@ class Subset(NamedTuple):
     """A recording and what a person marked in some of its frames."""
 
     name: str
-    recording: PictureRecording
+    recording: Recording
     frames: tuple[int, ...]
     particles: pd.DataFrame  # frame, particle, row, col, label; inside the region of interest
     instances: Callable[[int], npt.NDArray[np.integer]]  # frame -> (rows, cols) particle, -1

@@ -20,7 +20,7 @@ from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import BOXES, COLOURS, HATCHES, LINES, PAGE_MM, canvas, draw_frame
-from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.frames import Recording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
 
@@ -133,7 +133,7 @@ def draw_flown_paths(axes: Any, flights: Flights, most: int) -> None:
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
 
 
-def summed_changes(recording: PictureRecording, frames: range) -> Array:
+def summed_changes(recording: Recording, frames: range) -> Array:
     """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
     total = np.zeros((recording.attributes.rows, recording.attributes.columns))
     before = recording.gray(frames[0]).astype(np.float32)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -88,30 +88,25 @@ class Attributes:
         """Refuse what no recording has, with the name of the recording."""
         if not self.name.strip():
             raise InputError("recording: its name is empty. Name it; every error refers to it.")
-        where = f"recording {self.name}"
+        where, lance, roi, flame = f"recording {self.name}", self.lance_mm, self.roi, self.flame_roi
         for key in ("frame_rate_hz", "rows", "columns", "pressure_bar"):
             if getattr(self, key) is not None:
                 check_positive(getattr(self, key), f"{where}, {key}")
-        lance, roi, flame = self.lance_mm, self.roi, self.flame_roi
-        size = f"inside the image of {self.rows} x {self.columns}"
+        known = self.fraction in (None, *FRACTIONS)
         lance_fits = lance is None or (len(lance) == 3 and all(map(math.isfinite, lance)))
         roi_fits = roi is None or (len(roi) >= 3 and self._hold(*roi))
-        flame_fits = flame is None or (
-            len(flame) == 4
-            and flame[0] < flame[1]
-            and flame[2] < flame[3]
-            and self._hold(flame[::2], flame[1::2])
+        ascending = flame is None or (
+            len(flame) == 4 and flame[0] < flame[1] and flame[2] < flame[3]
         )
-        for fits, fault in (
-            (
-                self.fraction in (None, *FRACTIONS),
-                f"unknown fraction {self.fraction!r}; use one of {', '.join(FRACTIONS)}, or leave "
-                "it out",
-            ),
-            (lance_fits, f"lance_mm is {lance}, expected x, y, z in mm"),
-            (roi_fits, f"roi needs three or more vertices (row, col) {size}, got {roi}"),
-            (flame_fits, f"flame_roi is {flame}, expected row0 < row1 and col0 < col1 {size}"),
-        ):
+        flame_fits = flame is None or (ascending and self._hold(flame[::2], flame[1::2]))
+        names, size = ", ".join(FRACTIONS), f"inside the image of {self.rows} x {self.columns}"
+        faults = {
+            f"unknown fraction {self.fraction!r}; use one of {names}, or leave it out": known,
+            f"lance_mm is {lance}, expected x, y, z in mm": lance_fits,
+            f"roi needs three or more vertices (row, col) {size}, got {roi}": roi_fits,
+            f"flame_roi is {flame}, expected row0 < row1 and col0 < col1 {size}": flame_fits,
+        }
+        for fault, fits in faults.items():
             if not fits:
                 raise InputError(f"{where}: {fault}.")
 
@@ -125,20 +120,9 @@ class Attributes:
         """Rows and columns of a frame."""
         return self.rows, self.columns
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the attributes as JSON keeps them."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return the attributes from what JSON or TOML gives; lists become tuples."""
-        known = {field.name for field in fields(cls)}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise InputError(
-                f"recording {values.get('name', '')}: unknown attribute(s) {', '.join(unknown)}; "
-                f"known are {', '.join(sorted(known))}."
-            )
         return cls(**{key: _tuples(value) for key, value in values.items()})
 
 
@@ -147,7 +131,7 @@ def _tuples(value: Any) -> Any:
 
 
 class Recording(Protocol):
-    """What every step that measures is given."""
+    """What every step that measures works on."""
 
     @property
     def attributes(self) -> Attributes:
@@ -158,12 +142,8 @@ class Recording(Protocol):
     def frame(self, t: int) -> Frame:
         """Return frame ``t``, counted from 0; an `InputError` where there is none."""
 
-
-class PictureRecording(Recording, Protocol):
-    """A recording that also gives grey values alone, which backgrounds need by the hundred."""
-
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return the grey values (rows, cols) of frame ``t``, as `frame` has them."""
+        """Return its grey values (rows, cols) alone, which backgrounds need by the hundred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +208,15 @@ def check_position(t: int, length: int, name: str) -> None:
         )
 
 
+def check_points(valid: npt.ArrayLike, pixels: npt.NDArray[Any], where: str, fault: str) -> None:
+    """Raise an `InputError` for the first point that is not valid; ``fault`` is a format."""
+    invalid = np.flatnonzero(np.logical_not(valid))
+    if len(invalid):
+        row, col = pixels[invalid[0]]
+        text = fault.format(count=len(invalid), row=row, col=col, point=invalid[0])
+        raise InputError(f"{where}: {text}")
+
+
 def check_cloud(
     pixels: npt.NDArray[Any], xyz: npt.NDArray[Any], size: tuple[int, int], where: str
 ) -> None:
@@ -238,22 +227,18 @@ def check_cloud(
         raise InputError(
             f"{where}: {len(pixels)} pixels but {len(xyz)} positions. Give one of each per point."
         )
-    outside = np.flatnonzero(((pixels < 0) | (pixels >= size)).any(axis=1))
-    if len(outside):
-        row, col = pixels[outside[0]]
-        raise InputError(
-            f"{where}: {len(outside)} point(s) outside the image of {size[0]} x {size[1]}, the "
-            f"first at row {row}, col {col} (point {outside[0]}). Pixels are counted from 0, "
-            "rows first."
-        )
-    broken = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
-    if len(broken):
-        row, col = pixels[broken[0]]
-        share = "all" if len(broken) == len(xyz) else f"{len(broken)} of"
-        raise InputError(
-            f"{where}: {share} {len(xyz)} points are not finite, the first at row {row}, col "
-            f"{col}. A pixel without depth is left out, not marked."
-        )
+    inside = ((pixels >= 0) & (pixels < size)).all(axis=1)
+    fault = (
+        f"{{count}} point(s) outside the image of {size[0]} x {size[1]}, the first at row {{row}}, "
+        "col {col} (point {point}). Pixels are counted from 0, rows first."
+    )
+    check_points(inside, pixels, where, fault)
+    finite = np.isfinite(xyz).all(axis=1)
+    fault = (
+        f"{'{count} of' if finite.any() else 'all'} {len(xyz)} points are not finite, the first at "
+        "row {row}, col {col}. A pixel without depth is left out, not marked."
+    )
+    check_points(finite, pixels, where, fault)
     taken = np.zeros(size, bool)
     taken[pixels[:, 0], pixels[:, 1]] = True
     twice = len(pixels) - np.count_nonzero(taken)

@@ -62,7 +62,8 @@ import struct
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -85,10 +86,11 @@ from kilnflight.recording.frames import (
     Frame,
     check_array,
     check_cloud,
+    check_points,
     check_position,
 )
 from kilnflight.recording.store import write_recording
-from kilnflight.recording.summary import Report, summarise
+from kilnflight.recording.summary import summarise
 
 # What the libraries raise on files that are cut, damaged or of another kind. SyntaxError: Pillow,
 # on a broken PNG; MemoryError: a damaged header may announce any size.
@@ -146,37 +148,26 @@ class FileRecording:
         check_position(t, len(self), self.attributes.name)
         number, path = list(self.files["gray"].items())[t]
         where = _where(self.attributes.name, number)
-        gray = _image(self.sections["gray"], path, where)
+        gray = read_array(path, self.sections["gray"]["key"], where)
         check_array(gray, "uint16", self.attributes.size, f"{where}: {path}: gray")
         return gray
 
     def frame(self, t: int) -> Frame:
         """Return frame ``t``, counted from 0, read from its files; errors name them."""
         gray = self.gray(t)
-        numbers = list(self.files["gray"])
-        number, attributes = numbers[t], self.attributes
-        where, points, labels = _where(attributes.name, number), NO_POINTS, None
-        if number in self.files["coordinates"]:
-            path = self.files["coordinates"][number]
-            points = _points(self.sections["coordinates"], path, attributes.size, where)
-            check_cloud(*points, attributes.size, f"{where}: {path}")
-        if number in self.files["labels"]:
-            path = self.files["labels"][number]
-            labels = _labels(self.sections["labels"], path, attributes.size, where)
-        time_s = (number - numbers[0]) / attributes.frame_rate_hz
-        return Frame(number, time_s, gray, *points, labels)
+        numbers, size = list(self.files["gray"]), self.attributes.size
+        where, points, labels = _where(self.attributes.name, numbers[t]), NO_POINTS, None
+        if path := self.files["coordinates"].get(numbers[t]):
+            points = _points(self.sections["coordinates"], path, size, where)
+            check_cloud(*points, size, f"{where}: {path}")
+        if path := self.files["labels"].get(numbers[t]):
+            labels = _labels(self.sections["labels"], path, size, where)
+        time_s = (numbers[t] - numbers[0]) / self.attributes.frame_rate_hz
+        return Frame(numbers[t], time_s, gray, *points, labels)
 
 
 def _where(name: str, number: int) -> str:
     return f"recording {name}, frame {number}"
-
-
-def _image(section: Section, path: Path, where: str) -> npt.NDArray[Any]:
-    """Return the gray image of one file."""
-    image = read_array(path, section["key"], where)
-    if image.ndim != 2:
-        raise InputError(f"{where}: {path} has shape {image.shape}, expected (rows, cols).")
-    return image
 
 
 def _points(section: Section, path: Path, size: tuple[int, int], where: str) -> Points:
@@ -195,12 +186,9 @@ def _points(section: Section, path: Path, size: tuple[int, int], where: str) -> 
     else:
         valid = xyz[:, 2].astype(np.float32) != np.float32(section["invalid"])
     pixels, xyz = pixels[valid], xyz[valid]
-    broken = np.flatnonzero((pixels != np.round(pixels)).any(axis=1))  # NaN is not equal
-    if len(broken):
-        row, col = pixels[broken[0]]
-        raise InputError(
-            f"{where}: {path}: row {row:g}, col {col:g} is no pixel; whole numbers expected."
-        )
+    whole = (pixels == np.round(pixels)).all(axis=1)  # NaN is not equal
+    fault = "row {row:g}, col {col:g} is no pixel; whole numbers expected."
+    check_points(whole, pixels, f"{where}: {path}", fault)
     with np.errstate(over="ignore"):  # what is too large becomes infinite, which is refused
         positions = (xyz * (1000.0 if section["unit"] == "m" else 1.0)).astype(np.float32)
     return np.clip(pixels, INT32.min, INT32.max).astype(np.int32), positions
@@ -225,8 +213,8 @@ def _labels(
     return labels
 
 
-def import_recording(manifest: Path | str, target: Path | str) -> Report:
-    """Import a recording and return what it holds; all of it or nothing.
+def import_recording(manifest: Path | str, target: Path | str) -> pd.DataFrame:
+    """Import a recording, all of it or nothing; return what it holds (`summarise`).
 
     Parameters
     ----------
@@ -249,11 +237,11 @@ def import_recording(manifest: Path | str, target: Path | str) -> Report:
     try:
         work.mkdir(parents=True)
         stored = write_recording(recording, work / target.name)
-        report = summarise(stored)
+        summary = summarise(stored)
         stored.path.rename(target)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return report
+    return summary
 
 
 def read_manifest(manifest: Path | str) -> FileRecording:
@@ -262,7 +250,8 @@ def read_manifest(manifest: Path | str) -> FileRecording:
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{manifest}: cannot be read ({error.strerror}).") from error
+        again = "Give the manifest of a recording, a TOML file."
+        raise InputError(f"{manifest}: cannot be read ({error.strerror}). {again}") from error
     except ValueError as error:  # no TOML, or no text at all
         raise InputError(f"{manifest}: is not TOML ({error}).") from error
     if "gray" not in table:
@@ -337,9 +326,13 @@ def _attributes(
     _check_keys(table, ("name", "frame_rate_hz"), known, f"{manifest}", rule)
     if not isinstance(table["name"], str):
         raise InputError(f"{manifest}: name is {table['name']!r}, expected text in quotes.")
-    rows, columns = _image(gray, first[1], _where(table["name"], first[0])).shape
+    number, path = first
+    where = _where(table["name"], number)
+    size = read_array(path, gray["key"], where).shape
+    if len(size) != 2:
+        raise InputError(f"{where}: {path} has shape {size}, expected (rows, cols).")
     try:
-        return Attributes.from_json({**table, "rows": rows, "columns": columns})
+        return Attributes.from_json({**table, "rows": size[0], "columns": size[1]})
     except InputError as error:
         raise InputError(f"{manifest}: {error}") from error
     except (TypeError, AttributeError) as error:  # a word where a number belongs
@@ -348,19 +341,18 @@ def _attributes(
 
 def _find(folder: Path, pattern: str, where: str) -> dict[int, Path]:
     """Return the files of a pattern by the number of their frame, in order."""
-    texts = re.split(r"\{frame(?::0\d+d)?\}", pattern)
-    widths = [int(width or 1) for width in re.findall(r"\{frame(?::0(\d+)d)?\}", pattern)]
+    parts = re.split(r"\{frame(?::0(\d+)d)?\}", pattern)
+    texts, widths = parts[::2], parts[1::2]  # a width may be None
     if not widths or any("{" in text or "}" in text for text in texts):
         raise InputError(
             f"{where}: pattern {pattern!r} needs {{frame}}, or {{frame:04d}} for 0001, where the "
             "number of the frame stands."
         )
-    digits = [rf"(\d{{{width},}})" for width in widths]
-    parts = zip(map(re.escape, texts), [*digits, ""], strict=True)
-    expression = "".join(text + number for text, number in parts)
+    parts[::2] = map(re.escape, texts)
+    parts[1::2] = [rf"(\d{{{width or 1},}})" for width in widths]
     files: dict[int, Path] = {}
     for name in glob.glob("*".join(map(glob.escape, texts)), root_dir=folder):
-        match = re.fullmatch(expression, name)
+        match = re.fullmatch("".join(parts), name)
         numbers = {int(group) for group in match.groups()} if match else set()
         if len(numbers) == 1:
             number = numbers.pop()
@@ -393,7 +385,8 @@ def read_array(path: Path, key: str | None, where: str) -> npt.NDArray[Any]:
     ending = path.suffix.lower()
     if ending not in ARRAYS:
         raise InputError(f"{where}: {path} is none of {', '.join(sorted(ARRAYS))}.")
-    array = _guarded(lambda: ARRAYS[ending](path, key), path, where)
+    with _reading(path, where):
+        array = ARRAYS[ending](path, key)
     if array.dtype.names is None and array.dtype.kind not in "biuf":
         raise InputError(f"{where}: {path} holds {array.dtype}, expected numbers.")
     if not array.size and array.ndim != 2:  # how tifffile answers to a cut TIFF
@@ -409,22 +402,28 @@ def read_points(
     CSV, PLY and structured arrays are read by name, plain arrays by position.
     """
     ending = path.suffix.lower()
-    if ending in TABLES:
-        return _guarded(lambda: _by_name(TABLES[ending](path), columns), path, where)
-    array = read_array(path, key, where)
-    if array.dtype.names is not None:
-        return _guarded(lambda: _by_name(pd.DataFrame(array), columns), path, where)
-    if array.ndim != 2 or array.shape[1] != len(columns):
-        raise InputError(
-            f"{where}: {path} has shape {array.shape}, expected (n, {len(columns)}) for "
-            f"{', '.join(columns)}."
-        )
-    return array.astype(np.float64)
+    if ending not in TABLES:
+        array = read_array(path, key, where)
+        if array.dtype.names is None:
+            if array.ndim != 2 or array.shape[1] != len(columns):
+                raise InputError(
+                    f"{where}: {path} has shape {array.shape}, expected (n, {len(columns)}) for "
+                    f"{', '.join(columns)}."
+                )
+            return array.astype(np.float64)
+    with _reading(path, where):
+        table = TABLES[ending](path) if ending in TABLES else pd.DataFrame(array)
+        missing = [name for name in columns if name not in table]
+        if missing:
+            raise ValueError(f"no column {', '.join(missing)}; it has {', '.join(map(str, table))}")
+        return table[list(columns)].to_numpy(np.float64)
 
 
-def _guarded(read: Callable[[], npt.NDArray[Any]], path: Path, where: str) -> npt.NDArray[Any]:
+@contextmanager
+def _reading(path: Path, where: str) -> Iterator[None]:
+    """Raise an `InputError` that names the file instead of what the libraries raise."""
     try:
-        return read()
+        yield
     except (*UNREADABLE, *DAMAGED) as error:
         reason = " ".join(str(error).split()) or "cut off"
         raise InputError(
@@ -489,18 +488,10 @@ def _csv(path: Path) -> pd.DataFrame:
     return pd.read_csv(path, skipinitialspace=True)
 
 
-def _ply(path: Path) -> pd.DataFrame:
-    return pd.DataFrame(plyfile.PlyData.read(path)["vertex"].data)
-
-
-def _by_name(table: pd.DataFrame, columns: Sequence[str]) -> npt.NDArray[np.float64]:
-    missing = [name for name in columns if name not in table]
-    if missing:
-        raise ValueError(f"no column {', '.join(missing)}; it has {', '.join(map(str, table))}")
-    return table[list(columns)].to_numpy(np.float64)
-
-
-TABLES = {".csv": _csv, ".ply": _ply}
+TABLES: dict[str, Callable[[Path], pd.DataFrame]] = {
+    ".csv": _csv,
+    ".ply": lambda path: pd.DataFrame(plyfile.PlyData.read(path)["vertex"].data),
+}
 ARRAYS: dict[str, Callable[[Path, str | None], npt.NDArray[Any]]] = {
     **dict.fromkeys((".tif", ".tiff"), _tiff),
     **dict.fromkeys((".npy", ".npz"), _numpy),

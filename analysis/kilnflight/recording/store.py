@@ -23,7 +23,7 @@ import json
 import os
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ class StoredRecording:
 
         Every chunk ends in the checksum of its values (zstd), so four bytes of each are read.
         """
-        digest = hashlib.sha256(json.dumps(self.attributes.to_json()).encode())
+        digest = hashlib.sha256(json.dumps(asdict(self.attributes)).encode())
         for values in self.per_frame.values():
             digest.update(values.tobytes())
         for name in ("gray", "pixels", "xyz"):  # a missing chunk is reported when it is read
@@ -136,7 +136,10 @@ def open_recording(path: Path | str) -> StoredRecording:
                 "what wrote it again with the same target; it goes on where it stopped."
             )
     if not (path / "zarr.json").is_file():
-        raise InputError(f"{path}: there is no recording (no folder with a zarr.json).")
+        raise InputError(
+            f"{path}: there is no recording (no folder with a zarr.json). Give a folder that "
+            "kilnflight import or kilnflight export wrote."
+        )
     try:
         group = zarr.open_group(path, mode="r")
         attributes = dict(group.attrs)
@@ -236,7 +239,7 @@ def _read_journal(folder: Path) -> tuple[dict[str, Any], list[Line]]:
 def _begin(recording: Recording, part: Path, frames: range) -> tuple[zarr.Group, list[Line]]:
     """Return the group to write into and the frames it already has."""
     span = [frames.start, frames.stop, frames.step]
-    begin = {"frames": span, "attributes": recording.attributes.to_json()}
+    begin = {"frames": span, "attributes": asdict(recording.attributes)}
     begun, done = _read_journal(part) if (part / JOURNAL).is_file() else ({}, [])
     if begun:
         group = zarr.open_group(part, mode="r+")
@@ -257,9 +260,8 @@ def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
     """Return a new, empty group; what was in the folder is gone."""
     pixels = attributes.rows * attributes.columns
     points = min(POINTS_PER_CHUNK, pixels)
-    group = zarr.open_group(
-        folder, mode="w", zarr_format=3, attributes={"format": FORMAT, **attributes.to_json()}
-    )
+    content = {"format": FORMAT, **asdict(attributes)}
+    group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
     for name, kind in KINDS.items():
         width = {"pixels": 2, "xyz": 3}.get(name)
         group.create_array(
@@ -288,10 +290,8 @@ def _write_frame(group: zarr.Group, position: int, frame: Frame) -> None:
 
 def _line(frame: Frame) -> Line:
     """Return the line of a frame in the journal."""
-    checksum = 0
-    for name in KINDS:
-        array = getattr(frame, name)
-        checksum = zlib.crc32(b"" if array is None else array.tobytes(), checksum)
+    arrays = [array for name in KINDS if (array := getattr(frame, name)) is not None]
+    checksum = zlib.crc32(b"".join(array.tobytes() for array in arrays))
     labelled = frame.labels is not None
     return [int(frame.index), float(frame.time_s), len(frame.xyz), labelled, checksum]
 

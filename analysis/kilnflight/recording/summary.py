@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -13,46 +12,11 @@ from kilnflight.recording.frames import LABELS, Recording
 
 SATURATED_SHARE = 0.001  # of all pixels at the highest possible value: worth a warning
 PLAUSIBLE_DEPTH_MM = (100.0, 50_000.0)
+LEAST_WIDTH = 10  # characters before a value
 
 
-class Report(NamedTuple):
-    """What a recording holds; `text` says it in words."""
-
-    name: str
-    frames: int
-    rows: int
-    columns: int
-    bit_depth: int  # the fewest bits that hold the highest gray value
-    gray_range: tuple[int, int]
-    points: tuple[int, float, int]  # per frame: minimum, median, maximum
-    depth_share: float  # of all pixels
-    depth_range_mm: tuple[float, float] | None
-    labelled_frames: int
-    label_pixels: Mapping[str, int]
-    warnings: tuple[str, ...]
-
-    def text(self) -> str:
-        """Return the report, one fact a line."""
-        low, middle, high = self.points
-        lines = [
-            f"recording   {self.name}",
-            f"frames      {self.frames} of {self.rows} x {self.columns} pixels",
-            f"gray        {self.gray_range[0]} to {self.gray_range[1]} ({self.bit_depth} bits)",
-            f"points      {low} to {high} per frame, median {middle:g}; "
-            f"{100 * self.depth_share:.2f} % of the pixels",
-        ]
-        if self.depth_range_mm:
-            nearest, farthest = self.depth_range_mm
-            lines.append(f"depth       {nearest:.0f} to {farthest:.0f} mm, as captured")
-        lines.append(f"labels      {self.labelled_frames} frames")
-        lines += [f"            {count} px {name}" for name, count in self.label_pixels.items()]
-        lines += [f"warning     {warning}" for warning in self.warnings]
-        return "\n".join(lines)
-
-
-def summarise(recording: Recording) -> Report:
-    """Read every frame once and return what the recording holds."""
-    attributes = recording.attributes
+def summarise(recording: Recording) -> pd.DataFrame:
+    """Read every frame once; return rows of ``what`` and ``value``, both texts."""
     rows, labels = [], []
     for t in tqdm(range(len(recording)), desc="checking", unit="frame", disable=None):
         frame = recording.frame(t)
@@ -62,32 +26,38 @@ def summarise(recording: Recording) -> Report:
         rows.append(row | depths | {"at_top": np.count_nonzero(gray == row["top"])})
         if frame.labels is not None:
             labels.append(np.bincount(frame.labels.ravel(), minlength=len(LABELS)))
-    table = pd.DataFrame(rows)
+    table, attributes = pd.DataFrame(rows), recording.attributes
     pixels = len(table) * attributes.rows * attributes.columns
-    top, points = int(table["top"].max()), table["points"]
-    saturated = int(table.loc[table["top"] == top, "at_top"].sum()) / pixels
-    nearest, farthest = float(table["nearest"].min()), float(table["farthest"].max())
-    depth = (nearest, farthest) if points.any() else None
-    counts = dict(zip(LABELS, np.sum(labels, axis=0).tolist(), strict=True)) if labels else {}
+    points, top, low = table["points"], int(table["top"].max()), table["low"].min()
+    per_frame = f"{points.min()} to {points.max()} per frame, median {points.median():g}"
+    facts = [
+        ("recording", attributes.name),
+        ("frames", f"{len(table)} of {attributes.rows} x {attributes.columns} pixels"),
+        ("gray", f"{low} to {top} ({top.bit_length()} bits)"),
+        ("points", f"{per_frame}; {100 * points.sum() / pixels:.2f} % of the pixels"),
+    ]
+    depth = float(table["nearest"].min()), float(table["farthest"].max())
+    if points.any():
+        facts.append(("depth", "{:.0f} to {:.0f} mm, as captured".format(*depth)))
+    facts.append(("labels", f"{len(labels)} frames"))
+    if labels:
+        counts = zip(np.sum(labels, axis=0), LABELS, strict=True)
+        facts += [("", f"{count} px {name}") for count, name in counts]
+    saturated = table.loc[table["top"] == top, "at_top"].sum() / pixels
     empty = table.loc[points == 0, "index"].tolist()
-    return Report(
-        name=attributes.name,
-        frames=len(table),
-        rows=attributes.rows,
-        columns=attributes.columns,
-        bit_depth=top.bit_length(),
-        gray_range=(int(table["low"].min()), top),
-        points=(int(points.min()), float(points.median()), int(points.max())),
-        depth_share=int(points.sum()) / pixels,
-        depth_range_mm=depth,
-        labelled_frames=len(labels),
-        label_pixels=counts,
-        warnings=tuple(_warnings(empty, len(table), top, saturated, depth)),
-    )
+    warnings = _warnings(empty, len(table), top, saturated, depth)
+    facts += [("warning", warning) for warning in warnings]
+    return pd.DataFrame(facts, columns=["what", "value"])
+
+
+def aligned(summary: pd.DataFrame) -> str:
+    """Return rows of ``what`` and ``value`` as text, one a line."""
+    width = max(LEAST_WIDTH, summary["what"].str.len().max())
+    return "\n".join(f"{what:<{width}}  {value}" for what, value in summary.to_numpy().tolist())
 
 
 def _warnings(
-    empty: list[int], frames: int, top: int, saturated: float, depth: tuple[float, float] | None
+    empty: list[int], frames: int, top: int, saturated: float, depth: tuple[float, float]
 ) -> Iterator[str]:
     if empty:
         yield f"{len(empty)} of {frames} frames without points, the first is {empty[0]}"
@@ -98,7 +68,7 @@ def _warnings(
     if 0 < top < 256:
         yield f"no gray value above {top}: 8-bit frames in 16-bit files?"
     low, high = PLAUSIBLE_DEPTH_MM
-    if depth and not (low <= depth[0] and depth[1] <= high):
+    if len(empty) < frames and not (low <= depth[0] and depth[1] <= high):
         yield (
             f"depths of {depth[0]:g} to {depth[1]:g} mm; between {low:g} and {high:g} expected: "
             "is the unit right, is the invalid value?"

@@ -42,6 +42,7 @@ from kilnflight.checks import (
     check_columns,
     check_finite,
     check_new,
+    check_target,
     check_whole,
 )
 from kilnflight.project.cache import make_whole
@@ -77,19 +78,17 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
         names the particle and its detection.
     """
     try:
-        root = ElementTree.parse(path, ElementTree.XMLParser(target=_Plain(path))).getroot()
-    except InputError:
-        raise
+        root = ElementTree.parse(path, ElementTree.XMLParser(target=_Plain())).getroot()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error}).") from error
+        again = "Give a file of the challenge."
+        raise InputError(f"{path}: cannot be read ({error.strerror}). {again}") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter: its encoding
         raise InputError(f"{path}: is no whole XML file ({error}).") from error
     contest = next(root.iter(CONTEST), None)
     if contest is None:
         raise InputError(f"{path}: has no element {CONTEST}; it is no file of the challenge.")
-    for name, inside in (("particle", [contest]), ("detection", contest.findall("particle"))):
-        placed = sum(len(element.findall(name)) for element in inside)
-        if sum(1 for _ in root.iter(name)) != placed:
+    for name, place in (("particle", "particle"), ("detection", "particle/detection")):
+        if len(list(root.iter(name))) != len(contest.findall(place)):
             raise InputError(
                 f"{path}: a {name} stands where the format has none. Move or remove it."
             )
@@ -99,21 +98,15 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
         for n, detection in enumerate(particle.iter("detection"))
     }
     texts = pd.DataFrame.from_dict(rows, orient="index", dtype=str)
-    return _tracks(texts.reindex(columns=list(CHALLENGE.values())).fillna(""), CHALLENGE)
+    return _tracks(texts.reindex(columns=list(CHALLENGE.values())).fillna(""), CHALLENGE, path)
 
 
 class _Plain(ElementTree.TreeBuilder):
     """Elements of a file without a document type, whose entities could be of any size."""
 
-    def __init__(self, path: str | Path) -> None:
-        super().__init__()
-        self.path = path
-
     def doctype(self, *_: object) -> None:
         """Refuse the file before an entity is read."""
-        raise InputError(
-            f"{self.path}: has a document type; files of the challenge have none. Remove it."
-        )
+        raise ValueError("a document type; files of the challenge have none: remove it")
 
 
 def write_challenge(tracks: pd.DataFrame, path: str | Path) -> None:
@@ -153,7 +146,7 @@ def to_trackpy(tracks: pd.DataFrame) -> pd.DataFrame:
 
 def read_trackpy(path: str | Path) -> pd.DataFrame:
     """Return the tracks of a trackpy table that was saved as CSV, with or without its index."""
-    return _tracks(_read_csv(path, TRACKPY), TRACKPY)
+    return _tracks(_read_csv(path, TRACKPY), TRACKPY, path)
 
 
 def write_trackpy(tracks: pd.DataFrame, path: str | Path) -> None:
@@ -175,7 +168,8 @@ def read_trackmate(path: str | Path) -> pd.DataFrame:
     named = (np.arange(len(texts)) < HEADER.count("\n") - 1) & ~counts.cummax()
     texts = texts[~named]
     track = texts["TRACK_ID"].str.strip()
-    return _tracks(texts.assign(TRACK_ID=track.where(~track.isin(NO_TRACK), "-1")), TRACKMATE)
+    texts = texts.assign(TRACK_ID=track.where(~track.isin(NO_TRACK), "-1"))
+    return _tracks(texts, TRACKMATE, path)
 
 
 def write_trackmate(tracks: pd.DataFrame, path: str | Path) -> None:
@@ -215,7 +209,7 @@ def to_napari(tracks: pd.DataFrame) -> npt.NDArray[np.float64]:
 
 def read_napari(path: str | Path) -> pd.DataFrame:
     """Return the tracks of a CSV with the columns ID, T, (Z,) Y, X in any order."""
-    return _tracks(_read_csv(path, NAPARI), NAPARI)
+    return _tracks(_read_csv(path, NAPARI), NAPARI, path)
 
 
 def write_napari(tracks: pd.DataFrame, path: str | Path) -> None:
@@ -253,7 +247,7 @@ def read_manual(folder: str | Path) -> pd.DataFrame:
             if fields and [field.lower() for field in fields[1:]] != ["nan", "nan"]:
                 rows[f"{path}, line {line}"] = [fields[0], str(particle), *fields[1:]]
     texts = pd.DataFrame.from_dict(rows, orient="index", columns=list(NAMES[:4]), dtype=str)
-    return _tracks(texts, {name: name for name in NAMES})
+    return _tracks(texts, {name: name for name in NAMES}, folder)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
@@ -301,25 +295,22 @@ def in_tracks(tracks: pd.DataFrame, where: str) -> pd.DataFrame:
     return checked[checked["particle"] >= 0].reset_index(drop=True)
 
 
-def _tracks(texts: pd.DataFrame, names: Mapping[str, str]) -> pd.DataFrame:
+def _tracks(texts: pd.DataFrame, names: Mapping[str, str], path: str | Path) -> pd.DataFrame:
     """Return the tracks of texts, whose index says where each row stands in its file."""
     columns = {}
     for name, theirs in names.items():
         if theirs in texts:
-            numbers = np.array([_number(text) for text in texts[theirs]], dtype=np.float64)
-            fits = np.isfinite(numbers)
-            whole = name in NAMES[:2] and bool(fits.all())
-            if whole:
-                fits = (numbers % 1 == 0) & (np.abs(numbers) <= LARGEST_WHOLE)
+            columns[name] = numbers = texts[theirs].map(_number).astype(np.float64)
+            kind, fits = "finite", numbers.abs() < np.inf
+            if name in NAMES[:2]:
+                kind, fits = "whole", (numbers % 1 == 0) & (numbers.abs() <= LARGEST_WHOLE)
             if not fits.all():
                 row = int(fits.argmin())
                 raise InputError(
                     f"{texts.index[row]}, column {theirs}: {texts[theirs].iloc[row]!r} is no "
-                    f"{'whole' if whole else 'finite'} number. Correct or remove the line."
+                    f"{kind} number. Correct or remove the line."
                 )
-            columns[name] = numbers.astype(np.int64) if whole else numbers
-    table = pd.DataFrame(columns)[[name for name in NAMES if name in columns]]
-    return table.sort_values(["particle", "frame"], kind="stable", ignore_index=True)
+    return check_tracks(pd.DataFrame(columns), str(path))
 
 
 def _number(text: str) -> float:
@@ -334,7 +325,10 @@ def _read_text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error}).") from error
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{path}: cannot be read as text ({reason}). Give another file."
+        ) from error
 
 
 def _read_csv(path: str | Path, names: Mapping[str, str], third: bool = False) -> pd.DataFrame:
@@ -368,6 +362,5 @@ def _write(path: str | Path, text: str) -> None:
 
 def _make(path: str | Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` make a file or folder that is then there whole, in a folder there is."""
-    if not Path(path).parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist. Make it first.")
+    check_target(Path(path))
     make_whole(Path(path), write)

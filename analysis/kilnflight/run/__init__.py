@@ -32,9 +32,10 @@ from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
 from kilnflight.project.cache import clear_parts, locked, save
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import ArrayRecording, Attributes, PictureRecording
+from kilnflight.recording.frames import ArrayRecording, Attributes, Recording
 from kilnflight.recording.importing import read_manifest
 from kilnflight.recording.store import StoredRecording, open_recording
+from kilnflight.recording.summary import aligned
 from kilnflight.run.report import Results, Row, listed, page, plot_tracks, results, summary
 from kilnflight.tracklets import postprocess
 
@@ -92,7 +93,7 @@ class Options:
 
 def open(
     source: str | os.PathLike[str] | npt.NDArray[np.uint16], frame_rate_hz: float = 1.0
-) -> PictureRecording:
+) -> Recording:
     """Open a recording of any kind for `detect` and `plot_tracks`.
 
     Parameters
@@ -122,7 +123,7 @@ def open(
 
 
 def detect(
-    recording: PictureRecording, threshold: float | None = None, progress: bool = False
+    recording: Recording, threshold: float | None = None, progress: bool = False
 ) -> pd.DataFrame:
     """Return the detections in all frames (`kilnflight.tables.DETECTIONS`).
 
@@ -170,9 +171,7 @@ def run(folder: Path, target: Path | None, options: Options, workers: Workers) -
         print(f"note: {note}")
     report = publish(outcome, open_recording(folder), target)
     rows = summary(outcome)
-    width = int(rows["what"].str.len().max())
-    for what, value in rows.to_numpy().tolist():
-        print(f"{what:<{width}}  {value}")
+    print(aligned(rows))
     print(f"tables and report: {report}")
 
 
@@ -245,7 +244,7 @@ def chunk(frames: int) -> int:
     return min(LONG_CHUNK, max(LEAST_CHUNK, -(-frames // PIECES)))
 
 
-def _threshold(recording: PictureRecording, notes: list[str]) -> float:
+def _threshold(recording: Recording, notes: list[str]) -> float:
     threshold = noise_threshold(recording)
     noise = "the noise of the first frames"
     if threshold <= TIMES_NOISE * LEAST_NOISE:
@@ -260,7 +259,7 @@ def _threshold(recording: PictureRecording, notes: list[str]) -> float:
     return threshold
 
 
-def noise_threshold(recording: PictureRecording) -> float:
+def noise_threshold(recording: Recording) -> float:
     """Return a threshold of DoG from the noise of the first frames, in grey values.
 
     Notes
@@ -311,7 +310,7 @@ def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
         return None
 
 
-def fitted_wall(recording: PictureRecording, frames: Iterable[int]) -> Cylinder:
+def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
     """Return the cylinder of the largest cluster in some frames (sections 3.1 and 3.2).
 
     The clouds of the frames are put together: a still wall is denser so, what flies is not.
@@ -366,7 +365,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
     return (*rows, ("jobs", jobs))
 
 
-def publish(outcome: Results, recording: PictureRecording, folder: Path) -> Path:
+def publish(outcome: Results, recording: Recording, folder: Path) -> Path:
     """Write the tables, the summary and the report; return the report.
 
     Each file is there whole or not at all; what ``parts`` holds lets a run go on.

@@ -9,6 +9,7 @@ import base64
 import html
 import io
 from collections.abc import Iterable, Iterator
+from string import Template
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -22,19 +23,25 @@ from kilnflight.flight import remaining
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
 from kilnflight.kiln import KILN_STEPS, KilnRun
 from kilnflight.project import style
-from kilnflight.recording.frames import PictureRecording
+from kilnflight.recording.frames import Recording
 from kilnflight.scores.flights import ignition_histogram
 from kilnflight.scores.intervals import Bootstrap, Interval, share
 from kilnflight.tracklets import tracked
 
 SEED = 0  # of the bootstrap
 BIN_S = 0.1  # sec. 5.3.2
-STYLE = """
+PAGE = Template("""<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>$name</title><style>
 body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 table { border-collapse: collapse; }
 th, td { text-align: left; padding: 0.15rem 1rem 0.15rem 0; border-bottom: 1px solid #ccc; }
 figure { margin: 2rem 0; } img { max-width: 100%; } figcaption { font-size: 0.9rem; }
-"""
+</style></head><body><h1>$name</h1>$notes
+<h2>Summary</h2><table>$rows</table>
+<p>In brackets: 95 % intervals over particles; none of fewer than six.</p>
+<h2>Figures</h2>$figures
+<p>kilnflight $version</p></body></html>
+""")
 
 Row = tuple[str, str]  # what and value
 Captioned = tuple[Figure, str]
@@ -193,26 +200,23 @@ def _outliers(outcome: Results) -> Iterator[Row]:
         yield "metres passed before the particle was first seen", before
 
 
-def page(outcome: Results, recording: PictureRecording) -> str:
+def page(outcome: Results, recording: Recording) -> str:
     """Return the report of a recording as one HTML page that needs no network."""
-    name = html.escape(outcome.name)
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in outcome.notes)
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
         for what, value in summary(outcome).to_numpy().tolist()
     )
-    figures = "".join(_embedded(*captioned) for captioned in _figures(outcome, recording))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{name}</title><style>{STYLE}</style></head><body><h1>{name}</h1>"
-        + (f"<h2>To know</h2><ul>{notes}</ul>" if notes else "")
-        + f"<h2>Summary</h2><table>{rows}</table>"
-        + "<p>In brackets: 95 % intervals over particles; none of fewer than six.</p>"
-        + f"<h2>Figures</h2>{figures}<p>kilnflight {__version__}</p></body></html>\n"
+    return PAGE.substitute(
+        name=html.escape(outcome.name),
+        notes=f"<h2>To know</h2><ul>{notes}</ul>" if notes else "",
+        rows=rows,
+        figures="".join(_embedded(*captioned) for captioned in _figures(outcome, recording)),
+        version=__version__,
     )
 
 
-def _figures(outcome: Results, recording: PictureRecording) -> Iterator[Captioned]:
+def _figures(outcome: Results, recording: Recording) -> Iterator[Captioned]:
     """Yield what can be drawn, each with its caption."""
     counted, slices = outcome.counted, outcome.slices
     caption = "Tracks after post-processing over the first frame (dark parts lifted)."
@@ -280,7 +284,7 @@ def _ignition_figure(ignition_s: npt.NDArray[np.float64]) -> Captioned:
     )
 
 
-def plot_tracks(recording: PictureRecording, tracks: pd.DataFrame) -> Figure:
+def plot_tracks(recording: Recording, tracks: pd.DataFrame) -> Figure:
     """Return a figure of tracks over the first frame of their recording."""
     figure, axes = style.canvas(width_mm=style.PAGE_MM, height_mm=130)
     style.draw_frame(axes[0, 0], recording.gray(0))
