@@ -72,7 +72,7 @@ def test_a_manifest_is_opened_where_its_files_lie(flying, tmp_path):
         ("gone.toml", "cannot be read"),
     ],
 )
-def test_what_is_no_recording_is_told(source, message):
+def test_what_is_no_recording_is_refused(source, message):
     with pytest.raises(InputError, match=message):
         kilnflight.open(source)
 
@@ -84,7 +84,9 @@ def test_an_array_has_no_frame_beyond_its_end(flying):
 
 def test_the_package_itself_loads_nothing():
     code = "import kilnflight, sys; print('numpy' in sys.modules, callable(kilnflight.track))"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ended.stdout == "False True\n"
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert process.stdout == "False True\n"
     with pytest.raises(AttributeError, match="no attribute 'fly'"):
         _ = kilnflight.fly

@@ -73,7 +73,7 @@ def test_the_nearer_inverse_is_taken():
     assert invert_depth(3000.0) == pytest.approx(3117.5, abs=0.05)
 
 
-def test_a_depth_without_inverse_is_told():
+def test_a_depth_without_inverse_is_refused():
     gap = DepthCalibration((1000.0,), ((1.0, 0.0), (1.0, 500.0)))
     assert captured_depths(1200.0, gap) == []
     with pytest.raises(InputError, match="no captured depth gives 1200"):
@@ -156,12 +156,12 @@ def test_a_continuous_fit_is_the_best_of_all_continuous_ones():
         ([np.inf], [1.0], {}, "captured depth"),
     ],
 )
-def test_what_cannot_be_fitted_is_told(captured, true, more, message):
+def test_what_cannot_be_fitted_is_refused(captured, true, more, message):
     with pytest.raises(InputError, match=message):
         fit_depth_segments(captured, true, **more)
 
 
-def test_a_calibration_that_is_none_is_told():
+def test_segments_that_make_no_calibration_are_refused():
     with pytest.raises(InputError, match="do not ascend"):
         DepthCalibration((5.0, 3.0), ((1.0,),) * 3)
     with pytest.raises(InputError, match="1 breakpoints make 2 segments, but there are 3"):
@@ -225,12 +225,12 @@ def test_the_shape_of_the_pixels_comes_back():
         ([(0, 0, 0)] * 4, r"shape \(4, 3\)"),
     ],
 )
-def test_a_polygon_that_is_none_is_told(polygon, message):
+def test_corners_that_make_no_polygon_are_refused(polygon, message):
     with pytest.raises(InputError, match=message):
         inside(polygon, 1, 1)
 
 
-def test_pixels_that_are_none_are_told():
+def test_pixels_without_numbers_are_refused():
     with pytest.raises(InputError, match="row"):
         inside(HOOK, np.nan, 1)
 
@@ -281,6 +281,6 @@ def test_a_constant_picture_has_a_constant_profile(top, left, bottom, right):
         (RAMP * np.nan, WHOLE, "not finite"),
     ],
 )
-def test_what_is_no_strip_is_told(picture, corners, message):
+def test_corners_that_make_no_strip_are_refused(picture, corners, message):
     with pytest.raises(InputError, match=message):
         wall_profile(picture, corners)

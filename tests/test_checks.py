@@ -18,7 +18,7 @@ def test_missing_columns_are_named_with_the_place():
         check_columns(pd.DataFrame({"x": [1.0]}), ["x", "y"], "tracks.csv")
 
 
-def test_what_is_no_table_is_told():
+def test_what_is_no_table_is_refused():
     with pytest.raises(InputError, match="list is no table"):
         check_columns([1], ["x"], "here")
 
@@ -28,7 +28,7 @@ def test_columns_that_are_there_pass_in_any_order():
 
 
 @pytest.mark.parametrize("shape", [(3,), (3, 2), (2, 3, 1)])
-def test_a_wrong_shape_is_told(shape):
+def test_a_wrong_shape_is_refused(shape):
     with pytest.raises(InputError, match=r"points: shape .*expected \(n, 3\)"):
         check_shape(np.zeros(shape), (None, 3), "points")
 
@@ -37,7 +37,7 @@ def test_an_empty_array_of_the_right_shape_passes():
     check_shape(np.zeros((0, 3)), (None, 3), "points")
 
 
-def test_the_first_bad_value_is_told_with_its_index():
+def test_the_first_bad_value_is_named_with_its_index():
     with pytest.raises(InputError, match=r"depth: 2 value\(s\).*\(nan\) at index \(1,\)"):
         check_finite([1.0, np.nan, np.inf], "depth")
 
@@ -82,6 +82,6 @@ def test_truth_values_are_not_numbers():
             check(True, "limit")
 
 
-def test_a_column_that_is_there_twice_is_told():
+def test_a_column_that_is_there_twice_is_refused():
     with pytest.raises(InputError, match="here: more than one column x"):
         check_columns(pd.DataFrame([[1, 2]], columns=["x", "x"]), ["x"], "here")

@@ -78,53 +78,53 @@ def parts(folder):
 
 @pytest.fixture(scope="module")
 def expected(command, tmp_path_factory):
-    """What a run leaves that nothing stops, and what it says."""
-    folder, patch, words = tmp_path_factory.mktemp("whole"), pytest.MonkeyPatch(), io.StringIO()
-    with patch.context() as patched, redirect_stdout(words):
+    """What a run leaves that nothing stops, and what it prints."""
+    folder, patch, output = tmp_path_factory.mktemp("whole"), pytest.MonkeyPatch(), io.StringIO()
+    with patch.context() as patched, redirect_stdout(output):
         patched.setattr("kilnflight.run.LONG_CHUNK", 8)
         assert main(command(folder)) == 0
     files = contents(folder)
     assert {"tracks.parquet", "report.html"} <= {path.name for path in files}
-    assert "trajectories fitted" in words.getvalue()
+    assert "trajectories fitted" in output.getvalue()
     return files
 
 
 def test_a_killed_run_goes_on_and_ends_in_the_same_bytes(command, expected, tmp_path, capsys):
-    made = {}
+    finished = {}
     call = [sys.executable, "-c", KILLED, *command(tmp_path)]
     with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as runs:
         for name, number, when in KILLS:
             print(name, number, when, file=runs.stdin, flush=True)
             assert runs.stdout.readline() == "9\n"
             now = parts(tmp_path)
-            assert made.items() <= now.items(), f"made again before {name}"
-            made = now
+            assert finished.items() <= now.items(), f"made again before {name}"
+            finished = now
         runs.stdin.close()
     assert main(command(tmp_path)) == 0
-    assert made == parts(tmp_path)
+    assert finished == parts(tmp_path)
     assert contents(tmp_path) == expected
     assert "trajectories fitted" in capsys.readouterr().out
 
 
 def test_two_runs_at_once_do_the_work_once(command, tmp_path):
     call = [sys.executable, "-m", "kilnflight", *command(tmp_path)]
-    both = [subprocess.Popen(call, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    outputs = [run.communicate()[0] for run in both]
-    assert [run.returncode for run in both] == [0, 0]
+    processes = [subprocess.Popen(call, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    outputs = [run.communicate()[0] for run in processes]
+    assert [run.returncode for run in processes] == [0, 0]
     assert outputs[0] == outputs[1]
     assert not list(tmp_path.rglob("*.part"))
     assert len(list(tmp_path.glob("parts/detections-*.parquet"))) == 1
 
 
 def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, capsys):
-    real, made = Path.write_bytes, {}
+    write_bytes, finished = Path.write_bytes, {}
     for name in ("detections", "flights", "report"):
 
         def full(self, content, name=name):
             if f".{name}" in self.name:
                 self.open("wb").close()
                 raise OSError(28, "No space left on device")
-            return real(self, content)
+            return write_bytes(self, content)
 
         with monkeypatch.context() as patch:
             patch.setattr(Path, "write_bytes", full)
@@ -136,8 +136,8 @@ def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, cap
         assert not [file for file in tmp_path.rglob(f"{name}*") if file.suffix != ".lock"]
         for file in tmp_path.rglob("*.parquet"):
             assert pq.read_table(file).num_columns
-        assert made.items() <= parts(tmp_path).items()
-        made = parts(tmp_path)
+        assert finished.items() <= parts(tmp_path).items()
+        finished = parts(tmp_path)
     assert main(command(tmp_path)) == 0
-    assert made.items() <= parts(tmp_path).items()
+    assert finished.items() <= parts(tmp_path).items()
     assert contents(tmp_path) == expected

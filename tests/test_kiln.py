@@ -46,7 +46,7 @@ def test_the_first_frame_looks_at_the_one_after(twin):
     np.testing.assert_array_equal(view.previous, twin.gray(1))
 
 
-def test_detections_do_not_depend_on_what_else_is_asked(twin):
+def test_detections_do_not_depend_on_other_frames(twin):
     detector = Combination(DoG(1500.0), DBSCAN(60.0, 4), DBSCAN(200.0, 10))
     several = kiln.detect(twin, [75, 76, 77], detector, MEDIAN)
     alone = kiln.detect(twin, [76], detector, MEDIAN)
@@ -54,7 +54,7 @@ def test_detections_do_not_depend_on_what_else_is_asked(twin):
     np.testing.assert_array_equal(several[several["frame"] == 76], alone)
 
 
-def test_no_frames_give_an_empty_table_and_unknown_ones_are_told(twin):
+def test_no_frames_give_an_empty_table_and_unknown_frames_are_refused(twin):
     assert len(DETECTIONS.check(kiln.detect(twin, [], background=MEDIAN))) == 0
     with pytest.raises(InputError):
         kiln.detect(twin, [len(twin)], background=MEDIAN)
@@ -101,12 +101,12 @@ def test_a_cluster_finds_the_same_bytes(run, tmp_path, processes):
         assert address.startswith("tcp://" if processes else "inproc://")
         kiln.detections(elsewhere, Workers(scheduler=address, patience_s=60.0))
     for frames in run.chunks:
-        ours, theirs = run.table(frames).path, elsewhere.table(frames).path
-        assert ours.name == theirs.name
-        assert ours.read_bytes() == theirs.read_bytes()
+        here, there = run.table(frames).path, elsewhere.table(frames).path
+        assert here.name == there.name
+        assert here.read_bytes() == there.read_bytes()
 
 
-def test_a_worker_that_is_another_version_or_elsewhere_is_told(run, monkeypatch):
+def test_a_worker_of_another_version_or_elsewhere_is_refused(run, monkeypatch):
     piece = (run, range(204, 208), paths.derived() / "detections-0.parquet")
     with pytest.raises(InputError, match="another version of kilnflight"):
         kiln._make_chunk(piece)
@@ -133,7 +133,7 @@ def test_what_a_kill_left_is_cleared_away(run):
     assert not folder.exists()
 
 
-def test_a_full_disk_is_told_and_leaves_nothing(run, monkeypatch):
+def test_a_full_disk_is_an_error_and_leaves_nothing(run, monkeypatch):
     def full(self, content):
         with self.open("wb") as file:
             file.write(content[:10])
@@ -152,21 +152,21 @@ def test_a_full_disk_is_told_and_leaves_nothing(run, monkeypatch):
 
 
 def test_after_a_kill_only_what_is_missing_is_made(run, monkeypatch):
-    real, made = kiln.detect, []
+    detect, chunks = kiln.detect, []
 
     def dies(recording, frames, *options, **where):
-        if len(made) == 2:
-            made.append("killed")
+        if len(chunks) == 2:
+            chunks.append("killed")
             raise KeyboardInterrupt
-        made.append(frames)
-        return real(recording, frames, *options, **where)
+        chunks.append(frames)
+        return detect(recording, frames, *options, **where)
 
     monkeypatch.setattr(kiln, "detect", dies)
     with pytest.raises(KeyboardInterrupt):
         kiln.detections(run)
     assert not list(paths.derived().glob("*.part"))
     kiln.detections(run)
-    assert made == [*run.chunks[:2], "killed", run.chunks[2]]
+    assert chunks == [*run.chunks[:2], "killed", run.chunks[2]]
 
 
 def test_another_threshold_scene_or_seed_is_another_file(run):
@@ -188,8 +188,8 @@ def test_differences_are_sums_over_frames_and_chunks(run):
     assert sums.shape == (recording.attributes.rows, recording.attributes.columns)
     views = dict(kiln.views(recording, range(203, 209)))
     plain = sum(view.foreground[50:90, 20:200].astype(float) for view in views.values())
-    ours = sums(203, 208, 50, 20, 90, 200)
-    np.testing.assert_allclose(ours, plain, atol=6 * 0.26, rtol=0.06)
+    stored = sums(203, 208, 50, 20, 90, 200)
+    np.testing.assert_allclose(stored, plain, atol=6 * 0.26, rtol=0.06)
     assert not sums(0, 100, 50, 20, 90, 200).any()
 
 
@@ -203,7 +203,7 @@ def test_lost_differences_are_made_again(run):
     assert Differences(run)(204, 205, 0, 0, 5, 5).shape == (5, 5)
 
 
-def test_a_damaged_table_is_told(run):
+def test_a_damaged_table_is_refused(run):
     kiln.detections(run)
     run.table(range(204, 208)).path.write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"cannot be read .* Delete it"):

@@ -39,7 +39,7 @@ def twin(monkeypatch, small):
     return seeds
 
 
-def test_import_says_what_it_found(manifest, tmp_path, capsys):
+def test_import_prints_what_the_recording_holds(manifest, tmp_path, capsys):
     assert main(["import", str(manifest)]) == 0
     out = capsys.readouterr().out
     assert "recording   mine" in out
@@ -62,7 +62,7 @@ def test_an_error_is_one_line(manifest, tmp_path, capsys):
     assert len(output.err.splitlines()) == 1
 
 
-def test_a_full_disk_is_told(manifest, monkeypatch, capsys):
+def test_a_full_disk_is_an_error(manifest, monkeypatch, capsys):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -93,7 +93,7 @@ def test_frames_are_checked(twin, tmp_path, capsys, frames):
     assert "write A:B with 0 <= A < B <= 5" in capsys.readouterr().err
 
 
-def test_an_unknown_scene(twin, tmp_path, capsys):
+def test_an_unknown_scene_is_refused(twin, tmp_path, capsys):
     assert main(["export", "large", str(tmp_path / "s")]) == 1
     assert "unknown scene 'large'" in capsys.readouterr().err
 
@@ -149,10 +149,10 @@ def test_a_table_without_rows_has_no_tracks(tmp_path, capsys):
 
 def test_the_module_runs_as_a_command(tmp_path):
     command = [sys.executable, "-m", "kilnflight", "info", str(tmp_path / "gone")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 1
-    assert ended.stderr.startswith("kilnflight info: ")
-    assert len(ended.stderr.splitlines()) == 1
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 1
+    assert process.stderr.startswith("kilnflight info: ")
+    assert len(process.stderr.splitlines()) == 1
 
 
 def test_a_recording_is_detected_and_tracked(small, tmp_path, capsys):
@@ -174,7 +174,7 @@ def test_a_recording_is_detected_and_tracked(small, tmp_path, capsys):
     assert "1 tracks with 6 of 6 detections" in capsys.readouterr().out
 
 
-def test_a_table_that_is_none_is_one_line(tmp_path, capsys):
+def test_a_file_that_is_no_table_is_one_line(tmp_path, capsys):
     (tmp_path / "d.csv").write_text("row,col\n1,2\n")
     assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 1
     assert "frame missing" in capsys.readouterr().err

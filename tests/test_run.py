@@ -13,7 +13,7 @@ from kilnflight.flight import Rules
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.regression import Fit
-from kilnflight.run import results, settings, summary
+from kilnflight.run import collect, settings, summary
 from kilnflight.run.report import doubts
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
@@ -39,8 +39,8 @@ def flat(frame: Frame) -> Frame:
     row, col = np.ogrid[: frame.gray.shape[0], : frame.gray.shape[1]]
     far = (row - 150) ** 2 + (col - 60 - 6 * (frame.index - 562)) ** 2
     gray = np.minimum(frame.gray + 20_000 * np.exp(-far / 18), 65_535).astype(np.uint16)
-    none = {"pixels": np.empty((0, 2), np.int32), "xyz": np.empty((0, 3), np.float32)}
-    return replace(frame, gray=gray, **none)
+    no_points = {"pixels": np.empty((0, 2), np.int32), "xyz": np.empty((0, 3), np.float32)}
+    return replace(frame, gray=gray, **no_points)
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_without_depth_there_are_tracks_in_2d(stored, tmp_path, capsys):
     assert "<b>&" not in page
 
 
-def test_the_lance_is_to_be_known(stored, tmp_path, capsys):
+def test_the_lance_must_be_known(stored, tmp_path, capsys):
     folder = tmp_path / "mine.zarr"
     write_recording(Changed(stored, lance_mm=None), folder, range(2))
     command = ["run", str(folder), "--to", str(tmp_path / "out"), "--threshold", "200"]
@@ -138,8 +138,8 @@ def test_numbers_that_make_no_sense(option, stored_flights, tmp_path, capsys):
 
 
 def test_a_threshold_from_the_noise(stored, tmp_path):
-    outcome = run.noise_threshold(stored)
-    assert 5 * run.LEAST_NOISE < outcome < 1000
+    threshold = run.noise_threshold(stored)
+    assert 5 * run.LEAST_NOISE < threshold < 1000
     rng = np.random.default_rng(0)
     noisy = np.abs(rng.normal(0, 100, (256, 256))).astype(np.float32)
     noise = run.block_noise(noisy)
@@ -162,7 +162,7 @@ def test_no_wall_is_a_note_and_no_flights(stored, tmp_path):
     assert prepared.table("slices")().empty
 
 
-def test_uneven_frames_are_told(stored, tmp_path):
+def test_uneven_frames_are_noted(stored, tmp_path):
     def late(frame):
         return replace(frame, time_s=frame.time_s + (frame.index > 564))
 
@@ -172,43 +172,45 @@ def test_uneven_frames_are_told(stored, tmp_path):
     assert "Frames are not evenly spaced: after frame 2" in notes[-1]
 
 
-def test_the_content_of_a_recording_tells_it_from_others(stored_flights, stored, tmp_path):
+def test_another_content_is_another_source(stored_flights, stored, tmp_path):
     def brighter(frame):
         return replace(frame, gray=frame.gray + (frame.index == 563))
 
     same = write_recording(stored, tmp_path / "same.zarr")
     other = write_recording(Changed(stored, brighter), tmp_path / "other.zarr")
-    ours, copied, changed = (repr(kiln.stored_source(one.path)) for one in (stored, same, other))
-    assert ours == copied
-    assert ours != changed
+    original, copied, changed = (
+        repr(kiln.stored_source(recording.path)) for recording in (stored, same, other)
+    )
+    assert original == copied
+    assert original != changed
 
 
-def test_the_summary_says_what_was_settings(stored_flights, tmp_path):
+def test_the_settings_name_what_was_used(stored_flights, tmp_path):
     options = run.Options(200.0)
     prepared = run.prepare(stored_flights, tmp_path, options)[0]
-    output = dict(settings(prepared, options, "2"))
-    assert output["threshold of DoG"] == "200 grey values (given)"
-    assert output["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
-    assert f"{prepared.exit_point_mm[2]:.1f} mm" in output["lance's outlet, after Eq. 2.4"]
-    assert output["kiln's axis"].startswith("through ")
-    assert output["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
-    assert output["taken for in the air"] == "up to 800 mm from the axis"
-    assert output["taken for alight when first seen"] == "not asked"
-    assert output["jobs"] == "2"
+    rows = dict(settings(prepared, options, "2"))
+    assert rows["threshold of DoG"] == "200 grey values (given)"
+    assert rows["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
+    assert f"{prepared.exit_point_mm[2]:.1f} mm" in rows["lance's outlet, after Eq. 2.4"]
+    assert rows["kiln's axis"].startswith("through ")
+    assert rows["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
+    assert rows["taken for in the air"] == "up to 800 mm from the axis"
+    assert rows["taken for alight when first seen"] == "not asked"
+    assert rows["jobs"] == "2"
     bare = dict(settings(replace(prepared, exit_point_mm=None, wall=None), run.Options(), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
     assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"
 
 
-def test_a_lance_elsewhere_is_told(stored_flights, tmp_path):
+def test_a_lance_elsewhere_is_noted(stored_flights, tmp_path):
     prepared = run.prepare(stored_flights, tmp_path, run.Options(200.0))[0]
-    outcome = results(replace(prepared, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
-    assert outcome.notes[0] == "first"
-    assert re.search(r"trajectories were fitted, but none starts at the lance", outcome.notes[1])
-    assert re.search(r"lie \d{5} mm from it \(median\)\.", outcome.notes[1])
+    results = collect(replace(prepared, exit_point_mm=(0.0, 0.0, 30_000.0)), ("first",))
+    assert results.notes[0] == "first"
+    assert re.search(r"trajectories were fitted, but none starts at the lance", results.notes[1])
+    assert re.search(r"lie \d{5} mm from it \(median\)\.", results.notes[1])
 
 
-def test_what_is_bright_from_the_start_is_alight_if_the_user_says_from_where_on(
+def test_what_is_bright_from_the_start_is_alight_above_a_level_that_the_user_sets(
     stored_flights, tmp_path
 ):
     plain = run.prepare(stored_flights, tmp_path, run.Options(200.0))[0]
@@ -237,9 +239,9 @@ def test_alight_when_first_seen_has_a_line_of_its_own(flown):
 
 @pytest.fixture
 def flown(stored, stored_flights, tmp_path):
-    """An outcome with made-up flights."""
+    """Results with made-up flights."""
     prepared, _ = run.prepare(stored_flights, tmp_path, run.Options(200.0))
-    outcome = results(prepared, ("a <note>",))
+    results = collect(prepared, ("a <note>",))
     rows = [
         (1, 0.5, "landed", True, "seen", 0.21),
         (2, 0.7, "burnt out", True, "none", np.nan),
@@ -250,7 +252,7 @@ def flown(stored, stored_flights, tmp_path):
     velocities = pd.DataFrame(
         {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
     )
-    return outcome._replace(flights=table, slices=velocities.assign(observed=True))
+    return results._replace(flights=table, slices=velocities.assign(observed=True))
 
 
 def test_the_summary_counts_flights_from_the_lance(flown, stored):
@@ -274,14 +276,14 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
 def test_the_summary_names_what_to_doubt(flown):
     table = flown.trajectories.head(3).assign(particle=[1, 2, 3], rmse_z_mm=[200.0, 1400.0, 9e9])
     slices = flown.slices.assign(observed=[True, False, True], velocity_m_s=[10.0, -99.0, 12.0])
-    outcome = flown._replace(trajectories=table, slices=slices)
-    value = summary(outcome).set_index("what")["value"]
+    results = flown._replace(trajectories=table, slices=slices)
+    value = summary(results).set_index("what")["value"]
     assert value["RMSE of their fits in x, y, z, median"].endswith(", 800 mm")
     assert value["largest RMSE in depth"] == "1400 mm (particle 2)"  # 3 is not from the lance
     assert value["fastest metre"] == "-99.0 m/s (particle 1, up to 2 m)"
     assert value["metres passed before the particle was first seen"] == "1 of 3"
-    none = outcome._replace(flights=outcome.flights.head(0), slices=slices.head(0))
-    assert not [what for what in summary(none)["what"] if "RMSE" in what or "fastest" in what]
+    empty = results._replace(flights=results.flights.head(0), slices=slices.head(0))
+    assert not [what for what in summary(empty)["what"] if "RMSE" in what or "fastest" in what]
 
 
 def test_notes_say_what_is_missing_and_what_may_deceive(flown):
@@ -294,8 +296,8 @@ def test_notes_say_what_is_missing_and_what_may_deceive(flown):
     assert next(doubts(behind)).startswith("2 of 3 metres")
     lost = flown._replace(tracks=flown.tracks.assign(particle=-1))
     assert re.match(r"No tracks: of \d+ detections \d+ are in the air", next(doubts(lost)))
-    none = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))
-    assert next(doubts(none)).startswith("Nothing was detected")
+    empty = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))
+    assert next(doubts(empty)).startswith("Nothing was detected")
     elsewhere = flown._replace(flights=flown.flights.assign(from_lance=False, start_mm=9000.0))
     # nothing is said of 0 of them
     assert "9000 mm from it (median). Is the lance's" in next(doubts(elsewhere))
@@ -304,7 +306,7 @@ def test_notes_say_what_is_missing_and_what_may_deceive(flown):
     assert "(median); of 2 no way back to it was found" in note
 
 
-def test_a_picture_without_noise_is_told(stored, tmp_path):
+def test_a_picture_without_noise_is_noted(stored, tmp_path):
     def still(frame):
         return replace(frame, gray=np.full_like(frame.gray, 65_535))
 

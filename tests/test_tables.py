@@ -28,13 +28,13 @@ def test_more_columns_are_dropped_and_the_order_is_ours(constant_acceleration):
     assert list(BELT_TRACKS.check(more).columns) == BELT_TRACKS.names
 
 
-def test_a_value_that_is_not_finite_is_told_with_column_and_row(constant_acceleration):
+def test_a_value_that_is_not_finite_is_refused_with_column_and_row(constant_acceleration):
     constant_acceleration.loc[4, "y"] = np.nan
     with pytest.raises(InputError, match=r"my file: column y is not finite in row 4"):
         BELT_TRACKS.check(constant_acceleration, "my file")
 
 
-def test_text_instead_of_numbers_is_told(constant_acceleration):
+def test_text_instead_of_numbers_is_refused(constant_acceleration):
     table = constant_acceleration.astype({"x": str})
     with pytest.raises(InputError, match=r"column x holds str.*expected float \(mm\)"):
         BELT_TRACKS.check(table)

@@ -51,10 +51,10 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     """Return ``values`` as float64, or raise an `InputError` naming the first bad one."""
     try:
-        given = np.asarray(values)
-        if given.dtype.kind not in "biufO":  # numpy would make numbers of dates and of texts
-            raise TypeError(f"it holds {given.dtype}")
-        array = given.astype(np.float64, copy=False)
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":  # numpy would make numbers of dates and of texts
+            raise TypeError(f"it holds {array.dtype}")
+        array = array.astype(np.float64, copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
     finite = np.isfinite(array)

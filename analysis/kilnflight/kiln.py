@@ -54,10 +54,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class TwinSource:
-    """A scene of the twin: its name for `kilnflight.twin.scenes.open_scene`, and the seed.
-
-    A source is small and sent to other processes, each of which opens its recording once.
-    """
+    """A scene of the twin by name and seed, which each process opens once."""
 
     name: str
     seed: int = 0
@@ -112,21 +109,11 @@ def views(
 ) -> Iterator[tuple[int, View]]:
     """Yield number and view of each frame: what a detector may use of it.
 
-    Parameters
-    ----------
-    recording
-        Of the twin or from disk; only the background's window is held.
-    frames
-        Their numbers.
-    background
-        The temporal median over 150 frames if None (section 5.1.2).
-
-    Notes
-    -----
-    The first frame has no frame before it; the one after takes its place.
+    Only the window of the background is held in memory; the background is the temporal median
+    over 150 frames if None (section 5.1.2). The first frame has no frame before it; the next
+    one takes its place.
     """
-    frames = list(frames)
-    model = background if background is not None else Median()
+    frames, model = list(frames), background or Median()
     before, gray = -1, np.empty((0, 0), dtype=np.uint16)
     for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
         frame = recording.frame(t)
@@ -154,7 +141,7 @@ def detect(
 
     The roots of the foregrounds are stored in the Zarr array ``differences``, if there is one.
     """
-    detector = detector if detector is not None else Combination()
+    detector = detector or Combination()
     size, roi, parts, store = recording.attributes.size, recording.attributes.roi, [], None
     if differences is not None:
         tile = [min(sides) for sides in zip(TILE, size, strict=True)]
@@ -254,7 +241,7 @@ def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
 
 
 def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFrame:
-    """Return what the detector finds (`kilnflight.tables.DETECTIONS`); see `detect_all`."""
+    """Detect in a recording and return its detections; errors as for `detect_all`."""
     detect_all([run], workers, f"detection in {run.source.name}")
     return run.detections()
 
@@ -262,16 +249,7 @@ def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFram
 def detect_all(
     runs: Sequence[DetectionRun], workers: Workers | None = None, label: str = "detection"
 ) -> None:
-    """Detect where that has not been done, with progress.
-
-    Parameters
-    ----------
-    runs
-        Recordings, frames and detectors.
-    workers
-        One process if None; the detections do not depend on them.
-    label
-        Of the progress.
+    """Detect where that has not been done, with progress; one process without ``workers``.
 
     Raises
     ------
@@ -280,8 +258,8 @@ def detect_all(
     """
     runs = [_placed(run) for run in runs]
     pieces = [(run, frames, run.table(frames).path) for run in runs for frames in run.chunks]
-    there = [path.is_file() and run.has_differences(frames) for run, frames, path in pieces]
-    missing = [piece for piece, ready in zip(pieces, there, strict=True) if not ready]
+    ready = [path.is_file() and run.has_differences(frames) for run, frames, path in pieces]
+    missing = [piece for piece, done in zip(pieces, ready, strict=True) if not done]
     lengths = [len(frames) for _, frames, _ in missing]
     before = sum(len(frames) for _, frames, _ in pieces) - sum(lengths)
     (workers or Workers())(_make_chunk, missing, lengths, label, before)
@@ -311,7 +289,7 @@ def _make_chunk(piece: tuple[DetectionRun, range, Path]) -> None:
 
 @dataclass(frozen=True)
 class KilnRun:
-    """A recording and all that decides which flights are found in it.
+    """A recording and all that decides which flights it has.
 
     Parameters
     ----------
@@ -364,17 +342,12 @@ class KilnRun:
 
 
 def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
-    """Make all tables of all recordings that are not there, with progress.
+    """Make all tables that are not there, with progress; ``run.table(step)()`` then reads one.
 
-    Parameters
-    ----------
-    runs
-        Recordings; ``run.table(step)()`` then reads a table.
-    workers
-        One process if None. Those of a cluster detect; the rest is done by ``workers.jobs``
-        processes here, a recording each.
+    One process if ``workers`` is None. Those of a cluster detect; the rest is done by
+    ``workers.jobs`` processes here, a recording each.
     """
-    workers = workers if workers is not None else Workers()
+    workers = workers or Workers()
     detect_all([run.detection for run in runs], workers)
     runs = [replace(run, detection=_placed(run.detection)) for run in runs]
     for step in KILN_STEPS:
@@ -442,17 +415,9 @@ def background_gray(
 ) -> npt.NDArray[np.float64]:
     """Return the grey values (n,) of the kiln behind detections: the mean within their discs.
 
-    A particle that flies from before a dark end plate to before a hot wall brightens without
-    burning; the thesis reads its grey values as they are (`kilnflight.flight.Rules`).
-
-    Parameters
-    ----------
-    detections
-        With ``row``, ``col`` and ``radius_px``.
-    recording
-        Where they are from; only pictures are used.
-    frames
-        Over which the median of `BACKGROUND_FRAMES` frames is spread.
+    The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``. A particle
+    that flies from before a dark end plate to before a hot wall brightens without burning; the
+    thesis reads its grey values as they are (`kilnflight.flight.Rules`).
     """
     steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
     picture = np.median([recording.gray(int(t)) for t in steps], axis=0)

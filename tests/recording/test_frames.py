@@ -30,7 +30,7 @@ def test_attributes_survive_json(small):
         ({"flame_roi": (2, 8, 3, 33)}, "inside the image of 24 x 32"),
     ],
 )
-def test_wrong_attributes_are_told(small, change, message):
+def test_wrong_attributes_are_refused(small, change, message):
     with pytest.raises(InputError, match=message):
         replace(small.attributes, **change)
 
@@ -61,7 +61,7 @@ def changed(array, position, value):
         (lambda f: {"time_s": float("nan")}, "finite time"),
     ],
 )
-def test_a_wrong_frame_is_told_with_recording_and_frame(small, change, message):
+def test_a_wrong_frame_is_refused_with_recording_and_number(small, change, message):
     frame = small.frame(3)
     with pytest.raises(InputError, match=f"small, frame 3: .*{message}"):
         check_frame(replace(frame, **change(frame)), small.attributes)

@@ -47,8 +47,8 @@ def test_any_gray_and_points_come_back(data, same_frame):
     xyz = data.draw(hnp.arrays(np.float32, (len(pixels), 3), elements=numbers))
     frame = Frame(7, 0.5, gray, np.array(pixels, np.int32).reshape(-1, 2), xyz)
 
-    class One:
-        attributes = Attributes("one", 330.0, rows, columns)
+    class Single:
+        attributes = Attributes("single", 330.0, rows, columns)
 
         def __len__(self):
             return 1
@@ -57,7 +57,7 @@ def test_any_gray_and_points_come_back(data, same_frame):
             return frame
 
     with tempfile.TemporaryDirectory() as folder:
-        same_frame(write_recording(One(), Path(folder) / "one.zarr").frame(0), frame)
+        same_frame(write_recording(Single(), Path(folder) / "single.zarr").frame(0), frame)
 
 
 def test_a_part_keeps_index_and_time(small, target, same_frame):
@@ -73,7 +73,7 @@ def test_points_in_several_chunks(small, target, same_frame, monkeypatch):
         same_frame(stored.frame(t), small.frame(t))
 
 
-def test_a_frame_is_read_by_its_own_chunks_alone(small, target):
+def test_a_frame_is_read_from_its_chunks_alone(small, target):
     stored = write_recording(small, target)
     for file in target.glob("*/c/[0124]/*/0"):
         file.unlink()
@@ -113,8 +113,8 @@ class Killed(SmallRecording):
         return super().frame(t)
 write_recording(Killed(), {str(target)!r})
 """
-    ended = subprocess.run([sys.executable, "-c", script], env=os.environ, check=False)
-    assert ended.returncode == -signal.SIGKILL
+    process = subprocess.run([sys.executable, "-c", script], env=os.environ, check=False)
+    assert process.returncode == -signal.SIGKILL
     with pytest.raises(InputError, match="cut off after 2 of 5 frames"):
         open_recording(target)
     # what a kill inside a write may leave: half a chunk and half a line
@@ -192,7 +192,7 @@ def test_a_frame_that_is_not_there(small, target, t):
 
 @pytest.mark.parametrize("name", store.KINDS)
 @pytest.mark.parametrize("fault", ["missing", "damaged"])
-def test_a_damaged_frame_is_told(small, target, name, fault):
+def test_a_damaged_frame_is_refused(small, target, name, fault):
     stored = write_recording(small, target)
     chunk = target / name / "c/3/0/0"
     content = chunk.read_bytes()
@@ -204,7 +204,7 @@ def test_a_damaged_frame_is_told(small, target, name, fault):
     stored.frame(1)
 
 
-def test_what_is_no_recording_is_told(small, target):
+def test_a_folder_without_a_recording_is_refused(small, target):
     with pytest.raises(InputError, match="there is no recording"):
         open_recording(target)
     zarr.open_group(target, mode="w")
@@ -224,7 +224,7 @@ def test_a_recording_with_other_attributes_is_refused(small, target, fault):
         open_recording(target)
 
 
-def test_a_recording_without_one_of_its_arrays_is_told(small, target):
+def test_a_recording_without_an_array_is_refused(small, target):
     write_recording(small, target)
     (target / "index" / "zarr.json").unlink()
     with pytest.raises(InputError, match="damaged recording"):

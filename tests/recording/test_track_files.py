@@ -44,13 +44,13 @@ def write(tmp_path, text, name="file"):
 
 
 def test_a_file_of_the_challenge(tmp_path):
-    entries = files.read_challenge(write(tmp_path, CHALLENGE))
-    assert entries.to_numpy().tolist() == [
+    tracks = files.read_challenge(write(tmp_path, CHALLENGE))
+    assert tracks.to_numpy().tolist() == [
         [0, 0, 21, 9.5, 0],
         [1, 0, 20, 10.5, 0],
         [4, 2, 2, 1, 3],
     ]
-    assert entries.columns.tolist() == [*NAMES, "plane"]
+    assert tracks.columns.tolist() == [*NAMES, "plane"]
 
 
 @pytest.mark.parametrize("header", [1, 4])
@@ -58,9 +58,9 @@ def test_a_file_of_the_challenge(tmp_path):
 def test_a_table_of_trackmate_with_its_lines_of_names(tmp_path, header, end):
     lines = TRACKMATE.splitlines()
     text = end.join([*lines[:header], *lines[4:], ""])
-    entries = files.read_trackmate(write(tmp_path, text.replace('"a, b",8,,', '"a, b",8,None,')))
-    assert entries.to_numpy().tolist() == [[0, -1, 21, 11.5, 0], [1, 2, 20, 10.5, 0]]
-    assert files.read_trackmate(write(tmp_path, text)).equals(entries)
+    tracks = files.read_trackmate(write(tmp_path, text.replace('"a, b",8,,', '"a, b",8,None,')))
+    assert tracks.to_numpy().tolist() == [[0, -1, 21, 11.5, 0], [1, 2, 20, 10.5, 0]]
+    assert files.read_trackmate(write(tmp_path, text)).equals(tracks)
 
 
 def test_a_table_of_trackpy_with_its_index(tmp_path):
@@ -68,28 +68,28 @@ def test_a_table_of_trackpy_with_its_index(tmp_path):
     table["particle"] = [0.0, 0.0]
     table.to_csv(tmp_path / "tracks.csv")
     expected = [[1, 0, 1.0, 3.0], [3, 0, 2.5, 7.0]]
-    for entries in (files.read_trackpy(tmp_path / "tracks.csv"), files.from_trackpy(table)):
-        assert entries.to_numpy().tolist() == expected
-        assert entries["frame"].dtype == entries["particle"].dtype == np.int64
-        assert entries.columns.tolist() == NAMES
+    for tracks in (files.read_trackpy(tmp_path / "tracks.csv"), files.from_trackpy(table)):
+        assert tracks.to_numpy().tolist() == expected
+        assert tracks["frame"].dtype == tracks["particle"].dtype == np.int64
+        assert tracks.columns.tolist() == NAMES
 
 
-def test_trackpy_links_what_it_is_given_and_we_read_it():
+def test_tracks_of_trackpy_itself_are_read():
     trackpy = pytest.importorskip("trackpy")
     trackpy.quiet()
     detections = pd.DataFrame({"frame": [0, 1, 2] * 2, "y": [0.0, 1, 2, 50, 51, 52], "x": 5.0})
     with warnings.catch_warnings():  # its own calls of pandas
         warnings.simplefilter("ignore")
         linked = trackpy.link(detections, search_range=5)
-    entries = files.from_trackpy(linked)
-    assert entries.groupby("particle")["row"].apply(list).tolist() == [[0, 1, 2], [50, 51, 52]]
+    tracks = files.from_trackpy(linked)
+    assert tracks.groupby("particle")["row"].apply(list).tolist() == [[0, 1, 2], [50, 51, 52]]
 
 
 def test_a_layer_of_napari():
     assert files.from_napari([[7, 3, 1, 2, 9]]).to_numpy().tolist() == [[3, 7, 2, 9, 1]]
     assert files.from_napari(np.empty((0, 4))).columns.tolist() == NAMES
-    variant = files.from_napari([[7, 3, 2, 9]])
-    assert files.to_napari(variant).tolist() == [[7, 3, 2, 9]]
+    flat = files.from_napari([[7, 3, 2, 9]])
+    assert files.to_napari(flat).tolist() == [[7, 3, 2, 9]]
 
 
 def test_a_trajectory_of_figure_5_11(tmp_path):
@@ -228,9 +228,9 @@ rows = st.lists(
 )
 
 
-def table(entries, planes=True):
+def table(rows, planes=True):
     names = ["frame", "particle", "row", "col", "plane"]
-    ordered = pd.DataFrame(entries, columns=names).sort_values(
+    ordered = pd.DataFrame(rows, columns=names).sort_values(
         ["particle", "frame"], ignore_index=True
     )
     return ordered if planes else ordered.drop(columns="plane")
@@ -241,7 +241,7 @@ def returned(name, tracks):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tracks.txt"
         write(tracks, path)
-        assert [variant.name for variant in Path(folder).iterdir()] == ["tracks.txt"]
+        assert [file.name for file in Path(folder).iterdir()] == ["tracks.txt"]
         return read(path)
 
 
@@ -272,19 +272,19 @@ def test_no_tracks_are_a_file_without_tracks(name, tmp_path):
         with pytest.raises(InputError, match="holds no track"):
             files.write_manual(empty, tmp_path / "none")
         return
-    again = returned(name, empty.astype({"plane": float}))
-    assert again.empty
-    assert again.columns.tolist() == ["frame", "particle", "row", "col", "plane"]
-    assert again["frame"].dtype == again["particle"].dtype == np.int64
+    tracks = returned(name, empty.astype({"plane": float}))
+    assert tracks.empty
+    assert tracks.columns.tolist() == ["frame", "particle", "row", "col", "plane"]
+    assert tracks["frame"].dtype == tracks["particle"].dtype == np.int64
 
 
 @given(rows)
 def test_tables_in_memory_come_back(entries):
     tracks = table(entries)
-    kept = tracks[tracks["particle"] >= 0].reset_index(drop=True)
-    for variant in (kept, kept.drop(columns="plane")):
-        pd.testing.assert_frame_equal(files.from_trackpy(files.to_trackpy(variant)), variant)
-        pd.testing.assert_frame_equal(files.from_napari(files.to_napari(variant)), variant)
+    linked = tracks[tracks["particle"] >= 0].reset_index(drop=True)
+    for form in (linked, linked.drop(columns="plane")):
+        pd.testing.assert_frame_equal(files.from_trackpy(files.to_trackpy(form)), form)
+        pd.testing.assert_frame_equal(files.from_napari(files.to_napari(form)), form)
 
 
 @formats

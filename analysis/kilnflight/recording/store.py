@@ -262,15 +262,12 @@ def _create(folder: Path, attributes: Attributes, length: int) -> zarr.Group:
     points = min(POINTS_PER_CHUNK, pixels)
     content = {"format": FORMAT, **asdict(attributes)}
     group = zarr.open_group(folder, mode="w", zarr_format=3, attributes=content)
+    codec = ZstdCodec(level=1, checksum=True)
     for name, kind in KINDS.items():
         width = {"pixels": 2, "xyz": 3}.get(name)
-        group.create_array(
-            name,
-            shape=(length, pixels, width) if width else (length, *attributes.size),
-            chunks=(1, points, width) if width else (1, *attributes.size),
-            dtype=kind,
-            compressors=ZstdCodec(level=1, checksum=True),
-        )
+        shape = (length, pixels, width) if width else (length, *attributes.size)
+        chunks = (1, points, width) if width else (1, *attributes.size)
+        group.create_array(name, shape=shape, chunks=chunks, dtype=kind, compressors=codec)
     return group
 
 

@@ -36,7 +36,7 @@ from kilnflight.recording.frames import ArrayRecording, Attributes, Recording
 from kilnflight.recording.importing import read_manifest
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.recording.summary import aligned
-from kilnflight.run.report import Results, Row, listed, page, plot_tracks, results, summary
+from kilnflight.run.report import Results, Row, collect, listed, page, plot_tracks, summary
 from kilnflight.tracklets import postprocess
 
 __all__ = ["Options", "detect", "fitted_wall", "open", "plot_tracks", "run", "track"]
@@ -50,6 +50,11 @@ NOISY_SHARE = 0.9  # of the blocks are quieter: noise grows with light, particle
 TIMES_NOISE = 5.0  # as `Combination.prominence`: what stands out of the noise
 LEAST_NOISE = 1.0  # a grey value; a picture without any noise is a made-up one
 MEDIAN_TO_SIGMA = 1.4826  # median of |noise| -> standard deviation of Gaussian noise
+MEASURED = "the noise of the first frames"
+NO_NOISE = (
+    "the least noise there is; the first frames have less (are they all of one grey value, "
+    "saturated or made up?)"
+)
 UNEVEN = 0.01  # share by which intervals between frames may differ from the frame rate
 
 _GNN = GNN()
@@ -57,7 +62,7 @@ _GNN = GNN()
 
 @dataclass(frozen=True)
 class Options:
-    """What the user gives; None where it is left to the recording.
+    """What the user sets; None where it is left to the recording.
 
     Parameters
     ----------
@@ -166,12 +171,11 @@ def run(folder: Path, target: Path | None, options: Options, workers: Workers) -
         print(f"note: {note}")
     kiln.make_tables([prepared], workers)
     jobs = str(workers.jobs) if workers.scheduler is None else f"those of {workers.scheduler}"
-    outcome = results(prepared, notes, settings(prepared, options, jobs))
-    for note in outcome.notes[len(notes) :]:
+    results = collect(prepared, notes, settings(prepared, options, jobs))
+    for note in results.notes[len(notes) :]:
         print(f"note: {note}")
-    report = publish(outcome, open_recording(folder), target)
-    rows = summary(outcome)
-    print(aligned(rows))
+    report = publish(results, prepared.detection.source.recording(), target)
+    print(aligned(summary(results)))
     print(f"tables and report: {report}")
 
 
@@ -183,8 +187,8 @@ def beside(folder: Path) -> Path:
     >>> beside(Path("kiln/chips.zarr")).as_posix()
     'kiln/chips-run'
     """
-    named = folder if folder.name not in ("", "..") else folder.resolve()
-    return named.with_name(named.name.removesuffix(".zarr") + "-run")
+    path = folder if folder.name not in ("", "..") else folder.resolve()
+    return path.with_name(path.name.removesuffix(".zarr") + "-run")
 
 
 def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tuple[str, ...]]:
@@ -246,12 +250,7 @@ def chunk(frames: int) -> int:
 
 def _threshold(recording: Recording, notes: list[str]) -> float:
     threshold = noise_threshold(recording)
-    noise = "the noise of the first frames"
-    if threshold <= TIMES_NOISE * LEAST_NOISE:
-        noise = (
-            "the least noise there is; the first frames have less (are they all of one grey "
-            "value, saturated or made up?)"
-        )
+    noise = MEASURED if threshold > TIMES_NOISE * LEAST_NOISE else NO_NOISE
     notes.append(
         f"No threshold was given: {threshold:g} grey values are {TIMES_NOISE:g} times {noise}. It "
         "decides how much is found; compare others with --threshold."
@@ -365,7 +364,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
     return (*rows, ("jobs", jobs))
 
 
-def publish(outcome: Results, recording: Recording, folder: Path) -> Path:
+def publish(results: Results, recording: Recording, folder: Path) -> Path:
     """Write the tables, the summary and the report; return the report.
 
     Each file is there whole or not at all; what ``parts`` holds lets a run go on.
@@ -377,9 +376,9 @@ def publish(outcome: Results, recording: Recording, folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = ("detections", *KILN_STEPS)
-    contents = {f"{name}.parquet": getattr(outcome, name).to_parquet(index=False) for name in names}
-    contents["summary.csv"] = summary(outcome).to_csv(index=False).encode()
-    contents["report.html"] = page(outcome, recording).encode()
+    contents = {f"{name}.parquet": getattr(results, name).to_parquet(index=False) for name in names}
+    contents["summary.csv"] = summary(results).to_csv(index=False).encode()
+    contents["report.html"] = page(results, recording).encode()
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)

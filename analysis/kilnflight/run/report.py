@@ -1,6 +1,6 @@
 """What `kilnflight run` made of a recording: tables, notes, a summary and a page.
 
-`results` -> `doubts`, `summary` -> `page`
+`collect` -> `doubts`, `summary` -> `page`
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Captioned = tuple[Figure, str]
 
 
 class Results(NamedTuple):
-    """All tables of one recording, and what the reader is to know."""
+    """All tables of a recording, with notes for the reader."""
 
     name: str
     frames: int
@@ -66,32 +66,32 @@ class Results(NamedTuple):
         return self.flights[self.flights["from_lance"]]
 
 
-def results(
+def collect(
     prepared: KilnRun, notes: tuple[str, ...] = (), settings: tuple[Row, ...] = ()
 ) -> Results:
     """Return the tables of a recording, made where they are not there, with more notes."""
     name, frames = prepared.detection.source.name, len(prepared.frames)
     detections = prepared.detection.detections()
     tracks, trajectories, flights, slices = (prepared.table(step)() for step in KILN_STEPS)
-    outcome = Results(name, frames, detections, tracks, trajectories, flights, slices)
-    notes = (*notes, *doubts(outcome, prepared.rules.above_background))
-    return outcome._replace(notes=notes, settings=settings)
+    results = Results(name, frames, detections, tracks, trajectories, flights, slices)
+    notes = (*notes, *doubts(results, prepared.rules.above_background))
+    return results._replace(notes=notes, settings=settings)
 
 
-def doubts(outcome: Results, above_background: bool = False) -> Iterator[str]:
+def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
     """Yield notes on what is missing, or may not be what it seems."""
-    flights, counted, slices = outcome.flights, outcome.counted, outcome.slices
-    if outcome.detections.empty:
+    flights, counted, slices = results.flights, results.counted, results.slices
+    if results.detections.empty:
         yield "Nothing was detected: a lower --threshold may find more."
-    elif tracked(outcome.tracks).empty:
+    elif tracked(results.tracks).empty:
         yield (
-            f"No tracks: of {len(outcome.detections)} detections {len(outcome.tracks)} are in the "
+            f"No tracks: of {len(results.detections)} detections {len(results.tracks)} are in the "
             "air or without depth, and none of these follow each other. Do --threshold, --in-air "
             "and the kiln's wall fit the recording?"
         )
     if len(flights) and counted.empty:
-        fitted = outcome.trajectories["particle"].isin(flights["particle"])
-        early = int((outcome.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
+        fitted = results.trajectories["particle"].isin(flights["particle"])
+        early = int((results.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
         way = f"; of {early} no way back to it was found (t0 is the earliest that was searched)"
         yield (
             f"{len(flights)} trajectories were fitted, but none starts at the lance: the first "
@@ -120,31 +120,31 @@ def listed(values: Iterable[float], digits: int) -> str:
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
-def summary(outcome: Results) -> pd.DataFrame:
+def summary(results: Results) -> pd.DataFrame:
     """Return the results in rows of ``what`` and ``value``, both texts.
 
     In brackets: 95 % intervals, by bootstrap over particles and of shares by Wilson; none of
     fewer than six.
     """
-    tracks, counted = tracked(outcome.tracks), outcome.counted
-    reasons = outcome.trajectories["outcome"].value_counts().sort_index()
+    tracks, counted = tracked(results.tracks), results.counted
+    reasons = results.trajectories["outcome"].value_counts().sort_index()
     endings = counted["ending"].value_counts().sort_index()
-    depth = int(outcome.detections["z"].notna().sum())
+    depth = int(results.detections["z"].notna().sum())
     rows = [
-        ("recording", outcome.name),
-        ("frames", str(outcome.frames)),
-        *outcome.settings,
-        ("detections", f"{len(outcome.detections)}, with depth {depth}"),
-        ("detections in the air or without depth", str(len(outcome.tracks))),
+        ("recording", results.name),
+        ("frames", str(results.frames)),
+        *results.settings,
+        ("detections", f"{len(results.detections)}, with depth {depth}"),
+        ("detections in the air or without depth", str(len(results.tracks))),
         ("tracks", f"{tracks['particle'].nunique()} with {len(tracks)} detections"),
         ("trajectories fitted", str(int(reasons.get("fitted", 0)))),
         *((f"not fitted: {why}", str(n)) for why, n in reasons.items() if why != "fitted"),
         ("flights from the lance", str(len(counted))),
-        ("left out: not from the lance", str(len(outcome.flights) - len(counted))),
+        ("left out: not from the lance", str(len(results.flights) - len(counted))),
         *((f"flights {ending}", str(n)) for ending, n in endings.items()),
         *(_ignited(counted) if len(counted) else ()),
-        *_velocities(outcome),
-        *_outliers(outcome),
+        *_velocities(results),
+        *_outliers(results),
     ]
     return pd.DataFrame(rows, columns=["what", "value"])
 
@@ -169,23 +169,23 @@ def _text(interval: Interval, digits: int, factor: float = 1.0) -> str:
     return f"{estimate} [{low}, {high}]" if np.isfinite(interval[1:3]).all() else estimate
 
 
-def _velocities(outcome: Results) -> Iterator[Row]:
+def _velocities(results: Results) -> Iterator[Row]:
     """Yield the median velocity in each metre, and which share of the flights passed it."""
-    groups, total = outcome.slices.groupby("slice_m")["velocity_m_s"], len(outcome.counted)
-    for far, number in remaining(outcome.slices, total)[["slice_m", "number"]].to_numpy():
+    groups, total = results.slices.groupby("slice_m")["velocity_m_s"], len(results.counted)
+    for far, number in remaining(results.slices, total)[["slice_m", "number"]].to_numpy():
         middle = Bootstrap()(np.median, [groups.get_group(far)], np.random.default_rng(SEED))
         passed = _text(share(int(number), total), 0, 100)
         value = f"median {_text(middle, 1)} m/s, {passed} % of the flights"
         yield f"velocity in the metre up to {far:g} m", value
 
 
-def _outliers(outcome: Results) -> Iterator[Row]:
-    """Yield by what a reader sees that depths jumped, or that a flight is too fast to be true.
+def _outliers(results: Results) -> Iterator[Row]:
+    """Yield what shows depths that jump, or a flight that is too fast to be true.
 
-    Nothing is left out for it. The thesis sets no limit either.
+    No flight is left out for it. The thesis sets no limit either.
     """
-    slices, fits = outcome.slices, outcome.trajectories.dropna(subset=["rmse_z_mm"])
-    fits = fits[fits["particle"].isin(outcome.counted["particle"])]
+    slices, fits = results.slices, results.trajectories.dropna(subset=["rmse_z_mm"])
+    fits = fits[fits["particle"].isin(results.counted["particle"])]
     if len(fits):
         rmse = fits[[f"rmse_{axis}_mm" for axis in "xyz"]].median()
         yield "RMSE of their fits in x, y, z, median", f"{listed(rmse, 0)} mm"
@@ -200,27 +200,27 @@ def _outliers(outcome: Results) -> Iterator[Row]:
         yield "metres passed before the particle was first seen", before
 
 
-def page(outcome: Results, recording: Recording) -> str:
+def page(results: Results, recording: Recording) -> str:
     """Return the report of a recording as one HTML page that needs no network."""
-    notes = "".join(f"<li>{html.escape(note)}</li>" for note in outcome.notes)
+    notes = "".join(f"<li>{html.escape(note)}</li>" for note in results.notes)
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
-        for what, value in summary(outcome).to_numpy().tolist()
+        for what, value in summary(results).to_numpy().tolist()
     )
     return PAGE.substitute(
-        name=html.escape(outcome.name),
+        name=html.escape(results.name),
         notes=f"<h2>To know</h2><ul>{notes}</ul>" if notes else "",
         rows=rows,
-        figures="".join(_embedded(*captioned) for captioned in _figures(outcome, recording)),
+        figures="".join(_embedded(*captioned) for captioned in _figures(results, recording)),
         version=__version__,
     )
 
 
-def _figures(outcome: Results, recording: Recording) -> Iterator[Captioned]:
+def _figures(results: Results, recording: Recording) -> Iterator[Captioned]:
     """Yield what can be drawn, each with its caption."""
-    counted, slices = outcome.counted, outcome.slices
+    counted, slices = results.counted, results.slices
     caption = "Tracks after post-processing over the first frame (dark parts lifted)."
-    yield plot_tracks(recording, outcome.tracks), caption
+    yield plot_tracks(recording, results.tracks), caption
     if len(counted):
         yield _dwell_figure(counted)
     if len(slices):
