@@ -299,7 +299,7 @@ def test_notes_say_what_is_missing_and_what_may_deceive(flown):
     empty = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))
     assert next(doubts(empty)).startswith("Nothing was detected")
     elsewhere = flown._replace(flights=flown.flights.assign(from_lance=False, start_mm=9000.0))
-    # nothing is said of 0 of them
+    # a count of 0 is not mentioned
     assert "9000 mm from it (median). Is the lance's" in next(doubts(elsewhere))
     early = flown.trajectories.head(2).assign(particle=[1, 2], t0_at_bound=-1)
     note = next(doubts(elsewhere._replace(trajectories=early)))

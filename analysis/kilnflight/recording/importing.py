@@ -88,7 +88,7 @@ SECTIONS: dict[str, Section] = {
     },
     "labels": {"pattern": NEEDED, "classes": NEEDED, "key": None},
 }
-# Of each key: what it may be, and what is said of anything else.
+# Of each key: which values it takes, and the fault of any other.
 RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "pattern": (lambda v: isinstance(v, str), "pattern is {!r}, expected str"),
     "key": (lambda v: isinstance(v, str), "key is {!r}, expected str"),
