@@ -85,7 +85,8 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 
 # %%
 ours, peer = detectors.DBSCAN()(cloud), detectors.ScikitDBSCAN()(cloud)
-print(f"{len(cloud)} points, {ours.max() + 1} clusters; {np.mean(ours == peer):.2%} of labels agree")
+same = f"{np.mean(ours == peer):.2%} of scikit-learn's labels are the same"
+print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
 
 # %% [markdown]
 # ## Precision against recall, ours and published
