@@ -170,6 +170,7 @@ DETECTIONS = Table(
     Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
     Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
 )
+TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
 AXES = ("x", "y", "z")

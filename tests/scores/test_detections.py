@@ -1,6 +1,7 @@
 from itertools import permutations
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -85,6 +86,9 @@ def labelled():
     return image
 
 
+CENTROIDS = particle_centroids(labelled(), [4, 7])
+
+
 def score_in_pixels(image, particles, detected, roi=None):
     return scores.score_in_pixels(image, particle_centroids(image, particles), detected, roi)
 
@@ -150,6 +154,8 @@ def test_nothing_scores_nothing():
         (lambda: score_detections([], [], roi=[(0, 0), (1, 1)]), "2 different corner"),
         (lambda: score_in_pixels(np.zeros(4, int), [], []), "image: shape"),
         (lambda: score_in_pixels(np.zeros((4, 4)), [], []), "float64, expected whole"),
+        (lambda: scores.score_in_pixels(np.zeros((4, 4)), CENTROIDS, []), "image is float64"),
+        (lambda: scores.score_in_pixels(labelled(), pd.DataFrame(), []), "row, col missing"),
         (lambda: score_in_pixels(labelled(), [4, 4], []), "each once"),
         (lambda: score_in_pixels(labelled(), [4.5], []), "whole numbers"),
         (lambda: score_in_pixels(labelled(), [4, 9], []), "have no pixel, the first is 9"),

@@ -40,10 +40,9 @@ from kilnflight.checks import (
     check_count,
     check_positive,
 )
-from kilnflight.tables import DETECTIONS, Table
+from kilnflight.tables import TO_TRACK
 from kilnflight.tracking.tracker import record
 
-NEEDED = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 PLACE = ["row", "col"]
 PACKAGES = ("laptrack", "stonesoup", "trackpy")
 
@@ -67,7 +66,7 @@ class _ExternalTracker(ABC):
         InputError
             If the package is not installed, or the table has no whole frames and finite places.
         """
-        check_columns(detections, NEEDED.names, NEEDED.name)
+        check_columns(detections, TO_TRACK.names, TO_TRACK.name)
         if self.package not in available():
             raise InputError(f"{self.package} is not installed: pip install kilnflight[peer]")
         with warnings.catch_warnings():  # progress bars of theirs complain about notebooks
@@ -78,7 +77,7 @@ class _ExternalTracker(ABC):
         if "particle" in detections.columns:
             rows = np.flatnonzero(detections["particle"].to_numpy() != -1)
         if len(rows):
-            table = NEEDED.check(detections.iloc[rows][NEEDED.names])
+            table = TO_TRACK.check(detections.iloc[rows][TO_TRACK.names])
             order = np.lexsort(table[["col", "row", "frame"]].to_numpy().T)
             labels = self._link(table.iloc[order].reset_index(drop=True))
             particle[rows[order]] = pd.factorize(np.asarray(labels))[0]

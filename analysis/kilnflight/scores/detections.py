@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 from scipy.spatial import KDTree
 
 from kilnflight.camera import inside
-from kilnflight.checks import InputError, check_finite, check_positive, check_shape
+from kilnflight.checks import InputError, check_columns, check_finite, check_positive, check_shape
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -166,11 +166,9 @@ def particle_centroids(image: Labels, particles: npt.ArrayLike) -> pd.DataFrame:
         If numbers are not whole, or a particle is named twice or has no pixel.
     """
     ids = np.asarray(particles).ravel() if np.size(particles) else np.empty(0, np.intp)
-    check_shape(np.asarray(image), (None, None), "particle_centroids: image")
+    _check_labels(image, "particle_centroids: image")
     if len(np.unique(ids)) < len(ids) or not np.issubdtype(ids.dtype, np.integer):
         raise InputError("particle_centroids: particles must be whole numbers, each once.")
-    if not np.issubdtype(image.dtype, np.integer):
-        raise InputError(f"particle_centroids: image is {image.dtype}, expected whole numbers.")
     row, col = np.nonzero(np.isin(image, ids))
     pixels = pd.DataFrame({"row": row, "col": col}, dtype=np.float64)
     centroids = pixels.groupby(image[row, col]).mean().reindex(ids)
@@ -181,6 +179,13 @@ def particle_centroids(image: Labels, particles: npt.ArrayLike) -> pd.DataFrame:
             f"{without[0]}. Leave out of the truth what was not labelled."
         )
     return centroids
+
+
+def _check_labels(image: Labels, where: str) -> None:
+    """Raise an `InputError` unless an image holds a particle's number in each pixel."""
+    check_shape(np.asarray(image), (None, None), where)
+    if not np.issubdtype(np.asarray(image).dtype, np.integer):
+        raise InputError(f"{where} is {np.asarray(image).dtype}, expected whole numbers.")
 
 
 def score_in_pixels(
@@ -208,7 +213,15 @@ def score_in_pixels(
     Each particle is found once: by the detection nearest to the centroid of its pixels;
     others in the same particle are false positives. The thesis does not say which counts.
     A detection inside the region of a particle whose centroid is outside is false as well.
+
+    Raises
+    ------
+    InputError
+        If the image is not one of whole numbers, the centroids are no such table, or a
+        detection is not two finite numbers.
     """
+    _check_labels(image, "score_in_pixels: image")
+    check_columns(centroids, ["row", "col"], "score_in_pixels: centroids")
     places, middle = _places(detected, "detected"), centroids.to_numpy()
     counted = (_within(roi, middle), _within(roi, places))
     nearest = np.floor(places + 0.5)

@@ -26,7 +26,7 @@ from kilnflight.checks import (
     is_real,
     known_numbers,
 )
-from kilnflight.tables import DETECTIONS, Table
+from kilnflight.tables import TO_TRACK
 from kilnflight.tracking import kalman
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.motion import ConstantVelocity, Motion
@@ -37,8 +37,6 @@ Booleans = npt.NDArray[np.bool_]
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
 Noted = Mapping[str, npt.NDArray[Any]]  # columns that a world keeps beside those of `layout`
-
-NEEDED = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
 class Frame(NamedTuple):
@@ -145,10 +143,10 @@ def track(
     Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
     depend on the order of the table; rows equal in all of these are taken as they stand.
     """
-    check_columns(detections, NEEDED.names, NEEDED.name)
+    check_columns(detections, TO_TRACK.names, TO_TRACK.name)
     left_out = np.zeros(len(detections), dtype=bool)
     if "particle" in detections.columns:
-        check_columns(detections, ["particle"], NEEDED.name)
+        check_columns(detections, ["particle"], TO_TRACK.name)
         left_out = (detections["particle"] == -1).to_numpy(dtype=bool, na_value=False)
     particle = np.full(len(detections), -1, dtype=np.int64)
     rows = np.flatnonzero(~left_out)
@@ -273,15 +271,15 @@ def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
 
 def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]:
     """Return frames, rows by position, places, depth, points, sorted by frame and place."""
-    check_columns(table, NEEDED.names, NEEDED.name)
-    frames = check_whole(table["frame"], f"{NEEDED.name}: column frame")
-    needed = table[NEEDED.names].assign(frame=frames)
-    for name in NEEDED.names[1:]:
+    check_columns(table, TO_TRACK.names, TO_TRACK.name)
+    frames = check_whole(table["frame"], f"{TO_TRACK.name}: column frame")
+    needed = table[TO_TRACK.names].assign(frame=frames)
+    for name in TO_TRACK.names[1:]:
         if len(table) and not is_real(table[name]):
             raise InputError(
-                f"{NEEDED.name}: column {name} holds {table[name].dtype}, not numbers."
+                f"{TO_TRACK.name}: column {name} holds {table[name].dtype}, not numbers."
             )
-    positions = (NEEDED.check(needed) if len(table) else needed)[["row", "col"]].to_numpy(float)
+    positions = (TO_TRACK.check(needed) if len(table) else needed)[["row", "col"]].to_numpy(float)
     depth, points = _optional(table, "z"), _optional(table, "points")
     points = np.where(points > 0, points, np.nan)
     extra = [values for values in (points, depth) if not np.isnan(values).all()]
@@ -293,11 +291,13 @@ def _optional(table: pd.DataFrame, name: str) -> Array:
     """Return a column as floats, NaN where nothing is known."""
     if name not in table.columns:
         return np.full(len(table), np.nan)
-    check_columns(table, [name], NEEDED.name)
-    values = known_numbers(table[name], f"{NEEDED.name}: column {name}")
+    check_columns(table, [name], TO_TRACK.name)
+    values = known_numbers(table[name], f"{TO_TRACK.name}: column {name}")
     if np.isinf(values).any():
         where = table.index[int(np.argmax(np.isinf(values)))]
-        raise InputError(f"{NEEDED.name}: {name} is infinite in row {where}; use NaN for unknown.")
+        raise InputError(
+            f"{TO_TRACK.name}: {name} is infinite in row {where}; use NaN for unknown."
+        )
     return values
 
 
