@@ -1,4 +1,6 @@
-r"""The belt sorter: when and where a particle leaves the belt (2016 and 2020 papers).
+r"""The belt sorter: when and where a particle leaves the belt.
+
+The 2016 and 2020 papers.
 
     pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model

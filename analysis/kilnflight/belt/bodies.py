@@ -1,4 +1,6 @@
-"""Bodies on the belt in MuJoCo: moving surface, two walls, particles of one material.
+"""Bodies on the belt in MuJoCo.
+
+Moving surface, two walls, particles of one material.
 
 Units are millimetre, gram and second. MuJoCo comes with the extra ``sorter``; the rest of the
 package works without it.
@@ -79,7 +81,9 @@ def is_installed() -> bool:
 
 
 def build_model(bulk: Bulk, contacts: Contacts, bodies: int, conveyor: Conveyor) -> Any:
-    """Return a `mujoco.MjModel`: the belt is the plane z = 0, walls stand along its sides.
+    """Return a `mujoco.MjModel` of the belt with its walls.
+
+    The belt is the plane z = 0, walls stand along its sides.
 
     Parameters
     ----------
@@ -169,7 +173,10 @@ class Batch:
         self.particle[:bodies] = particle
 
     def table(self) -> pd.DataFrame:
-        """Simulate until all have left; return `kilnflight.tables.BELT_BODIES` by particle."""
+        """Return `kilnflight.tables.BELT_BODIES` by particle.
+
+        The simulation runs until all have left.
+        """
         parts, frame, upcoming = [], 0, 0
         while not self.has_left.all():
             upcoming = self._feed(frame, upcoming)
@@ -221,7 +228,10 @@ class Batch:
         self.particle[body], self.fed_at[particle] = particle, frame
 
     def _rows(self, frame: int) -> Array:
-        """Return frame, particle, x, y, z, angle, velocity along and across; one row a body."""
+        """Return one row a body: frame, particle, x, y, z, angle and two velocities.
+
+        The velocities are along and across.
+        """
         fed = self.particle >= 0
         matrix = self.data.xmat[1:].reshape(-1, 3, 3)
         self.mujoco.mj_kinematics(self.model, self.data)
@@ -231,7 +241,10 @@ class Batch:
         return np.column_stack([*rows, *self.velocity[fed, :2].T])
 
     def _release(self, rows: Array) -> Array:
-        """Give the bodies whose centre is beyond the edge back to the pool; return their rows."""
+        """Give the bodies beyond the edge back to the pool and return their rows.
+
+        A body is beyond the edge when its centre is.
+        """
         leaving = rows[rows[:, 2] >= self.conveyor.edge_mm]
         particles = leaving[:, 1].astype(np.int64)
         self.has_left[particles] = True

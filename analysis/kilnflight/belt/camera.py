@@ -1,4 +1,6 @@
-"""The belt and the camera above it: from pixels to millimetres (2016 paper, section IV.B).
+"""The belt and the camera above it: from pixels to millimetres.
+
+Section IV.B of the 2016 paper.
 
 `CameraView` is the camera that makes pictures. Measuring does not use it: the belt's four corners
 are found in a picture (`FindCorners`) and give the mapping (`calibrate_camera`).
@@ -96,7 +98,10 @@ class CameraView:
             check_between(getattr(self, name), -20, 20, f"CameraView: {name}")
 
     def pixels(self, places: Array) -> Array:
-        """Return row and col (n, 2) of places (n, 3): x, y and height above the belt in mm."""
+        """Return row and col (n, 2) of places (n, 3).
+
+        A place is x, y and height above the belt in mm.
+        """
         angles = [self.turned_deg, self.tilted_deg]
         turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
         middle = BELT.corners.mean(axis=0)
@@ -149,7 +154,9 @@ class FindCorners:
         check_between(self.least_visible, 0.1, 1, "FindCorners: least_visible")
 
     def __call__(self, picture: Picture) -> Corners:
-        """Return the corners of the belt that fills the middle of ``picture`` (rows, cols).
+        """Return the corners of the belt in the middle of ``picture`` (rows, cols).
+
+        The belt fills the middle.
 
         The belt is taken to run to the right, with y growing downwards.
 
@@ -209,7 +216,10 @@ class FindCorners:
 
 
 def _outline(picture: Picture) -> tuple[Array, float]:
-    """Return rough corners (4, 2) of the area in the middle, and the grey value of its edge."""
+    """Return rough corners (4, 2) of the area in the middle, and a grey value.
+
+    The grey value is that of the area's edge.
+    """
     if picture.ndim != 2 or picture.dtype != np.uint8:
         raise InputError(f"a picture must be (rows, cols) uint8, got {picture.dtype}.")
     rows, cols = picture.shape

@@ -1,4 +1,6 @@
-"""Deviations of predictions from observations (2016 paper, sec. IV; 2020 paper, sec. 5).
+"""Deviations of predictions from observations.
+
+Section IV of the 2016 paper, section 5 of the 2020 paper.
 
 A deviation is prediction minus reference. Positive means that the particle arrived earlier than
 predicted, as in the caption of Fig. 9; section 5.1 words it the other way round.
@@ -56,7 +58,9 @@ def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
-    """Return how fast particles move at places along the belt (2020 paper, Figs 7 and 8).
+    """Return how fast particles move at places along the belt.
+
+    Figs 7 and 8 of the 2020 paper.
 
     Each particle's velocity is interpolated linearly along x (section 4.1); a particle
     counts only where it was seen.
@@ -90,7 +94,10 @@ def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
 
 
 def _interpolated(steps: pd.DataFrame, column: str, x_mm: Array) -> pd.DataFrame:
-    """Return a column at places along the belt: a row per particle, NaN where it was not seen."""
+    """Return a column at places along the belt, one row per particle.
+
+    It is NaN where the particle was not seen.
+    """
     rows = [
         np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
         for _, track in steps.groupby("particle", sort=False)
@@ -128,7 +135,9 @@ def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
 def observe(
     followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
 ) -> Observed:
-    """Return filtered states before the prediction phase, and the arrivals measured after it.
+    """Return filtered states before the prediction phase, and measured arrivals.
+
+    The arrivals are measured after the prediction phase.
 
     Parameters
     ----------
@@ -179,7 +188,9 @@ def summarise_deviations(deviation: Array) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Compare all models on one bulk material, calibrated with a few of its particles.
+    """Comparison of all models on one bulk material.
+
+    The models are calibrated with a few of its particles.
 
     The paper draws "at most 1 % of all particles available (37 to 44)" once. Here the draw is
     repeated, which separates its effect from the models'. Each draw is evaluated on the particles
@@ -242,7 +253,9 @@ class Evaluation:
 def arrival_deviations(
     observed: Observed, phase: PredictionPhase, calibration: Flags
 ) -> Iterator[tuple[str, Array]]:
-    """Yield each arrival model's name and its deviations in ms on the other particles.
+    """Yield each arrival model's name and its deviations in ms.
+
+    The deviations are those of the other particles.
 
     ``calibration`` (n,) marks the particles that calibrate (IV takes all).
     """
@@ -267,7 +280,10 @@ def predictions(
     calibration: Flags,
     combinations: Combinations = COMBINATIONS,
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Yield the name of each combination and when (s) and where (y, mm) the others arrive."""
+    """Yield each combination's name, and when and where the others arrive.
+
+    When is in s, where is y in mm.
+    """
     every, calibrating, (last, _) = _split(observed, calibration)
     times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
     for name, arrival, lateral in combinations:

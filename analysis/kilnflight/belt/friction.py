@@ -1,4 +1,4 @@
-"""A small friction simulation of the belt: the stand-in for the authors' DEM tracks.
+"""A small friction simulation of the belt, in place of the authors' DEM tracks.
 
 Particles leave a slide slower than the belt and are dragged along by Coulomb friction at
 their point of contact; collisions are random kicks. The materials differ in how a particle can

@@ -1,4 +1,6 @@
-"""Parts of the simulated sorter: particles, slide, belt and contacts (2016, 2020 papers).
+"""Parts of the simulated sorter: particles, slide, belt and contacts.
+
+The 2016 and 2020 papers.
 
 The vibrating feeder lets particles fall on a slide, and the slide hands them to the belt.
 Its shape is not published, so it is kept to an energy balance over its drop ``h``::
@@ -55,7 +57,7 @@ class Bulk:
     count: int
 
     def __post_init__(self) -> None:
-        """Refuse a shape with the wrong lengths, and lengths or counts that are not positive."""
+        """Refuse a shape with wrong lengths, and lengths or counts that are not positive."""
         if {"sphere": 1, "cylinder": 2, "box": 3}.get(self.shape) != len(self.half_mm):
             raise InputError(
                 f"Bulk: shape {self.shape!r} with {len(self.half_mm)} lengths; a sphere has one "
@@ -67,7 +69,10 @@ class Bulk:
 
     @property
     def density_g_mm3(self) -> float:
-        """The density that makes ``count`` particles 0.2 kg: 711 to 823 kg/m^3, as beech has."""
+        """Return the density that makes ``count`` particles 0.2 kg.
+
+        It is 711 to 823 kg/m^3, as beech has.
+        """
         if self.shape == "sphere":
             volume = 4.0 / 3.0 * np.pi * self.half_mm[0] ** 3
         elif self.shape == "cylinder":
@@ -156,7 +161,10 @@ class Conveyor:
 
 @dataclass(frozen=True)
 class Contacts:
-    """How bodies touch. The papers say "determined experimentally" and print no value."""
+    """The contacts of bodies: how they touch.
+
+    The papers say "determined experimentally" and print no value.
+    """
 
     belt_friction: float = 0.3  # wood on a plastic belt; handbooks give 0.2 to 0.4
     rolling_friction: float = 0.01  # arm over radius; assumption for wood on a belt
@@ -188,7 +196,10 @@ class Contacts:
 
 
 class Feed(NamedTuple):
-    """Particles at the beginning of the belt, in the order in which they come; (n,) each."""
+    """Particles at the beginning of the belt, in the order in which they come.
+
+    Arrays are (n,) each.
+    """
 
     time_s: Array  # ascending, from 0
     y: Array  # across the belt, mm

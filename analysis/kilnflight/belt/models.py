@@ -173,7 +173,7 @@ class CV(ArrivalModel):
 
 @dataclass(frozen=True)
 class CVBC(CV):
-    """Constant velocity, its bias corrected by the median error of calibration particles."""
+    """Constant velocity, bias-corrected by calibration particles' median error."""
 
     bias_s: float = np.nan  # t_BC: median of true minus CV time
 
@@ -197,7 +197,7 @@ class CA(ArrivalModel):
 
 @dataclass(frozen=True)
 class CALV(ArrivalModel):
-    """Constant acceleration up to a limit of the velocity, constant velocity from there.
+    """Constant acceleration up to a limit of the velocity, then constant velocity.
 
     The paper's printed condition for "the limit is not reached before the target" has a sign
     reversed (figures/errata.csv). Here the limit counts as reached when the distance covered until
@@ -245,7 +245,10 @@ class LateralModel(_Model, ABC):
     """A model of where across the belt a particle arrives."""
 
     def __call__(self, last: TableOrColumns, remaining_s: Array) -> Array:
-        """Return the lateral position in mm, ``remaining_s`` (n,) after the last observation."""
+        """Return the lateral position in mm, ``remaining_s`` after the last observation.
+
+        ``remaining_s`` is (n,).
+        """
         self._check_calibrated()
         table = checked(last, BELT_LAST)
         if not isinstance(remaining_s, np.ndarray) or (remaining_s < 0).any():
@@ -294,7 +297,10 @@ class LateralCA(LateralModel):
 
 @dataclass(frozen=True)
 class CADSC(LateralCA):
-    """Constant acceleration, sign changes disallowed: a particle that has stopped stays."""
+    """Constant acceleration, sign changes disallowed.
+
+    A particle that has stopped stays.
+    """
 
     def _way(self, time: Array, velocity: Array, acceleration: Array) -> Array:
         stops = np.full_like(velocity, np.inf)

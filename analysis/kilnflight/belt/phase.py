@@ -1,4 +1,4 @@
-"""The prediction phase: the last observations before it, and the arrivals at its target.
+"""The prediction phase: last observations before it, arrivals at its target.
 
 2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins. After that only
 the crossing of the target is used, as the reference value.
@@ -128,7 +128,10 @@ def _first(flags: npt.NDArray[np.bool_], starts: Rows, ends: Rows) -> Rows:
 
 
 def _last(columns: dict[str, Array], row: Rows) -> pd.DataFrame:
-    """Return the state at ``row`` from the parabola through it and the two rows before."""
+    """Return the state at ``row`` from a parabola.
+
+    The parabola goes through it and the two rows before.
+    """
     step = columns["time_s"][row] - columns["time_s"][row - 1]
     state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}
     for axis in ("x", "y"):

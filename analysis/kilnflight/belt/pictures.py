@@ -30,7 +30,9 @@ _VIEW = CameraView()
 
 @dataclass(frozen=True)
 class Pictures:
-    """Pictures of tracks, one per frame of the camera; ``pictures[k]`` renders frame k.
+    """Pictures of tracks, one per frame of the camera.
+
+    ``pictures[k]`` renders frame k.
 
     Frame k is taken at k / frames_per_s; a particle is seen where the tracks have a row at
     that time. The same seed gives the same bytes, in any order.
@@ -187,7 +189,9 @@ def average(pictures: Iterable[Picture]) -> Picture:
 
 @dataclass(frozen=True)
 class Spots:
-    """Connected areas that differ from the background; one area is one particle or several.
+    """Connected areas that differ from the background.
+
+    One area is one particle or several.
 
     Particles that touch are one spot at their common centroid. Spots that are larger than
     ``touching_from`` times a single particle are marked and kept.

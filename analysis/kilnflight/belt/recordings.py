@@ -1,4 +1,6 @@
-"""The authors' data: DEM tracks (2020 paper), and recordings of their real sorter.
+"""The authors' data: DEM tracks, and recordings of their real sorter.
+
+The DEM tracks are those of the 2020 paper.
 
 A DEM file is a zip with one CSV without header. Rows are time steps of 10 ms. Columns alternate x
 and y of one particle in metres, ``nan`` while it is not on the belt.
@@ -35,7 +37,7 @@ ENDINGS = (".csv", ".csv.gz")
 
 
 def find_dem() -> dict[str, Path]:
-    """Return the DEM files of all three bulk materials, or nothing if none was fetched.
+    """Return all three bulk materials' DEM files, or nothing if none was fetched.
 
     Raises
     ------
@@ -91,7 +93,9 @@ def read_dem(path: Path | str) -> pd.DataFrame:
 
 
 def find_recordings() -> dict[str, list[Path]]:
-    """Return the files of measured positions by material; nothing where there are none.
+    """Return the files of measured positions by material.
+
+    Where there are none, nothing is returned.
 
     The folder is ``KILNFLIGHT_RECORDINGS`` if this variable is set, else ``belt_recordings`` beside
     the authors' other data. There ``make data`` puts them, and they must be the published ones.
@@ -144,7 +148,9 @@ def read_recording(path: Path) -> pd.DataFrame:
 
 
 def join_recordings(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
-    """Join recordings into one table, ``pause`` frames apart, with different track numbers.
+    """Join recordings into one table with different track numbers.
+
+    The recordings are ``pause`` frames apart.
 
     A recording without a measurement has no last frame: it adds the pause and nothing else.
 
@@ -206,7 +212,10 @@ def _cells(path: Path, header: int | None = 0) -> Array:
 
 
 def _frames(cells: Array, path: Path) -> Integers:
-    """Return FrameNr of each row; frames may be missing, but never come twice or go back."""
+    """Return FrameNr of each row.
+
+    Frames may be missing, but never come twice or go back.
+    """
     numbers = cells[:, 0]
     whole = np.isfinite(numbers) & (numbers == np.round(numbers)) & (numbers >= 0)
     wrong = ~whole | (np.diff(numbers, prepend=-1.0) <= 0)

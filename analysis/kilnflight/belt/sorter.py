@@ -109,7 +109,9 @@ def simulate_tracks(
     jobs: int = 1,
     sorter: Sorter | None = None,
 ) -> pd.DataFrame:
-    """Simulate one material on the belt in batches; finished batches are kept on disk.
+    """Simulate one material on the belt in batches.
+
+    Finished batches are kept on disk.
 
     Batches of particles are independent, each with a seed of its own. So the tracks do not depend
     on the number of processes.

@@ -91,7 +91,7 @@ def constant_velocity(
 
 
 def constant_acceleration() -> ConstantAcceleration:
-    """Return the same with a constant acceleration, disturbed by white noise of the jerk.
+    """Return the same with a constant acceleration, disturbed by white noise of jerk.
 
     Notes
     -----
@@ -104,7 +104,7 @@ def constant_acceleration() -> ConstantAcceleration:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Likelihoods by place on the belt that a track begins or is not observed any more.
+    """Likelihoods by place on the belt that a track begins or is no longer observed.
 
     Notes
     -----
@@ -172,7 +172,9 @@ class Likelihoods(NamedTuple):
     outside: Array  # (n,), probability that the prediction lies outside the area
 
     def detection(self) -> Integers:
-        """Return the measurement (n,) of each track, -1: none, in the likeliest association.
+        """Return the measurement (n,) of each track in the likeliest association.
+
+        -1 means none.
 
         Notes
         -----
@@ -216,7 +218,9 @@ class Followed(NamedTuple):
 
 @dataclass(frozen=True)
 class BeltTracker:
-    """Global nearest neighbour with likelihoods of appearing and leaving, and track scores.
+    """Global nearest neighbour with track scores.
+
+    It has likelihoods of appearing and leaving.
 
     A track's score is the log likelihood ratio of a particle against dirt (Blackman and Popoli,
     ch. 6). It starts with that of a new particle at this place. Each measurement adds
@@ -273,7 +277,10 @@ class BeltTracker:
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
     def steps(self, measured: pd.DataFrame, frames: int | None = None) -> Iterator[Step]:
-        """Yield the step of each frame from the first measurement on; arguments as for a call."""
+        """Yield the step of each frame from the first measurement on.
+
+        Arguments are as for a call.
+        """
         if frames is not None:
             check_count(frames, "BeltTracker: frames", least=0)
         frame, rows, places = self._read(measured)
@@ -361,7 +368,10 @@ class BeltTracker:
 
 
 def _check_unique(frames: Integers, places: Array, rows: Integers) -> None:
-    """Raise an `InputError` if a measurement is there twice; sorted by frame and place."""
+    """Raise an `InputError` if a measurement is there twice.
+
+    Measurements are sorted by frame and place.
+    """
     again = (np.diff(frames) == 0) & (np.diff(places, axis=0) == 0).all(axis=1)
     if again.any():
         k = int(np.argmax(again))

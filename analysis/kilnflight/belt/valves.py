@@ -141,7 +141,7 @@ def hit_shares(
     blown: float = 0.1,
     calibrating: float = 0.01,
 ) -> pd.DataFrame:
-    """Return the share of hit particles and of inadvertent hits for each model and bar.
+    """Return the shares of hit particles and inadvertent hits for each model and bar.
 
     Parameters
     ----------
@@ -181,7 +181,10 @@ def hit_shares(
 
 
 def _drawn(count: int, seed: int, blown: float, calibrating: float) -> tuple[Flags, Flags]:
-    """Draw the calibration particles, (count,), and of the others those to be blown out."""
+    """Draw the calibration particles, and those of the others to be blown out.
+
+    The calibration particles are (count,).
+    """
     check_between(blown, 0, 1, "hit_shares: blown")
     check_between(calibrating, 0, 1, "hit_shares: calibrating")
     rng = np.random.default_rng(seed)

@@ -1,4 +1,6 @@
-"""The one way to keep things on disk: whole files, one writer, tables cached by their inputs.
+"""The one way to keep things on disk: whole files, one writer, cached tables.
+
+Tables are cached by their inputs.
 
 A cached table that is there and whole is not made again. Its name holds a hash of the
 arguments and of the code that makes it (`kilnflight.project.closure`); a change of either
@@ -126,7 +128,10 @@ class CachedTable:
 
 
 def save(path: Path, content: bytes) -> None:
-    """Write a file of a long run whole, or raise an `InputError` that says how to go on."""
+    """Write a file of a long run whole.
+
+    If that fails, an `InputError` says how to go on.
+    """
     try:
         write_whole(path, content)
     except OSError as error:
@@ -183,7 +188,7 @@ def read_calibration(path: Path, targets: object | None, module: str) -> dict[st
 
 
 def calibrated(kind: Callable[..., Inputs], path: Path, content: dict[str, Any]) -> Inputs:
-    """Return the fitted inputs of a calibration's content as the class that they fill."""
+    """Return the fitted inputs of a calibration's content as the class they fill."""
     try:
         return kind(**content["inputs"])
     except (KeyError, TypeError) as error:

@@ -76,7 +76,10 @@ def _claim(claim_id: str) -> pd.Series:
 
 
 def _verdict(claim: pd.Series, verdict: str, measured: str, reason: str) -> Verdict:
-    """Return a verdict with what it rests on in one line: quantity, expectation, bounds."""
+    """Return a verdict with what it rests on in one line.
+
+    That is quantity, expectation and bounds.
+    """
     closed = claim[["low", "high"]].notna().all()
     within = f" [{claim['low']:g}, {claim['high']:g}]" if closed else ""
     criterion = f"{claim['quantity']}: {claim['expect']}{within}"
@@ -118,7 +121,10 @@ def judge(
 
 
 def _all_hold(claim: pd.Series, conditions: Mapping[str, bool]) -> tuple[bool, str]:
-    """Return whether all conditions of a claim without bounds hold, and each in words."""
+    """Return whether all conditions of a claim hold, and each in words.
+
+    The claim is one without bounds.
+    """
     if claim[["low", "high"]].notna().any() or not conditions:
         raise InputError(f"claim {claim.name} asks for {claim['expect']!r}: pass the number.")
     if not all(isinstance(holds, bool | np.bool_) for holds in conditions.values()):

@@ -1,4 +1,6 @@
-"""Which code a cached table depends on: found from the imports, never from a list.
+"""The code that a cached table depends on.
+
+It is found from the imports, never from a list.
 
 function or instance -> where it is defined -> all that it imports -> one hash
 """
@@ -61,7 +63,7 @@ def _closure_hash(start: frozenset[Definition]) -> str:
 
 
 class _Module:
-    """The file of a module: what it imports, and its statements by the names they define."""
+    """The file of a module: its imports, and its statements by the names they define."""
 
     def __init__(self, name: str) -> None:
         file = _file(name)
@@ -114,7 +116,10 @@ class _Module:
 
 
 def _defined(statement: ast.stmt) -> list[str]:
-    """Return the names that a statement defines; an empty one if it acts in another way."""
+    """Return the names that a statement defines.
+
+    It is one empty name if the statement acts in another way.
+    """
     match statement:
         case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
             return [name]

@@ -59,7 +59,10 @@ def find(name: str) -> Path | None:
 
 
 def check(path: Path, name: str) -> None:
-    """Raise an `InputError` unless a file, or what is packed in it (.gz), is the published one."""
+    """Raise an `InputError` unless a file is the published one.
+
+    Of a .gz file, what is packed in it is checked.
+    """
     content = path.read_bytes()
     if path.suffix == ".gz":
         try:
@@ -108,7 +111,10 @@ def fetch(name: str) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fetch every file (``make data``); with ``--optional`` a missing network is no error."""
+    """Fetch every file (``make data``).
+
+    With ``--optional`` a missing network is no error.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m kilnflight.project.data", description=main.__doc__
     )

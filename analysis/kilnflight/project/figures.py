@@ -1,4 +1,6 @@
-"""Save a figure or table: picture, data, caption and provenance, and the gallery of all.
+"""Figures and tables saved with their provenance, and the gallery of all.
+
+Each is saved as picture, data, caption and provenance.
 
 `save` writes ``<id>.png``, ``<id>.pdf`` and ``<id>.csv`` and renews ``README.md``, the
 gallery with captions and citations. A smoke run (scale quick) writes no PDF and a PNG of
@@ -87,7 +89,10 @@ def trace(
 
 
 def _commit() -> str:
-    """Return the commit that last touched `SOURCES`, "+changes" if they differ from it."""
+    """Return the commit that last touched `SOURCES`.
+
+    "+changes" is added if they differ from it.
+    """
 
     def git(*command: str) -> str:
         options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
@@ -178,7 +183,9 @@ def save(
 
 
 def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> Saved:
-    """Save a notebook's verdicts under ``claims-<notebook>``; every notebook's last call.
+    """Save a notebook's verdicts under ``claims-<notebook>``.
+
+    This is every notebook's last call.
 
     ``result`` is the one line that the index of the site shows for the notebook.
     """
@@ -192,7 +199,10 @@ def _png(
     dpi: int,
     reductions: Iterable[tuple[float, int, int]],
 ) -> bytes:
-    """Return a PNG, with fewer dots and colours until it is no larger than `LARGEST_PNG`."""
+    """Return a PNG, with fewer dots and colours until it fits `LARGEST_PNG`.
+
+    It fits when it is no larger than that.
+    """
     info, png = PngInfo(), io.BytesIO()
     for name, text in texts.items():
         info.add_text(name, text)
@@ -208,7 +218,10 @@ def _png(
 
 
 def _few_colours(image: Image.Image, greys: int, colours: int) -> Image.Image:
-    """Return an image with a palette of even greys, so that grey stays grey, and of colours."""
+    """Return an image with a palette of even greys and of colours.
+
+    The greys are even so that grey stays grey.
+    """
     pixels = np.asarray(image.convert("RGB"))
     palette = np.linspace(0, 255, greys).round().astype(int).repeat(3).tolist()
     index = np.rint(pixels.mean(axis=2) * ((greys - 1) / 255)).astype(np.uint8)
@@ -273,7 +286,10 @@ def entries(folder: Path | None = None) -> list[Entry]:
 
 
 def concluded(folder: Path | None = None) -> dict[str, Path]:
-    """Return the file of each notebook's verdicts, by the stem of a notebook that exists."""
+    """Return the file of each notebook's verdicts, by the notebook's stem.
+
+    Only notebooks that exist count.
+    """
     folder = folder or paths.figures()
     stems = sorted(path.stem for path in (paths.root() / "notebooks").glob("*.py"))
     tables = {stem: folder / f"{verdicts_of(stem)}.csv" for stem in stems}
@@ -301,7 +317,10 @@ def title(notebook: str) -> str:
 
 
 def overview(folder: Path | None = None) -> pd.DataFrame:
-    """Return one row per notebook that has concluded: title, result and verdict counts."""
+    """Return one row per notebook that has concluded.
+
+    A row is title, result and verdict counts.
+    """
     results = {entry.identifier: entry.caption for entry in entries(folder)}
     rows = [
         {"notebook": stem, "title": title(stem), "result": results[path.stem]}
@@ -313,7 +332,10 @@ def overview(folder: Path | None = None) -> pd.DataFrame:
 
 
 def gallery(folder: Path) -> str:
-    """Return the text of figures/README.md: results, and every figure with its citation."""
+    """Return the text of figures/README.md.
+
+    It holds the results, and every figure with its citation.
+    """
     saved = entries(folder)
     scales = sorted({str(entry.provenance["parameters"].get("scale")) for entry in saved})
     heading = (

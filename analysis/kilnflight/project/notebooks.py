@@ -1,4 +1,4 @@
-"""Execute a notebook's text (jupytext percent), or say in one line why that failed.
+"""Execution of a notebook's text (jupytext percent), or one line why it failed.
 
     notebooks/NN_name.py -> build/NN_name.ipynb
 
@@ -109,7 +109,10 @@ def parse_parameters(items: Iterable[str], stem: str, stems: Iterable[str]) -> d
 def check_parameters(
     stem: str, defaults: Mapping[str, object], given: Mapping[str, object]
 ) -> None:
-    """Raise an `InputError` for a parameter that the notebook does not know or cannot take."""
+    """Raise an `InputError` for a parameter that the notebook does not know.
+
+    The same holds for one that it cannot take.
+    """
     for name, value in given.items():
         if name not in defaults:
             raise InputError(
@@ -129,7 +132,9 @@ def check_parameters(
 
 @contextmanager
 def private_sockets() -> Iterator[Config]:
-    """Yield the settings of a kernel that talks through a folder of its own, then remove it.
+    """Yield the settings of a kernel that talks through a folder of its own.
+
+    The folder is removed afterwards.
 
     Kernels that start together now and then pick the same TCP port, or the same name of a
     socket in a shared folder, and one of them dies.

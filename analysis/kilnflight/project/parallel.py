@@ -1,4 +1,6 @@
-"""Pieces of work, done by processes of this machine or by a Dask cluster, with the same results.
+"""Pieces of work, done by processes of this machine or by a Dask cluster.
+
+The results are the same.
 
 joblib's own Dask backend is not used: it does the work here where the cluster has one core, and
 waits for ever where a worker is killed (joblib 1.6).

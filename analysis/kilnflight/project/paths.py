@@ -46,7 +46,10 @@ def figures() -> Path:
 
 
 def external() -> Path:
-    """Return the folder of the authors' data: ``KILNFLIGHT_EXTERNAL`` or data/external."""
+    """Return the folder of the authors' data.
+
+    It is ``KILNFLIGHT_EXTERNAL`` or data/external.
+    """
     return Path(os.environ.get("KILNFLIGHT_EXTERNAL") or root() / "data" / "external")
 
 

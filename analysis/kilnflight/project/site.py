@@ -99,7 +99,7 @@ def _mathjax() -> Path:
 
 
 def _index(stems: Sequence[str]) -> str:
-    """Return the text of the first page: the claims, and every notebook with its result."""
+    """Return the text of the first page: claims, and every notebook with its result."""
     table = figures.overview().set_index("notebook", drop=False)
     for stem in set(stems) - set(table.index):
         raise InputError(
@@ -143,7 +143,9 @@ def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
 
 
 def imports(package: Path) -> nx.DiGraph:
-    """Return the rooms of a package, modules or folders at its top, and their imports.
+    """Return the rooms of a package and their imports.
+
+    Rooms are modules or folders at its top.
 
     Each room has a ``purpose``, the first line of its docstring.
     """
@@ -212,7 +214,7 @@ def update_readme() -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Render executed notebooks into a site, or bring the README's results up to date."""
+    """Render executed notebooks into a site, or update the README's results."""
     parser = argparse.ArgumentParser(
         prog="python -m kilnflight.project.site", description=main.__doc__
     )

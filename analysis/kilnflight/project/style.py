@@ -1,4 +1,7 @@
-"""How a figure looks: one style, print size, readable in grey and by the colour-blind."""
+"""The look of a figure: one style, print size, readable in grey.
+
+It is readable by the colour-blind, too.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +127,10 @@ def draw_circles(axes: Axes, spots: npt.NDArray[np.float64], color: str) -> None
 
 
 def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw tracks, ``particle``, ``frame``, ``row``, ``col``: neighbours differ in look."""
+    """Draw tracks so that neighbours differ in look.
+
+    The columns are ``particle``, ``frame``, ``row`` and ``col``.
+    """
     ordered = table.sort_values(["particle", "frame"])
     for k, (_, track) in enumerate(ordered.groupby("particle")):
         color, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
@@ -132,7 +138,9 @@ def draw_tracks(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
-    """Draw box plots from summaries instead of from data, with the width of each box in words.
+    """Draw box plots from summaries instead of from data.
+
+    The width of each box is given in words.
 
     Parameters
     ----------

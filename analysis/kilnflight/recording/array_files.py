@@ -75,7 +75,9 @@ def read_array(path: Path, key: str | None, where: str) -> npt.NDArray[Any]:
 def read_points(
     path: Path, key: str | None, columns: Sequence[str], where: str
 ) -> npt.NDArray[np.float64]:
-    """Return (n, 5) float64: row, col, x, y, z, from columns of these names or in this order.
+    """Return (n, 5) float64: row, col, x, y, z.
+
+    They come from columns of these names or in this order.
 
     CSV, PLY and structured arrays are read by name, plain arrays by position.
     """

@@ -1,4 +1,6 @@
-"""What a plenoptic camera delivers: frames, their attributes, and the one way to ask for them.
+"""What a plenoptic camera delivers: frames, their attributes, the way to ask.
+
+It is the one way to ask for them.
 
 A recording is anything with `attributes`, a length and ``frame(t)``; the twin renders
 its frames on demand, `kilnflight.recording.store.StoredRecording` reads them from disk, and
@@ -143,7 +145,10 @@ class Recording(Protocol):
         """Return frame ``t``, counted from 0; an `InputError` where there is none."""
 
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return its grey values (rows, cols) alone, which backgrounds need by the hundred."""
+        """Return its grey values (rows, cols) alone.
+
+        Backgrounds need them by the hundred.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +214,10 @@ def check_position(t: int, length: int, name: str) -> None:
 
 
 def check_points(valid: npt.ArrayLike, pixels: npt.NDArray[Any], where: str, fault: str) -> None:
-    """Raise an `InputError` for the first point that is not valid; ``fault`` is a format."""
+    """Raise an `InputError` for the first point that is not valid.
+
+    ``fault`` is a format.
+    """
     invalid = np.flatnonzero(np.logical_not(valid))
     if len(invalid):
         row, col = pixels[invalid[0]]

@@ -1,4 +1,4 @@
-"""Your own recordings: files that other programs wrote -> a recording of kilnflight's.
+"""Your own recordings: other programs' files -> a recording of kilnflight's.
 
 A small TOML file, the manifest, says what lies where. Patterns are relative to it::
 
@@ -220,7 +220,10 @@ def import_recording(manifest: Path | str, target: Path | str) -> pd.DataFrame:
 
 
 def read_manifest(manifest: Path | str) -> FileRecording:
-    """Return the recording of a manifest, whose files are there; the first one gives the size."""
+    """Return the recording of a manifest, whose files are there.
+
+    The first file gives the size.
+    """
     manifest = Path(manifest)
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))

@@ -73,7 +73,10 @@ class StoredRecording:
         return Frame(int(index), float(time_s), gray, pixels, xyz, labels)
 
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return the grey values (rows, cols) of frame ``t`` alone; errors as for `frame`."""
+        """Return the grey values (rows, cols) of frame ``t`` alone.
+
+        Errors are as for `frame`.
+        """
         check_position(t, len(self), self.attributes.name)
         return self._read("gray", t)
 

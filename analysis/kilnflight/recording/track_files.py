@@ -1,4 +1,6 @@
-"""Files of tracks: what other programs write can be scored, and what we track can be seen there.
+"""Files of tracks, exchanged with other programs.
+
+What they write can be scored, and what we track can be seen there.
 
 ==========================  =======================  ==========================================
 read                        write                    format
@@ -102,7 +104,10 @@ def read_challenge(path: str | Path) -> pd.DataFrame:
 
 
 class _Plain(ElementTree.TreeBuilder):
-    """Elements of a file without a document type, whose entities could be of any size."""
+    """Elements of a file without a document type.
+
+    A document type's entities could be of any size.
+    """
 
     def doctype(self, *_: object) -> None:
         """Refuse the file before an entity is read."""
@@ -145,7 +150,7 @@ def to_trackpy(tracks: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_trackpy(path: str | Path) -> pd.DataFrame:
-    """Return the tracks of a trackpy table that was saved as CSV, with or without its index."""
+    """Return the tracks of a trackpy table saved as CSV, with or without its index."""
     return _tracks(_read_csv(path, TRACKPY), TRACKPY, path)
 
 
@@ -155,7 +160,9 @@ def write_trackpy(tracks: pd.DataFrame, path: str | Path) -> None:
 
 
 def read_trackmate(path: str | Path) -> pd.DataFrame:
-    """Return the spots of a TrackMate CSV, with ``plane``; a spot in no track is particle -1.
+    """Return the spots of a TrackMate CSV, with ``plane``.
+
+    A spot in no track is particle -1.
 
     Notes
     -----
@@ -203,7 +210,10 @@ def from_napari(data: npt.ArrayLike) -> pd.DataFrame:
 
 
 def to_napari(tracks: pd.DataFrame) -> npt.NDArray[np.float64]:
-    """Return the data of a layer, (n, 4) or, with ``plane``, (n, 5), sorted by ID and T."""
+    """Return the data of a layer, sorted by ID and T.
+
+    It is (n, 4) or, with ``plane``, (n, 5).
+    """
     return _as(NAPARI, tracks, "to_napari: tracks").to_numpy(dtype=np.float64)
 
 
@@ -225,7 +235,9 @@ def _as(names: Mapping[str, str], tracks: pd.DataFrame, where: str) -> pd.DataFr
 
 
 def read_manual(folder: str | Path) -> pd.DataFrame:
-    """Return the trajectories of all .txt files of a folder: lines of frame, row, col.
+    """Return the trajectories of all .txt files of a folder.
+
+    The files have lines of frame, row, col.
 
     Notes
     -----
@@ -256,7 +268,9 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
-    """Write a new folder with one text per trajectory, each from the first frame to the last.
+    """Write a new folder with one text per trajectory.
+
+    Each text goes from the first frame to the last.
 
     Frames in which a trajectory has no row hold NaN; ``plane`` has no place in this format.
     """
@@ -277,7 +291,10 @@ def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
 
 
 def check_tracks(tracks: pd.DataFrame, where: str) -> pd.DataFrame:
-    """Return the table's own columns, sorted by particle and frame, or raise an `InputError`."""
+    """Return the table's own columns, sorted by particle and frame.
+
+    Otherwise raise an `InputError`.
+    """
     check_columns(tracks, NAMES[:4], where)
     names = [name for name in NAMES if name in tracks.columns]
     whole = {name: check_whole(tracks[name], f"{where}: column {name}") for name in NAMES[:2]}
@@ -332,7 +349,10 @@ def _read_text(path: str | Path) -> str:
 
 
 def _read_csv(path: str | Path, names: Mapping[str, str], third: bool = False) -> pd.DataFrame:
-    """Return the texts of a CSV, indexed by file and line; ``third``: plane is needed, too."""
+    """Return the texts of a CSV, indexed by file and line.
+
+    ``third``: plane is needed, too.
+    """
     lines = csv.reader(io.StringIO(_read_text(path), newline=""))
     try:
         header = [name.strip() for name in next(lines, [])]
@@ -361,6 +381,9 @@ def _write(path: str | Path, text: str) -> None:
 
 
 def _make(path: str | Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` make a file or folder that is then there whole, in a folder there is."""
+    """Let ``write`` make a file or folder that is then there whole.
+
+    It is made in a folder there is.
+    """
     check_target(Path(path))
     make_whole(Path(path), write)

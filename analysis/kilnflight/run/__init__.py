@@ -149,7 +149,9 @@ def detect(
 def track(
     detections: pd.DataFrame, associator: Associator = _GNN, raw: bool = False
 ) -> pd.DataFrame:
-    """Return detections with ``particle``, post-processed unless ``raw``; -1: in no track.
+    """Return detections with ``particle``, post-processed unless ``raw``.
+
+    -1 means in no track.
 
     Parameters and errors are those of `kilnflight.tracking.track`.
     """
@@ -180,7 +182,7 @@ def run(folder: Path, target: Path | None, options: Options, workers: Workers) -
 
 
 def beside(folder: Path) -> Path:
-    """Return the default folder of a run: beside the recording, ``-run`` after its name.
+    """Return a run's default folder: beside the recording, ``-run`` after its name.
 
     Examples
     --------
@@ -283,7 +285,10 @@ def _spread(length: int, number: int) -> list[int]:
 
 
 def block_noise(foreground: npt.NDArray[np.float32]) -> float:
-    """Return the noise of a foreground's difference of Gaussians, in a noisy part of it."""
+    """Return the noise of a foreground's difference of Gaussians.
+
+    It is that of a noisy part of it.
+    """
     finest = DoG()
     fine, coarse = (
         cv2.GaussianBlur(foreground, (0, 0), np.sqrt(scale**2 - finest.camera_blur**2))
@@ -310,7 +315,9 @@ def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
 
 
 def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
-    """Return the cylinder of the largest cluster in some frames (sections 3.1 and 3.2).
+    """Return the cylinder of the largest cluster in some frames.
+
+    Sections 3.1 and 3.2 of the thesis.
 
     The clouds of the frames are put together: a still wall is denser so, what flies is not.
     """
@@ -335,7 +342,10 @@ def _check_times(recording: StoredRecording, notes: list[str]) -> None:
 
 
 def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
-    """Return what a recording was worked on with; ``jobs`` says by whom, in a few words."""
+    """Return what a recording was worked on with.
+
+    ``jobs`` says by whom, in a few words.
+    """
     lance, wall, rules = prepared.exit_point_mm, prepared.wall, prepared.rules
     bright, rows = rules.ignition.bright, []
     if isinstance(prepared.detection.detector.detector, DoG):

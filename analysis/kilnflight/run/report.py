@@ -69,7 +69,10 @@ class Results(NamedTuple):
 def collect(
     prepared: KilnRun, notes: tuple[str, ...] = (), settings: tuple[Row, ...] = ()
 ) -> Results:
-    """Return the tables of a recording, made where they are not there, with more notes."""
+    """Return the tables of a recording, with more notes.
+
+    Tables are made where they are not there.
+    """
     name, frames = prepared.detection.source.name, len(prepared.frames)
     detections = prepared.detection.detections()
     tracks, trajectories, flights, slices = (prepared.table(step)() for step in KILN_STEPS)
@@ -150,7 +153,10 @@ def summary(results: Results) -> pd.DataFrame:
 
 
 def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
-    """Yield dwell time and share ignited; one row more where some were alight at first."""
+    """Yield dwell time and share ignited.
+
+    There is one row more where some were alight at first.
+    """
     dwell = Bootstrap()(np.median, [counted["dwell_s"]], np.random.default_rng(SEED))
     yield "dwell time, median", f"{_text(dwell, 3)} s"
     kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
@@ -164,13 +170,19 @@ def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
 
 
 def _text(interval: Interval, digits: int, factor: float = 1.0) -> str:
-    """Return an estimate with its interval, or without one if the sample is too small."""
+    """Return an estimate with its interval.
+
+    If the sample is too small, it has no interval.
+    """
     estimate, low, high = (f"{factor * value:.{digits}f}" for value in interval[:3])
     return f"{estimate} [{low}, {high}]" if np.isfinite(interval[1:3]).all() else estimate
 
 
 def _velocities(results: Results) -> Iterator[Row]:
-    """Yield the median velocity in each metre, and which share of the flights passed it."""
+    """Yield the median velocity in each metre, and a share of the flights.
+
+    The share is that which passed the metre.
+    """
     groups, total = results.slices.groupby("slice_m")["velocity_m_s"], len(results.counted)
     for far, number in remaining(results.slices, total)[["slice_m", "number"]].to_numpy():
         middle = Bootstrap()(np.median, [groups.get_group(far)], np.random.default_rng(SEED))
@@ -254,7 +266,10 @@ def _dwell_figure(flights: pd.DataFrame) -> Captioned:
 
 
 def _velocity_figure(slices: pd.DataFrame, flights: int) -> Captioned:
-    """Draw median and middle half of the velocities, and the remaining share of the flights."""
+    """Draw median and middle half of the velocities, and the remaining share.
+
+    The share is that of the flights.
+    """
     figure, axes = style.canvas(2, width_mm=style.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
     groups = slices.groupby("slice_m")["velocity_m_s"]
     low, middle, high = (groups.quantile(part) for part in (0.25, 0.5, 0.75))

@@ -51,7 +51,10 @@ class Surroundings:
 
 @lru_cache(maxsize=1)
 def _depth_mm(geometry: Geometry) -> Array:
-    """Return the depth at which each pixel meets wall or plate, (rows, columns), read-only."""
+    """Return the depth at which each pixel meets wall or plate.
+
+    It is (rows, columns) and read-only.
+    """
     row, column = np.indices((geometry.rows, geometry.columns), dtype=np.float64)
     depth = geometry.wall_depth(row, column)
     depth.flags.writeable = False
@@ -107,7 +110,10 @@ class Background:
 
     @cached_property
     def _edges(self) -> Picture:
-        """Relative strength of the micro-lens artefacts: a hexagonal pattern at the border."""
+        """Return the relative strength of the micro-lens artefacts.
+
+        They are a hexagonal pattern at the border.
+        """
         rows, columns, width = self.geometry.rows, self.geometry.columns, self.surroundings.edge_px
         row = np.arange(rows, dtype=np.float32)[:, None]
         column = np.arange(columns, dtype=np.float32)[None, :]
@@ -152,7 +158,10 @@ class Background:
         return np.clip(1.3 - 1.6 * np.hypot(row, column), 0, None).astype(np.float32)
 
     def _flame(self, time_s: float) -> Picture:
-        """Return the grey values of the burner's flame in its rectangle: eddies that drift."""
+        """Return the grey values of the burner's flame in its rectangle.
+
+        They are eddies that drift.
+        """
         generator = np.random.default_rng([self.seed, 104])
         eddies = generator.normal(1.0, self.surroundings.flame_flicker, (16, 64))
         eddies = eddies.astype(np.float32)

@@ -30,7 +30,10 @@ CAUSES = ("", "surface temperature", "hot gas", "slip")
 
 @dataclass
 class State:
-    """The particles still in flight, with fixed and changing values; arrays (active, ...)."""
+    """The particles still in flight, with fixed and changing values.
+
+    Arrays are (active, ...).
+    """
 
     kind: Fraction
     index: npt.NDArray[np.intp]  # row of the particle among all

@@ -1,4 +1,6 @@
-"""The camera: where kiln and lance are, light into grey values, depth and its error.
+"""The camera: positions, light into grey values, depth and its error.
+
+The positions are those of kiln and lance.
 
 Camera coordinates are millimetres: x to the right, y up, z away from the camera. Kiln
 coordinates are metres: s from the lance exit along the axis towards the camera, x to the
@@ -144,7 +146,9 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Optics:
-    """Turn light into grey values: radiation, exposure and noise (sec. 2.1.4; R12 camera).
+    """The way from light to grey values: radiation, exposure and noise.
+
+    Section 2.1.4 of the thesis; R12 camera.
 
     These levels are not published; scenes have those of `kilnflight.twin.fitted` instead.
     The thesis's DoG threshold of 450 to 550 grey values bounds the scale only loosely, so
@@ -232,7 +236,10 @@ class DepthCamera:
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
-        """True and captured depths of the plate in mm, its first and last line made longer."""
+        """Return true and captured depths of the plate in mm.
+
+        Its first and last line are made longer.
+        """
         true = np.array(PLATE_DISTANCES_MM)
         captured = invert_depth(true)
         ends = captured[[0, -1]] + np.diff(captured)[[0, -1]] / np.diff(true)[[0, -1]] * BEYOND_MM

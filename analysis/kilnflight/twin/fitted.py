@@ -26,7 +26,10 @@ LIGHT_FILE = Path(__file__).with_name("exposure.json")
 
 @dataclass(frozen=True)
 class FlightInputs:
-    """The fitted inputs of flight and ignition; the defaults are those of `Flight` and `Gas`."""
+    """The fitted inputs of flight and ignition.
+
+    The defaults are those of `Flight` and `Gas`.
+    """
 
     lance_length_m: float = Flight.lance_length_m
     solids_friction: float = Flight.solids_friction
@@ -44,7 +47,10 @@ class FlightInputs:
 
 @dataclass(frozen=True)
 class LightInputs:
-    """The fitted inputs of the picture; the defaults are those of `Optics` and the like."""
+    """The fitted inputs of the picture.
+
+    The defaults are those of `Optics` and the like.
+    """
 
     wall_level: float = Optics.wall_level  # exposure and gain
     # Flame before the wall over full scale: from 1 on it is overexposed.
@@ -74,13 +80,19 @@ class LightInputs:
 
 @lru_cache(maxsize=8)
 def flight_inputs(path: Path = FLIGHT_FILE) -> FlightInputs:
-    """Return the fitted inputs of flight and ignition; see `cache.read_calibration` for errors."""
+    """Return the fitted inputs of flight and ignition.
+
+    See `cache.read_calibration` for errors.
+    """
     content = cache.read_calibration(path, None, "kilnflight.experiments.twin_calibration")
     return cache.calibrated(FlightInputs, path, content)
 
 
 @lru_cache(maxsize=8)
 def light_inputs(path: Path = LIGHT_FILE) -> LightInputs:
-    """Return the fitted inputs of the picture; see `cache.read_calibration` for errors."""
+    """Return the fitted inputs of the picture.
+
+    See `cache.read_calibration` for errors.
+    """
     content = cache.read_calibration(path, None, "kilnflight.experiments.twin_exposure")
     return cache.calibrated(LightInputs, path, content)

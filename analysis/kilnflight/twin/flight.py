@@ -1,4 +1,4 @@
-"""Flight of single particles from the lance to their end, all of a fraction at once.
+"""Flight of single particles from lance to end, all of a fraction at once.
 
 A particle is a point with a mass, a mean area and a temperature. It leaves the lance with
 a slip, is dragged by stream, jet and turbulence, and pushed aside by a lift that wanders
@@ -238,7 +238,9 @@ def _move(
     generator: np.random.Generator,
     settings: Flight,
 ) -> tuple[Array, Array]:
-    """Advance positions by one step, in place; return gas temperature and slip before it.
+    """Advance positions by one step in place.
+
+    Gas temperature and slip before the step are returned.
 
     Drag is taken implicitly, so that light sheets stay stable.
     """
@@ -261,7 +263,10 @@ def _move(
 def _wander(
     state: State, excess: Array, gas: Gas, generator: np.random.Generator, settings: Flight
 ) -> None:
-    """Advance turbulence (Ornstein-Uhlenbeck, exact in time) and the lift's direction."""
+    """Advance turbulence and the lift's direction.
+
+    Turbulence is Ornstein-Uhlenbeck, exact in time.
+    """
     shape, dt = state.position.shape, settings.step_s
     keep = np.exp(-dt / gas.turbulence_time_s)
     strength = gas.turbulence_m_s + gas.turbulence_in_jet * np.abs(excess)
@@ -272,14 +277,20 @@ def _wander(
 
 
 def _lift(state: State, relative: Array, slip_m_s: Array, gas_k: Array) -> Array:
-    """Return the lift's acceleration in m/s2, (active, 3): across the slip, turning with time."""
+    """Return the lift's acceleration in m/s2, (active, 3).
+
+    It is across the slip and turns with time.
+    """
     area = state.kind.lift_coefficient * state.broadside_m2 * state.area_share
     rate = density(gas_k) * area * slip_m_s / (2 * state.mass_kg)
     return rate[:, None] * np.cross(state.lift, relative)
 
 
 def _ended(state: State, geometry: Geometry, settings: Flight) -> npt.NDArray[np.int8]:
-    """Return the end of each active particle as an index into `ENDS`, -1 while it flies."""
+    """Return the end of each active particle as an index into `ENDS`.
+
+    It is -1 while the particle flies.
+    """
     over = np.full(len(state.index), -1, dtype=np.int8)
     crumbles = state.kind.sheet | (state.kind.volatile_share == 1.0)
     spent = (state.char_share <= settings.char_left) | (state.kind.volatile_share == 1.0)

@@ -70,7 +70,10 @@ class Gas:
 
     @property
     def jet_velocity_m_s(self) -> float:
-        """Velocity of the air at the lance's outlet, scaled from 5 bar by the square root."""
+        """Return the velocity of the air at the lance's outlet.
+
+        It is scaled from 5 bar by the square root.
+        """
         return float(self.velocity_at_5_bar_m_s * np.sqrt(self.pressure_bar / 5.0))
 
     @property
@@ -102,7 +105,10 @@ class Gas:
         return np.where(distance > 0, core * np.exp(-square / width**2), 0.0)
 
     def excess_velocity(self, from_lance_m: Array) -> Array:
-        """Return the jet's velocity over the stream's in m/s, along s, at (n, 3) positions."""
+        """Return the jet's velocity over the stream's in m/s.
+
+        It is along s, at (n, 3) positions.
+        """
         excess = self.jet_persistence * (self.jet_velocity_m_s - self.stream_m_s)
         return excess * self._profile(from_lance_m, self.decay, self.spreading)
 
@@ -117,13 +123,19 @@ class Gas:
 
 
 def sphere_drag(reynolds: Array) -> Array:
-    """Return the drag coefficient of a sphere (Schiller and Naumann 1933; 0.44 above 1000)."""
+    """Return the drag coefficient of a sphere.
+
+    Schiller and Naumann 1933; 0.44 above 1000.
+    """
     re = np.maximum(reynolds, 1e-9)
     return np.where(re < 1000.0, 24.0 / re * (1 + 0.15 * re**0.687), 0.44)
 
 
 def disc_drag(reynolds: Array) -> Array:
-    """Return the drag coefficient of a disc broadside on (Clift, Grace and Weber 1978)."""
+    """Return the drag coefficient of a disc broadside on.
+
+    Clift, Grace and Weber 1978.
+    """
     re = np.maximum(reynolds, 1e-9)
     return np.where(re < 133.0, 64.0 / (np.pi * re) * (1 + 0.138 * re**0.792), 1.17)
 
@@ -134,7 +146,10 @@ def reynolds(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> Array:
 
 
 def heat_transfer(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> Array:
-    """Return the convective heat transfer coefficient in W/m2/K (Ranz and Marshall 1952)."""
+    """Return the convective heat transfer coefficient in W/m2/K.
+
+    Ranz and Marshall 1952.
+    """
     number = reynolds(slip_m_s, diameter_m, temperature_k)
     nusselt = 2 + 0.6 * np.sqrt(number) * PRANDTL ** (1 / 3)
     conductivity = viscosity(temperature_k) * HEAT_CAPACITY_J_KG_K / PRANDTL
@@ -144,13 +159,18 @@ def heat_transfer(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> A
 def heat_flux(
     surface_k: Array, gas_k: Array, wall_k: float, coefficient: Array, emissivity: float
 ) -> Array:
-    """Return the heat flux into a surface in W/m2: convection and radiation of the wall."""
+    """Return the heat flux into a surface in W/m2.
+
+    It is convection and radiation of the wall.
+    """
     radiation = emissivity * STEFAN_BOLTZMANN * (wall_k**4 - surface_k**4)
     return coefficient * (gas_k - surface_k) + radiation
 
 
 def apparent_heat_capacity(temperature_k: Array, dry_j_kg_k: float, moisture: float) -> Array:
-    """Return the heat capacity in J/kg/K of dry mass, the latent heat of its water included.
+    """Return the heat capacity in J/kg/K of dry mass.
+
+    The latent heat of its water is included.
 
     The water's latent heat is spread over `DRYING_K`, so that the energy to dry is right
     and the temperature stays near 100 degC while it is being spent.

@@ -84,7 +84,10 @@ class Life:
 
     @cached_property
     def _flicker(self) -> Array:
-        """Delay in s, rate in Hz, phase and share of time of the flames on the wall, (4, n)."""
+        """Return delay, rate, phase and share of time of the flames on the wall, (4, n).
+
+        The delay is in s, the rate in Hz.
+        """
         names = ["flame_delay_s", "flicker_hz", "flicker_phase", "flicker_share"]
         return np.ascontiguousarray(self.table[names].to_numpy().T)
 
@@ -125,7 +128,10 @@ def _interpolated(
     low: npt.NDArray[np.intp],
     share: Array,
 ) -> Array:
-    """Return samples (n, samples, ...) of some rows, a share of the way beyond the lower one."""
+    """Return samples (n, samples, ...) of some rows, interpolated.
+
+    They are a share of the way beyond the lower one.
+    """
     before = samples[rows, low].astype(np.float64)
     after = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
     weight = share.reshape((-1,) + (1,) * (before.ndim - 1))

@@ -229,7 +229,10 @@ class Burst:
             raise InputError(f"Burst: count {self.count} is below 0.")
 
     def release(self, generator: np.random.Generator) -> tuple[Particles, Array]:
-        """Return the particles and the time in s at which each leaves the lance, ascending."""
+        """Return the particles and the time in s at which each leaves the lance.
+
+        The times are ascending.
+        """
         particles = find_fraction(self.fraction).draw(self.count, generator)
         times = self.start_s + self.duration_s * generator.beta(2.0, 2.0, self.count)
         return particles, np.sort(times)

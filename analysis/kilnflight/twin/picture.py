@@ -1,4 +1,6 @@
-"""How particles look: tumbling ellipsoids, unlit in the wall's light or with a flame.
+"""The look of particles: tumbling ellipsoids, unlit or with a flame.
+
+Unlit ones are seen in the wall's light.
 
 All particles of a frame are drawn together. The pixels of every particle's box stand in one
 long array, so that nothing loops over particles or pixels.

@@ -139,12 +139,15 @@ class Twin:
         return Frame(t, self.time_s(t), gray, pixels, xyz, view.labels)
 
     def gray(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return the grey values (rows, columns) of frame ``t`` alone, the same as its own."""
+        """Return the grey values (rows, columns) of frame ``t`` alone.
+
+        They are the same as the frame's own.
+        """
         check_position(t, len(self), self.scene.name)
         return self._exposed(t, self.view(t).picture)
 
     def empty(self, t: int) -> npt.NDArray[np.float32]:
-        """Return the picture (rows, columns) at frame ``t`` without any particle or noise."""
+        """Return the picture (rows, columns) at frame ``t`` without particles or noise."""
         return self._background.at(self.time_s(t))
 
     def view(self, t: int) -> SceneView:
@@ -232,7 +235,7 @@ class Twin:
         return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
 
     def particles_with_depth(self, t: int, view: SceneView) -> npt.NDArray[np.intp]:
-        """Return the particles that have at least one valid point in the view of frame ``t``."""
+        """Return the particles with at least one valid point in the view of frame ``t``."""
         chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
         return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
 
@@ -324,7 +327,10 @@ def _wall_points(scene: Scene, background: Background) -> _Wall:
 
 
 def _widely_blurred(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
-    """Return a picture blurred by many pixels: coarse blocks are blurred, then interpolated."""
+    """Return a picture blurred by many pixels.
+
+    Coarse blocks are blurred, then interpolated.
+    """
     rows, columns = picture.shape
     block = max(int(spread_px / 8), 1)
     size = (-(-columns // block), -(-rows // block))

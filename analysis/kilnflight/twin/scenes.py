@@ -1,4 +1,6 @@
-"""The scenes of the thesis: five ground-truth subsets and eight campaigns, and variations.
+"""The scenes of the thesis and variations.
+
+There are five ground-truth subsets and eight campaigns.
 
 ``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections 5.1.1,
 5.2.3, appendix A.1). The number of fed particles is not. The rates of the campaigns follow from
@@ -94,7 +96,10 @@ def subset_scene(name: str, sizes: dict[str, int], seed: int) -> Scene:
 
 
 def ground_truth(name: str, seed: int = 0) -> Scene:
-    """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
+    """Return a ground-truth subset, V1 to V5.
+
+    It has 160 frames, of which 75 to 84 are labelled.
+    """
     if name not in SUBSETS:
         raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
     number = SUBSETS.index(name) + 1

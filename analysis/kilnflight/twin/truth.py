@@ -57,7 +57,9 @@ def particles(twin: Twin) -> pd.DataFrame:
 
 
 def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
-    """Return what a person marks in frames: the `sightings` that are visible and in the ROI.
+    """Return what a person marks in frames.
+
+    That is the `sightings` that are visible and in the ROI.
 
     The evaluation of detectors counts nothing else (section 5.1.3).
     """
@@ -66,7 +68,9 @@ def marked(twin: Twin, frames: Iterable[int]) -> pd.DataFrame:
 
 
 def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFrame:
-    """Return the true trajectories in some frames, as a person would follow them (sec. 5.2.1).
+    """Return the true trajectories in some frames, as a person would follow them.
+
+    Section 5.2.1 of the thesis.
 
     Parameters
     ----------
@@ -88,7 +92,10 @@ def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFr
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
-    """Return the particle that each pixel (rows, columns) of frame ``t`` shows; -1: no particle."""
+    """Return the particle that each pixel (rows, columns) of frame ``t`` shows.
+
+    -1 means no particle.
+    """
     view = twin.view(t)
     image = np.full(view.labels.shape, -1, dtype=np.int32)
     blob = view.pixels.blob[view.shown]
@@ -170,7 +177,10 @@ def released_all(
 
 
 def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:
-    """Return when each particle first was that far from the lance, in s, (n,); NaN if never."""
+    """Return when each particle first was that far from the lance, in s, (n,).
+
+    NaN means never.
+    """
     way = flights.position_m[:, :, 0] - lance_s_m
     beyond = way >= distance_m
     after = np.argmax(beyond, axis=1) if way.shape[1] else np.zeros(len(way), dtype=np.intp)
@@ -184,7 +194,9 @@ def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) 
 
 
 def metre_velocities(flights: Flights) -> Array:
-    """Return each particle's mean velocity within each metre in m/s (Eq. 5.8), (n, 5).
+    """Return each particle's mean velocity within each metre in m/s, (n, 5).
+
+    Eq. 5.8 of the thesis.
 
     NaN where a particle did not pass the whole metre.
     """
