@@ -35,6 +35,7 @@ from kilnflight.checks import (
     check_between,
     check_count,
     check_finite,
+    check_inside,
     check_kind,
     check_shape,
     is_number,
@@ -140,13 +141,10 @@ class _ByLikelihood:
 
     def __post_init__(self) -> None:
         """Refuse parameters that are no probabilities."""
-        where, share = type(self).__name__, self.detection_probability
+        where = type(self).__name__
         check_at_least(self.size_weight, 0, f"{where}: size_weight")
-        if not (is_number(share) and 0 < share < 1):
-            raise InputError(
-                f"{where}: detection_probability must lie between 0 and 1, not at either, got "
-                f"{share!r}. A track can always be missed, and never only missed."
-            )
+        # A track can always be missed, and is never only missed.
+        check_inside(self.detection_probability, 0, 1, f"{where}: detection_probability")
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
         """Return ln e_j (n, m), -inf outside the gate, and ln b (n,): Eqs 4.11 to 4.13.

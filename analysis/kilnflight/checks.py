@@ -175,6 +175,12 @@ def check_between(value: float, least: float, most: float, where: str) -> None:
     _check(holds, f"{least:g} to {most:g}", value, where)
 
 
+def check_inside(value: float, least: float, most: float, where: str) -> None:
+    """Raise an `InputError` unless ``value`` is a number above ``least`` and below ``most``."""
+    holds = is_number(value) and least < value < most
+    _check(holds, f"above {least:g} and below {most:g}", value, where)
+
+
 def check_limit(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number, 0 or above; inf is no limit."""
     if not (isinstance(value, float) and value == np.inf):

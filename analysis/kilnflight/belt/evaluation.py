@@ -19,7 +19,7 @@ from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS
 from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, checked, select
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
-from kilnflight.checks import InputError, check_positive
+from kilnflight.checks import InputError, check_count, check_inside, check_positive
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
@@ -202,11 +202,8 @@ class Evaluation:
 
     def __post_init__(self) -> None:
         """Refuse a share that leaves nothing to evaluate, or no draw."""
-        if not 0 < self.share < 1 or self.draws < 1:
-            raise InputError(
-                f"Evaluation: share {self.share} must lie between 0 and 1, draws {self.draws} "
-                "must be at least 1."
-            )
+        check_inside(self.share, 0, 1, "Evaluation: share")
+        check_count(self.draws, "Evaluation: draws")
 
     def __call__(
         self, observed: Observed, phase: PredictionPhase, deviations: Deviations, seed: int

@@ -19,7 +19,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from kilnflight.checks import InputError, check_count, check_finite, check_positive, check_shape
+from kilnflight.checks import (
+    InputError,
+    check_count,
+    check_finite,
+    check_inside,
+    check_positive,
+    check_shape,
+)
 
 Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -97,10 +104,7 @@ class CylinderFit:
         object.__setattr__(self, "reference", tuple(reference.tolist()))
         check_count(self.trials, "CylinderFit: trials")
         for name, high in (("max_angle_deg", 90), ("confidence", 1), ("min_share", 1)):
-            if not 0 < getattr(self, name) < high:
-                raise InputError(
-                    f"CylinderFit: {name} is {getattr(self, name)}; take one between 0 and {high}."
-                )
+            check_inside(getattr(self, name), 0, high, f"CylinderFit: {name}")
 
     def __call__(self, points_mm: npt.ArrayLike, seed: int | np.random.Generator = 0) -> Cylinder:
         """Return the cylinder of a wall's cluster.

@@ -38,6 +38,7 @@ from kilnflight.checks import (
     check_at_least,
     check_columns,
     check_count,
+    check_inside,
     check_positive,
 )
 from kilnflight.tables import TO_TRACK
@@ -306,11 +307,7 @@ class StoneSoupJPDA(_StoneSoup):
     def __post_init__(self) -> None:
         """Refuse what is no distance, no number of frames and no probability."""
         super().__post_init__()
-        if not 0 < self.detection_probability < 1:
-            raise InputError(
-                "StoneSoupJPDA: detection_probability must be between 0 and 1, got "
-                f"{self.detection_probability}."
-            )
+        check_inside(self.detection_probability, 0, 1, "StoneSoupJPDA: detection_probability")
         if self.clutter_density is not None:
             check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
 

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from kilnflight.checks import InputError, check_between, check_count, check_finite
+from kilnflight.checks import InputError, check_count, check_finite, check_inside
 
 Array = npt.NDArray[np.float64]
 Statistic = Callable[..., Array]
@@ -75,7 +75,7 @@ class Bootstrap:
 
     def __post_init__(self) -> None:
         """Refuse parameters out of range."""
-        _check_level(self.level, "Bootstrap: level")
+        check_inside(self.level, 0, 1, "Bootstrap: level")
         check_count(self.draws, "Bootstrap: draws")
         check_count(self.least, "Bootstrap: least")
 
@@ -139,7 +139,7 @@ def share(number: int, counted: int, level: float = 0.95) -> Interval:
     check_count(number, "share: number", least=0)
     if number > counted:
         raise InputError(f"share: {number} of {counted} is no share.")
-    _check_level(level, "share: level")
+    check_inside(level, 0, 1, "share: level")
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
     interval = binomtest(number, counted).proportion_ci(level, method="wilson")
@@ -166,9 +166,3 @@ def difference_of_shares(
     down = math.hypot(minuend.estimate - minuend.low, subtrahend.high - subtrahend.estimate)
     up = math.hypot(minuend.high - minuend.estimate, subtrahend.estimate - subtrahend.low)
     return Interval(estimate, max(estimate - down, -1.0), min(estimate + up, 1.0), numbers)
-
-
-def _check_level(level: float, where: str) -> None:
-    check_between(level, 0.0, 1.0, where)
-    if level in (0, 1):
-        raise InputError(f"{where}: must be between 0 and 1, got {level!r}.")
