@@ -1,4 +1,4 @@
-"""Errors of measured flights, and with one step of the chain after the other made true.
+"""Errors of measured flights, also with each step of the chain made true in turn.
 
 measured flights, true flights -> `compare` -> `errors`: bias, spread, who was measured at all
 """
@@ -100,7 +100,7 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
 
 
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
-    """Return measured beside true, one row per true particle whose whole flight is recorded.
+    """Return measured beside true, a row per particle whose whole flight is recorded.
 
     Of several tracks of a particle the longest in time counts. False flights, which start at
     the lance and belong to no particle, come last, without truth. ``true``: of `true_flights`.
@@ -140,7 +140,7 @@ def _from_lance(measured: FlightTables) -> pd.DataFrame:
 
 
 def compare_campaigns(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
-    """Return `compare` of the measurement as it is, with fraction and pressure in front."""
+    """Return `compare` of the measurement as is, with fraction and pressure in front."""
     return stack(
         {
             campaign.key: compare(flights, true_flights(campaign))
@@ -152,7 +152,7 @@ def compare_campaigns(campaigns: Sequence[Campaign], tables: Measurement) -> pd.
 def _with_particles(
     campaigns: Sequence[Campaign], tables: Measurement
 ) -> Iterator[tuple[Campaign, FlightTables]]:
-    """Yield each campaign with its flights, its slices and the true particles of its tracks."""
+    """Yield each campaign with its flights, slices and its tracks' true particles."""
     for campaign in campaigns:
         tracks, _, flights, slices = (of_campaign(table, campaign.key) for table in tables)
         owner = true_particles(tracks.reset_index(drop=True), true_positions(campaign))
@@ -161,7 +161,7 @@ def _with_particles(
 
 
 def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
-    """Return the velocity in each metre, measured and true, one row per particle and metre.
+    """Return velocities by metre, measured and true, a row per particle and metre.
 
     Of several tracks of a particle the longest in time counts.
 
@@ -189,7 +189,7 @@ def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd
 
 
 def flights_and_particles(tables: Measurement, both: pd.DataFrame) -> pd.DataFrame:
-    """Return all flights from the lance and all whole true flights, side by side where they match.
+    """Return all flights from the lance and whole true flights, matches side by side.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _cases(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
 
 
 def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return where ignition was detected, and the errors of its time, by grey values and campaign.
+    """Return where ignition was detected and time errors by grey values and campaign.
 
     ``both``: `compare_campaigns` by the grey values that ignition is read from.
     """
@@ -272,7 +272,7 @@ def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
-    """Return number, bias and spread of each quantity, and where ignition was detected.
+    """Return number, bias and spread by quantity, and where ignition was detected.
 
     Bias is the median of measured minus true, spread half the range that holds 68 % of it,
     over particles of which both are known; ``low`` and ``high`` are the 95 % interval of the
@@ -334,9 +334,9 @@ def _budget(campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame
 
 
 def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
-    """Return the main table of accuracy as text: detected, bias, interval and spread by campaign.
+    """Return the main table of accuracy by campaign as text.
 
-    ``whole``: rows of the `error_budget` of the whole chain.
+    Detected, bias, interval, spread. ``whole``: rows of the `error_budget` of the whole chain.
     """
     rows = {}
     for row in whole.to_dict("records"):
@@ -361,7 +361,7 @@ def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
 
 
 def particle_of_track(tracks: pd.DataFrame, owner: Owners) -> pd.Series:
-    """Return the true particle by track: whose most of its detections are, and at least half."""
+    """Return by track the true particle of most, at least half, of its detections."""
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
     count = table[table["particle"] >= 0].value_counts(["particle", "owner"]).reset_index()
     count["of"] = count.groupby("particle")["count"].transform("sum")
@@ -415,7 +415,7 @@ def _particles(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
 
 
 def link_by_truth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
-    """Return the detections with their true particle, without the depths that are another's.
+    """Return detections with their true particle, without depths that are another's.
 
     A detection belongs to a particle by its place in the image; a depth that is off by more
     than the tracker's gate lets pass is that of something behind it, and left out.
@@ -427,7 +427,7 @@ def link_by_truth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd
 
 
 def with_true_depth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
-    """Return the tracks with the true place in space where a detection belongs to a particle."""
+    """Return the tracks with true places in space where detections have a particle."""
     axes = ["x", "y", "z"]
     places = _true_places(tracks, owner, true, axes)
     measured = tracks[axes].to_numpy(np.float64)
@@ -437,7 +437,7 @@ def with_true_depth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> 
 
 
 def _true_places(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame, axes: list[str]) -> Array:
-    """Return the true coordinates (n, axes) behind each detection; NaN where no particle is."""
+    """Return true coordinates (n, axes) behind each detection; NaN without particle."""
     index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
     return true.set_index(["frame", "particle"])[axes].reindex(index).to_numpy(np.float64)
 

@@ -1,4 +1,7 @@
-"""Data association on small cases: joint events, the gate in flight, and Figs 2.20 to 4.2."""
+"""Data association on small cases: joint events and the gate in flight.
+
+Figs 2.20 to 4.2 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,9 @@ MARKS: dict[str, Any] = {"mec": BLACK, "mew": 0.6, "ls": ""}
 
 
 def feasible_events(validation: npt.ArrayLike) -> Matrices:
-    """Return every feasibility matrix of a validation matrix, Eqs 2.58 to 2.61, thesis.
+    """Return every feasibility matrix of a validation matrix.
+
+    Eqs 2.58 to 2.61 of the thesis.
 
     Parameters
     ----------
@@ -75,8 +80,9 @@ def feasible_events(validation: npt.ArrayLike) -> Matrices:
 
 
 def most_events(tracks: int, detections: int) -> int:
-    """Return the number of feasible events if all detections are in all gates, Eq. 2.62, thesis.
+    """Return the number of feasible events if all detections are in all gates.
 
+    Eq. 2.62 of the thesis.
     With fewer detections than tracks, the factorials of negative numbers that Eq. 2.62 then
     contains stand for no event.
 
@@ -89,7 +95,9 @@ def most_events(tracks: int, detections: int) -> int:
 
 
 def event_table(validation: Matrices) -> pd.DataFrame:
-    """Return the probabilities of all pairs over joint events of equal likelihood (Fig. 2.23).
+    """Return the probabilities of all pairs over joint events of equal likelihood.
+
+    Fig. 2.23 of the thesis.
 
     Returns
     -------
@@ -139,7 +147,7 @@ def weigh(cases: Mapping[str, Pairs]) -> tuple[dict[tuple[str, str], Array], pd.
 
 
 def gate_table(detections: pd.DataFrame) -> pd.DataFrame:
-    """Return the detections beside the gate of the first track, from its second frame on.
+    """Return the detections beside the first track's gate, from its second frame on.
 
     ``expected_row``, ``expected_col``, ``expected_z``: the prediction; ``in_ellipse``: in the
     gate but for the depth; ``reach_row_px``, ``reach_col_px`` of the ellipse; ``in_gate``.

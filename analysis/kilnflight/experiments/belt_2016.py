@@ -64,7 +64,9 @@ def simulate_bodies(material: str, count: int, seed: int, jobs: int = 1) -> pd.D
 
 
 def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
-    """Return the deviations of the three approaches on true positions at 1000 Hz (IV.A).
+    """Return the deviations of the three approaches on true positions at 1000 Hz.
+
+    Section IV.A of the paper.
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ def from_images(
 
 
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """Return the true particle of each track: the one with the least distance function.
+    """Return the true particle of each track: that of the least distance function.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ def deviations(
 
 
 def rate_1000() -> BeltTracker:
-    """Return the tracker at 1000 Hz without noise: the same per second, in more frames.
+    """Return the tracker at 1000 Hz without noise: the same per second, more frames.
 
     A collision changes a velocity at once, by up to what particles differ in (433 mm/s). With
     exact positions the filter's state does not depend on this number, only the gate does.
@@ -260,7 +262,7 @@ def count_predicted(
 def compare_filters(
     pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame]
 ) -> pd.DataFrame:
-    """Return deviations from images by filter: constant velocity, constant acceleration.
+    """Return deviations from images by filter: constant velocity or acceleration.
 
     Returns
     -------

@@ -62,7 +62,7 @@ Answers = Callable[[pd.DataFrame], dict[str, Answer]]
 def load_tracks(
     files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
 ) -> dict[Key, pd.DataFrame]:
-    """Return the tracks by source and data set: the authors' files and our simulation.
+    """Return the tracks by source (the authors' files, our simulation) and data set.
 
     Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.belt.sorter`)
     where MuJoCo is installed, otherwise the friction model at 100 Hz.
@@ -107,7 +107,7 @@ def describe_input(files: Mapping[str, Path]) -> str:
 def profiles(
     tracks: Mapping[Key, pd.DataFrame], x_mm: npt.NDArray[np.float64], name: str = "source"
 ) -> pd.DataFrame:
-    """Return `motion_profile` of all tracks; columns ``name`` and ``data_set`` before its own."""
+    """Return `motion_profile` of all tracks, ``name`` and ``data_set`` in front."""
     parts = {key: motion_profile(step_velocities(table), x_mm) for key, table in tracks.items()}
     return pd.concat(parts, names=[name, "data_set"]).droplevel(-1).reset_index()
 
@@ -194,7 +194,7 @@ def vary_rate(
     deviations: Deviations,
     seed: int,
 ) -> pd.DataFrame:
-    """Return the deviations at the edge for tracks of which only every n-th frame is kept.
+    """Return the deviations at the edge for tracks that keep only every n-th frame.
 
     Only particles that are observed at every rate count, the same ones in the same draws. At a slow
     rate some have no observation between the edge and the end of the tracks.
@@ -264,7 +264,7 @@ def describe_lowest(by_rate: pd.DataFrame) -> str:
 def verdicts_by_source(
     deviations: pd.DataFrame, by_rate: pd.DataFrame, answers: Answers
 ) -> pd.DataFrame:
-    """Return the verdicts on claims by other sources, and by our simulation at every rate.
+    """Return claims' verdicts by other sources, and by our simulation at every rate.
 
     Parameters
     ----------
@@ -289,7 +289,10 @@ def verdicts_by_source(
 
 @dataclass(frozen=True)
 class Study:
-    """A comparison of models: when particles arrive (`ARRIVAL`), or where (`LATERAL`)."""
+    """A comparison of models: when particles arrive, or where.
+
+    `ARRIVAL` or `LATERAL`.
+    """
 
     quantity: str
     unit: tuple[str, str]  # its sign and its name
@@ -385,7 +388,7 @@ LATERAL = Study(
 
 
 def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Figure:
-    """Draw box plots of deviations on the belt: a row per source, a column per data set.
+    """Draw box plots of deviations on the belt: rows are sources, columns data sets.
 
     Parameters
     ----------

@@ -57,7 +57,10 @@ LIMITS = {
 
 
 def fitted_table() -> pd.DataFrame:
-    """Return each fitted value before (``inputs_only``) and after the fit, and its limits."""
+    """Return each fitted value before and after the fit, and its limits.
+
+    Before: ``inputs_only``.
+    """
     columns = {"inputs_only": asdict(INPUTS_ONLY), "fitted_to_spheres": asdict(fitted_values())}
     limits = {"low": {name: low for name, (low, _) in LIMITS.items()}}
     limits |= {"high": {name: high for name, (_, high) in LIMITS.items()}}
@@ -65,7 +68,7 @@ def fitted_table() -> pd.DataFrame:
 
 
 def profile(values: FittedValues) -> pd.DataFrame:
-    """Return the motion profile of simulated spheres, at the rate of the authors' files."""
+    """Return the motion profile of simulated spheres, at the authors' files' rate."""
     sorter = values.applied(Sorter())
     simulate = joblib.delayed(partial(sorter, BULKS["spheres"], PARTICLES))
     seeds = (np.random.default_rng([SEED, group]) for group in range(GROUPS))
@@ -77,7 +80,10 @@ def profile(values: FittedValues) -> pd.DataFrame:
 
 
 def profile_misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
-    """Return simulated minus published in units of `SCALES`, place by place for each quantity."""
+    """Return simulated minus published in units of `SCALES`, place by place.
+
+    For each quantity.
+    """
     names = list(SCALES)
     misfit = (simulated[names] - published[names]) / pd.Series(SCALES)
     if not np.isfinite(misfit.to_numpy()).all():
@@ -86,8 +92,9 @@ def profile_misfits(simulated: pd.DataFrame, published: pd.DataFrame) -> Array:
 
 
 def fit(published: pd.DataFrame, rounds: int = ROUNDS) -> tuple[FittedValues, int]:
-    """Return the values of least squares within `LIMITS`, and how many profiles it took.
+    """Return the values of least squares within `LIMITS`, and the number of profiles.
 
+    The number is how many profiles it took.
     Each value is scaled to run from 1 to 2 between its limits. A relative step of 3 % is then 3 to
     6 % of that range, wide enough to look past single collisions. Values are rounded as they are
     written.

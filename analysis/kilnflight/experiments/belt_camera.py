@@ -93,7 +93,7 @@ def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integ
 
 
 def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
-    """Return errors of the places of single particles, spot minus nearest true centre.
+    """Return place errors of single particles, spot minus nearest true centre.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def place_errors(spots: pd.DataFrame, truth: pd.DataFrame) -> dict[str, float]:
 def describe_pictures(
     pictured: Mapping[str, PictureTracks], tracks: Mapping[str, pd.DataFrame]
 ) -> pd.DataFrame:
-    """Return by material the calibration, `place_errors`, and counts of tracks by their end."""
+    """Return by material calibration, `place_errors`, and counts of tracks by end."""
     rows = []
     for material, (_, calibration, spots, followed) in pictured.items():
         row = {"material": material, "mm_per_px": calibration.mm_per_px}
@@ -136,7 +136,9 @@ def describe_pictures(
 
 
 def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
-    """Return Fig. 3 of the first frame with five tracks and five measurements or more.
+    """Return Fig. 3 of the first frame with at least five tracks and measurements.
+
+    At least five of each.
 
     Returns
     -------

@@ -123,8 +123,9 @@ def lateral_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
 
 
 def hold_on_recordings(table: pd.DataFrame) -> pd.DataFrame:
-    """Return which sentences of the 2020 paper hold on the authors' recordings of a real belt.
+    """Return which sentences of the 2020 paper hold on recordings of a real belt.
 
+    The recordings are the authors'.
     Each model has the filter that fits it: constant velocity for most, constant acceleration
     for CA. No verdict: nobody claimed it of these recordings.
 

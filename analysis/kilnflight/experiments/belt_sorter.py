@@ -1,4 +1,4 @@
-"""The simulated sorter beside the authors', and the influence of its contact parameters.
+"""The simulated sorter beside the authors', and its contact parameters' effect.
 
 Its variants are compared with the authors' velocities (`velocity_misfits`).
 
@@ -176,7 +176,7 @@ def changes(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def plot_changes(differences: pd.DataFrame) -> Figure:
-    """Draw the `changes`: a panel per quantity, a line per setting, a mark per material."""
+    """Draw the `changes`: panels are quantities, lines settings, marks materials."""
     labels = ("mean along", "gain along", "spread along", "median across")
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 95, "sharey": True}
     picture, (panels,) = canvas(1, len(labels), **size)
@@ -192,7 +192,7 @@ def plot_changes(differences: pd.DataFrame) -> Figure:
 
 
 def restitution(setting: Setting) -> tuple[float, float]:
-    """Return the least and the largest speed at which two spheres part, over that of closing.
+    """Return least and largest speed at which two spheres part, over that of closing.
 
     They meet head-on in the air without friction, at five parts of a time step.
     """

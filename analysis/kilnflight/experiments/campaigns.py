@@ -1,5 +1,6 @@
-"""The thesis's eight campaigns on the twin: four fractions at 4.5 and 5 bar, whole or in part.
+"""The thesis's eight campaigns on the twin, whole or in part.
 
+Four fractions at 4.5 and 5 bar.
 recordings -> `Measurement`, the tables of all -> `Results`, values measured and true
 
 Threshold, wall and the limit of what is in the air come from the labelled frames; the outlet of
@@ -50,7 +51,9 @@ SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the detection in campaigns, found on labelled frames that none of them shares.
+    """Settings of the detection in campaigns, found on labelled frames.
+
+    No campaign shares any of these frames.
 
     Parameters
     ----------
@@ -68,7 +71,10 @@ class Settings:
     in_air_mm: float
 
     def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return the detections that are not known to be on the wall (sections 4.1.3, 5.1.4)."""
+        """Return the detections that are not known to be on the wall.
+
+        Sections 4.1.3 and 5.1.4 of the thesis.
+        """
         on_wall = InAir(self.in_air_mm).on_wall(detections[["x", "y", "z"]], self.wall)
         return detections[~on_wall].reset_index(drop=True)
 
@@ -82,7 +88,7 @@ def settings_from_labels(scale: str, seed: int = 0) -> Settings:
 
 
 def _settings(scale: str, seed: int) -> pd.DataFrame:
-    """Return the settings as a table of one row: threshold, radius, limit, centre, direction."""
+    """Return the settings in one row: threshold, radius, limit, centre, direction."""
     subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
@@ -162,7 +168,7 @@ def exit_point(attributes: Attributes) -> Vector | None:
 
 
 class Measurement(NamedTuple):
-    """The tables of all campaigns, each with ``fraction`` and ``pressure_bar`` in front."""
+    """The tables of all campaigns, with ``fraction`` and ``pressure_bar`` in front."""
 
     tracks: pd.DataFrame
     trajectories: pd.DataFrame
@@ -204,14 +210,17 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
 
 
 def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
-    """Return the rows of one of the tables that belong to flights from the lance (Fig. 4.21)."""
+    """Return the rows of a table that belong to flights from the lance.
+
+    Fig. 4.21 of the thesis.
+    """
     keys = [*KEYS, "particle"]
     table: pd.DataFrame = getattr(tables, step)
     return table.merge(tables.flights.loc[tables.flights["from_lance"], keys], on=keys)
 
 
 class Results(NamedTuple):
-    """Campaigns with their tables, and the values of their flights, measured and true."""
+    """Campaigns with their tables, and their flights' values, measured and true."""
 
     campaigns: list[Campaign]
     tables: Measurement
@@ -270,8 +279,9 @@ def values_by_campaign(tables: Measurement) -> dict[CampaignKey, FlightValues]:
 def flight_values(
     trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
 ) -> FlightValues:
-    """Return dwell times, velocities by metre, ignition and reach of the flights from the lance.
+    """Return dwell times, velocities by metre, ignition and reach.
 
+    All are of the flights from the lance.
     Dwell times of lost flights are included, as in the thesis (appendix A.1); they are lower
     bounds. Slices behind the lance are not.
     """
@@ -319,13 +329,13 @@ def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
 
 
 def by_source(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.DataFrame:
-    """Return the `outcome_table` of several sources below each other, ``source`` in front."""
+    """Return `outcome_table` of sources below each other, with ``source`` in front."""
     tables = {name: outcome_table(values) for name, values in sources.items()}
     return pd.concat(tables, names=["source"]).reset_index("source")
 
 
 def count_tracks(results: Results) -> pd.DataFrame:
-    """Return length, detections in the air, tracks and flights from the lance, by campaign."""
+    """Return length, detections in the air, tracks and lance flights, by campaign."""
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
         tracks = of_campaign(results.tables.tracks, campaign.key)
@@ -344,7 +354,7 @@ def count_tracks(results: Results) -> pd.DataFrame:
 def fits_from_lance(
     tables: Measurement, key: CampaignKey, most: int
 ) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
-    """Return the first trajectories from the lance of a campaign, and their detections."""
+    """Return a campaign's first trajectories from the lance, and their detections."""
     trajectories, tracks = (
         of_campaign(from_lance(tables, step), key) for step in ("trajectories", "tracks")
     )

@@ -1,4 +1,4 @@
-"""Confidence intervals of campaign results, and which differences are beyond chance.
+"""Confidence intervals of campaign results, and differences beyond chance.
 
 95 % intervals: medians by bootstrap over particles, shares by Wilson
 (`kilnflight.scores.intervals` says what they leave out). A velocity is that of the particles that
@@ -58,7 +58,7 @@ def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval
 
 
 def median_table(measured: Values, true: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return the medians of each campaign, and whether their intervals cover the true ones.
+    """Return each campaign's medians, and if their intervals cover the true ones.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def _samples(flight_values: FlightValues) -> dict[str, Array]:
 def metres_before_detection(
     slices: pd.DataFrame, true: Values, generator: np.random.Generator
 ) -> pd.DataFrame:
-    """Return what the velocities come to without metres passed before the first detection.
+    """Return the velocities without metres passed before the first detection.
 
     Parameters
     ----------
@@ -134,7 +134,10 @@ def metres_before_detection(
 
 
 def ignited_shares(sources: Mapping[str, Values]) -> pd.DataFrame:
-    """Return the share that ignites within 0.1 s, 0.2 s and at all, with its interval (Wilson)."""
+    """Return the share that ignites within 0.1 s, 0.2 s and at all.
+
+    With its interval (Wilson).
+    """
     rows = []
     for source, values in sources.items():
         for key, flight_values in values.items():
@@ -148,8 +151,9 @@ def ignited_shares(sources: Mapping[str, Values]) -> pd.DataFrame:
 
 
 def all_differences(measured: Values, true: Values, generator: np.random.Generator) -> pd.DataFrame:
-    """Return `group_differences` of dwell time, velocity in the first metre and ignited share.
+    """Return `group_differences` of dwell time, velocity and ignited share.
 
+    The velocity is that in the first metre.
     Between fractions at one pressure, and between pressures of one fraction.
     """
     pairs = [(a, b) for a, b in combinations(measured, 2) if (a[0] == b[0]) != (a[1] == b[1])]
@@ -175,7 +179,7 @@ def group_differences(
     *,
     shares: bool = False,
 ) -> pd.DataFrame:
-    """Return differences of medians, or of shares with a value, and whether they are by chance.
+    """Return differences of medians, or shares with a value, and if due to chance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Detection experiment: methods on labelled frames, counted as section 3.3 counts.
+"""Detection experiment: methods on labelled frames, counted as in section 3.3.
 
 labelled frames -> views x methods (`detection_methods`) -> one row per frame and method
     -> summed counts, rates, recall by class, best parameter, intervals
@@ -77,7 +77,7 @@ def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]
 
 
 def labelled_subset(twin: Twin, frames: Sequence[int], background: BackgroundModel) -> Subset:
-    """Return a recording of the twin with the particles that a person would mark in frames."""
+    """Return a twin's recording with the particles a person would mark in frames."""
     marked, instances = truth.marked(twin, frames), partial(truth.instances, twin)
     return Subset(twin.scene.name, twin, tuple(frames), marked, instances, background, {})
 
@@ -149,7 +149,9 @@ def _frame_rows(
 def subset_views(
     subset: Subset, background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Return number and view of each labelled frame, from the subset's cache if they are there.
+    """Return number and view of each labelled frame, if possible from the cache.
+
+    The cache is the subset's.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ def subset_views(
 def compare_thresholds(
     subsets: list[Subset], scale: str, background: BackgroundModel | None = None
 ) -> pd.DataFrame:
-    """Return DoG with every threshold of `THRESHOLDS`, and which one each subset is to use.
+    """Return DoG with every threshold of `THRESHOLDS`, and each subset's choice.
 
     A smoke run tries every fourth one only.
 
@@ -188,19 +190,20 @@ def compare_thresholds(
 
 
 def tried_thresholds(scale: str) -> tuple[int, ...]:
-    """Return the thresholds of DoG that a scale tries: all, or every fourth in a smoke run."""
+    """Return DoG thresholds that a scale tries: all, or every fourth in a smoke run."""
     return THRESHOLDS[:: 4 if scale == "quick" else 1]
 
 
 def chosen_thresholds(table: pd.DataFrame) -> pd.Series:
-    """Return the chosen threshold of each subset, from a table of `compare_thresholds`."""
+    """Return each subset's chosen threshold, from a table of `compare_thresholds`."""
     chosen = table[table["chosen"]].drop_duplicates("subset")
     return chosen.set_index("subset")["threshold"]
 
 
 def leave_one_out(table: pd.DataFrame) -> dict[str, Any]:
-    """Return for each subset the ``threshold`` that is best on the others (section 5.1.3).
+    """Return for each subset the ``threshold`` that is best on the others.
 
+    Section 5.1.3 of the thesis.
     ``table`` is of `run`, with ``threshold`` beside; among equals the smallest is best.
     """
     subsets = list(table["subset"].unique())
@@ -257,7 +260,7 @@ def sum_with_unlit(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 def f1_with_intervals(
     table: pd.DataFrame, published: pd.Series, seed: int
 ) -> tuple[pd.DataFrame, pd.Series]:
-    """Return F1 of every method with its 95 % interval, and how often each one is first.
+    """Return each method's F1 with its 95 % interval, and how often it is first.
 
     Parameters
     ----------
@@ -315,7 +318,10 @@ def precision_by_case(
 
 
 def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """Return the recall of each class: ``by``, ``label``, ``tp``, ``fn``, ``recall``, ``kind``."""
+    """Return the recall of each class.
+
+    Columns: ``by``, ``label``, ``tp``, ``fn``, ``recall``, ``kind``.
+    """
     groups, parts = table.groupby(by, sort=False), []
     for label, kind in truth.CLASSES.items():
         counts = groups[[f"tp_{label}", f"fn_{label}"]].sum().set_axis(["tp", "fn"], axis=1)
@@ -328,7 +334,7 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 def resampled_f1(
     table: pd.DataFrame, generator: np.random.Generator, draws: int = 2000
 ) -> pd.DataFrame:
-    """Return F1 of every method over draws of frames with replacement, subset by subset.
+    """Return each method's F1 over draws of frames with replacement, by subset.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""The detection experiment beside sections 5.1.2 to 5.1.4, and the verdicts on its claims."""
+"""The detection experiment beside the thesis, and the verdicts on its claims.
+
+Sections 5.1.2 to 5.1.4.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,7 @@ ANALYSED = {"dbscan": 5, "mo": 1, "qcc": 2}
 def compare_backgrounds(
     subsets: list[Subset], models: Mapping[str, BackgroundModel], scale: str
 ) -> pd.DataFrame:
-    """Return the chosen rows of `compare_thresholds` for each background, with ``model``."""
+    """Return chosen rows of `compare_thresholds` by background, with ``model``."""
     parts = []
     for name, model in models.items():
         table = compare_thresholds(subsets, scale, model)
@@ -87,8 +90,9 @@ def background_traces(
     backgrounds: Mapping[str, npt.NDArray[np.floating]],
     clean: npt.NDArray[np.floating],
 ) -> dict[str, float]:
-    """Return how far backgrounds of frame t are from the scene without any particle, ``clean``.
+    """Return how far backgrounds of frame t are from the particle-free ``clean``.
 
+    ``clean`` is the scene without any particle.
     Root mean square in grey values over pixels that hold a particle in one of the frames
     around, but not now.
     """
@@ -177,7 +181,10 @@ def picture_verdicts(
 
 
 def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
-    """Return `run` of all settings of Tables 5.8 to 5.10, with ``family`` and ``row``."""
+    """Return `run` of all settings, with ``family`` and ``row``.
+
+    Tables 5.8 to 5.10 of the thesis.
+    """
     makers: dict[str, Callable[[Any], Clusterer]] = {
         "dbscan": lambda row: DBSCAN(row.epsilon_mm, row.minPts),
         "mo": lambda row: MorphologicalClustering(row.R),
@@ -194,7 +201,7 @@ def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
 
 
 def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Return the counts of a family's settings by subset and in total, beside the publication.
+    """Return counts of a family's settings by subset and in total, beside published.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Methods compared in section 5.1.3: what each is given, and with which parameters."""
+"""Methods compared in section 5.1.3: their inputs and their parameters."""
 
 from __future__ import annotations
 
@@ -78,7 +78,10 @@ def eight_bits(foreground: Foreground) -> Foreground:
 
 
 def from_cloud(clusterer: Clusterer) -> Method:
-    """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
+    """Return a clusterer as a method: the centre of each cluster's pixels.
+
+    Section 3.1 of the thesis.
+    """
 
     def centers(view: View) -> npt.NDArray[np.float64]:
         clusters = summarise(view.pixels, view.xyz, clusterer(view.xyz))
@@ -126,7 +129,7 @@ def _combined(
 
 
 class _Remembered:
-    """A function of a view that remembers its value for the last view, for several methods."""
+    """A function of a view that keeps its last view's value, for several methods."""
 
     def __init__(self, function: Callable[[View], Any]) -> None:
         self.function = function
@@ -139,7 +142,10 @@ class _Remembered:
 
 
 def wall_points(xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return the calibrated points of a cloud on the wall: DBSCAN's largest cluster, first pass."""
+    """Return the calibrated points of a cloud on the wall.
+
+    These are DBSCAN's largest cluster, first pass.
+    """
     points = calibrate_points(xyz)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]

@@ -1,4 +1,7 @@
-"""Pictures of the detection experiment, after Figs 2.19, 3.10, 3.11 and 5.5 to 5.10."""
+"""Pictures of the detection experiment.
+
+After Figs 2.19, 3.10, 3.11 and 5.5 to 5.10 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,10 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
 
 
 def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
-    """Draw the wall's points (n, 3) in mm along the fitted axis, and their distance to it."""
+    """Draw the wall's points (n, 3) in mm along the fitted axis, and their distance.
+
+    The distance is that to the axis.
+    """
     picture, (panels,) = canvas(1, 2, width_mm=PAGE_MM, height_mm=75)
     panels[0].plot(points[:, 0], points[:, 1], ",", color="black")
     distance = cylinder.distance_to_axis(points, fit)
@@ -136,7 +142,10 @@ def draw_axis_distances(
 
 
 def _part(axes: Axes, image: npt.NDArray[Any], box: Sequence[int], title: str, **look: Any) -> None:
-    """Draw a rectangle (top, bottom, left, right) of an image, axes in pixels of the frame."""
+    """Draw a rectangle of an image, axes in pixels of the frame.
+
+    The rectangle is (top, bottom, left, right).
+    """
     top, bottom, left, right = box
     extent = (left, right, bottom, top)
     axes.imshow(image[top:bottom, left:right], cmap="gray", extent=extent, **look)
@@ -163,7 +172,7 @@ def draw_keypoints_and_clusters(
     roi: Sequence[tuple[float, float]],
     **size: Any,
 ) -> Figure:
-    """Draw a frame with keypoints as circles, clusters as dots and the region of interest."""
+    """Draw a frame with keypoints (circles), clusters (dots), region of interest."""
     picture, ((axes,),) = canvas(**size)
     draw_frame(axes, gray, 4 if clusters is not None else 2)
     if clusters is not None:
@@ -176,7 +185,10 @@ def draw_keypoints_and_clusters(
 
 
 def draw_cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any]]) -> Figure:
-    """Draw up to three examples (keypoints, clusters, decided particles) of each case."""
+    """Draw up to three examples of each case.
+
+    An example is (keypoints, clusters, decided particles).
+    """
     middle = np.sqrt(np.median(gray))
     picture, grid = canvas(len(examples), 3, width_mm=110, height_mm=38 * len(examples))
     for (case, rows), panels in zip(examples.items(), grid, strict=True):
@@ -207,7 +219,10 @@ def draw_cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -
 
 
 def draw_backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
-    """Draw a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
+    """Draw a rectangle of a frame, the first, and of backgrounds.
+
+    The rectangle is (top, bottom, left, right).
+    """
     top, bottom, left, right = box
     picture, grid = canvas(3, 2, width_mm=PAGE_MM, height_mm=135)
     first = next(iter(images.values()))[top:bottom, left:right]

@@ -71,7 +71,7 @@ def _check(
 
 
 def _row_name(row: pd.Series) -> str:
-    """Return what tells a row from the others: values of text, names and values of numbers."""
+    """Return what tells a row from the others: texts, names and values of numbers."""
     texts = [str(row[name]) for name in ("subset", "test_set", "method") if name in row.index]
     numbers = [
         f"{name}={row[name]}"
@@ -95,7 +95,7 @@ def printed_rates(table: str) -> pd.DataFrame:
 
 
 def _recomputed_rates(table: str, *index: str) -> pd.DataFrame:
-    """Return precision, recall and F1 from the printed counts, by the columns ``index``."""
+    """Return precision, recall and F1 from printed counts, by the columns ``index``."""
     printed = printed_rates(table)
     exact = rates(*(printed[count].astype(float) for count in COUNTS))
     return pd.concat([printed[list(index)], exact], axis=1).set_index(list(index))
@@ -133,7 +133,10 @@ def check_sums() -> Iterator[Check]:
 
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
-    """Check the rows burning, unlit, on the wall, in air (burning or unlit) and all of these."""
+    """Check the rows burning, unlit, on the wall, in air and all of these.
+
+    In air: burning or unlit.
+    """
     counts = table[[*SUBSETS, "amount"]].astype(float)
     sums = {3: counts.iloc[:2].sum(), 4: counts.iloc[:3].sum()}
     for column in counts.columns:
@@ -147,7 +150,10 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
-    """Check the shares of all particles that have depth, or lie in the region of interest."""
+    """Check the shares of particles with depth, or in the region of interest.
+
+    Shares of all particles.
+    """
     share = "percentage_with_3d_info"
     for (name, row), (_, kept) in zip(everything.iterrows(), inside.iterrows(), strict=True):
         amount, where = float(row["amount"]), f"Table 5.3, {kept.name}"
@@ -179,7 +185,10 @@ def _particles(row: pd.Series) -> str:
 
 
 def check_durations() -> Iterator[Check]:
-    """Check the durations of App. A.1 against frames and frame rate (330, PE 153.85 per s)."""
+    """Check the durations of App. A.1 against frames and frame rate.
+
+    330 per s; PE 153.85 per s.
+    """
     flight = claims.published("flight")
     for _, row in flight[flight["quantity"] == "sequence_length"].iterrows():
         printed = re.search(r"\(([\d.]+) s\)", str(row["value_as_printed"]))
@@ -195,7 +204,7 @@ def recomputed_statements() -> dict[str, float]:
 
 
 def best_f1_of_3d_methods() -> pd.DataFrame:
-    """Return the settings with the best F1 of DBSCAN, MO and QCC, as printed and recomputed.
+    """Return the best F1 settings of DBSCAN, MO and QCC, as printed and recomputed.
 
     Returns
     -------
@@ -286,7 +295,10 @@ def _other_statements() -> dict[str, float]:
 
 
 def check_statements() -> Iterator[Check]:
-    """Check the sentences of statements.csv; those about words carry their correction."""
+    """Check the sentences of statements.csv.
+
+    Those about words carry their correction.
+    """
     table = pd.read_csv(paths.reference() / "statements.csv", dtype=str, keep_default_na=False)
     values = recomputed_statements()
     numbers = set(table.loc[table["expected"] != "", "id"])
@@ -309,7 +321,10 @@ def recompute() -> pd.DataFrame:
 
 
 def errata(checks: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return what disagrees: where (with the quantity), printed, recomputed, consequence."""
+    """Return what disagrees: where, printed, recomputed, consequence.
+
+    Where: with the quantity.
+    """
     table = recompute() if checks is None else checks
     wrong = table[~table["agrees"]]
     return pd.DataFrame(

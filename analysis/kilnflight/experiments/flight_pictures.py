@@ -211,7 +211,10 @@ def draw_budget_steps(budget: pd.DataFrame) -> Figure:
 
 
 def draw_measures_by_order(by_order: pd.DataFrame) -> Figure:
-    """Draw the four measures of fits over the order, a line for each axis (Fig. 4.23)."""
+    """Draw the four measures of fits over the order, a line for each axis.
+
+    Fig. 4.23 of the thesis.
+    """
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=100, sharex=True)
     titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)"}
     titles |= {"r2": "R2", "r2_adjusted": "adjusted R2"}
@@ -253,7 +256,7 @@ def draw_fits_in_space(
 def draw_simulated_paths(
     flown: Mapping[str, Flights], values: Mapping[str, Array], most: int, label: str, bar: float
 ) -> Figure:
-    """Draw simulated flights from the side, coloured by a value, a panel for each fraction."""
+    """Draw simulated flights from the side, coloured by a value, panel by fraction."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=95, sharex=True, sharey=True)
     every = np.concatenate([each.ravel() for each in values.values()])
     limits = np.nanquantile(every, [0.05, 0.95])
@@ -313,7 +316,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
 
 
 def draw_true_dwell(table: pd.DataFrame) -> Figure:
-    """Draw dwell times as boxes: a row for each ``version``, a column for each pressure."""
+    """Draw dwell times as boxes: rows are ``version``, columns pressures."""
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharey=True)
     for panels, version in zip(grid, table["version"].unique(), strict=True):
         panels[0].set_ylabel("dwell time (s)")

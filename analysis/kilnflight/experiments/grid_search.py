@@ -1,4 +1,4 @@
-"""Grid search for the settings of trackers: the same objective and the same rule for all.
+"""Grid search for settings of trackers: same objective, same rule for all.
 
 A setting is scored by its mean beta over the fractions, without post-processing: beta charges
 false tracks, and the published trackers have no post-processing. Every parameter has a grid of
@@ -136,7 +136,7 @@ def peer_grids() -> dict[str, Grid]:
 
 
 def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.DataFrame:
-    """Return what each setting of each tracker gives; the best of each tracker is chosen.
+    """Return what each tracker's settings give; the best of each tracker is chosen.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def _search(windows: list[Window], name: str, grid: Grid) -> pd.DataFrame:
 
 
 def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]:
-    """Return the means over the windows, the seconds of tracking, and why there are none."""
+    """Return means over windows, seconds of tracking, and why there are none."""
     begin = perf_counter()
     try:
         tracks = [tracker(window.detections) for window in windows]
@@ -218,7 +218,7 @@ def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str,
 
 
 def first_frames(window: Window, frames: int) -> Window:
-    """Return the first frames of a window, for trackers that are too slow for all of it."""
+    """Return a window's first frames, for trackers that are too slow for all of it."""
     part = window.frames[:frames]
     detections, truth = (
         table[table["frame"].isin(part)].reset_index(drop=True)

@@ -1,4 +1,6 @@
-"""Published trackers, called as ours: detections in, the same rows with ``particle`` out.
+"""Published trackers, called as ours: detections in, rows with ``particle`` out.
+
+The rows are those that went in.
 
 =================  =========================  ==================================================
 tracker            package                    how it links
@@ -220,7 +222,7 @@ class _StoneSoup(_ExternalTracker):
         check_count(self.missed_frames, f"{where}: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
-        """Return the track of each row: associate, update, start, give up, frame by frame."""
+        """Return each row's track: associate, update, start, give up, frame by frame."""
         from stonesoup.models.measurement.linear import LinearGaussian
         from stonesoup.models.transition import linear
         from stonesoup.predictor.kalman import KalmanPredictor
@@ -290,8 +292,9 @@ class StoneSoupGNN(_StoneSoup):
 
 @dataclass(frozen=True)
 class StoneSoupJPDA(_StoneSoup):
-    """Joint probabilities by Stone Soup; where gates overlap much they take minutes per frame.
+    """Joint probabilities by Stone Soup.
 
+    Where gates overlap much they take minutes per frame.
     Which detection a track is recorded with is not Stone Soup's affair; the rule is that of
     our own tracker, `kilnflight.tracking.tracker.record`.
     """
@@ -336,7 +339,7 @@ class StoneSoupJPDA(_StoneSoup):
 
 
 def _recorded(joint: dict[Any, Iterable[Any]], frame: Frame) -> dict[int, Any]:
-    """Return the detection that each track, by `id`, gets, by the rule of our own tracker."""
+    """Return the detection for each track, by `id`, by the rule of our own tracker."""
     column = {id(detection): 1 + k for k, detection in enumerate(frame.detections)}
     tracks = list(joint)
     weights = np.zeros((len(tracks), 1 + len(column)))

@@ -35,7 +35,7 @@ LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6
 def draw_grouped_boxes(
     axes: Axes, groups: Mapping[str, Sequence[Array]], labels: Sequence[str]
 ) -> None:
-    """Draw box plots side by side: a place per label, a box per group, outliers as crosses.
+    """Draw box plots: a place per label, a box per group, outliers as crosses.
 
     Below each box stands how many values it has.
 
@@ -78,7 +78,7 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
 def draw_curves(
     axes: Any, fits: Sequence[Fit], tracks: Sequence[pd.DataFrame], gray: bool = False
 ) -> None:
-    """Draw fitted trajectories in space, thick, with their detections, thin or by grey value.
+    """Draw fitted trajectories in space, thick; detections thin or by grey value.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def _label_space(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: i
 
 
 def draw_flown_paths(axes: Any, flights: Flights, most: int) -> None:
-    """Draw simulated flights in space, with a dot for every metre in depth (Fig. A.5)."""
+    """Draw simulated flights in space, a dot for every metre in depth (Fig. A.5)."""
     for k in range(min(most, len(flights.end))):
         path = flights.position_m[k]
         path = path[np.isfinite(path).all(axis=1)].astype(np.float64)
@@ -169,7 +169,7 @@ def draw_sums_and_tracks(
 
 
 def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
-    """Return fitted trajectories as a view that turns under the mouse, HTML without network.
+    """Return fitted trajectories as a view to turn by mouse, HTML without network.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
 
 
 def case_of(flight: Mapping[str, Any]) -> str | None:
-    """Return which of `CASES` a row of `kilnflight.tables.FLIGHTS` is; None: none of them.
+    """Return which of `CASES` a row of `kilnflight.tables.FLIGHTS` is, or None.
 
     Landed burning and burnt out are shown where ignition was seen, so that it can be drawn.
     """
@@ -275,7 +275,7 @@ def _from_the_lance(fit: Fit, places: Array) -> Array:
 
 
 def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
-    """Draw when a flight passes which metre, and the velocity between two of them (Eq. 5.8).
+    """Draw when a flight passes each metre, and the velocity between two (Eq. 5.8).
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) 
 
 
 def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
-    """Draw lines at the end of each slice, and its velocity; both arrays begin at the lance."""
+    """Draw lines at each slice's end, and its velocity; arrays begin at the lance."""
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
     look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "bbox": box}
     line: dict[str, Any] = {"color": "0.6", "lw": 0.6, "ls": ":"}
@@ -325,7 +325,7 @@ def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
 def draw_from_the_side(
     axes: Axes, flights: Flights, values: Array, limits: npt.ArrayLike, most: int
 ) -> LineCollection:
-    """Draw simulated flights from the side, as dark as a value is low; return what is coloured.
+    """Draw flights from the side, as dark as a value is low; return what is coloured.
 
     Parameters
     ----------
@@ -405,7 +405,7 @@ def draw_before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, v
 
 
 def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
-    """Draw grouped bars: a group per entry of ``along``, a bar per ``kind``, in colour and hatch.
+    """Draw bars: groups by entry of ``along``, one per ``kind``, in colour and hatch.
 
     Parameters
     ----------
@@ -427,7 +427,7 @@ def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str
 
 
 def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pixels: str) -> None:
-    """Draw F1 of methods with intervals, beside another criterion and the publication.
+    """Draw methods' F1 with intervals, beside another criterion and the publication.
 
     Parameters
     ----------

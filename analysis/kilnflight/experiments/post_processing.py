@@ -1,4 +1,7 @@
-"""Post-processing step by step, its variants, and the textures that it looks at (notebook 31)."""
+"""Post-processing step by step, its variants, and the textures it looks at.
+
+Notebook 31.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ Steps = Sequence[tracklets.Step]
 def compare_steps(
     windows: Iterable[Window],
 ) -> tuple[pd.DataFrame, dict[str, dict[str, pd.DataFrame]]]:
-    """Return the measures after GNN and each step of the post-processing, and the tracks.
+    """Return the measures after GNN and each post-processing step, and the tracks.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def variants() -> dict[str, Steps]:
 
 
 def compare_variants(windows: Iterable[Window], choices: Mapping[str, Steps]) -> pd.DataFrame:
-    """Return ``fraction``, ``variant`` and the measures of GNN's tracks after each variant."""
+    """Return ``fraction``, ``variant`` and measures of GNN's tracks after each."""
     rows = []
     for window in windows:
         tracks = track(window.detections)
@@ -135,7 +138,9 @@ def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float])
 
 
 def texture_table(with_track: Sequence[Array], without_track: Sequence[Array]) -> pd.DataFrame:
-    """Return Laws' energies of boxes with a track and of as many without a track (Fig. 4.13).
+    """Return Laws' energies of boxes with a track and as many without.
+
+    Fig. 4.13 of the thesis.
 
     Returns
     -------
@@ -155,7 +160,7 @@ def texture_table(with_track: Sequence[Array], without_track: Sequence[Array]) -
 
 
 def table_5_16() -> pd.DataFrame:
-    """Return the parameters of the post-processing as printed in Table 5.16, and as used here.
+    """Return post-processing parameters as printed in Table 5.16, and as used here.
 
     D, V and R are of `Elimination`; kn and t of `Connection`; theta and dV of
     `OutlierRemoval`; a to f of `Costs`; w of `LevelEdge`; the bare epsilon of `Fusion`.
@@ -187,7 +192,10 @@ def table_5_16() -> pd.DataFrame:
 
 
 def verdicts(measures: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdict]:
-    """Return the verdicts on Figs 4.13 and 4.14, from `compare_variants` and `texture_table`."""
+    """Return the verdicts on Figs 4.13 and 4.14.
+
+    From `compare_variants` and `texture_table`.
+    """
     alpha = measures.groupby("variant")["alpha"].mean()
     dual, hungarian = alpha["as printed"], alpha["Hungarian"]
     better = {f"mean alpha {dual:.4f} >= {hungarian:.4f}": bool(dual >= hungarian)}

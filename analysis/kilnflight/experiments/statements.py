@@ -1,5 +1,6 @@
-"""The published sentences about flight and ignition: as numbers (flight.csv), and as claims.
+"""The published sentences on flight and ignition, as numbers and as claims.
 
+Numbers: flight.csv.
 Each number is tied to one of the `kilnflight.scores.flights.outcomes`. Which of them the
 calibration may see is decided here, by campaign and quantity alone (design rule: wood chips and
 confetti at 4.5 bar; velocity, remaining share, dwell time, ignited share).
@@ -63,7 +64,7 @@ Evidence = dict[str, float | pd.Series | Mapping[str, bool]]
 
 
 def outcome_of(row: pd.Series) -> str:
-    """Return the name of the outcome that answers a row of flight.csv; empty if none does."""
+    """Return the name of the outcome answering a row of flight.csv; empty if none."""
     quantity, segment = row["quantity"], row["segment_m"]
     if quantity == "dwell_time" and row["statistic"] == "majority range":
         return "dwell > 0.4 s (%)" if row["value_high"] == "" else "dwell 0.3-0.4 s (%)"
@@ -84,7 +85,7 @@ def use_of(fraction: str, pressure_bar: float, outcome: str) -> str:
 
 
 def statements() -> pd.DataFrame:
-    """Return the numbers of flight.csv that have an outcome, one row per fraction and pressure.
+    """Return numbers of flight.csv with an outcome, a row per fraction and pressure.
 
     A sentence about several fractions becomes one row for each. "Most within 0.3 to 0.4 s"
     is read as a share of at least 50 %.
@@ -145,7 +146,7 @@ def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
 
 
 def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
-    """Return every statement with the answers of several versions, and whether they are within."""
+    """Return every statement with several versions' answers, and if they are within."""
     table = rows[[*KEYS, "outcome", "printed", "low", "high"]]
     names = {version: version.replace(" ", "_") for version in answers}
     table = table.assign(**{names[key]: values.round(3) for key, values in answers.items()})
@@ -156,7 +157,7 @@ def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataF
 
 
 def along_the_way(outcomes: Mapping[str, pd.DataFrame], rows: pd.DataFrame) -> pd.DataFrame:
-    """Return velocity and remaining share along the way in several versions, and as published.
+    """Return velocity and remaining share on the way, by version and as published.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def along_the_way(outcomes: Mapping[str, pd.DataFrame], rows: pd.DataFrame) -> p
 
 
 def beside_published(measured: Values, true: Values, quantities: Sequence[str]) -> pd.DataFrame:
-    """Return every printed number of some quantities with truth and measurement beside it.
+    """Return printed numbers of some quantities beside truth and measurement.
 
     Parameters
     ----------
@@ -227,7 +228,9 @@ def judge_all(
     note: str = "",
     resolved: Mapping[str, str] | None = None,
 ) -> list[claims.Verdict]:
-    """Return verdicts on claims about all eight campaigns; undecidable if flights are missing.
+    """Return verdicts on claims about all eight campaigns.
+
+    Undecidable if flights are missing.
 
     Parameters
     ----------
@@ -369,7 +372,7 @@ def ignition_verdicts(
 
 
 def _paper_conditions(share: pd.DataFrame, middle: pd.DataFrame) -> dict[str, bool]:
-    """Return what is claimed of papers; shares and median times by fraction and pressure."""
+    """Return claims on papers; shares and median times by fraction and pressure."""
     conditions = {}
     for bar in share.columns:
         often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
@@ -434,6 +437,6 @@ def _by_axis(tables: Measurement, column: str) -> dict[tuple[str, object], Array
 
 
 def order_gain(by_order: pd.DataFrame) -> float:
-    """Return by how much the mean adjusted R2 rises from order 6 to order 7; NaN if unknown."""
+    """Return the rise of mean adjusted R2 from order 6 to order 7; NaN if unknown."""
     mean = by_order.groupby("order")["r2_adjusted"].mean()
     return float(mean.get(7, float("nan")) - mean.get(6, float("nan")))

@@ -1,4 +1,4 @@
-"""Tracking experiment: trackers on windows of the campaigns, scored as in section 5.2.2.
+"""Tracking experiment: trackers on campaign windows, scored as in section 5.2.2.
 
     window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
 
@@ -64,7 +64,7 @@ class Window(NamedTuple):
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
-    """Return how many particles fly in so many frames from each of these first frames."""
+    """Return how many particles fly in so many frames from each first frame."""
     first = np.asarray(list(starts), dtype=np.intp)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
     released = table["release_s"].to_numpy() * rate
@@ -86,8 +86,9 @@ def scored_frames(twin: Twin, scale: str) -> range:
 
 
 def settings_frames(twin: Twin, scale: str) -> range:
-    """Return the busiest part of another window like that of Table 5.15, to find settings in.
+    """Return the busiest part of another window, to find settings in.
 
+    A window like that of Table 5.15.
     Like: as long, with as near to as many particles as Table 5.15 counts, and far away.
     """
     window = tracking_window(twin)
@@ -131,7 +132,10 @@ def windows(
 
 
 def measure_tracks(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
-    """Return the four measures, JSC in the thesis's narrower wording, and counts of tracks."""
+    """Return the four measures, JSC in its narrower wording, and counts of tracks.
+
+    The wording is the thesis's.
+    """
     score = score_tracks(truth, tracks, GATE_PX)
     row = {name: float(getattr(score, name)) for name in MEASURES}
     names = ("jsc_spurious_only", "tp_tracks", "fn_tracks", "fp_tracks")
@@ -139,7 +143,7 @@ def measure_tracks(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float
 
 
 def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
-    """Return the measures of every tracker on every window, without and with post-processing.
+    """Return measures by tracker and window, without and with post-processing.
 
     Returns
     -------
@@ -157,7 +161,10 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
 
 
 def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple[float, float]:
-    """Return seconds (best of some runs) and the peak of memory in MiB of tracking, in all."""
+    """Return seconds and the peak of memory in MiB of tracking, in all.
+
+    Seconds: the best of some runs.
+    """
     seconds, peak = 0.0, 0.0
     for window in windows:
         tracker(window.detections)  # compiled
@@ -177,7 +184,7 @@ def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple
 def track_and_postprocess(
     window: Window, tracker: Tracker
 ) -> Iterator[tuple[str, pd.DataFrame, float]]:
-    """Yield the tracks of a window "without" and "with" post-processing, and the seconds."""
+    """Yield a window's tracks "without", "with" post-processing, and the seconds."""
     begin = time.perf_counter()
     tracks = tracker(window.detections)
     yield "without", tracks, time.perf_counter() - begin
@@ -239,7 +246,10 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
 
 
 def window_table(windows: Sequence[Window]) -> pd.DataFrame:
-    """Return frames, trajectories, positions and detections of windows beside Table 5.15."""
+    """Return frames, trajectories, positions and detections of windows.
+
+    Beside Table 5.15.
+    """
     printed = claims.published("table_5.15")
     amount = printed["amount_of_trajectories"].set_axis(printed["fraction"].str.lower())
     rows = [
@@ -258,7 +268,7 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
 
 
 def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return every measure of `tracking.run` (``recomputed``) beside that of Table 5.17."""
+    """Return measures of `tracking.run` (``recomputed``) beside Table 5.17's."""
     printed = claims.published("table_5.17")
     printed = printed.assign(
         fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
@@ -269,13 +279,13 @@ def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def gains(cells: pd.DataFrame) -> pd.Series:
-    """Return by how much post-processing raises each measure, from `beside_table_5_17`."""
+    """Return each measure's rise by post-processing, from `beside_table_5_17`."""
     wide = _stages(cells)
     return wide["with"] - wide["without"]
 
 
 def _stages(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the measures by fraction, tracker and measure; columns "with" and "without"."""
+    """Return measures by fraction, tracker, measure; columns "with" and "without"."""
     keys = ["fraction", "tracker", "measure"]
     return cells.pivot(index=keys, columns="postprocessing", values="recomputed")
 
@@ -317,7 +327,10 @@ def verdicts(
 
 
 def _conditions(cells: pd.DataFrame) -> dict[str, dict[str, bool]]:
-    """Return by claim the conditions that need all four fractions, from `beside_table_5_17`."""
+    """Return by claim the conditions that need all four fractions.
+
+    From `beside_table_5_17`.
+    """
     wide, gain = _stages(cells), gains(cells)
     first = wide["without"].unstack("measure")[["alpha", "beta"]].max(axis="columns")
     rest = first.drop("wood chip", level="fraction")
@@ -401,7 +414,7 @@ class Differences:
 
 
 def _overlap(start: int, size: int, low: int, high: int) -> tuple[slice, slice]:
-    """Return where a piece meets the range from low to high, counted from the start of each."""
+    """Return where a piece and the range low to high meet, from the start of each."""
     first, stop = max(start, low), min(start + size, high)
     return slice(first - start, stop - start), slice(first - low, stop - low)
 

@@ -165,7 +165,7 @@ def calibrate() -> dict[str, object]:
 
 
 def read_fit(path: Path = FLIGHT_FILE) -> dict[str, object]:
-    """Return the content of the calibration; it must have been made for today's targets.
+    """Return the calibration's content; it must have been made for today's targets.
 
     Raises
     ------

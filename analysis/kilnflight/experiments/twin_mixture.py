@@ -71,7 +71,7 @@ def solve(name: str, seed: int, rounds: int = 6, tries: int = 40) -> dict[str, i
 def refine(
     off: dict[tuple[int, ...], float], measure: Callable[[tuple[int, ...]], object], tries: int
 ) -> tuple[int, ...]:
-    """Return the sizes that are least off, after trying neighbours of the best in turn.
+    """Return the least-off sizes, after trying neighbours of the best in turn.
 
     Parameters
     ----------
