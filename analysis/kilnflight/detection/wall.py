@@ -5,8 +5,7 @@ r"""The kiln's wall as a cylinder, and what is in the air (thesis, sections 3.2 
     wall points -> CylinderFit -> Cylinder -> distance_to_axis -> crossing (the threshold)
                                          \-> InAir
 
-The fit is MLESAC (Torr and Zisserman, Computer Vision and Image Understanding 78, 2000;
-reference 113 of the thesis).
+The fit is MLESAC (Torr and Zisserman 2000, reference 113 of the thesis).
 """
 
 from __future__ import annotations
@@ -120,7 +119,7 @@ class CylinderFit:
         ------
         InputError
             If the points are not finite, not (n, 3) or fewer than ten, or hold no cylinder:
-            too few lie on the best one, or it cannot be told from a plane, a ball or a line.
+            too few lie on the best one, or it could be a plane, a ball or a line as well.
         """
         points = np.ascontiguousarray(check_finite(points_mm, "cylinder fit: points"))
         check_shape(points, (None, 3), "cylinder fit: points")
@@ -129,20 +128,17 @@ class CylinderFit:
                 f"cylinder fit: {len(points)} point(s) do not determine a cylinder; give at "
                 f"least {FEWEST_POINTS} points of the wall."
             )
-        generator = np.random.default_rng(seed)
-        scored = points
+        generator, scored = np.random.default_rng(seed), points
         if len(points) > SCORED_POINTS:
             scored = points[generator.choice(len(points), SCORED_POINTS, replace=False)]
-        trial = search(scored, self, generator)
-        if trial is None:
+        if (trial := search(scored, self, generator)) is None:
             raise _no_cylinder("its points are in one line or plane")
         return self._checked(points, refine(points, trial, self))
 
     def _checked(self, points: Array, axis: Axis) -> Cylinder:
         """Return the cylinder with its quality, or raise where the cloud holds none."""
         signed = residuals(points, axis)
-        near = np.abs(signed) <= self.max_distance_mm
-        inliers = int(np.count_nonzero(near))
+        inliers = int((near := np.abs(signed) <= self.max_distance_mm).sum())
         if inliers < max(self.min_share * len(points), FEWEST_POINTS):
             raise _no_cylinder(
                 f"of {len(points)} points {inliers} lie within {self.max_distance_mm:g} mm of the "

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from math import comb, perm
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -243,7 +242,7 @@ def draw_events(
     rows, names = ["D1", "D2", "D3", "D4"], ["Ω", *(f"Ω{k}" for k in range(1, 1 + len(events)))]
     for axes, name, matrix in zip(rest, names, [validation, *events], strict=False):
         _matrix(axes, matrix, name, ["–", "T1", "T2"], rows)
-    betas = {"joint": "β, joint", "independent": "β, independent"}
+    betas = {"joint": "β, joint", "independent": "β, each alone"}
     for axes, (column, name) in zip(rest[len(names) :], betas.items(), strict=True):
         matrix = table[column].to_numpy().reshape(5, 2)
         _matrix(axes, matrix, name, ["T1", "T2"], ["–", *rows])
@@ -252,7 +251,6 @@ def draw_events(
             axes.text(j + 0.5, i + 0.55, f"{value:.2f}", fontsize=6, ha="center", va="center")
     bound = most_events(2, 4)
     picture.suptitle(f"{len(events)} joint events of at most {bound} (Eq. 2.62)", fontsize=8)
-    plt.close(picture)  # shown when it is saved
     return picture
 
 

@@ -36,6 +36,8 @@ def draw_k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
         axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
     axes.set(xscale="log", yscale="log", xlabel="points, sorted")
     axes.set_ylabel("distance to neighbour k (mm)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
     axes.legend()
     return picture
 

@@ -36,9 +36,10 @@ from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, 
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, ignition_histogram
 from kilnflight.twin.flight import Flights
+from kilnflight.twin.particles import FRACTIONS
 
 Array = npt.NDArray[np.float64]
-TOPS = {"velocity": 18.0, "remaining": 105.0}  # of the axes
+TOPS = {"velocity": 18.0, "remaining": 105.0}  # of the axes: m/s above all true medians, %
 LABELS = {"velocity": "median velocity (m/s)", "remaining": "remaining particles (%)"}
 
 
@@ -288,8 +289,8 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     versions
         First the dotted, then the solid version.
     """
-    names, quantities = (list(table[column].unique()) for column in ("fraction", "quantity"))
-    quantities.sort(reverse=True)
+    names = [name for name in FRACTIONS if (table["fraction"] == name).any()]
+    quantities = sorted(table["quantity"].unique(), reverse=True)
     size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 20 + 40 * len(quantities)}
     picture, grid = canvas(len(quantities), len(names), **size, sharex=True)
     for axes, (quantity, name) in zip(grid.flat, product(quantities, names), strict=True):

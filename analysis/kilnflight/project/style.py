@@ -96,9 +96,11 @@ def canvas(
     """
     with style():
         size = (width_mm / 25.4, height_mm / 25.4)
-        return plt.subplots(
+        picture, grid = plt.subplots(
             rows, columns, figsize=size, squeeze=False, layout="constrained", **arguments
         )
+    plt.close(picture)  # a page shows it where it is saved, and only there
+    return picture, grid
 
 
 def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
