@@ -17,7 +17,7 @@ FORMATS = ("csv", "challenge", "napari", "trackmate", "trackpy")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Import your own recordings, export the twin's, say what one holds, detect, track, or all."""
+    """Import, export and inspect recordings; detect, track or run it all."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if "--exit-point" in words[:-1]:  # argparse takes -77,250,6828 for an option
         k = words.index("--exit-point")

@@ -1,4 +1,4 @@
-r"""Data association: which detection continues which track (thesis, sections 2.3 and 4.1.3).
+r"""Data association: the detections that continue the tracks.
 
     gated pairs of n tracks and m detections -> associator -> weights (n, 1 + m)
 
@@ -50,7 +50,7 @@ SMALL = 2**12  # states; summing them costs less than trying other orders
 
 
 class Pairs(NamedTuple):
-    """All pairs of n tracks and m detections of one frame, after the gate (section 4.1.2)."""
+    """Gated pairs of the n tracks and m detections of one frame."""
 
     distance_squared: Array  # (n, m) squared Mahalanobis distance; inf outside the gate
     log_determinant: Array  # (n,) ln |S_i|, S_i the residual covariance in px^2 (Eq. 2.50)
@@ -65,7 +65,7 @@ Associator = Callable[[Pairs], Array]  # weights (tracks, 1 + detections); colum
 
 @dataclass(frozen=True)
 class _ByCost:
-    """Costs of Eq. 4.9 with the threshold C_NA, for one detection or none per track."""
+    """Give each track one detection or none, by the costs of Eq. 4.9."""
 
     # a_0, per 3D point: 100 points weigh as one unit of squared distance. In the twin half of the
     # particles change by 7 points or less from frame to frame, one in twenty by more than 200.
@@ -82,9 +82,9 @@ class _ByCost:
             raise InputError(f"{where}: nonassignment_cost is {cost!r}, expected a finite number.")
 
     def _costs(self, pairs: Pairs) -> Array:
-        """Return the cost of each pair by Eq. 4.9, (n, m); inf outside the gate and above C_NA.
+        """Return the cost (n, m) of each pair by Eq. 4.9.
 
-        Eq. 4.9 prints ln |P|; taken is S of section 2.3.2 (Eq. 2.50), which scales d^2.
+        Inf outside the gate and above C_NA. Taken is ln |S| (Eq. 2.50), not ln |P| as printed.
         """
         pairs = _checked(pairs)
         costs = pairs.distance_squared + pairs.log_determinant[:, None]
@@ -118,7 +118,7 @@ class NearestNeighbor(_ByCost):
 
 @dataclass(frozen=True)
 class GNN(_ByCost):
-    """Find the assignment of least global cost, Eqs 2.49 and 4.9 with the threshold C_NA.
+    """Find the assignment of least global cost (Eqs 2.49 and 4.9).
 
     A column of its own per track, which costs C_NA, gives the optimum of the thesis's square
     problem without a large C. A pair of exactly C_NA is taken.
@@ -133,7 +133,7 @@ class GNN(_ByCost):
 
 @dataclass(frozen=True)
 class _ByLikelihood:
-    """Likelihoods of Eqs 4.11 to 4.13, for probabilities of all detections in a gate."""
+    """Weight detections by the likelihoods of Eqs 4.11 to 4.13."""
 
     # P_D, "appropriately large": a little above the detector's recall of 0.86 (Table 5.11).
     detection_probability: float = 0.9
@@ -147,9 +147,9 @@ class _ByLikelihood:
         check_inside(self.detection_probability, 0, 1, f"{where}: detection_probability")
 
     def _logs(self, pairs: Pairs) -> tuple[Array, Array]:
-        """Return ln e_j (n, m), -inf outside the gate, and ln b (n,): Eqs 4.11 to 4.13.
+        """Return ln e_j (n, m) and ln b (n,) of Eqs 4.11 to 4.13.
 
-        A track with an empty gate is missed for certain; its ln b is set to 0.
+        Outside the gate ln e_j is -inf. With an empty gate, a certain miss, ln b is 0.
         """
         pairs = _checked(pairs)
         log_e = -0.5 * (pairs.distance_squared + self.size_weight * pairs.size_difference)
@@ -164,9 +164,9 @@ class _ByLikelihood:
 
 @dataclass(frozen=True)
 class PDA(_ByLikelihood):
-    """Weight all detections in a track's gate as if it were alone, Eqs 4.10 to 4.13.
+    """Weight each track's detections as if it were alone (Eqs 4.10 to 4.13).
 
-    Taken is e_j = exp(-(d^2 + a_0 |N_d - N_p|) / 2), the source's form [47]: as printed, the
+    Taken is e_j = exp(-(d^2 + a_0 |N_d - N_p|) / 2), the source's form [47]. As printed, the
     determinant enters twice, and e_j against b is not free of units. The second line of Eq. 4.10
     prints "i = 0" for no detection, j = 0. m(i) counts the whole gate, depth included.
     """
@@ -181,10 +181,10 @@ class PDA(_ByLikelihood):
 class JPDA(_ByLikelihood):
     """Weight detections jointly: each belongs to at most one track.
 
-    `joint_probabilities` sums over all joint events, Eq. 2.64, and warns where a group is too
-    dense: more than 2^20 states (15 tracks that all share 31 detections; 0.1 s per frame).
-    The weight of an event, open in section 4.1.3, is the product of e_j of its pairs and b of
-    its missed tracks: `PDA` where nothing is shared.
+    `joint_probabilities` sums over all joint events, Eq. 2.64. It warns where a group is too
+    dense: more than 2^20 states (15 tracks that all share 31 detections; 0.1 s per frame). The
+    weight of an event, open in section 4.1.3, is the product of e_j of its pairs and b of its
+    missed tracks: `PDA` where nothing is shared.
     """
 
     def __call__(self, pairs: Pairs) -> Array:
@@ -193,14 +193,14 @@ class JPDA(_ByLikelihood):
 
 
 def one_hot(detection: Integers, detections: int) -> Array:
-    """Return weights (n, 1 + m) of tracks that take one detection each, or none (-1)."""
+    """Return weights (n, 1 + m) of one detection per track, or none (-1)."""
     weights = np.zeros((len(detection), 1 + detections))
     weights[np.arange(len(detection)), 1 + detection] = 1.0
     return weights
 
 
 def assign(cost: Array, missed: Array) -> Integers:
-    """Return the detection (n,) of each track, -1: none, in the assignment of least cost.
+    """Return each track's detection (n,) at the least cost, -1: none.
 
     ``cost`` is (n, m), inf where a pair is impossible, ``missed`` (n,) that of a missed track.
     At equal cost a track takes the first detection rather than none (section 2.3.2).
@@ -215,10 +215,10 @@ def assign(cost: Array, missed: Array) -> Integers:
 def joint_probabilities(
     likelihood: npt.ArrayLike, nonassignment: npt.ArrayLike, most_states: int = MOST_STATES
 ) -> Array:
-    """Return the probability of each track's detection over all joint events, Eq. 2.64, thesis.
+    """Return each track's probabilities over all joint events (Eq. 2.64).
 
     The weight of a joint event is the product of the likelihoods of its pairs and of the
-    nonassignment of its missed tracks; each detection is in at most one pair.
+    nonassignment of its missed tracks. Each detection is in at most one pair.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def _marginals(log_likelihood: Array, log_nonassignment: Array, most_states: int
 def _scaled(
     log_likelihood: Array, log_nonassignment: Array
 ) -> tuple[Array, Array, Array, Integers]:
-    """Return weights of pairs, of tracks and of detections left alone, and the best event.
+    """Return weights scaled by the best joint event, and that event.
 
     Factors are the dual prices of the best event (Bellman and Ford). It becomes a product of
     ones, and no weight is above 1: nothing overflows, and what underflows does not count.
@@ -326,7 +326,7 @@ def _shared(pairs: Array, unused: Array) -> npt.NDArray[np.bool_]:
 
 
 def _orders(pairs: Array, unused: Array) -> list[tuple[list[int], float]]:
-    """Return an order of elimination, and its states, for each group that shares detections."""
+    """Return each group's order of elimination and number of states."""
     near: dict[int, set[int]] = {}
     for track, detection in np.argwhere(_shared(pairs, unused)).tolist():
         near.setdefault(track, set()).add(len(pairs) + detection)
@@ -345,7 +345,7 @@ def _orders(pairs: Array, unused: Array) -> list[tuple[list[int], float]]:
 
 
 def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
-    """Return a group's vertices in the order in which they leave, and the states of all tables.
+    """Return the order in which a group's vertices leave, and its states.
 
     Next leaves the vertex that lets the frontier, those that have lost a neighbour, grow least.
     """
@@ -361,7 +361,7 @@ def _order(near: dict[int, set[int]], start: int) -> tuple[list[int], float]:
 
 
 def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
-    """Write the probabilities of a group's pairs, and on the diagonal of vertices without one.
+    """Write a group's probabilities: of pairs, and on the diagonal of none.
 
     Vertices leave the graph one by one: alone, or matched with a neighbour that is still there.
     A table has an axis for each frontier vertex (0: free, 1: matched) and holds the summed weight
@@ -399,7 +399,7 @@ def _sum_events(order: list[int], weights: Array, chances: Array) -> None:
 
 
 def _thin(pairs: Array, unused: Array, best: Integers, group: list[int], most_states: int) -> None:
-    """Set the weakest pairs of a group that does not fit to 0, those of the best event last."""
+    """Set the weakest pairs of a dense group to 0, the best event's last."""
     inside = np.isin(np.arange(len(pairs)), group)
     tracks, detections = np.nonzero(pairs * inside[:, None])
     weakness = -pairs[tracks, detections] - (best[tracks] == detections)
@@ -424,7 +424,7 @@ def _thin(pairs: Array, unused: Array, best: Integers, group: list[int], most_st
 
 
 def _checked(pairs: Pairs) -> Pairs:
-    """Return the pairs as float64 arrays, or raise an `InputError` that names the bad field."""
+    """Return the pairs as float64 arrays, or raise an `InputError`."""
     check_kind(pairs, Pairs, "pairs")
     distance, determinant, size, area = (np.asarray(field, np.float64) for field in pairs[:4])
     check_shape(distance, (None, None), "pairs: distance_squared (tracks, detections)")

@@ -1,6 +1,6 @@
-"""The cameras: depth of the plenoptic one, region of interest, temperature of the wall.
+"""Calibrations of cameras: depth, region of interest, wall temperature.
 
-The plenoptic camera reports a captured depth; a test plate at 1, 2, ..., 11 m showed that
+The plenoptic camera reports a captured depth. A test plate at 1, 2, ..., 11 m showed that
 it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
 depth with one quadratic per range (section 2.1.5, thesis). All depths are in millimetres.
 
@@ -27,7 +27,7 @@ Corners = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class DepthCalibration:
-    """Polynomials from captured to true depth, one per segment of the captured depth.
+    """Map captured to true depth by one polynomial per segment.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class DepthCalibration:
     closed_left: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse breakpoints that do not ascend, and a number of segments that does not fit."""
+        """Refuse breakpoints that descend or do not fit the polynomials."""
         if any(high <= low for low, high in pairwise(self.breakpoints_mm)):
             raise InputError(f"breakpoints {self.breakpoints_mm} do not ascend; sort them.")
         if len(self.coefficients) != len(self.breakpoints_mm) + 1:
@@ -64,7 +64,7 @@ class DepthCalibration:
         return index
 
     def __call__(self, captured_mm: npt.ArrayLike) -> Array:
-        """Return the calibrated depth, in mm, in the shape of ``captured_mm``."""
+        """Return the calibrated depth in mm, in the shape of the input."""
         depth = check_finite(captured_mm, "captured depth")
         segment = self.segment(depth)
         segments = [segment == index for index in range(len(self.coefficients))]
@@ -77,10 +77,11 @@ class DepthCalibration:
         return np.array([np.polyval(b, at) - np.polyval(a, at) for (a, b), at in ends])
 
     def falling(self, low_mm: float, high_mm: float, step_mm: float = 0.1) -> Array:
-        """Return the captured depths in [low, high] at which the calibrated depth falls.
+        """Return the captured depths at which the calibrated depth falls.
 
-        A calibration that falls gives two particles in the wrong order of depth. The
-        slope is evaluated on a grid; jumps are reported by `jumps`.
+        They lie between ``low_mm`` and ``high_mm``. A calibration that falls gives two particles
+        in the wrong order of depth. The slope is evaluated on a grid; jumps are reported by
+        `jumps`.
         """
         depth = np.arange(low_mm, high_mm, step_mm)
         slopes = np.stack([np.polyval(np.polyder(np.array(c)), depth) for c in self.coefficients])
@@ -98,7 +99,7 @@ EQUATION_2_4 = DepthCalibration(
     closed_left=(True, False),
 )
 
-# The plate stood at 1 m to 11 m; beyond what was seen at those ends Eq. 2.4 extrapolates.
+# The plate stood at 1 m to 11 m; beyond them Eq. 2.4 extrapolates.
 PLATE_DISTANCES_MM = tuple(1000.0 * metre for metre in range(1, 12))
 
 
@@ -113,7 +114,7 @@ def calibrate_depth(z: npt.ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        Calibrated depth in mm. The equation is evaluated as printed everywhere; it was
+        Calibrated depth in mm. The equation is evaluated as printed everywhere. It was
         fitted to plates from 1 m to 11 m, falls between 2591 and 3000 mm and is
         negative below 1274 mm (see notebook 02).
 
@@ -131,7 +132,7 @@ def calibrate_depth(z: npt.ArrayLike) -> Array:
 
 
 def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4) -> list[float]:
-    """Return every captured depth that the calibration maps to ``true_mm``, ascending.
+    """Return the captured depths of a true depth, ascending.
 
     Eq. 2.4 is not one to one: a true depth of 3 m is reached from 2065 and 3118 mm.
     """
@@ -144,10 +145,10 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
 
 
 def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4) -> Array:
-    """Return the captured depth of true depths: the solution nearest to the true depth.
+    """Return the captured depth of each true depth.
 
-    The rule settles the ambiguity as the text does ("the median depth from 3 m to 5 m is
-    very close to the actual value").
+    Of several solutions it is the one nearest to the true depth. The text settles the ambiguity
+    likewise ("the median depth from 3 m to 5 m is very close to the actual value").
 
     Raises
     ------
@@ -172,7 +173,7 @@ def fit_depth_segments(
     *,
     continuous: bool = False,
 ) -> DepthCalibration:
-    """Fit one polynomial per segment of the captured depth, as led to Eq. 2.4.
+    """Fit one polynomial per segment of the captured depth, as in Eq. 2.4.
 
     Least squares of the true on the captured depth. With ``continuous`` the polynomials
     are fitted together, under the condition that neighbours agree at the breakpoints
@@ -250,7 +251,9 @@ def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
 
 
 def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Return which pixels lie in a region of interest, in the shape of ``row`` and ``col``.
+    """Return whether each pixel lies in a region of interest.
+
+    The shape is that of ``row`` and ``col``.
 
     Parameters
     ----------
@@ -335,9 +338,9 @@ def equalize(picture: npt.NDArray[np.generic], corners: Corners, rows: int, colu
 def wall_profile(
     picture: npt.NDArray[np.generic], corners: Corners, rows: int = 200, columns: int = 100
 ) -> Array:
-    """Return the mean of each row of the equalised trapezoid, (rows,), far end first.
+    """Return the mean of each row of the equalised trapezoid.
 
-    Rows are evenly spaced on the wall if the trapezoid is a strip of constant width seen in
-    perspective.
+    An array (rows,), the far end first. Rows are evenly spaced on the wall if the trapezoid is a
+    strip of constant width seen in perspective.
     """
     return equalize(picture, corners, rows, columns).mean(axis=1)

@@ -1,4 +1,4 @@
-"""The one place that words an error about input: what was wrong, where, what to do."""
+"""Checks of input, the only place that words their errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LARGEST_WHOLE = 2.0**53  # above it a float no longer holds every whole number
 
 
 class InputError(ValueError):
-    """Input that cannot be used; the message says what, where and what to do."""
+    """Unusable input; the message says what, where and what to do."""
 
 
 def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> None:
@@ -40,7 +40,7 @@ def check_columns(table: pd.DataFrame, columns: Sequence[str], where: str) -> No
 
 
 def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], where: str) -> None:
-    """Raise an `InputError` unless ``array`` has ``shape`` (None: any length)."""
+    """Raise an `InputError` unless ``array`` has ``shape`` (None: any)."""
     if array.ndim != len(shape) or any(
         expected not in (None, length) for length, expected in zip(array.shape, shape, strict=True)
     ):
@@ -49,7 +49,7 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
 
 
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
-    """Return ``values`` as float64, or raise an `InputError` naming the first bad one."""
+    """Return ``values`` as float64, or raise an `InputError`."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":  # numpy would make numbers of dates and of texts
@@ -58,7 +58,7 @@ def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}: {values!r} is not made of numbers ({error}).") from error
     finite = np.isfinite(array)
-    if not finite.all():  # looked up only then: it takes eight times as long
+    if not finite.all():  # searched only then: it takes eight times as long
         bad = np.argwhere(~finite)
         index = tuple(bad[0].tolist())
         raise InputError(
@@ -99,9 +99,10 @@ def check_whole(values: pd.Series, where: str) -> npt.NDArray[np.int64]:
 def order_tracks(
     table: pd.DataFrame, where: str, clock: str = "frame"
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]:
-    """Return the rows of tracks by particle and time, their particles and their times.
+    """Return the rows, particles and times of tracks, in order.
 
-    Rows of particle -1 are in no track. Times are whole frames, or floats of another ``clock``.
+    The order is by particle, then by time. Rows of particle -1 are in no track. Times are whole
+    frames, or floats of another ``clock``.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def order_tracks(
 
 
 def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:
-    """Return a column as float64, NaN where nothing is known, or raise an `InputError`."""
+    """Return a column as float64, NaN for gaps, or raise an `InputError`."""
     try:
         if len(values) and not (is_real(values) or values.dtype == object):
             raise TypeError(f"it holds {values.dtype}")
@@ -142,12 +143,12 @@ def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:
 
 
 def is_real(values: pd.Series) -> bool:
-    """Return whether a column holds real numbers: no dates, texts, complex or truth values."""
+    """Return whether a column holds real numbers and nothing else."""
     return values.dtype.kind in "iuf"
 
 
 def is_number(value: object) -> bool:
-    """Return whether ``value`` is one finite real number; a truth value is none."""
+    """Return whether ``value`` is one finite real number, no truth value."""
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # a whole number that no float holds
@@ -160,35 +161,35 @@ def _check(holds: bool, rule: str, value: object, where: str) -> None:
 
 
 def check_positive(value: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a number, finite and above zero."""
+    """Raise an `InputError` unless ``value`` is a number above 0."""
     _check(is_number(value) and value > 0, "above 0", value, where)
 
 
 def check_at_least(value: float, least: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a finite number, ``least`` or above."""
+    """Raise an `InputError` unless ``value`` is ``least`` or above."""
     _check(is_number(value) and value >= least, f"{least} or above", value, where)
 
 
 def check_between(value: float, least: float, most: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a number from ``least`` to ``most``."""
+    """Raise an `InputError` unless ``least <= value <= most``."""
     holds = is_number(value) and least <= value <= most
     _check(holds, f"{least:g} to {most:g}", value, where)
 
 
 def check_inside(value: float, least: float, most: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a number above ``least`` and below ``most``."""
+    """Raise an `InputError` unless ``least < value < most``."""
     holds = is_number(value) and least < value < most
     _check(holds, f"above {least:g} and below {most:g}", value, where)
 
 
 def check_limit(value: float, where: str) -> None:
-    """Raise an `InputError` unless ``value`` is a number, 0 or above; inf is no limit."""
+    """Raise an `InputError` unless ``value`` is 0 or above, or infinite."""
     if not (isinstance(value, float) and value == np.inf):
         check_at_least(value, 0, where)
 
 
 def check_count(count: float, where: str, least: int = 1) -> None:
-    """Raise an `InputError` unless ``count`` is a whole number, ``least`` or above."""
+    """Raise an `InputError` unless ``count`` is whole, ``least`` or above."""
     holds = is_number(count) and count == int(count) and count >= least
     _check(holds, f"a whole number from {least}", count, where)
 
@@ -199,7 +200,7 @@ def check_kind(value: object, kind: type, where: str) -> None:
 
 
 def check_offers(value: object, methods: Sequence[str], where: str) -> None:
-    """Raise an `InputError` unless ``value`` has the methods; a class is not its instance."""
+    """Raise an `InputError` unless ``value`` has these methods."""
     if isinstance(value, type):
         raise InputError(
             f"{where}: {value.__name__} is a class; pass an instance, {value.__name__}()."
@@ -210,12 +211,12 @@ def check_offers(value: object, methods: Sequence[str], where: str) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise an `InputError` if there is a file or folder of this name already."""
+    """Raise an `InputError` if the file or folder exists already."""
     if path.exists():
         raise InputError(f"{path}: exists already. Delete it or choose another target.")
 
 
 def check_target(path: Path) -> None:
-    """Raise an `InputError` unless the folder exists in which a file is to be written."""
+    """Raise an `InputError` unless the folder of a new file exists."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: its folder does not exist. Make it first.")

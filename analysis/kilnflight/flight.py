@@ -1,4 +1,4 @@
-r"""What a flight is: where it starts, when and how it ends, how fast it is (section 5.3.1).
+r"""Flights: their start, end, dwell time and velocity (section 5.3.1).
 
 ::
 
@@ -48,17 +48,17 @@ EPSILON = 1e-14  # share of the largest term below which another one moves nothi
 
 @dataclass(frozen=True)
 class StartsAtLance:
-    """Tell whether a trajectory starts at the lance; only such ones count (Fig. 4.21).
+    """Decide whether a trajectory starts at the lance (Fig. 4.21).
 
     Notes
     -----
-    The thesis prints no criterion. Here the median distance of the first positions with
-    depth from the exit point is within one slice of Eq. 5.8, so that the first slice was
-    observed; and the regression's t0 is not the earliest of its range, which would say that the
-    polynomials found no way back to the lance. The latest of the range, at the first detection,
-    is where it lies if a particle was seen from the exit on. The median of three bears one
-    wrong depth. And it leaves the exit towards the camera: polynomials that start backwards
-    and swing round behind the lance have found an exit that the particle did not take.
+    The thesis prints no criterion. Here the median distance of the first positions with depth from
+    the exit point is within one slice of Eq. 5.8, so that the first slice was observed. The
+    regression's t0 is not the earliest of its range, where the polynomials found no way back to
+    the lance. The latest of the range, at the first detection, is where it lies if a particle was
+    detected from the exit on. The median of three bears one wrong depth. And it leaves the exit
+    towards the camera. Polynomials that start backwards and swing round behind the lance have
+    found an exit that the particle did not take.
     """
 
     within_mm: float = 1000.0  # one slice; not printed
@@ -71,7 +71,7 @@ class StartsAtLance:
         check_count(self.points, "StartsAtLance: points")
 
     def __call__(self, places_mm: Array, fit: Fit) -> tuple[bool, float]:
-        """Return whether it does, and the distance in mm; places (n, 3) by time, with depth."""
+        """Return the decision, and the distance from the lance in mm."""
         known = places_mm[~np.isnan(places_mm).any(axis=1)][: self.points]
         if not len(known):
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
@@ -82,7 +82,7 @@ class StartsAtLance:
 
 
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
-    """Return places (n, 3) in mm; past the last detection the trajectory flies straight on.
+    """Return places (n, 3) in mm, straight on after the last detection.
 
     Polynomials leave their data fast.
     """
@@ -93,7 +93,7 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
 
 
 class Landed(NamedTuple):
-    """Whether and when a flight ends on the wall, and how far from the axis it was last."""
+    """End of a flight, on the wall or not, and its last distance."""
 
     landed: bool
     end_s: float
@@ -102,12 +102,12 @@ class Landed(NamedTuple):
 
 @dataclass(frozen=True)
 class Landing:
-    """When a fitted trajectory meets the wall: leaves what counts as in the air (section 3.2).
+    """Find when a fitted trajectory meets the wall (section 3.2).
 
-    Landed is, in this order, what (1) reaches the limit between first and last detection, at
-    that time; (2) reaches it when it flies straight on from the last detection for at most
-    ``beyond_s``, at that time; (3) is last detected within ``near_mm`` of the limit, at its last
-    detection. Else the flight ends in the air, with the last detection.
+    A flight lands in one of three cases, in this order. (1) It reaches the limit between first and
+    last detection. (2) It reaches it when it flies straight on for at most ``beyond_s``. (3) It is
+    last detected within ``near_mm`` of the limit, and ends there. Else it ends in the air, with
+    the last detection.
 
     Notes
     -----
@@ -129,7 +129,7 @@ class Landing:
         """Return whether, when and where the trajectory ends on the wall."""
 
         def outside(t: npt.ArrayLike) -> Array:
-            """Return by how many mm the fit, continued straight, is beyond the limit."""
+            """Return by how many mm the extended fit is beyond the limit."""
             return distance_to_axis(straight_on(fit, t), wall) - in_air.threshold_mm
 
         count = max(2, math.ceil((fit.last_s - fit.first_s) / STEP_S) + 1)
@@ -151,7 +151,7 @@ class Landing:
 
 @dataclass(frozen=True)
 class Rules:
-    """What makes a flight of a track: the methods and their parameters."""
+    """Methods and parameters that make flights of tracks."""
 
     start: StartsAtLance = field(default_factory=StartsAtLance)
     landing: Landing = field(default_factory=Landing)
@@ -160,12 +160,12 @@ class Rules:
     edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
 
     def __post_init__(self) -> None:
-        """Raise an error for an invalid margin."""
+        """Refuse an invalid margin."""
         check_limit(self.edge_px, "Rules: edge_px")
 
 
 class View(NamedTuple):
-    """What the camera could see of a recording; None where it does not matter.
+    """The camera's view of a recording; None where it does not matter.
 
     Attributes
     ----------
@@ -188,10 +188,10 @@ def flights(
     rules: Rules | None = None,
     view: View | None = None,
 ) -> pd.DataFrame:
-    """Return the flights of fitted tracks (`kilnflight.tables.FLIGHTS`), one row each.
+    """Return the flights of fitted tracks, one row each.
 
-    The dwell time runs from t0 to landing, unlit (Fig. 5.18 a) or burning (b), or to burning
-    out in the air (c).
+    The table is `kilnflight.tables.FLIGHTS`. The dwell time runs from t0 to landing, unlit (Fig.
+    5.18 a) or burning (b), or to burning out in the air (c).
 
     Parameters
     ----------
@@ -212,10 +212,10 @@ def flights(
 
     Notes
     -----
-    A track that ends in the air ended by burning out only if it burnt; an unlit one left the
-    view or was lost by the tracker ("their actual flight time is longer than computed",
-    appendix A.1). It stays in the table as "lost", its dwell time a lower bound. Ignition is
-    looked for up to the landing, since the wall ignites all that land (section 5.1.1).
+    A track that ends in the air ended by burning out only if it burnt. An unlit one left the view
+    or was lost by the tracker ("their actual flight time is longer than computed", appendix A.1).
+    It stays in the table as "lost", its dwell time a lower bound. Ignition is searched up to the
+    landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or View()
     columns = (*COLUMNS, "background") if rules.above_background else COLUMNS
@@ -249,7 +249,7 @@ def _flight(
     frame_rate_hz: float,
     rules: Rules,
 ) -> dict[str, float | str | bool]:
-    """Return one row of the table but for its particle."""
+    """Return the row of one flight, but for its particle."""
     places = np.stack([known_numbers(track[axis], f"column {axis}") for axis in "xyz"], axis=1)
     from_lance, start_mm = rules.start(places, fit)
     landed, end_s, wall_mm = rules.landing(fit, wall, in_air)
@@ -278,7 +278,7 @@ def _flight(
 
 
 def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: View) -> bool:
-    """Return whether a flight that ends in the air ends where the view or the recording does."""
+    """Return whether a flight ends at the border of view or recording."""
     if view.frames is not None:
         last = (view.frames.stop - 1) / frame_rate_hz
         if track["frame"].iloc[-1] / frame_rate_hz + rules.landing.beyond_s > last:
@@ -295,7 +295,7 @@ def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: View
 def space_sliced_velocity(
     fit: Fit, slice_m: float = 1.0, until_s: float = math.inf
 ) -> pd.DataFrame:
-    """Return the mean velocity in depth over each metre from the lance (Eq. 5.8).
+    """Return the mean velocity in depth over each slice (Eq. 5.8).
 
     ``V_n = slice / (t_n - t_(n-1))``: t_n is when the fitted trajectory first is n slices
     from the lance towards the camera, t_0 when it leaves the lance.
@@ -315,21 +315,20 @@ def space_sliced_velocity(
         ``slice_m``: far end of the slice; ``start_s``, ``end_s``: t_(n-1), t_n;
         ``velocity_m_s``; ``reached``; ``observed``: reached between the first and the last
         detection, and not, as the polynomials have it, before the first. One row for every slice
-        between lance and camera, and one for each slice behind the lance that was reached; where
+        between lance and camera, and one for each slice behind the lance that was reached. Where
         ``reached`` is False the velocity is NaN, and the row must not be counted.
 
     Notes
     -----
-    Readings. (1) Only the span from t_0 to the last detection counts; where a polynomial
-    goes afterwards is no observation, so a slice reached only there is not reached.
-    (2) "First": later returns change nothing, so V_n is positive for every slice in front of
-    the lance. The thesis shows negative velocities, "reverse motions towards the lance", and
-    says no more; here they are those of slices -1, -2, ... behind the lance, V_n =
-    -slice / (t_n - t_(n+1)), of trajectories that go backwards from the exit point.
-    (3) What the polynomials pass between t_0 and the first detection counts, as published;
-    a flight first detected beyond a slice has in it the velocity that its polynomials need to get
-    there from the lance, which ``observed`` tells.
-    (4) The distance is the difference of depths, not the path.
+    Readings. (1) Only the span from t_0 to the last detection counts. Where a polynomial goes
+    afterwards is no observation, so a slice reached only there is not reached. (2) "First": later
+    returns change nothing, so V_n is positive for every slice in front of the lance. The thesis
+    shows negative velocities, "reverse motions towards the lance", and says no more; here they are
+    those of slices -1, -2, ... behind the lance, V_n = -slice / (t_n - t_(n+1)), of trajectories
+    that go backwards from the exit point. (3) What the polynomials pass between t_0 and the first
+    detection counts, as published. A flight first detected beyond a slice has in it the velocity
+    that its polynomials need from the lance to there (``observed``). (4) The distance is the
+    difference of depths, not the path.
     """
     check_positive(slice_m, "space_sliced_velocity: slice_m")
     if math.isnan(until_s):
@@ -356,7 +355,7 @@ def space_sliced_velocity(
 def slices(
     fits: Mapping[int, Fit], ends_s: Mapping[int, float] | None = None, slice_m: float = 1.0
 ) -> pd.DataFrame:
-    """Return the space-sliced velocities of many flights (`kilnflight.tables.SLICES`).
+    """Return the space-sliced velocities of many flights.
 
     Parameters
     ----------
@@ -384,7 +383,7 @@ def slices(
 
 
 def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
-    """Return the share of particles that reach each slice's far end (Figs 5.21 to 5.24).
+    """Return the share of particles that reach each slice's far end.
 
     Parameters
     ----------
@@ -411,11 +410,11 @@ def remaining(sliced: pd.DataFrame, counted: int) -> pd.DataFrame:
 
 
 def _distance(fit: Fit, end_s: float) -> tuple[Array, Array]:
-    """Return the coefficients of the distance from the lance, and ages that part it.
+    """Return the distance's coefficients and the ages that part it.
 
-    Between two of these ages the distance only rises or only falls. They are both ends of
-    the span and the real parts of the roots of the velocity: a point more does no harm, and
-    a double root that rounding makes complex is not lost.
+    Between two of these ages the distance only rises or only falls. They are both ends of the span
+    and the real parts of the roots of the velocity. A point more does no harm, and no double root
+    that rounding makes complex is lost.
     """
     powers = -check_finite(fit.coefficients[2], "fit: coefficients of z")
     if not end_s > fit.t0_s:
@@ -432,10 +431,10 @@ def _distance(fit: Fit, end_s: float) -> tuple[Array, Array]:
 
 
 def _reached(powers: Array, age: Array, step: float) -> list[float]:
-    """Return at what ages the distance first is one step, two steps, ...; steps in mm."""
+    """Return the ages at which the distance first is 1, 2, ... steps."""
 
     def far(at: Array | float) -> Array:
-        """Return the distance in steps; below 0 on the other side of the lance."""
+        """Return the distance in steps, below 0 behind the lance."""
         return np.asarray(np.polyval(np.append(powers[::-1], 0.0), at) / step)
 
     furthest = np.maximum.accumulate(check_finite(far(age), "space_sliced_velocity: fit"))

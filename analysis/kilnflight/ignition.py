@@ -1,6 +1,6 @@
-"""When a particle ignites: an abrupt, lasting rise of its grey values (thesis, section 5.3.2).
+"""Ignition of a particle: an abrupt, lasting rise of its grey values.
 
-::
+Section 5.3.2 of the thesis::
 
     grey values along a track -> the best single step -> is it a step, and upwards? -> Ignited
 """
@@ -32,7 +32,7 @@ SIGMA = 1.4826  # median of absolute deviations -> standard deviation of a Gauss
 
 
 class Ignited(NamedTuple):
-    """What the grey values of one track say.
+    """Outcome of the search for ignition in one track.
 
     Attributes
     ----------
@@ -61,31 +61,30 @@ class Ignited(NamedTuple):
 
 @dataclass(frozen=True)
 class Ignition:
-    """Look for one step upwards in the grey values of a track.
+    """Find one step upwards in the grey values of a track.
 
     "If the gray value increases abruptly, the particles can be assumed ignited" (section
     5.3.2). The best step is the one that leaves the least sum of absolute deviations from
     the medians on both sides, among all upward ones. It is an ignition if
 
     1. the rank sum of the values before it is too small for chance: exact Wilcoxon test,
-       times the number of places looked at (Bonferroni), at most ``significance``;
+       times the number of places tested (Bonferroni), at most ``significance``;
     2. it is abrupt: it leaves less deviation than the straight line of Theil and Sen;
     3. the levels are ``rise`` standard deviations of the scatter about them apart, and
        ``share`` of the grey value before.
 
     Notes
     -----
-    The thesis prints no criterion; all of this is ours. Medians and ranks do not feel a
-    single flash, and a factor on the grey values changes nothing. Ties, as between saturated
-    values, count against the rise, which keeps the test valid. The test takes the values of a
-    track as exchangeable but for the step; slow changes, which are not, are what 2 is for.
-    With the defaults no track of fewer than 12 detections can be judged.
-    The grey value of a particle of a few pixels has much of what is behind it in it: one that
-    flies from before a dark end plate to before a hot wall also brightens abruptly. As
-    published the grey value is taken as it is; with ``background`` it is the rise above the
-    background that is looked at. A particle that is alight from its first detection on has no
-    step: it is "before seen" if ``bright`` is given and its first values reach it, else
-    "none", for without a level nothing tells it from a bright unlit one.
+    The thesis prints no criterion; all of this is ours. Medians and ranks do not feel a single
+    flash, and a factor on the grey values changes nothing. Ties, as between saturated values,
+    count against the rise, which keeps the test valid. The test takes the values of a track as
+    exchangeable but for the step; slow changes, which are not, are what 2 is for. With the
+    defaults no track of fewer than 12 detections can be judged. The grey value of a small particle
+    contains much of what is behind it. A particle that flies from before a dark end plate to
+    before a hot wall also brightens abruptly. As published the grey value is taken as it is; with
+    ``background`` the rise above the background is taken. A particle that is alight from its first
+    detection on has no step. It is "before seen" if ``bright`` is given and its first values reach
+    it, else "none". Without a level nothing tells it from a bright unlit one.
     """
 
     significance: float = 0.01  # of a track without a step; not printed
@@ -106,7 +105,7 @@ class Ignition:
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike = 0.0
     ) -> Ignited:
-        """Return when the grey values rise.
+        """Return whether and when the grey values rise.
 
         Parameters
         ----------
@@ -153,10 +152,10 @@ class Ignition:
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
-    """Return the best step upwards: first index after it, and the deviation that it leaves.
+    """Return the best step upwards and the deviation that it leaves.
 
-    Best is the least sum of absolute deviations from the medians on both sides, among the
-    splits whose median is higher after than before; the first of those equal but for rounding.
+    Best is the least sum of absolute deviations from the medians on both sides, among the splits
+    whose median is higher after than before. Of splits equal but for rounding it is the first.
 
     Parameters
     ----------
@@ -183,7 +182,10 @@ def best_step(values: Array, least: int) -> tuple[int, float]:
 
 
 def _growing(values: Array) -> tuple[Array, Array]:
-    """Return median and sum of absolute deviations from it of the first 1, 2, ... values."""
+    """Return the medians of the first 1, 2, ... values, and the deviations.
+
+    A deviation is the sum of absolute deviations from the median.
+    """
     number = np.arange(len(values))
     there = number <= number[:, None]
     ordered = np.sort(np.where(there, values, np.inf), axis=1)
@@ -192,11 +194,11 @@ def _growing(values: Array) -> tuple[Array, Array]:
 
 
 def rank_sum_p(before: Array, after: Array) -> float:
-    """Return how probably values that are all alike come out so low before (Wilcoxon).
+    """Return the p-value of a rise from ``before`` to ``after`` (Wilcoxon).
 
-    One-sided; exact for up to `EXACT` values together, the normal approximation above. A
-    tie counts as if the earlier value were the higher one: the probability is then too
-    large rather than too small.
+    It is the probability that equal distributions give such low values before. One-sided; exact
+    for up to `EXACT` values together, the normal approximation above. A tie counts as if the
+    earlier value were the higher one: the probability is then too large rather than too small.
     """
     values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
@@ -212,7 +214,7 @@ def line_deviation(time: Array, values: Array) -> float:
 
 
 def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return times and grey values, checked."""
+    """Return the checked times and grey values."""
     time = check_finite(time_s, "Ignition: time_s").ravel()
     values = check_finite(gray, "Ignition: gray").ravel()
     if len(time) != len(values):

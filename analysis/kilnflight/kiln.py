@@ -1,9 +1,11 @@
-"""The whole way from a frame to a flight: the only place where it is written out.
+"""The whole way from a frame to a flight.
+
+It is written out only here.
 
 frame -> view -> detections -> tracks -> trajectories -> flights, slices
 
 Each arrow is a table that is made once and cached. Detection, which takes nearly all of the
-time, is done in chunks of frames by processes or a cluster; a killed run goes on with the
+time, is done in chunks of frames by processes or a cluster. A killed run goes on with the
 first table that is missing. The tracks are made without the texture term of Eq. 4.24: its
 frame differences would take 2.8 MB a frame, 68 GB for eight campaigns.
 """
@@ -54,20 +56,20 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class TwinSource:
-    """A scene of the twin by name and seed, which each process opens once."""
+    """A scene of the twin by name and seed, opened once per process."""
 
     name: str
     seed: int = 0
 
     @lru_cache(maxsize=2)  # noqa: B019  of equal sources
     def recording(self) -> Twin:
-        """Return the twin; its flights are worked out once for all chunks of a process."""
+        """Return the twin; its flights are computed once per process."""
         return cached_scene(self.name, self.seed)
 
 
 @dataclass(frozen=True)
 class StoredSource:
-    """A recording on disk; its tables are known wherever it lies."""
+    """A recording on disk, known by its content and not by its place."""
 
     name: str
     content: str  # of `StoredRecording.content`
@@ -83,7 +85,7 @@ Source = TwinSource | StoredSource
 
 
 def stored_source(folder: Path | str) -> StoredSource:
-    """Return the source of a recording on disk; errors as for `open_recording`."""
+    """Return the source of a recording; errors as of `open_recording`."""
     recording = open_recording(folder)
     name, folder = recording.attributes.name, recording.path.resolve()
     return StoredSource(name, recording.content(), folder)
@@ -91,7 +93,7 @@ def stored_source(folder: Path | str) -> StoredSource:
 
 @dataclass(frozen=True)
 class GrayFrames:
-    """The grey values of a recording as a stack that is read frame by frame."""
+    """Grey values of a recording as a stack, read frame by frame."""
 
     recording: Recording
 
@@ -107,7 +109,7 @@ class GrayFrames:
 def views(
     recording: Recording, frames: Iterable[int], background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
-    """Yield number and view of each frame: what a detector may use of it.
+    """Yield the number and the view of each frame.
 
     Only the window of the background is held in memory; the background is the temporal median
     over 150 frames if None (section 5.1.2). The first frame has no frame before it; the next
@@ -137,9 +139,10 @@ def detect(
     differences: Path | None = None,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Return the detections of the combined detector (`kilnflight.tables.DETECTIONS`).
+    """Return the detections of the combined detector.
 
-    The roots of the foregrounds are stored in the Zarr array ``differences``, if there is one.
+    The table is `kilnflight.tables.DETECTIONS`. The roots of the foregrounds are stored in the
+    Zarr array ``differences``, if there is one.
     """
     detector = detector or Combination()
     size, roi, parts, store = recording.attributes.size, recording.attributes.roi, [], None
@@ -163,7 +166,7 @@ def detect(
 
 @dataclass(frozen=True)
 class DetectionRun:
-    """Consecutive frames of a recording, and how particles are detected in them.
+    """Detection in consecutive frames of a recording.
 
     Parameters
     ----------
@@ -192,14 +195,14 @@ class DetectionRun:
 
     @property
     def chunks(self) -> list[range]:
-        """The frames in pieces of ``chunk``, cut at its multiples."""
+        """Return the frames in pieces of ``chunk``, cut at its multiples."""
         first = self.start // self.chunk * self.chunk
         ends = range(first, self.stop, self.chunk)
         pieces = [range(max(a, self.start), min(a + self.chunk, self.stop)) for a in ends]
         return [piece for piece in pieces if piece]
 
     def table(self, frames: range) -> CachedTable:
-        """Return the detections of a chunk."""
+        """Return the table of a chunk's detections."""
         return CachedTable(
             "detections",
             partial(_detect_chunk, self, frames),
@@ -214,22 +217,22 @@ class DetectionRun:
         )
 
     def differences_of(self, frames: range) -> Path:
-        """Return where the frame differences of a chunk are stored."""
+        """Return the path of a chunk's frame differences."""
         path = self.table(frames).path
         return path.with_name(path.name.replace("detections", "differences")).with_suffix(".zarr")
 
     def has_differences(self, frames: range) -> bool:
-        """Return whether the differences of a chunk are there, or not asked for."""
+        """Return whether a chunk has its differences or needs none."""
         return not self.differences or self.differences_of(frames).is_dir()
 
     def detections(self) -> pd.DataFrame:
-        """Return all detections, made in this process where they are not there."""
+        """Return all detections; missing ones are made in this process."""
         parts = [self.table(frames)() for frames in self.chunks]
         return pd.concat([DETECTIONS.empty(), *parts], ignore_index=True)
 
 
 def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
-    """Return the detections of a chunk; its differences are stored first."""
+    """Return the detections of a chunk, after storing its differences."""
     cv2.setNumThreads(1)
     find = partial(detect, run.source.recording(), frames, run.detector, run.background)
     if not run.differences:
@@ -241,7 +244,10 @@ def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
 
 
 def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFrame:
-    """Detect in a recording and return its detections; errors as for `detect_all`."""
+    """Detect in a recording and return its detections.
+
+    Errors are those of `detect_all`.
+    """
     detect_all([run], workers, f"detection in {run.source.name}")
     return run.detections()
 
@@ -249,7 +255,9 @@ def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFram
 def detect_all(
     runs: Sequence[DetectionRun], workers: Workers | None = None, label: str = "detection"
 ) -> None:
-    """Detect where that has not been done, with progress; one process without ``workers``.
+    """Make the detections that are missing, with progress.
+
+    Without ``workers`` one process does so.
 
     Raises
     ------
@@ -272,7 +280,7 @@ def detect_all(
 
 
 def _placed(run: DetectionRun) -> DetectionRun:
-    """Return the run with its folder spelled out: workers do not know that of this project."""
+    """Return the run with an absolute folder, which workers need."""
     return replace(run, folder=(run.folder or paths.derived()).absolute())
 
 
@@ -289,7 +297,7 @@ def _make_chunk(piece: tuple[DetectionRun, range, Path]) -> None:
 
 @dataclass(frozen=True)
 class KilnRun:
-    """A recording and all that decides which flights it has.
+    """A recording with all parameters of its flights.
 
     Parameters
     ----------
@@ -319,12 +327,12 @@ class KilnRun:
 
     @property
     def frames(self) -> range:
-        """The numbers of the frames."""
+        """Return the range of frames."""
         return range(self.detection.start, self.detection.stop)
 
     @property
     def frame_rate_hz(self) -> float:
-        """Frames per second."""
+        """Return the number of frames per second."""
         return self.detection.source.recording().attributes.frame_rate_hz
 
     def table(self, step: str) -> CachedTable:
@@ -342,10 +350,10 @@ class KilnRun:
 
 
 def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
-    """Make all tables that are not there, with progress; ``run.table(step)()`` then reads one.
+    """Make all missing tables, with progress.
 
-    One process if ``workers`` is None. Those of a cluster detect; the rest is done by
-    ``workers.jobs`` processes here, a recording each.
+    Then ``run.table(step)()`` reads one. One process if ``workers`` is None. Those of a cluster
+    detect; the rest is done by ``workers.jobs`` processes here, a recording each.
     """
     workers = workers or Workers()
     detect_all([run.detection for run in runs], workers)
@@ -364,7 +372,7 @@ def _make_table(piece: tuple[KilnRun, str]) -> None:
 
 
 def _track(run: KilnRun) -> pd.DataFrame:
-    """Return the detections in the air with ``particle`` (-1: in no track), post-processed."""
+    """Return the post-processed tracks of the detections in the air."""
     table = run.detection.detections()
     if run.wall is not None:
         on_wall = run.in_air.on_wall(table[["x", "y", "z"]], run.wall)
@@ -404,7 +412,7 @@ def flights_from(
 
 
 def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
-    """Return the velocity in every metre from the lance of flights that start there."""
+    """Return the space-sliced velocities of flights from the lance."""
     counted = flights[flights["from_lance"]]
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)
@@ -413,10 +421,10 @@ def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd
 def background_gray(
     detections: pd.DataFrame, recording: Recording, frames: range
 ) -> npt.NDArray[np.float64]:
-    """Return the grey values (n,) of the kiln behind detections: the mean within their discs.
+    """Return the kiln's mean grey value (n,) behind each detection's disc.
 
     The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``. A particle
-    that flies from before a dark end plate to before a hot wall brightens without burning; the
+    that flies from before a dark end plate to before a hot wall brightens without burning. The
     thesis reads its grey values as they are (`kilnflight.flight.Rules`).
     """
     steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
@@ -425,7 +433,7 @@ def background_gray(
 
 
 class KilnStep(NamedTuple):
-    """How a table is made, from which tables, and with which fields of `KilnRun`."""
+    """The function of a table, with the tables and options it needs."""
 
     make: Callable[[KilnRun], pd.DataFrame]
     tables: tuple[str, ...]

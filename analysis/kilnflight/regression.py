@@ -1,4 +1,4 @@
-"""Fit trajectories in space: three polynomials through the lance's exit at one t0 (sec. 4.3).
+"""Trajectories: polynomials through the lance's exit at one t0 (sec. 4.3).
 
     tracks -> `regress_all` -> `kilnflight.tables.TRAJECTORIES` -> `fits`
 
@@ -64,7 +64,7 @@ TO_SLOPE = chebyshev.chebder(np.eye(DEGREE + 1))  # polynomial -> its derivative
 
 @dataclass(frozen=True)
 class Fit:
-    """A regressed trajectory: called with times (n,) in s, it returns places (n, 3) in mm.
+    """A regressed trajectory: a function of time in s, places in mm.
 
     Along each axis (x, y, z) the place is ``exit + c_1 (t - t0) + c_2 (t - t0)^2 + ...``
     (Eq. 4.29 by the time since t0). A measure that is not defined along an axis is NaN.
@@ -91,27 +91,27 @@ class Fit:
 
     @property
     def t0(self) -> float:
-        """The time at the exit in s, by its symbol."""
+        """Return the time at the exit in s, by its symbol."""
         return self.t0_s
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
-        """Return the places (n, 3) in mm at times (n,) in s, or at one time."""
+        """Return places (n, 3) in mm at times (n,) or one time in s."""
         return self._sums([(0.0, *axis) for axis in self.coefficients], time_s) + self.exit_point_mm
 
     def velocity(self, time_s: npt.ArrayLike) -> Array:
-        """Return the velocities (n, 3) in mm/s at times (n,) in s, or at one time."""
+        """Return velocities (n, 3) in mm/s at times (n,) or one time in s."""
         rates = [[k * c for k, c in enumerate(axis, 1)] for axis in self.coefficients]
         return self._sums(rates, time_s)
 
     def _sums(self, factors: Sequence[Sequence[float]], time_s: npt.ArrayLike) -> Array:
-        """Return polynomials (n, 3) of the time since t0, from factors by ascending power."""
+        """Return sums (n, 3) of factors times ascending powers of t - t0."""
         time = np.atleast_1d(check_finite(time_s, "Fit: time"))
         check_shape(time, (None,), "Fit: time")
         return np.stack([np.polyval(axis[::-1], time - self.t0_s) for axis in factors], axis=-1)
 
 
 class Solution(NamedTuple):
-    """The best trajectory of one combination of orders, in units of the duration and scale."""
+    """The best trajectory of given orders, in units of duration and scale."""
 
     start: float  # t0
     costs: Array  # (3,) per axis
@@ -120,16 +120,16 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True)
 class Regression:
-    """Nonlinear least squares over t0 and the coefficients, with an order for each axis.
+    """Fit t0 and the coefficients of three polynomials by least squares.
 
-    Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it
-    returns a `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear or,
-    under a robust loss, convex problem: t0 is the one unknown left. (2) The range of t0 and its
-    first guess come from three random points, `draws` times; the minimum is the one downhill of
-    the guess. At the earliest t0 of the range the track does not lead back to the exit. (3) From
-    the lowest orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more
-    gets it, until none falls by 1 %. (4) An order leaves n - (k + 1) > 0 degrees of freedom.
-    (5) No weights of the axes are printed; `scale_mm` states them. Measures are as printed.
+    Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it returns a
+    `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear problem (convex
+    under a robust loss), so t0 is the one unknown left. (2) The range of t0 and its first guess
+    come from three random points, `draws` times; the minimum is the one downhill of the guess. At
+    the earliest t0 of the range the track does not lead back to the exit. (3) From the lowest
+    orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more gets it. This
+    ends when none falls by 1 %. (4) An order leaves n - (k + 1) > 0 degrees of freedom. (5) No
+    weights of the axes are printed; `scale_mm` states them. Measures are as printed.
     """
 
     lowest: int = 2  # order, section 4.3
@@ -142,7 +142,7 @@ class Regression:
     seed: int = 0  # of the random points; the same for every track
 
     def __post_init__(self) -> None:
-        """Refuse parameters that no regression has."""
+        """Refuse parameters out of range."""
         for name, least in ("lowest", 1), ("highest", self.lowest), ("draws", 1), ("seed", 0):
             check_count(getattr(self, name), f"Regression: {name}", int(least))
         check_between(self.highest, 1, HIGHEST, "Regression: highest")
@@ -155,13 +155,13 @@ class Regression:
 
     @property
     def fewest(self) -> int:
-        """The fewest points that leave RMSE a degree of freedom (Eq. 4.30)."""
+        """Return the fewest points that leave RMSE a degree of freedom."""
         return max(self.lowest, 2) + 2
 
     def __call__(
         self, time_s: npt.ArrayLike, places_mm: npt.ArrayLike, exit_point_mm: npt.ArrayLike
     ) -> Fit:
-        """Return the regressed trajectory, or raise an `InputError` if the points allow none."""
+        """Return the regressed trajectory, or raise an `InputError`."""
         time, places = check_finite(time_s, "time"), check_finite(places_mm, "places")
         exit_point = check_finite(exit_point_mm, "exit_point")
         check_shape(exit_point, (3,), "exit_point")
@@ -213,7 +213,7 @@ class Regression:
         )
 
     def choose(self, costs: Callable[[Orders], Array], highest: int, points: int) -> Orders:
-        """Return the orders by reading (3), from the cost (3,) per axis of any orders."""
+        """Return the orders by reading (3), from the costs (3,) of orders."""
 
         def rmse(orders: Orders) -> Array:
             return np.sqrt(costs(orders) / (points - np.array(orders) - 1))  # Eq. 4.30
@@ -234,7 +234,7 @@ class Regression:
 def range_of_start(
     time: Array, places: Array, draws: int, longest: float, generator: np.random.Generator
 ) -> tuple[Array, float]:
-    """Return the earliest and latest t0 and the first guess, from random points.
+    """Return the range of t0 and the first guess, from random points.
 
     ``time`` (n,) runs from 0 to 1, as do the results; ``places`` (3, n) are from the exit on.
     Each draw solves Eq. 4.29 for three points, the fewest that tell seven unknowns. The guess
@@ -266,7 +266,7 @@ def range_of_start(
 def trajectory_solver(
     time: Array, places: Array, highest: int, limits: Array, first: float, robust: bool = False
 ) -> Callable[[Orders], Solution]:
-    """Return what solves a combination of orders, by least squares or under the robust loss.
+    """Return a function that fits a trajectory of given orders.
 
     A polynomial through the exit at t0 is the time since t0 times one of an order less, so one
     orthogonal basis serves all orders. Between steps of the grid the cost is a polynomial.
@@ -277,7 +277,7 @@ def trajectory_solver(
 
     @cache
     def bases(*ends: float) -> Array:
-        """Return the bases on the grid, at one t0, or at the nodes between two."""
+        """Return bases on the grid, at one t0, or at nodes between two."""
         starts = np.array(ends) if ends else grid
         if len(ends) == 2:
             starts = ends[0] + (NODES + 1) * (ends[1] - ends[0]) / 2
@@ -317,13 +317,13 @@ def trajectory_solver(
 
 
 def loss(left: Array, robust: bool) -> Array:
-    """Return the sum of squares over the last axis, or of the robust 2 (sqrt(1 + r^2) - 1)."""
-    squares = left**2  # the robust loss is written so that small residuals do not cancel
+    """Return the sum of squares over the last axis, or the robust loss."""
+    squares = left**2  # robust: 2 (sqrt(1 + r^2) - 1), without cancellation
     return np.asarray((2 * squares / (1 + np.sqrt(1 + squares)) if robust else squares).sum(-1))
 
 
 def residuals(basis: Array, places: Array, robust: bool) -> Array:
-    """Return what the best combination of bases (t0, n, order) leaves of places, (t0, n)."""
+    """Return residuals (t0, n) of the best fit of bases (t0, n, order)."""
     left = np.asarray(places - (basis @ (places @ basis)[..., None])[..., 0])
     if not robust:
         return left
@@ -344,9 +344,9 @@ def residuals(basis: Array, places: Array, robust: bool) -> Array:
 
 
 def measures(places: Array, fitted: Array, order: int) -> Array:
-    """Return RMSE, MAPE in %, R2 and adjusted R2 of an axis (n,) in mm (Eqs 4.30 to 4.33).
+    """Return RMSE, MAPE, R2 and adjusted R2 of an axis (Eqs 4.30 to 4.33).
 
-    MAPE leaves points at 0 out. Points near 0 can make it large, so Table 5.18 gives medians.
+    MAPE, in %, leaves out points at 0; points near 0 make it large, so Table 5.18 gives medians.
     """
     squares, free = np.sum((places - fitted) ** 2), len(places) - (order + 1)
     known = places != 0
@@ -363,10 +363,10 @@ def regress(
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
 ) -> Fit:
-    """Return the regressed trajectory of one track, or raise an `InputError` if it has none.
+    """Return the trajectory of one track, or raise an `InputError`.
 
     ``track`` has one row per detection: ``x``, ``y``, ``z`` in mm (rows with NaN are left out),
-    and ``frame``, or ``time_s`` without a frame rate; ``exit_point`` (3,) is the lance's, mm.
+    and ``frame``, or ``time_s`` without a frame rate. ``exit_point`` (3,) is the lance's, mm.
     """
     check_columns(track, AXES, "track")
     if "particle" in track.columns and len(track["particle"].unique()) > 1:
@@ -384,7 +384,7 @@ def regress_all(
     frame_rate_hz: float | None = None,
     parameters: Regression | None = None,
 ) -> pd.DataFrame:
-    """Return `kilnflight.tables.TRAJECTORIES`, one row per particle by ascending number.
+    """Return `kilnflight.tables.TRAJECTORIES`, one row per particle.
 
     As `regress`, with a column ``particle``; rows of -1 are in no track. What cannot be
     regressed keeps its row: ``outcome`` says why, what is unknown is NaN or 0.
@@ -403,7 +403,7 @@ def regress_all(
 
 
 def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
-    """Return the `Fit` of every fitted particle of a table of `regress_all`."""
+    """Return the `Fit` of each fitted particle of a trajectory table."""
     table, known = TRAJECTORIES.check(trajectories), {}
     for row in table[table["outcome"] == FITTED].to_dict("records"):
         values = {name: tuple(row[c] for c in columns) for name, columns in COLUMNS.items()}
@@ -415,7 +415,7 @@ def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
 
 
 def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Located:
-    """Yield each particle, the times (n,) in s of its rows with a place, and the places (n, 3)."""
+    """Yield each particle with times (n,) in s and known places (n, 3)."""
     clock, rate = ("time_s", 1.0) if frame_rate_hz is None else ("frame", frame_rate_hz)
     check_positive(rate, "frame_rate_hz")
     check_columns(tracks, ("particle", clock, *AXES), where)
@@ -432,7 +432,7 @@ def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> L
 
 
 def _row(particle: int, time: Array, places: Array, exit_mm: Array, method: Regression) -> Row:
-    """Return the row of one track in the table, without what is not known."""
+    """Return one track's row of the table, without unknown values."""
     row: Row = {"particle": particle, "points": len(time)}
     row |= zip(COLUMNS["exit_point_mm"], exit_mm.tolist(), strict=True)
     if len(time):

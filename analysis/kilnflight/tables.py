@@ -1,9 +1,8 @@
-"""The columns, units and checks of every table that passes from step to step.
+"""Columns, units and checks of the tables that steps exchange.
 
-Conventions: one row is one particle in one frame; millimetres are ``x``, ``y``,
-``z``; pixels are ``row``, ``col``; a track is ``particle``; other columns carry
-their unit in the name. On the belt ``x`` points along the transport direction and
-``y`` across it.
+Conventions: one row is one particle in one frame. Columns ``x``, ``y``, ``z`` are in millimetres,
+``row`` and ``col`` in pixels; ``particle`` is a track. Other columns carry their unit in the name.
+On the belt ``x`` points along the transport direction and ``y`` across it.
 """
 
 from __future__ import annotations
@@ -18,9 +17,10 @@ from kilnflight.checks import InputError, check_columns
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, kind (``int``, ``float``, ``bool``, ``str``), unit and meaning.
+    """Name, kind, unit and meaning of one column.
 
-    A column that may be ``missing`` holds NaN where nothing was measured.
+    The kind is ``int``, ``float``, ``bool`` or ``str``. A column that may be ``missing`` holds NaN
+    where nothing was measured.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Table:
 
     @property
     def names(self) -> list[str]:
-        """The column names, in order."""
+        """Return the names of the columns, in order."""
         return [column.name for column in self.columns]
 
     def empty(self) -> pd.DataFrame:
@@ -76,7 +76,7 @@ class Table:
 
 
 def _holds(values: pd.Series, kind: type) -> bool:
-    """Return whether a column is of a kind; whole numbers also serve as float."""
+    """Return whether a column is of a kind; whole numbers are floats too."""
     types = pd.api.types
     if kind is str:
         return types.is_string_dtype(values) and not values.isna().any()

@@ -1,4 +1,6 @@
-r"""Background subtraction: what moves stays (thesis, section 2.2.1; values of Table 5.4).
+r"""Background subtraction: only what moves stays.
+
+Section 2.2.1 of the thesis, with the values of Table 5.4.
 
     stack of gray frames -> model(frames, indices) -> one foreground per requested frame
 
@@ -14,7 +16,7 @@ model              equation          default                                    
 =================  ================  ============================================  =========
 
 The foreground is the absolute difference of frame and background, as Eqs 2.5, 2.6 and
-2.10 have it: dark particles before a bright wall count as bright ones before a dark
+2.10 have it. Dark particles before a bright wall count as bright ones before a dark
 wall. It is float32, in gray values; its value for a frame does not depend on which other
 frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
@@ -29,10 +31,10 @@ from kilnflight.background.static import Mean, Median
 
 
 class BackgroundModel(Protocol):
-    """What every background model offers."""
+    """Subtract a background from each frame of a stack."""
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32."""
+        """Yield each requested frame's foreground, (rows, cols) float32."""
         ...
 
 

@@ -1,6 +1,7 @@
-"""Moving frame difference: neighbouring frames as background (Eqs 2.5 and 2.6).
+"""Moving frame difference: neighbouring frames as background.
 
-Also what the models share: the frames in use, the absolute difference, the window.
+Eqs 2.5 and 2.6 of the thesis. The models share what else stands here: the frames in use, the
+absolute difference, the window.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ GRAY_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", 
 
 
 class Frames(Protocol):
-    """A stack of images that is read lazily; an array of shape (frames, rows, cols) is one."""
+    """A stack of images that is read lazily.
+
+    An array of shape (frames, rows, cols) is one.
+    """
 
     def __len__(self) -> int: ...
 
@@ -31,7 +35,7 @@ class Frames(Protocol):
 
 
 def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
-    """Return the frame numbers as ints, or raise an `InputError` naming the first bad one."""
+    """Return the frame numbers as ints, or raise an `InputError`."""
     try:
         numbers = tuple(operator.index(index) for index in indices)
     except TypeError as error:
@@ -49,7 +53,7 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
 
 
 class HeldFrames:
-    """Copies of the frames in use, each read from its stack once while it is needed.
+    """Copies of the frames in use, each read from its stack once.
 
     Lives for one call of a model. When room is needed, the frames farthest in time from
     those asked for go first.
@@ -72,11 +76,11 @@ class HeldFrames:
 
     @property
     def precise(self) -> np.dtype[Any]:
-        """The float type that holds every gray value of the stack exactly."""
+        """Return the float type that holds every grey value exactly."""
         return np.result_type(self.pixels.dtype, np.float32)
 
     def fetch(self, indices: Sequence[int]) -> npt.NDArray[np.intp]:
-        """Return the rows of `pixels` that hold these frames, reading what is missing."""
+        """Return the rows of `pixels` with these frames; read missing ones."""
         missing = [index for index in dict.fromkeys(indices) if index not in self._slots]
         excess = len(missing) - len(self._free)
         if excess > 0:
@@ -125,16 +129,16 @@ class HeldFrames:
 
 
 def difference(frame: Image, background: Image) -> Foreground:
-    """Return the absolute difference of two images of any gray types, (rows, cols) float32."""
+    """Return the absolute difference of two images as float32."""
     kind = np.result_type(frame, background, np.float32)  # exact for both
     apart = cv2.absdiff(frame.astype(kind, copy=False), background.astype(kind, copy=False))
     return np.asarray(apart, dtype=np.float32)
 
 
 def partner(index: int, step: int, length: int) -> int:
-    """Return the frame ``step`` frames away; where there is none, the one as far the other way.
+    """Return the frame ``step`` frames away, or as far the other way.
 
-    If neither is in the recording, the farther end of it.
+    If neither is in the recording, it is the farther end.
     """
     for candidate in (index + step, index - step):
         if 0 <= candidate < length:
@@ -144,11 +148,11 @@ def partner(index: int, step: int, length: int) -> int:
 
 @dataclass(frozen=True)
 class TwoFrame:
-    """Absolute difference from an earlier frame (Eq. 2.5, Zhang 2023).
+    """Take the absolute difference from an earlier frame (Eq. 2.5).
 
     Notes
     -----
-    The first frames have no frame ``interval`` before them; they are compared with the
+    The first frames have no frame ``interval`` before them. They are compared with the
     frame as far after, and in a recording shorter than that with its farther end.
     """
 
@@ -156,11 +160,11 @@ class TwoFrame:
     _sides: ClassVar[tuple[int, ...]] = (-1,)  # of the frame on which others are taken
 
     def __post_init__(self) -> None:
-        """Refuse an interval that is no number of frames."""
+        """Refuse an interval below one frame."""
         check_count(self.interval, f"{type(self).__name__}: interval")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
+        """Yield each requested frame's foreground; arguments as of `Mean`."""
         held = HeldFrames(frames, 2 * self.interval + 1)
         return (self._foreground(held, t) for t in check_indices(indices, held.length))
 
@@ -176,11 +180,11 @@ class TwoFrame:
 
 @dataclass(frozen=True)
 class ThreeFrame(TwoFrame):
-    """Mean absolute difference from an earlier and a later frame (Eq. 2.6, Zhang 2023).
+    """Average the differences from an earlier and a later frame (Eq. 2.6).
 
     Notes
     -----
-    Where there is no earlier or no later frame, the other one counts twice; in a
+    Where there is no earlier or no later frame, the other one counts twice. In a
     recording shorter than the interval its farther end stands for both.
     """
 
@@ -188,7 +192,7 @@ class ThreeFrame(TwoFrame):
 
 
 class WindowModel(ABC):
-    """A model that compares each frame with a background made from frames around it."""
+    """Compare each frame with a background made of frames around it."""
 
     window: int
     _room: ClassVar[int] = 1  # frames held beside the window
@@ -216,7 +220,7 @@ class WindowModel(ABC):
         return (difference(held[t], image) for t, image in backgrounds)
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
-        """Yield the background of each requested frame, (rows, cols), as `__call__` takes it."""
+        """Yield the background of each requested frame, (rows, cols)."""
         return (image.copy() for _, image in self._prepared(frames, indices)[1])
 
     def _prepared(
@@ -227,4 +231,4 @@ class WindowModel(ABC):
 
     @abstractmethod
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
-        """Yield each index with its background, which is valid until the next."""
+        """Yield each index with its background, valid until the next."""

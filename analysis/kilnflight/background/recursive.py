@@ -1,4 +1,4 @@
-"""Recursive backgrounds: one that learns from frame to frame, one that knows its scatter.
+"""Recursive backgrounds, which learn from frame to frame.
 
 Both recursions are OpenCV's weighted accumulation, B <- (1 - weight) B + weight I. They run
 over what exceeds a reference frame, so that a still recording has no foreground at all.
@@ -26,13 +26,15 @@ from kilnflight.checks import check_at_least, check_between, check_count
 
 @dataclass(frozen=True)
 class Adaptive(WindowModel):
-    """Absolute difference from an adaptively learnt background (Eqs 2.7 and 2.8, Zhang 2023).
+    """Take the absolute difference from an adaptively learnt background.
+
+    Eqs 2.7 and 2.8, Zhang 2023.
 
     Notes
     -----
     The thesis leaves open how many times Eq. 2.8 is applied. Table 5.4 places the 50
     frames of the initial mean B_0 (Eq. 2.7) around the requested frame, 25 previous and 25
-    subsequent; the recursion then runs over the 25 previous frames and the frame itself.
+    subsequent. The recursion then runs over the 25 previous frames and the frame itself.
     Thus B_t depends on frames around t only, never on what else is asked for. At the ends
     the mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
     earliest.
@@ -51,7 +53,7 @@ class Adaptive(WindowModel):
         return ((t, self._learn(held, t, mean)) for t, mean in means)
 
     def _learn(self, held: HeldFrames, t: int, mean: Image) -> Image:
-        """Return the background after Eq. 2.8 over the previous frames and frame t."""
+        """Return the background by Eq. 2.8 over frame t and those before."""
         past = range(max(t - self.window // 2, 0), t + 1)
         held.fetch(past)
         excess = np.subtract(mean, held[t], dtype=np.float64)
@@ -63,9 +65,10 @@ class Adaptive(WindowModel):
 
 @dataclass(frozen=True)
 class RunningGaussian:
-    """Absolute difference from a running average, where it exceeds k standard deviations.
+    """Take the difference from a running average where it is significant.
 
-    Eqs 2.9 and 2.10, Zhang 2023; elsewhere the foreground is 0.
+    Eqs 2.9 and 2.10, Zhang 2023: the absolute difference where it exceeds k standard deviations, 0
+    elsewhere.
 
     Notes
     -----
@@ -73,8 +76,8 @@ class RunningGaussian:
     would be the current frame. The text says that the first image dominates it, so 0.99
     is read as the weight of the previous average, here ``memory``. The recursion runs
     over the 10 frames that end with the requested frame. It starts with the first of them
-    and a standard deviation of 0, which follows by the same recursion of squared deviations;
-    near the start of a recording there are fewer, and frame 0 has no foreground. Section
+    and a standard deviation of 0, which follows by the same recursion of squared deviations.
+    Near the start of a recording there are fewer, and frame 0 has no foreground. Section
     5.1.2 subtracts this background too, so the selected pixels keep their difference.
     """
 
@@ -83,13 +86,13 @@ class RunningGaussian:
     k: float = 0.4  # standard deviations, Table 5.4
 
     def __post_init__(self) -> None:
-        """Refuse a window without frames, an invalid weight or a negative threshold."""
+        """Refuse parameters out of range."""
         check_count(self.window, "RunningGaussian: window")
         check_between(self.memory, 0, 1, "RunningGaussian: memory")
         check_at_least(self.k, 0, "RunningGaussian: k")
 
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
-        """Yield the foreground of each requested frame, (rows, cols) float32; see `Mean`."""
+        """Yield each requested frame's foreground; arguments as of `Mean`."""
         return (foreground for _, foreground in self._averaged(frames, indices))
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:

@@ -1,11 +1,10 @@
-"""The median of the frames around a frame, for a chunk of neighbouring frames at a time.
+"""Medians of the frames around each frame, a chunk at a time.
 
-All windows of a chunk share most of their frames. The shared frames are sorted once and
-the windows separated by halving: each half of the windows shares more frames, which are
-merged in as sorted runs (Batcher's odd-even merge). A rank that can no longer become one
-of the middle ranks of any window is dropped, and with it every comparison that only served
-it. The program of minima and maxima is the same for every pixel; compiled code runs it
-tile by tile.
+All windows of a chunk share most of their frames. The shared frames are sorted once and the
+windows separated by halving. Each half of the windows shares more frames, which are merged in as
+sorted runs (Batcher's odd-even merge). A rank that cannot become a middle rank of any window is
+dropped, with every comparison that only served it. The program of minima and maxima is the same
+for every pixel; compiled code runs it tile by tile.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ Comparison = tuple[int, int, int, int]  # two values, their minimum and maximum 
 
 
 def surrounding(index: int, window: int, length: int) -> range:
-    """Return frame ``index`` together with the ``window`` other frames nearest to it in time.
+    """Return a frame with the ``window`` frames nearest to it in time.
 
-    As many before as after (of an odd window, one more before); at the ends of the
-    recording shifted to stay inside; all frames if the recording has no more than that.
+    As many are before as after (of an odd window, one more before). At the ends of the recording
+    they are shifted to stay inside. A shorter recording gives all its frames.
 
     Examples
     --------
@@ -49,7 +48,10 @@ def surrounding(index: int, window: int, length: int) -> range:
 
 @dataclass
 class _Network:
-    """Comparisons of values; value i below ``inputs`` is frame i of the chunk."""
+    """Comparisons that sort the frames of a chunk.
+
+    Value i below ``inputs`` is frame i of the chunk.
+    """
 
     size: int  # frames per window
     ranks: tuple[int, ...]
@@ -65,7 +67,7 @@ class _Network:
         return [low, low + 1]
 
     def merge(self, first: list[int], second: list[int]) -> list[int]:
-        """Return two sorted lists as one (odd-even merge; Knuth, TAOCP 3, 5.3.4)."""
+        """Merge two sorted lists (odd-even merge; Knuth, TAOCP 3, 5.3.4)."""
         if not first or not second:
             return first + second
         if len(first) == len(second) == 1:
@@ -79,7 +81,7 @@ class _Network:
         return merged + odd[pairs:] + even[pairs + 1 :]
 
     def run(self, frames: range) -> list[int]:
-        """Return consecutive frames, sorted; runs are shared between windows."""
+        """Return consecutive frames, sorted once for all windows."""
         if len(frames) <= 1:
             return list(frames)
         if frames not in self.runs:
@@ -88,9 +90,10 @@ class _Network:
         return self.runs[frames]
 
     def select(self, starts: list[int], values: list[int], base: int, known: range) -> None:
-        """Split windows that share the frames ``known``; ``values`` are ranks from ``base``.
+        """Split windows that share the frames ``known``.
 
-        Only ranks are kept that the frames still to come can move onto a middle rank.
+        Their ``values`` are the ranks from ``base`` on. Only ranks are kept that the frames still
+        to come can move onto a middle rank.
         """
         if len(starts) == 1:
             self.outputs[starts[0]] = [values[rank - base] for rank in self.ranks]
@@ -104,13 +107,13 @@ class _Network:
             self.select(part, *self.kept(grown, base, shared), shared)
 
     def kept(self, values: list[int], base: int, known: range) -> tuple[list[int], int]:
-        """Return the ranks that can still become a middle rank, and the first of them."""
+        """Return the ranks that can become a middle rank, and the first."""
         first = max(self.ranks[0] - self.size + len(known), 0)
         last = min(self.ranks[-1], len(known) - 1)
         return values[first - base : last + 1 - base], first
 
     def needed(self) -> list[Comparison]:
-        """Return the comparisons that lead to an output, unused results as NONE."""
+        """Return the comparisons that outputs need, unused results as NONE."""
         used = {value for output in self.outputs.values() for value in output}
         steps = []
         for a, b, low, high in reversed(self.steps):
@@ -124,7 +127,9 @@ class _Network:
 def program(
     size: int, ranks: tuple[int, ...], starts: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int32], int]:
-    """Return a table of steps that emit the ranks of every window, and its number of slots.
+    """Return the steps that emit the ranks of every window.
+
+    Each step is a row of a table; the second value is the number of slots.
 
     Parameters
     ----------
@@ -201,7 +206,10 @@ def _compare(a: Image, b: Image, low: Image, high: Image) -> None:
 
 @njit(cache=True)
 def _middle(ranks: tuple[Image, Image, Image, Image], own: Image, out: Image) -> None:
-    """Write the median without the own value, which moves the ranks above it by one."""
+    """Write the median without the frame itself.
+
+    The value that is left out moves the ranks above it by one.
+    """
     low, above_low, high, above_high = ranks
     for p in range(out.size):
         x = own[p]
@@ -219,7 +227,10 @@ def _execute(
     own: npt.NDArray[np.intp],
     out: Image,
 ) -> None:
-    """Run the program tile by tile; ``slots`` and ``own`` are rows of ``pixels``."""
+    """Run the program tile by tile.
+
+    ``slots`` and ``own`` are rows of ``pixels``.
+    """
     tile = scratch.shape[1]
     for first in range(0, pixels.shape[1], tile):
         last = min(first + tile, pixels.shape[1])
@@ -235,7 +246,7 @@ def _execute(
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
-    """Yield the indices in their order, in groups whose windows start within `CHUNK` frames."""
+    """Yield the indices in groups whose windows start within `CHUNK`."""
     chunk: list[int] = []
     for index in indices:
         starts = [surrounding(other, window, length).start for other in (*chunk, index)]
@@ -250,13 +261,14 @@ def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[i
 def window_medians(
     held: HeldFrames, indices: Sequence[int], window: int
 ) -> Iterator[tuple[int, npt.NDArray[Any]]]:
-    """Yield each index with the median of the ``window`` frames around it, itself left out.
+    """Yield each index with the median of the frames around it.
 
-    Of an even number of frames the mean of the two middle values, as `numpy.median`. The
-    image is valid until the next is asked for. ``held`` needs room for ``window + CHUNK``.
+    The ``window`` frames do not include the frame itself. Of an even number of frames the mean of
+    the two middle values, as `numpy.median`. The image is valid until the next is asked for.
+    ``held`` needs room for ``window + CHUNK``.
 
-    Windows with their own frame are consecutive frames, so a chunk shares nearly all
-    work; the program gives the middle ranks with it, `_middle` takes it out.
+    A window with the frame itself is consecutive frames, so a chunk shares nearly all work. The
+    program gives the middle ranks with the frame, and `_middle` takes it out.
     """
     out = np.empty((0, 0))
     for chunk in _chunks(indices, window, held.length):

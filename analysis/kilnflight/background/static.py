@@ -1,4 +1,7 @@
-"""Static frame difference: the mean or the median of the frames around (section 2.2.1)."""
+"""Static frame difference: mean or median of the frames around.
+
+Section 2.2.1 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,12 @@ from kilnflight.background.sliding_median import CHUNK, surrounding, window_medi
 def window_means(
     held: HeldFrames, indices: Sequence[int], window: int
 ) -> Iterator[tuple[int, Image]]:
-    """Yield each index with the mean of the ``window`` frames around it, itself left out.
+    """Yield each index with the mean of the frames around it.
 
-    ``held`` needs room for ``window + 1``. Integer frames are summed exactly, from one
-    index to the next; float frames anew each time as what exceeds the own frame, so that
-    rounding depends on nothing else and a still recording is its own mean.
+    The ``window`` frames do not include the frame itself. ``held`` needs room for ``window + 1``.
+    Integer frames are summed exactly, from one index to the next. Float frames are summed anew
+    each time, as the excess over the frame itself: rounding depends on nothing else, and a still
+    recording equals its mean.
     """
     total, summed = np.empty(0), range(0)
     for index in indices:
@@ -44,15 +48,15 @@ def window_means(
 
 @dataclass(frozen=True)
 class Mean(WindowModel):
-    """Absolute difference from the mean of the frames around.
+    """Take the absolute difference from the mean of the frames around.
 
     Source: section 2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
 
     Notes
     -----
     Table 5.4 counts 50 frames as 25 previous and 25 subsequent ones, so the frame itself
-    is not among them. At the ends of the recording the window is shifted to stay inside;
-    of a recording no longer than the window all other frames are taken; a single frame is
+    is not among them. At the ends of the recording the window is shifted to stay inside.
+    Of a recording no longer than the window all other frames are taken. A single frame is
     its own background.
     """
 
@@ -64,7 +68,7 @@ class Mean(WindowModel):
 
 @dataclass(frozen=True)
 class Median(WindowModel):
-    """Absolute difference from the median of the frames around.
+    """Take the absolute difference from the median of the frames around.
 
     Exact: of an even number of frames, the mean of the two middle values. Source: section
     2.2.1 (static frame difference) and Table 5.4, Zhang 2023.

@@ -1,4 +1,6 @@
-r"""Detectors: a foreground or a point cloud -> particles (thesis, sections 2.2.2 to 2.2.6).
+r"""Detectors: from a foreground or a point cloud to particles.
+
+Sections 2.2.2 to 2.2.6 of the thesis.
 
     (rows, cols) foreground -> detector -> (n, 3) row, col, radius in px
     (n, 3) points in mm, calibrated -> clusterer -> (n,) labels: 0, 1, ...; noise -1
@@ -36,22 +38,26 @@ from kilnflight.detection.sift import DoG, Polygon
 
 
 class Detector2D(Protocol):
-    """A foreground (rows, cols) -> particles (n, 3): row, col, radius in px."""
+    """Find particles in a foreground."""
 
     def __call__(
         self, foreground: npt.NDArray[np.generic], within: Polygon | None = None, /
     ) -> npt.NDArray[np.float64]:
-        """Return the particles, those of a foreground of one grey value being none.
+        """Return the particles (n, 3): row, col and radius in px.
 
-        Outside a polygon (row, col) in the second place particles need not be found.
+        A foreground of one grey value has none. Where a polygon (row, col) is given, particles
+        outside it need not be found.
         """
 
 
 class Clusterer(Protocol):
-    """A cloud (n, 3) of points in mm -> labels (n,): 0, 1, ...; noise -1."""
+    """Group the points of a cloud in clusters."""
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return the label of each of (n, 3) points in mm; noise is -1."""
+        """Return the label of each point (n, 3) in mm.
+
+        Clusters are 0, 1, ...; noise is -1.
+        """
 
 
 DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG(threshold=500.0))

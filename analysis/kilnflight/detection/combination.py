@@ -1,9 +1,9 @@
-"""The combined detector: what the picture shows against what the cloud shows (chapter 3.1).
+"""The combined detector of keypoints and clusters (chapter 3.1).
 
-A 2D detector finds keypoints in the foreground, a clusterer finds clusters among the points
-that are left when the wall (the largest cluster of a first pass) is gone. Keypoints and
-clusters that share a pixel of the image are one potential particle; how many of each it has
-decides which of five cases it is, and each case asks the grey values another question.
+A 2D detector finds keypoints in the foreground. A clusterer finds clusters among the points
+without the wall, which is the largest cluster of a first pass. Keypoints and clusters that share a
+pixel of the image are one potential particle. Their numbers decide its case, and each case asks
+the grey values another question.
 
 =====  =========  ========  ===========================================================
 case   keypoints  clusters  decision
@@ -54,30 +54,33 @@ CASES = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
 
 @dataclass(frozen=True)
 class Clusters:
-    """Clusters as stretches of their points; arrays."""
+    """Points of several clusters, one cluster after the other."""
 
     pixels: Index  # (n, 2) row and col, cluster after cluster
     xyz: Array  # (n, 3) mm
     start: Index  # (clusters + 1,) where each begins
 
     def __len__(self) -> int:
-        """Return how many clusters there are."""
+        """Return the number of clusters."""
         return len(self.start) - 1
 
     @property
     def total(self) -> int:
-        """Number of points."""
+        """Return the number of points."""
         return len(self.pixels)
 
     @property
     def centers(self) -> Array:
-        """Mean row and column (clusters, 2) of each cluster."""
+        """Return mean row and column (clusters, 2) of each cluster."""
         sums = np.add.reduceat(self.pixels.astype(np.float64), self.start[:-1], axis=0)
         return np.asarray(sums / np.diff(self.start)[:, None])
 
     @property
     def rectangles(self) -> Index:
-        """Rectangle (clusters, 4) of each cluster, as `rectangle` has it of all."""
+        """Return the rectangle (clusters, 4) of each cluster.
+
+        Columns are those of `rectangle`.
+        """
         low, high = (
             edge.reduceat(self.pixels, self.start[:-1], axis=0) for edge in (np.minimum, np.maximum)
         )
@@ -85,12 +88,12 @@ class Clusters:
 
     @property
     def extent(self) -> Index:
-        """Larger side of each cluster's rectangle in pixels."""
+        """Return the larger side of each cluster's rectangle in pixels."""
         top, bottom, left, right = self.rectangles.T
         return np.maximum(bottom - top, right - left)
 
     def take(self, which: npt.NDArray[np.generic]) -> Clusters:
-        """Return some of the clusters (indices or a mask)."""
+        """Return the chosen clusters, by indices or a mask."""
         chosen = np.arange(len(self))[which]
         sizes = np.diff(self.start)[chosen]
         start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp)
@@ -98,7 +101,7 @@ class Clusters:
         return Clusters(self.pixels.take(point, axis=0), self.xyz.take(point, axis=0), start)
 
     def only(self, points: npt.NDArray[np.bool_]) -> Clusters:
-        """Return one cluster of some of the points."""
+        """Return one cluster of the chosen points."""
         return Clusters(self.pixels[points], self.xyz[points], np.array([0, points.sum()]))
 
     def center(self) -> tuple[float, float, float]:
@@ -107,12 +110,14 @@ class Clusters:
         return float(row), float(col), float(np.sqrt(self.total / np.pi))
 
     def place(self) -> tuple[float, float, float, int]:
-        """Return mean x, y, z in mm of all clusters as one, and the number of points."""
+        """Return mean x, y, z in mm and the number of all points."""
         x, y, z = self.xyz.mean(axis=0)
         return float(x), float(y), float(z), self.total
 
     def rectangle(self, disc: Array | None = None) -> Index:
-        """Return first row, row after the last, first column, column after the last.
+        """Return the rectangle (4,) around all clusters.
+
+        First row, row after the last, first column, column after the last.
 
         Parameters
         ----------
@@ -127,7 +132,7 @@ class Clusters:
         return np.array([low[0], high[0], low[1], high[1]])
 
     def nearest(self, spots: Array) -> Index:
-        """Return for each point which of ``spots`` (k, 2) is nearest in the image."""
+        """Return the index of the spot (k, 2) nearest to each point."""
         return np.argmin(((self.pixels[:, None] - spots) ** 2).sum(axis=2), axis=1)
 
 
@@ -158,7 +163,7 @@ def summarise(pixels: npt.NDArray[np.integer], xyz: Array, labels: Index) -> Clu
 def potential_particles(
     keypoints: Array, clusters: Clusters, shape: tuple[int, ...]
 ) -> Iterator[tuple[int, Index, Index]]:
-    """Yield every potential particle: its case, its keypoints and its clusters.
+    """Yield case, keypoints and clusters of each potential particle.
 
     Parameters
     ----------
@@ -193,7 +198,7 @@ def potential_particles(
 def disc_pixels(
     discs: Array, smallest: float, shape: tuple[int, ...]
 ) -> tuple[Index, Index, Index]:
-    """Return disc, row and column (m,) of every pixel of an image within discs.
+    """Return disc, row and column (m,) of each pixel within a disc.
 
     Parameters
     ----------
@@ -220,10 +225,10 @@ def disc_pixels(
 
 
 def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
-    """Return the mean grey value within each disc, (n, 3) of row, column, radius.
+    """Return the mean grey value within each disc.
 
-    A disc covers at least the pixel nearest to its centre; pixels outside the image do not
-    count.
+    Discs (n, 3) are row, column and radius. A disc covers at least the pixel nearest to its
+    centre; pixels outside the image do not count.
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
@@ -236,7 +241,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
 
 
 class View(NamedTuple):
-    """One frame as a detector sees it; arrays."""
+    """Images and points of one frame, as a detector uses them."""
 
     gray: npt.NDArray[np.uint16]  # (rows, cols)
     previous: npt.NDArray[np.uint16]  # (rows, cols), the frame before
@@ -247,7 +252,7 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Combination:
-    """Any 2D detector with any clusterer.
+    """Combine any 2D detector with any clusterer.
 
     Parameters
     ----------
@@ -264,9 +269,9 @@ class Combination:
     margin_px
         Widens every area, so that its border shows what surrounds the particle.
     largest_px
-        A cluster that is wider or higher is no particle and left out; its keypoints are case
-        5. Twice the 45 px that section 3.3 derives from the largest radii (Fig. 3.12); the
-        thesis does not say what becomes of what is left of the wall.
+        A cluster that is wider or higher is no particle and left out; its keypoints are case 5.
+        Twice the 45 px that section 3.3 derives from the largest radii (Fig. 3.12). The thesis
+        does not say what happens to remains of the wall.
     """
 
     detector: Detector2D = field(default_factory=DoG)
@@ -278,7 +283,7 @@ class Combination:
     largest_px: int = 90
 
     def __post_init__(self) -> None:
-        """Refuse parameters that decide nothing."""
+        """Refuse parameters out of range."""
         check_positive(self.prominence, "Combination: prominence")
         check_at_least(self.share, 0, "Combination: share")
         check_count(self.margin_px, "Combination: margin_px", 0)
@@ -292,7 +297,7 @@ class Combination:
         view
             The frame.
         roi
-            Polygon (row, col) outside which nothing is looked at.
+            Polygon (row, col); particles outside are left out.
         frame
             Number of the frame, for the table.
 
@@ -312,7 +317,7 @@ class Combination:
         roi: Polygon | None = None,
         frame: int = 0,
     ) -> pd.DataFrame:
-        """Return the particles, given keypoints (k, 3) and labels (n,) of the points.
+        """Return the particles of keypoints (k, 3) and point labels (n,).
 
         Raises
         ------
@@ -332,7 +337,7 @@ class Combination:
         moved = evidence.moved(widened(clusters.rectangles, self.margin_px))
         particles: list[Particle] = []
         for case, spots, groups in potential_particles(keypoints, clusters, view.gray.shape):
-            if case == 4 and not moved[groups[0]]:  # most are; asked of all at once for speed
+            if case == 4 and not moved[groups[0]]:  # most; tested at once for speed
                 continue
             parts = keypoints[spots], clusters.take(groups)
             particles += decide_case(case, *parts, evidence, self.margin_px)
@@ -343,7 +348,7 @@ class Combination:
 
 
 def check_view(view: View, labels: Index, where: str) -> None:
-    """Raise an `InputError` unless images, points and labels of a view belong together."""
+    """Raise an `InputError` unless the parts of a view fit together."""
     shape = view.gray.shape
     check_shape(view.previous, shape, f"{where}: the frame before")
     check_shape(view.foreground, shape, f"{where}: foreground")
@@ -360,7 +365,7 @@ def check_view(view: View, labels: Index, where: str) -> None:
 
 
 def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
-    """Return the labels (n,) of the second pass; points of the wall and noise are -1."""
+    """Return the labels (n,) of the second pass; wall and noise are -1."""
     first = wall(xyz)
     labels = np.full(len(xyz), -1, dtype=np.intp)
     on_wall = np.zeros(len(xyz), dtype=bool)
@@ -371,7 +376,7 @@ def second_pass(xyz: Array, wall: Clusterer, clusterer: Clusterer) -> Index:
 
 
 class Particle(NamedTuple):
-    """One detection; a row of the table."""
+    """One row of the table of detections."""
 
     row: float
     col: float
@@ -395,14 +400,14 @@ def _particle(spot: Iterable[float], place: Place, case: int) -> Particle:
 def decide_case(
     case: int, spots: Array, clusters: Clusters, evidence: Evidence, margin: int
 ) -> list[Particle]:
-    """Return the particles of a potential particle by its case (table at the top).
+    """Return the particles of a potential particle by its case.
 
     Parameters
     ----------
     case, spots, clusters
         Its case, its keypoints (k, 3) and its clusters.
     evidence
-        What the grey values say.
+        Peaks and changes of the grey values.
     margin
         Widens every area, in px.
     """
@@ -429,7 +434,7 @@ def widened(area: Index, margin: int) -> Index:
 
 
 def _shared(peaks: Array, clusters: Clusters, spots: Array, case: int) -> Iterator[Particle]:
-    """Yield a particle per peak; each point of the clusters belongs to the nearest peak."""
+    """Yield one particle per peak, with the points nearest to it."""
     owner = clusters.nearest(peaks[:, :2])
     smallest = float(spots[:, 2].min())
     for number, (row, col) in enumerate(peaks[:, :2]):

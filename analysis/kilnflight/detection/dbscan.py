@@ -1,9 +1,9 @@
 """Density-based clusters of a point cloud (thesis, section 2.2.4).
 
-Points are sorted into cubic cells, so that neighbours are found in adjacent cells only.
-Cells are numbered along z, then y, then x, with empty cells after each row and each layer:
-the cells within a few steps along z of a cell, in any row around it, then have consecutive
-numbers, and the occupied ones of them are consecutive entries of `Cells.keys`.
+Points are sorted into cubic cells, so that neighbours are found in adjacent cells only. Cells are
+numbered along z, then y, then x, with empty cells after each row and each layer. So a cell and
+those within a few steps along z have consecutive numbers, in any row around. The occupied ones are
+consecutive entries of `Cells.keys`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,10 @@ def check_points(points: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
 
 
 def numbered_by_first_point(groups: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
-    """Return labels 0, 1, ... in the order of the first point; groups below 0 are noise."""
+    """Return labels numbered in the order of their first point.
+
+    Groups below 0 are noise.
+    """
     labels = np.full(len(groups), NOISE, np.intp)
     kept = groups >= 0
     _, first, inverse = np.unique(groups[kept], return_index=True, return_inverse=True)
@@ -48,10 +51,10 @@ def numbered_by_first_point(groups: npt.NDArray[np.integer]) -> npt.NDArray[np.i
 
 @dataclass(frozen=True)
 class DBSCAN:
-    """Clusters of points that reach each other through core points.
+    """Cluster points that reach each other through core points.
 
     A core point has at least ``min_points`` points, itself included, within ``eps``. Core
-    points within ``eps`` of each other share a cluster; another point within ``eps`` of a
+    points within ``eps`` of each other share a cluster. Another point within ``eps`` of a
     core point is a border point of its cluster; the rest is noise.
 
     Parameters
@@ -68,13 +71,13 @@ class DBSCAN:
 
     Notes
     -----
-    The thesis asks for "more than minPts" points including the query point, but calls a
-    point core when the distance to its minPts-th neighbour, the query point included, is at
-    most eps. The second is Ester's and scikit-learn's definition and is taken. A border
-    point of several clusters goes to the first of them, in the order of the points.
+    The thesis asks for "more than minPts" points, the query point among them. But it also calls a
+    point core when the distance to its minPts-th neighbour, itself included, is at most eps. The
+    second is Ester's and scikit-learn's definition and is taken. A border point of several
+    clusters goes to the first of them, in the order of the points.
 
     Section 5.1.3 removes the kiln's wall by a pass of its own, "with the highest precision",
-    minPts 10 and eps 50 mm; by Table 5.8 the most precise set is 15 and 70 mm. The second
+    minPts 10 and eps 50 mm. By Table 5.8 the most precise set is 15 and 70 mm. The second
     pass takes 10 and 15 mm. Sources: section 2.2.4 and Table 5.8, thesis.
     """
 
@@ -82,7 +85,7 @@ class DBSCAN:
     min_points: int = 10  # points, best F1 of Table 5.8
 
     def __post_init__(self) -> None:
-        """Refuse a radius or a number of points that makes no neighbourhood."""
+        """Refuse parameters out of range."""
         check_positive(self.eps, "DBSCAN: eps in mm")
         check_count(self.min_points, "DBSCAN: min_points")
 
@@ -109,14 +112,14 @@ class DBSCAN:
 
 @dataclass(frozen=True)
 class ScikitDBSCAN(DBSCAN):
-    """Clusters as of `DBSCAN`, by scikit-learn: the same parameters and the same labels.
+    """Cluster points as `DBSCAN` does, with scikit-learn.
 
-    It holds the neighbours of all points at once and is far slower on the cloud of a frame;
-    it is there to check `DBSCAN` on other data.
+    Parameters and labels are the same. It holds the neighbours of all points at once and is far
+    slower on the cloud of a frame. It checks `DBSCAN` on other data.
     """
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return the cluster of each of (n, 3) points in mm; arguments and errors as `DBSCAN`."""
+        """Return the cluster of each point, as `DBSCAN` does."""
         from sklearn import cluster  # slow to import, and seldom needed
 
         cloud = check_points(points, "DBSCAN: points")
@@ -127,10 +130,11 @@ class ScikitDBSCAN(DBSCAN):
 
 
 def k_distances(points: npt.ArrayLike, k: int = 6) -> npt.NDArray[np.float64]:
-    """Return the distance of each point to its k-th neighbour, descending (Fig. 2.19, thesis).
+    """Return the distance of each point to its k-th neighbour.
 
-    The query point counts as the first, as in section 2.2.4: at ``k = min_points`` the
-    points whose distance is at most eps are the core points of `DBSCAN`.
+    The distances descend, as in Fig. 2.19 of the thesis. The query point counts as the first, as
+    in section 2.2.4. At ``k = min_points`` the points whose distance is at most eps are the core
+    points of `DBSCAN`.
 
     Parameters
     ----------
@@ -185,9 +189,10 @@ class Cells(NamedTuple):
 
 
 def sort_into_cells(points: npt.NDArray[np.float64], side: float) -> Cells:
-    """Return points (n, 3), at least one, sorted into cubes from the smallest x, y and z.
+    """Return points (n, 3) sorted into cubic cells.
 
-    So many cells as neighbours may be away stay empty after each row and layer.
+    There must be a point. Cells are counted from the smallest x, y and z. After each row and each
+    layer `REACH` cells stay empty.
 
     Raises
     ------
@@ -215,7 +220,10 @@ def sort_into_cells(points: npt.NDArray[np.float64], side: float) -> Cells:
 
 @njit(cache=True)
 def advance(keys: Any, start: int, wanted: int) -> int:
-    """Return the first entry from ``start`` on of the ascending ``keys`` that is >= ``wanted``."""
+    """Return the index of the first of ascending ``keys`` not below a bound.
+
+    The search begins at ``start``.
+    """
     while start < len(keys) and keys[start] < wanted:
         start += 1
     return start
@@ -223,7 +231,7 @@ def advance(keys: Any, start: int, wanted: int) -> int:
 
 @njit(cache=True)
 def root_of(parents: Any, member: int) -> int:
-    """Return the member that stands for the set of ``member``, halving the way to it."""
+    """Return the root of a member's set, halving the way to it."""
     while parents[member] != member:
         parents[member] = parents[parents[member]]
         member = parents[member]
@@ -232,7 +240,7 @@ def root_of(parents: Any, member: int) -> int:
 
 @njit(cache=True)
 def unite(parents: Any, one: int, other: int) -> bool:
-    """Join the sets of two members under the lower root; tell whether they were apart."""
+    """Join two sets under the lower root; return whether they differed."""
     first, second = root_of(parents, one), root_of(parents, other)
     parents[max(first, second)] = min(first, second)
     return first != second
@@ -251,7 +259,7 @@ def _number(points: Any, low: Any, side: float, layer: int, row: int) -> Any:
 
 @njit(cache=True)
 def _radix_sort(keys: Any, bound: int) -> Any:
-    """Return the sorted ``keys``, all in [0, bound], and their stable order."""
+    """Return keys in [0, bound] sorted, with their stable order."""
     order = np.arange(len(keys))
     other_order, other_keys = np.empty_like(order), np.empty_like(keys)
     shift = 0
@@ -274,7 +282,7 @@ def _radix_sort(keys: Any, bound: int) -> Any:
 
 @njit(cache=True)
 def _gather(points: Any, keys: Any, order: Any) -> Any:
-    """Return the sorted points, the occupied cells and where they start."""
+    """Return the sorted points, the occupied cells and their starts."""
     count = len(order)
     gathered = np.empty((count, 3))
     occupied, starts = np.empty(count, np.int64), np.empty(count + 1, np.int64)
@@ -291,7 +299,7 @@ def _gather(points: Any, keys: Any, order: Any) -> Any:
 
 @njit(cache=True)
 def _near(points: Any, a: int, b: int, limit: float) -> bool:
-    """Tell whether two points are at most eps apart."""
+    """Return whether two points are at most eps apart."""
     x = points[a, 0] - points[b, 0]
     y = points[a, 1] - points[b, 1]
     z = points[a, 2] - points[b, 2]
@@ -300,7 +308,7 @@ def _near(points: Any, a: int, b: int, limit: float) -> bool:
 
 @njit(cache=True)
 def _count_near(axes: Any, a: int, begin: int, end: int, limit: float) -> int:
-    """Count the sorted points from ``begin`` to ``end`` that are at most eps from point a."""
+    """Return the number of sorted points in a range within eps of point a."""
     x, y, z = axes
     own_x, own_y, own_z = x[a], y[a], z[a]
     found = 0
@@ -312,10 +320,10 @@ def _count_near(axes: Any, a: int, begin: int, end: int, limit: float) -> int:
 
 @njit(cache=True)
 def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
-    """Tell of each sorted point whether it is a core point.
+    """Return whether each sorted point is a core point.
 
-    The cells within reach in one row are neighbours in the order of the points, the point's
-    own among them; most points know after the nearest rows, so that others are not looked up.
+    The cells within reach in one row are consecutive in the order of the points. The nearest rows
+    decide most points, so that the others are not read.
     """
     points, keys, starts, steps = cells.points, cells.keys, cells.starts, cells.steps
     axes = (points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy())
@@ -343,7 +351,7 @@ def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
 
 @njit(cache=True)
 def _touch(points: Any, starts: Any, core: Any, one: int, other: int, limit: float) -> bool:
-    """Tell whether core points of two cells are at most eps apart."""
+    """Return whether core points of two cells are at most eps apart."""
     for a in range(starts[one], starts[one + 1]):
         if core[a]:
             for b in range(starts[other], starts[other + 1]):
@@ -356,7 +364,7 @@ def _touch(points: Any, starts: Any, core: Any, one: int, other: int, limit: flo
 def _connected_cells(cells: Cells, core: Any, limit: float) -> Any:
     """Return the forest of cells whose core points share a cluster.
 
-    Adjacent cells first: then most cells two steps apart are known to be connected.
+    Adjacent cells come first, so that most cells two steps apart are connected already.
     """
     keys, starts, steps = cells.keys, cells.starts, cells.steps
     parents = np.arange(len(keys))

@@ -1,4 +1,7 @@
-"""The burner's flame, found and taken out before anything is detected (chapter 3.1, Fig. 3.4)."""
+"""The burner's flame, removed from images before detection.
+
+Chapter 3.1 and Fig. 3.4 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -14,24 +17,24 @@ Rectangle = tuple[int, int, int, int]
 
 
 class Flame(NamedTuple):
-    """What is flame in a rectangle of the image."""
+    """The flame's pixels in a rectangle of the image."""
 
     rectangle: Rectangle  # first row, row after the last, first column, column after the last
     mask: npt.NDArray[np.bool_]  # (rows, cols) of the rectangle
 
     def cover(self, image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Return a copy of a foreground (rows, cols) that is 0 where the flame is."""
+        """Return a copy of a foreground (rows, cols), 0 in the flame."""
         cleared = image.copy()
         self.clear(cleared)
         return cleared
 
     def clear(self, image: npt.NDArray[np.float32]) -> None:
-        """Make a foreground (rows, cols) itself 0 where the flame is."""
+        """Set the flame's pixels of a foreground to 0, in place."""
         top, bottom, left, right = self.rectangle
         image[top:bottom, left:right][self.mask] = 0
 
     def holds(self, pixels: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-        """Return which pixels (n, 2) of row and col belong to the flame."""
+        """Return whether each pixel (n, 2) of row and col is flame."""
         top, bottom, left, right = self.rectangle
         row, col = pixels[:, 0], pixels[:, 1]
         inside = (row >= top) & (row < bottom) & (col >= left) & (col < right)
@@ -41,7 +44,7 @@ class Flame(NamedTuple):
 
 
 def segment_flame(gray: npt.NDArray[np.uint16], rectangle: Rectangle) -> Flame:
-    """Return the flame: what is above the Otsu threshold of a rectangle.
+    """Return the flame: pixels above Otsu's threshold of a rectangle.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from kilnflight.detection.dbscan import NOISE, check_points, numbered_by_first_p
 
 @dataclass(frozen=True)
 class MorphologicalClustering:
-    """Clusters that are connected domains of a dilated grid (Eqs 2.31-2.36).
+    """Cluster points by dilating a grid of cells (Eqs 2.31 to 2.36).
 
     Each axis of the cloud is stretched to [0, grid] and rounded, halves up (Eqs 2.32, 2.33).
     The occupied cells make domains, a cell touching its 26 neighbours (Eq. 2.34). Domains
@@ -40,16 +40,15 @@ class MorphologicalClustering:
 
     Notes
     -----
-    Readings. (1) Eq. 2.32 divides by max(p); the text of 5.1.3 wants each axis in [0, 1],
-    so the extent max(p) - min(p) divides. (2) Section 2.2.5 stops at "the number of
-    clusters", which nobody knows; 5.1.3 stops when the number of domains "remains
-    unchanged". Of hundreds of domains some always merge, so that rule, which is
-    ``dilations=None``, leaves a frame a few clusters, where Table 5.9 counts 52 to 287 per
-    image. Wang's abstract (the source of the method) also names a largest number of
-    iterations, which the thesis does not print. One dilation is the least that the method
-    has. (3) T_s is described after the dilation. There a single point counts 27 cells and
-    the wall sets the mean, so that all but the wall would go; it is taken of the grid as
-    it is, where crumbs set the mean.
+    Readings. (1) Eq. 2.32 divides by max(p); the text of 5.1.3 wants each axis in [0, 1], so the
+    extent max(p) - min(p) divides. (2) Section 2.2.5 stops at "the number of clusters", which is
+    not known before; 5.1.3 stops when the number of domains "remains unchanged". That rule is
+    ``dilations=None``. Of hundreds of domains some always merge, so it leaves a frame a few
+    clusters, where Table 5.9 counts 52 to 287 per image. Wang's abstract (the source of the
+    method) also names a largest number of iterations, which the thesis does not print. One
+    dilation is the least that the method has. (3) T_s is described after the dilation. There a
+    single point counts 27 cells and the wall sets the mean, so that all but the wall would go.
+    Here it is taken of the grid as it is, where small domains set the mean.
 
     For the combined method, section 5.1.3 removes the wall with R = 100 and takes R = 400
     for the rest. Sources: section 2.2.5 and Table 5.9, thesis.
@@ -65,7 +64,9 @@ class MorphologicalClustering:
             check_count(self.dilations, "MorphologicalClustering: dilations", 0)
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return the cluster of each of (n, 3) points in mm, numbered by their first point.
+        """Return the cluster of each point (n, 3) in mm.
+
+        Clusters are numbered in the order of their first point.
 
         Raises
         ------
@@ -97,7 +98,10 @@ class MorphologicalClustering:
 
 
 def _joined(cells: npt.NDArray[np.intp], reach: int) -> npt.NDArray[np.int32]:
-    """Return the domain of each of (n, 3) cells: those at most ``reach`` apart along every axis."""
+    """Return the domain of each cell (n, 3).
+
+    Cells that are at most ``reach`` apart along every axis share a domain.
+    """
     pairs = cKDTree(cells).query_pairs(reach + 0.5, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(len(cells), len(cells)))
     return np.asarray(connected_components(links, directed=False)[1])

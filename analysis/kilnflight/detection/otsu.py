@@ -1,4 +1,7 @@
-"""Particles as bright regions beyond Otsu's threshold (thesis, section 2.2.2)."""
+"""Particles as bright regions above Otsu's threshold.
+
+Section 2.2.2 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
 
 
 def check_foreground(foreground: npt.NDArray[np.generic], where: str) -> npt.NDArray[Any]:
-    """Return the foreground of a 2D detector as an array, or raise an `InputError`.
+    """Return the foreground as an array, or raise an `InputError`.
 
     Raises
     ------
@@ -69,10 +72,9 @@ def otsu_threshold(values: npt.NDArray[np.generic]) -> int:
 
     Notes
     -----
-    The criterion does not change when a constant is added to all grey values, so levels
-    are counted from the smallest value and not from 1. `skimage.filters.threshold_otsu`
-    sums in float32, which moves the threshold of a frame's flame by some levels; so
-    Eq. 2.19 stands here in float64.
+    A constant added to all grey values does not change the criterion, so levels are counted from
+    the smallest value. `skimage.filters.threshold_otsu` sums in float32, which moves the threshold
+    of a frame's flame by some levels; so Eq. 2.19 stands here in float64.
 
     Examples
     --------
@@ -114,7 +116,7 @@ def criterion(counts: npt.NDArray[np.int64]) -> Array:
 
 @dataclass(frozen=True)
 class Otsu:
-    """Connected regions above Otsu's threshold of the foreground.
+    """Find connected regions above Otsu's threshold of the foreground.
 
     Parameters
     ----------
@@ -123,17 +125,17 @@ class Otsu:
 
     Notes
     -----
-    "No parameters require to be defined" (section 5.1.3): the threshold has none. How
-    the thesis makes particles of the pixels above it is not said; here regions of
-    pixels that touch, corners included, are one particle. Single noisy pixels are no
-    particles; 5 px is a pixel with its four neighbours, the smallest region that has an
-    inside (the text speaks of tiny particles "with several pixels in size").
+    "No parameters require to be defined" (section 5.1.3): the threshold has none. The thesis does
+    not say how pixels above it become particles. Here a region of pixels that touch, corners
+    included, is one particle. Single noisy pixels are no particles. 5 px is a pixel with its four
+    neighbours, the smallest region that has an inside (the text speaks of tiny particles "with
+    several pixels in size").
     """
 
     smallest_px: int = 5
 
     def __post_init__(self) -> None:
-        """Refuse a size that is none."""
+        """Refuse a size below one pixel."""
         check_count(self.smallest_px, "Otsu smallest_px")
 
     def __call__(self, foreground: npt.NDArray[np.generic], _within: object = None) -> Array:
@@ -142,8 +144,8 @@ class Otsu:
         Parameters
         ----------
         foreground
-            (rows, cols) 16-bit grey values, or floats, which are rounded. All of it is
-            looked at, whatever polygon is asked for: the threshold depends on every pixel.
+            (rows, cols) 16-bit grey values, or floats, which are rounded. A polygon has no effect,
+            since the threshold depends on every pixel.
 
         Returns
         -------

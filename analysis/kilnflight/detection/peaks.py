@@ -1,14 +1,14 @@
-"""Local grey-value peaks in small areas of an image, by how far they stand out.
+"""Local grey-value peaks in small areas of an image.
 
-The combined detector decides its five cases by counting local peaks (thesis, chapter 3.1);
-the thesis does not say what counts as one. Here a peak counts when it stands out from the
-saddle to any higher peak (or, the highest one, from the median of the area's border) by at
-least a given prominence, and when it lies inside the area and not on its border, where the
-highest pixel is merely the foot of something outside.
+The combined detector decides its five cases by counting local peaks (thesis, chapter 3.1); the
+thesis does not say what counts as one. Here a peak counts when it stands out by a given prominence
+from the saddle to any higher peak. The highest peak must stand out from the median of the area's
+border. A peak must lie inside the area: on the border, the highest pixel is merely the foot of
+something outside.
 
 The thesis looks for peaks or troughs on the frame and on the absolute difference to the frame
-before. Here both pictures are smoothed a little and a peak must stand out from the noise, which
-is measured on the frame itself; so nothing depends on the exposure.
+before. Here both pictures are smoothed a little, and a peak must stand out from the noise. The
+noise is measured on the frame itself, so nothing depends on the exposure.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ NO, UNSURE, SURE = 0, 1, 2  # whether a peak is there, judged from around its pi
 def find_peaks(
     image: npt.NDArray[np.generic], area: npt.NDArray[np.integer], prominence: float
 ) -> npt.NDArray[np.float64]:
-    """Return the peaks (k, 3) in a rectangle: row, column, prominence; the highest first.
+    """Return the peaks (k, 3) in a rectangle, the highest first.
+
+    Columns are row, column and prominence.
 
     Parameters
     ----------
@@ -59,7 +61,10 @@ def find_peaks(
 def have_peaks(
     image: npt.NDArray[np.generic], areas: npt.NDArray[np.integer], prominence: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which of several areas (n, 4) hold a peak; arguments as `find_peaks`."""
+    """Return whether each of several areas (n, 4) holds a peak.
+
+    Arguments are those of `find_peaks`.
+    """
     return np.asarray(_any_peaks(*_checked(image, areas, prominence), prominence))
 
 
@@ -77,7 +82,10 @@ def _checked(
 
 @numba.njit(cache=True)
 def _clipped(image: Float32, box: Index) -> tuple[Float32, int, int]:
-    """Return a box of the image with its first row and column; empty if it has no peak."""
+    """Return a box of the image with its first row and column.
+
+    The box is empty if it can hold no peak.
+    """
     top, left = max(box[0], 0), max(box[2], 0)
     area = image[top : max(box[1], 0), left : max(box[3], 0)]
     if min(area.shape) < 3 or area.size > LARGEST_AREA_PX:
@@ -87,7 +95,10 @@ def _clipped(image: Float32, box: Index) -> tuple[Float32, int, int]:
 
 @numba.njit(cache=True)
 def _area_peaks(image: Float32, box: Index, prominence: float) -> npt.NDArray[np.float64]:
-    """Return (k, 3) peaks of one area: pixels from high to low, joined as water falls."""
+    """Return the peaks (k, 3) of one area.
+
+    Pixels emerge from high to low, as water falls, and join their neighbours.
+    """
     area, top, left = _clipped(image, box)
     height, width = area.shape
     value = area.copy().reshape(-1)
@@ -136,7 +147,10 @@ def _any_peaks(image: Float32, boxes: Index, prominence: float) -> npt.NDArray[n
 
 @numba.njit(cache=True)
 def _has_peak(area: Float32, prominence: float) -> int:
-    """Return whether an inner pixel stands out so far, without sorting the area."""
+    """Return whether an area has a peak: `SURE`, `UNSURE` or `NO`.
+
+    The pixels are not sorted, which saves time.
+    """
     if not area.size:
         return NO
     least, highest = _extremes(area)
@@ -167,7 +181,7 @@ def _has_peak(area: Float32, prominence: float) -> int:
 
 @numba.njit(cache=True, fastmath={"nnan", "nsz"})  # several pixels at a time; none is NaN
 def _extremes(area: Float32) -> tuple[float, Float32]:
-    """Return the lowest value and the highest of each row."""
+    """Return the lowest value of all, and the highest of each row."""
     least, highest = area[0, 0], area[:, 0].copy()
     for row in range(area.shape[0]):
         line, low, high = area[row], area[row, 0], area[row, 0]
@@ -181,10 +195,11 @@ def _extremes(area: Float32) -> tuple[float, Float32]:
 def _stands_out(
     area: Float32, place: tuple[int, int], prominence: float, visited: Index, stack: Index
 ) -> int:
-    """Return whether no higher pixel can be reached without a descent by the prominence.
+    """Return whether a pixel is a peak: `SURE`, `UNSURE` or `NO`.
 
-    Whether the first of several equal pixels lies inside the border stays open. ``visited``
-    (as the area) holds for which pixel each was visited last; ``stack`` has room for all.
+    From a peak no higher pixel can be reached without a descent by the prominence. Whether the
+    first of several equal pixels lies inside the border stays open. ``visited`` (as the area)
+    holds for which pixel each was visited last; ``stack`` has room for all.
     """
     row, col = place
     value, mark = area[row, col], row * area.shape[1] + col
@@ -226,7 +241,7 @@ def _root(parent: Index, pixel: int) -> int:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The smoothed pictures of a frame and the thresholds of their peaks."""
+    """Smoothed pictures of a frame, and the thresholds of their peaks."""
 
     gray: Float32  # (rows, cols), smoothed
     change: Float32  # (rows, cols), absolute difference to the frame before, smoothed
@@ -256,7 +271,7 @@ class Evidence:
         Notes
         -----
         Noise is the median absolute deviation of the smoothed difference of the two frames,
-        times 1.4826; that of one frame is smaller by the square root of 2. The difference is
+        times 1.4826. That of one frame is smaller by the square root of 2. The difference is
         smoothed before its absolute value is taken, so that noise averages out.
         """
         if gray.shape != previous.shape:
@@ -273,16 +288,19 @@ class Evidence:
         return cls(now, before, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
-        """Return the peaks (k, 3) of the frame in an area (4,), highest first."""
+        """Return the peaks (k, 3) of an area (4,), the highest first."""
         peaks = find_peaks(self.gray, area, self.threshold)
         return peaks[peaks[:, 2] >= self.share * peaks[:, 2].max(initial=0.0)]
 
     def moved(self, areas: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-        """Return which areas (n, 4) have changed; only those can be `real`."""
+        """Return whether each area (n, 4) has changed.
+
+        Only a changed area can be `real`.
+        """
         return have_peaks(self.change, areas, self.change_threshold)
 
     def real(self, area: npt.NDArray[np.integer]) -> bool:
-        """Return whether a peak or trough of the frame is in an area (4,) that has changed."""
+        """Return whether an area (4,) has changed and has a peak or trough."""
         if not self.moved(area[None]).any():
             return False
         top, bottom, left, right = np.maximum(area, 0).tolist()
@@ -292,7 +310,10 @@ class Evidence:
 
 
 def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
-    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`, cut at four of it."""
+    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`.
+
+    The Gaussian is cut at four standard deviations.
+    """
     picture, side = image.astype(np.float32), 2 * round(4 * SMOOTHING_PX) + 1
     cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture)
     return picture

@@ -23,20 +23,20 @@ from kilnflight.detection.dbscan import (
 )
 
 Array = npt.NDArray[np.float64]
-CHUNK = 20_000  # points whose neighbours are looked for at a time, to save memory
+CHUNK = 20_000  # points whose neighbours are searched at a time, to save memory
 
 
 @dataclass(frozen=True)
 class QuasiClusterCenters:
-    """Clusters that spread from quasi-cluster centres to ever sparser neighbours.
+    """Cluster points by spreading from the densest ones.
 
-    The density of a point is one over the distance to its k-th neighbour (Eq. 2.37). A
-    point that is at least as dense as all its neighbours, or as all points it is a
-    neighbour of (Eqs 2.38, 2.39), is a centre. Its cluster is what is reached from it by
-    steps to neighbours that are not denser. Clusters that share more than ``alpha`` k
-    points are merged (Eq. 2.41). A point that still is in several clusters goes to that of
-    its exemplar, the densest of its neighbours (Eq. 2.40); a centre is its own exemplar.
-    Clusters of fewer than ``k`` points are noise.
+    Clusters spread from quasi-cluster centres to ever sparser neighbours. The density of a point
+    is one over the distance to its k-th neighbour (Eq. 2.37). A centre is at least as dense as all
+    its neighbours, or as all points it is a neighbour of (Eqs 2.38, 2.39). Its cluster is reached
+    from it by steps to neighbours that are not denser. Clusters that share more than ``alpha`` k
+    points are merged (Eq. 2.41). A point that still is in several clusters goes to that of its
+    exemplar, the densest of its neighbours (Eq. 2.40). A centre is its own exemplar. Clusters of
+    fewer than ``k`` points are noise.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class QuasiClusterCenters:
     Notes
     -----
     Readings. (1) "Greater than the density of all" neighbours leaves two equally dense
-    neighbours, which are frequent (each the other's k-th), without a centre; 5.1.3 says
+    neighbours, which are frequent (each the other's k-th), without a centre. 5.1.3 says
     "maximum", so equal is enough. (2) A neighbour is sparse when it is not denser;
     points of equal density, one of them the other's neighbour, reach each other. (3) The
     similarity is taken again of merged clusters, until no two clusters share too much; the
@@ -62,7 +62,7 @@ class QuasiClusterCenters:
     exemplars the first. (5) In a cloud of at most ``k`` points none has a density: all
     noise.
 
-    The thesis prints K = 30, alpha = 0.1 as best, with F1 0.6210; the counts of that row
+    The thesis prints K = 30, alpha = 0.1 as best, with F1 0.6210. The counts of that row
     give 0.5808, and K = 35 (0.6000) is the best of Table 5.10. For the combined method,
     section 5.1.3 removes the wall with K = 35, alpha = 0.1 and takes K = 20, alpha = 0.2
     for the rest. Sources: section 2.2.6 and Table 5.10, thesis.
@@ -72,14 +72,14 @@ class QuasiClusterCenters:
     alpha: float = 0.1  # share of k, best F1 of Table 5.10
 
     def __post_init__(self) -> None:
-        """Refuse a number of neighbours or a similarity that cannot be."""
+        """Refuse parameters out of range."""
         check_count(self.k, "QuasiClusterCenters: k")
         check_at_least(self.alpha, 0, "QuasiClusterCenters: alpha")
 
     def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return the cluster of each of (n, 3) points in mm, numbered by their first point.
+        """Return the cluster of each point (n, 3) in mm; noise is -1.
 
-        Noise is -1.
+        Clusters are numbered in the order of their first point.
 
         Raises
         ------
@@ -115,9 +115,10 @@ class QuasiClusterCenters:
 def nearest_neighbors(
     cloud: Array, k: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
-    """Return the ``k`` nearest other points (n, k) and the squared distance to the k-th (n,).
+    """Return the nearest points (n, k) and the squared k-th distance (n,).
 
-    Of equally distant points the first ones of the cloud count. There are more than ``k``.
+    There must be more than ``k`` points; none is its own neighbour. Of equally distant points the
+    first ones of the cloud count.
     """
     tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
     nearest = np.empty((len(cloud), k), np.int32)
@@ -139,7 +140,7 @@ def nearest_neighbors(
 
 
 class Graph(NamedTuple):
-    """Points with their neighbours and densities; arrays."""
+    """Points with their neighbours and densities."""
 
     neighbors: Any  # (n, k) points
     squares: Any  # (n,) squared distances to the k-th neighbour, small where it is dense
@@ -158,7 +159,7 @@ class Chains(NamedTuple):
 
 @njit(cache=True)
 def _gather(start: int, chains: Chains, clusters: Any, members: Any) -> int:
-    """Write the different clusters of a chain into ``members``; return how many."""
+    """Write a chain's clusters into ``members``; return their number."""
     count = 0
     while start >= 0:
         cluster = root_of(clusters, chains.values[start])
@@ -171,7 +172,7 @@ def _gather(start: int, chains: Chains, clusters: Any, members: Any) -> int:
 
 @njit(cache=True)
 def _holds(start: int, chains: Chains, clusters: Any, cluster: int) -> bool:
-    """Return whether a chain has a cluster."""
+    """Return whether a chain contains a cluster."""
     while start >= 0:
         if root_of(clusters, chains.values[start]) == cluster:
             return True
@@ -181,7 +182,7 @@ def _holds(start: int, chains: Chains, clusters: Any, cluster: int) -> bool:
 
 @njit(cache=True)
 def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bool:
-    """Count a point that several clusters share; merge those that share too much."""
+    """Count a shared point; return whether clusters were merged by it."""
     merged = False
     for i in range(len(members)):
         for j in range(i):
@@ -197,9 +198,9 @@ def _share(members: Any, clusters: Any, shared: Any, k: int, alpha: float) -> bo
 def _spread(graph: Graph, clusters: Any, alpha: float) -> Chains:
     """Return the chains of the clusters that reach each level.
 
-    The densest points hand on their clusters first. Clusters are merged as soon as enough
-    shared points are counted, which keeps chains short: as a merged cluster shares no fewer
-    points than its parts, that is never too early. `_merge` finds the rest.
+    The densest points hand on their clusters first. Clusters are merged as soon as enough shared
+    points are counted, which keeps chains short. This is never too early, as a merged cluster
+    shares no fewer points than its parts. `_merge` finds the rest.
     """
     squares, levels, (count, k) = graph.squares, graph.levels, graph.neighbors.shape
     chains = Chains(
@@ -238,7 +239,7 @@ def _spread(graph: Graph, clusters: Any, alpha: float) -> Chains:
 
 @njit(cache=True)
 def _merge(chains: Chains, levels: Any, clusters: Any, k: int, alpha: float) -> bool:
-    """Count all shared points anew and merge; return whether clusters were merged."""
+    """Merge clusters that share too many points; return whether any did."""
     members = np.empty(len(levels), np.int64)
     shared = Dict.empty(types.int64, types.int64)
     merged = False
@@ -251,7 +252,10 @@ def _merge(chains: Chains, levels: Any, clusters: Any, k: int, alpha: float) -> 
 
 @njit(cache=True)
 def _choose(graph: Graph, chains: Chains, clusters: Any) -> Any:
-    """Return the cluster of each point; in several clusters, it takes that of its exemplar."""
+    """Return the cluster of each point.
+
+    A point in several clusters takes that of its exemplar.
+    """
     squares = graph.squares
     labels = np.full(len(squares), NOISE)
     members = np.empty(np.count_nonzero(graph.centers), np.int64)

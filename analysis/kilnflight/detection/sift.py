@@ -1,7 +1,7 @@
-"""Particles as extrema of differences of Gaussians: the keypoints of SIFT (section 2.2.3).
+"""Particles as keypoints of SIFT: extrema of differences of Gaussians.
 
-The thesis uses position and scale of a keypoint only, so the orientation and the
-descriptor (Eqs 2.29 ff.) are not computed.
+Section 2.2.3 of the thesis, which uses position and scale of a keypoint only. So the orientation
+and the descriptor (Eqs 2.29 ff.) are not computed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TILE = 16  # side in blocks of the tiles that are blurred one at a time
 
 @dataclass(frozen=True)
 class DoG:
-    """SIFT keypoints: blobs brighter than their surroundings, with position and size.
+    """Find bright blobs, the keypoints of SIFT, with position and size.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class DoG:
         Smallest difference of Gaussians at the interpolated maximum, in grey values
         (Eq. 2.27; "local maximum of DoG" of Tables 5.6 and 5.7).
     layers
-        Scales per octave at which maxima are looked for; k of Eq. 2.23 is 2^(1/layers).
+        Scales per octave that are searched for maxima; k of Eq. 2.23 is 2^(1/layers).
     sigma
         Blur of the first scale of an octave, in px of the octave.
     edge
@@ -56,17 +56,17 @@ class DoG:
 
     Notes
     -----
-    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23: a bright
-    blob is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also looks for,
-    are gaps between particles in |frame - background| and are left out. The threshold applies
-    to the difference itself, neither divided by the number of layers (as OpenCV does) nor
-    scaled by the grey values' range. A sample below half of it is not followed, as in OpenCV.
+    The difference is the narrow minus the wide Gaussian, the negative of Eq. 2.23. A bright blob
+    is the "local maximum" of Tables 5.6 and 5.7. Minima, which the text also names, are gaps
+    between particles in |frame - background| and are left out. The threshold applies to the
+    difference itself, neither divided by the number of layers (as OpenCV does) nor scaled by the
+    grey values' range. A sample below half of it is not followed, as in OpenCV.
 
-    The thesis starts from the original image, which finds blobs with a radius from about
-    2.8 px. Lowe doubles it first: pass the image at twice its size and twice the
-    ``camera_blur``. The radius is that of the uniform disc that answers most strongly at the
-    keypoint's scale (`disc_radius`); for a Gaussian blob the square root of 2 times its
-    standard deviation. The thesis does not say how it draws its circles.
+    The thesis starts from the original image, which finds blobs with a radius from about 2.8 px.
+    Lowe doubles it first: pass the image at twice its size and twice the ``camera_blur``. The
+    radius is that of the uniform disc that answers most strongly at the keypoint's scale
+    (`disc_radius`). For a Gaussian blob it is the square root of 2 times its standard deviation.
+    The thesis does not say how it draws its circles.
 
     Sources: Eqs 2.21-2.28, thesis; Lowe 2004 ([66] of the thesis), sections 3 and 4, for 3
     layers, 1.6 px, camera blur 0.5 px and r = 10.
@@ -79,7 +79,7 @@ class DoG:
     camera_blur: float = 0.5  # px
 
     def __post_init__(self) -> None:
-        """Refuse parameters with which the equations have no meaning."""
+        """Refuse parameters out of range."""
         check_at_least(self.threshold, 0, "DoG threshold")
         check_count(self.layers, "DoG layers")
         check_positive(self.sigma, "DoG sigma")
@@ -115,10 +115,10 @@ class DoG:
         return self.graded(foreground, within)[:, :3]
 
     def graded(self, foreground: npt.NDArray[np.generic], within: Polygon | None = None) -> Array:
-        """Return the particles (n, 4) with the largest threshold at which each is found.
+        """Return the particles (n, 4) with the largest threshold of each.
 
-        So the particles at any higher threshold are the rows whose last value is not below
-        it, to the bit: one call answers for a whole sweep. Arguments as of a call.
+        At the threshold in column 3 a particle is just found: the rows not below any higher
+        threshold are its particles, to the bit. Arguments are those of a call.
         """
         image = check_foreground(foreground, "DoG").astype(np.float32, copy=False)
         octaves, spacing = [np.empty((0, 4))], 1.0
@@ -131,9 +131,10 @@ class DoG:
         return np.concatenate(octaves)
 
     def _octave(self, image: Image, spacing: float, within: Polygon | None) -> Array:
-        """Return row, col, radius in px and highest threshold of the keypoints of an octave.
+        """Return the keypoints (n, 4) of an octave.
 
-        ``image`` has the blur `sigma` in its px, which are ``spacing`` px of the foreground.
+        Columns as of `graded`. ``image`` has a blur of `sigma` of its px, each ``spacing`` px
+        wide.
         """
         scales = self.sigma * 2.0 ** (np.arange(self.layers + 3) / self.layers)
         sigmas = tuple(np.sqrt(scales**2 - self.sigma**2).tolist())
@@ -159,7 +160,7 @@ class DoG:
 
 
 def disc_radius(layers: int) -> float:
-    """Return the radius of the disc that answers most at scale 1: the kernel's zero.
+    """Return the best disc's radius at scale 1, the kernel's zero.
 
     Examples
     --------
@@ -172,15 +173,15 @@ def disc_radius(layers: int) -> float:
 
 @lru_cache(maxsize=64)
 def taps(sigma: float) -> Image:
-    """Return centre and right half of a normalised Gaussian (Eq. 2.22); 0 px changes nothing."""
+    """Return the centre and right half of a Gaussian kernel (Eq. 2.22)."""
     away = np.arange(math.ceil(REACH * sigma) + 1)
-    weight = np.exp(-0.5 * (away / max(sigma, 1e-9)) ** 2)
+    weight = np.exp(-0.5 * (away / max(sigma, 1e-9)) ** 2)  # 0 px changes nothing
     return np.asarray(weight / (2 * weight.sum() - weight[0]), dtype=np.float32)
 
 
 @njit(cache=True)
 def _inward(i: int, length: int) -> int:
-    """Return the sample that stands for one beyond the border, mirrored as often as needed."""
+    """Return the inner sample that mirrors one beyond the border."""
     period = max(2 * (length - 1), 1)
     i %= period
     return period - i if i >= length else i
@@ -188,9 +189,9 @@ def _inward(i: int, length: int) -> int:
 
 @njit(cache=True)
 def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
-    """Blur a line of a flat array with its neighbours, which begin at ``low`` and ``high``.
+    """Blur a line of a flat array with its neighbouring lines.
 
-    Three pairs at a time, because reading and writing the sum costs more than adding to it.
+    Neighbours begin at ``low`` and ``high``. Three pairs at a time save reads and writes.
     """
     size, full = len(target), 1 + 3 * ((len(weights) - 1) // 3)
     centre, weight = source[low[0] : low[0] + size], weights[0]
@@ -211,13 +212,13 @@ def _pass(source: Any, low: Any, high: Any, weights: Any, target: Any) -> None:
 
 
 def blurred(image: Image, sigma: float, step: int = 1) -> Image:
-    """Return every ``step``-th pixel of an image blurred by a Gaussian (Eq. 2.21)."""
+    """Return every ``step``-th pixel of a blurred image (Eq. 2.21)."""
     return np.asarray(_blur(np.ascontiguousarray(image), taps(sigma), step))
 
 
 @njit(cache=True)
 def _blur(image: Any, weights: Any, step: int) -> Any:
-    """Blur an image row by row, first down, then across; mirror it beyond its border."""
+    """Blur an image row by row, mirrored beyond its border."""
     radius, (rows, cols) = len(weights) - 1, image.shape
     down, across = np.empty(cols + 2 * radius, np.float32), np.empty(cols, np.float32)
     inner, flat = down[radius : radius + cols], image.ravel()
@@ -241,7 +242,7 @@ def _blur(image: Any, weights: Any, step: int) -> Any:
 
 @njit(cache=True)
 def _patch(image: Any, box: Box) -> Any:
-    """Return the rows of a box one after the other, mirrored beyond the image's border."""
+    """Return the rows of a box in one line, mirrored beyond the border."""
     (rows, cols), (top, bottom, left, right) = image.shape, box
     out = np.empty((bottom - top) * (right - left), dtype=np.float32)
     inner, end = max(left, 0), min(right, cols)
@@ -259,11 +260,11 @@ def _patch(image: Any, box: Box) -> Any:
 
 @njit(cache=True)
 def differences(image: Any, box: Box, kernels: Any) -> Any:
-    """Return the differences (kernels - 1, rows, cols) of Gaussians in a box of an image.
+    """Return the differences of Gaussians in a box of an image.
 
-    Narrow minus wide: bright blobs are positive. The box may reach beyond the border, where
-    the image is mirrored; ``kernels`` are `taps` from narrow to wide, all relative to the
-    image. Compiled: the box stays in the cache, so it takes half of OpenCV's time.
+    Shape (kernels - 1, rows, cols), narrow minus wide: bright blobs are positive. The box may
+    reach beyond the border, where the image is mirrored. ``kernels`` are `taps` from narrow to
+    wide. Compiled: the box stays in the cache, which takes half of OpenCV's time.
     """
     top, bottom, left, right = box
     rows, cols = bottom - top, right - left
@@ -284,10 +285,10 @@ def differences(image: Any, box: Box, kernels: Any) -> Any:
 
 @njit(cache=True)
 def maxima(stack: Any, level: float) -> Any:
-    """Return layer, row, col (n, 3) of what is larger than its 26 neighbours.
+    """Return layer, row, col (n, 3) of each local maximum of a stack.
 
-    Of equal samples the first one is the larger; none is below ``level``, 0 or less, or
-    nearer than `WALK` to the border.
+    A maximum is larger than its 26 neighbours; of equal samples the first is the larger. None is
+    below ``level``, 0 or less, or nearer than `WALK` to the border.
     """
     layers, rows, cols = stack.shape
     places = np.empty((layers * (rows // 2 + 1) * (cols // 2 + 1), 3), np.intp)
@@ -312,12 +313,12 @@ def maxima(stack: Any, level: float) -> Any:
 
 @njit(cache=True)
 def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
-    """Return the keypoints (n, 7) of a stack, from quadratics through its maxima.
+    """Return the keypoints (n, 7) of a stack (Eqs 2.25 to 2.28).
 
-    Eqs 2.25 to 2.28. Columns: layer, row, col of the sample, the offset of the extremum from
-    it, and the largest threshold at which that maximum still gives this keypoint. The fit
-    moves by one pixel at a time within ``visit``; in scale it stays with the largest layer.
-    Compiled: most boxes hold one maximum or none, too few for numpy.
+    A quadratic is fitted at each maximum. Columns: layer, row, col of the sample, the extremum's
+    offset from it, and the largest threshold at which that maximum still gives this keypoint. The
+    fit moves by one pixel at a time within ``visit``; its layer stays. Compiled: most boxes hold
+    one maximum or none, too few for numpy.
     """
     places = maxima(stack, threshold / 2)
     points, count = np.empty((len(places), 7)), 0
@@ -346,7 +347,7 @@ def keypoints(stack: Any, visit: Box, threshold: float, edge: float) -> Any:
 
 @njit(cache=True)
 def derivatives(cube: Any) -> Any:
-    """Return value, gradient and Hessian in the middle of a cube by central differences."""
+    """Return value, gradient and Hessian in the middle of a cube."""
     gradient, hessian = np.empty(3), np.empty((3, 3))
     values, steps = cube.ravel(), (9, 3, 1)  # from a sample to the next along each axis
     for i in range(3):
@@ -362,7 +363,7 @@ def derivatives(cube: Any) -> Any:
 
 @njit(cache=True)
 def extremum(gradient: Any, hessian: Any) -> Any:
-    """Return Eq. 2.26, the extremum of the quadratic, from its sample; NaN if there is none."""
+    """Return the offset of the quadratic's extremum (Eq. 2.26), or NaN."""
     first = np.cross(hessian[1], hessian[2])
     determinant = np.dot(hessian[0], first)
     if determinant == 0:
@@ -374,7 +375,7 @@ def extremum(gradient: Any, hessian: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def _positive(narrow: float, wide: float) -> tuple[int, float]:
-    """Return radius and sum of the positive weights of the 2D difference narrow - wide.
+    """Return radius and sum of the positive weights of narrow - wide.
 
     The weights sum to zero, so the answer to an image is at most the sum times (the
     largest value within the radius - the smallest value under the kernel).
@@ -388,7 +389,7 @@ def _positive(narrow: float, wide: float) -> tuple[int, float]:
 
 @njit(cache=True)
 def block_ranges(image: Any) -> Any:
-    """Return smallest and largest value of each block."""
+    """Return the smallest and the largest value of each block."""
     rows, cols = image.shape
     out = np.empty((2, -(-rows // BLOCK), -(-cols // BLOCK)), np.float32)
     low, high = np.empty(cols, np.float32), np.empty(cols, np.float32)
@@ -409,9 +410,9 @@ def block_ranges(image: Any) -> Any:
 
 
 def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDArray[np.bool_]:
-    """Return the blocks in which an inner difference of Gaussians can reach ``level``.
+    """Return the blocks where an inner difference can reach ``level``.
 
-    A bound, never an estimate: in a block left out, no sample of the inner differences
+    A bound, never an estimate. In a block left out, no sample of the inner differences
     (those with a neighbour on both sides) is as large as ``level``.
     """
     low, high = block_ranges(image)
@@ -426,9 +427,9 @@ def reachable(image: Image, sigmas: tuple[float, ...], level: float) -> npt.NDAr
 
 
 def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[np.bool_]:
-    """Return the blocks of ``side`` px from which a particle in a polygon can be found.
+    """Return the blocks near a polygon, where its particles can be found.
 
-    Two blocks on every side are more than a fit may move and rounding may shift.
+    A margin of two blocks of ``side`` px is more than a fit may move and rounding may shift.
     """
     corners = np.floor(np.asarray(polygon, dtype=np.float64)[:, ::-1] / side).astype(np.int32)
     drawn = cv2.fillPoly(np.zeros(shape, dtype=np.uint8), [corners], 1)
@@ -436,7 +437,7 @@ def _near(polygon: Polygon, shape: tuple[int, ...], side: float) -> npt.NDArray[
 
 
 def _boxes(live: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> list[Box]:
-    """Return boxes around connected live blocks, cut to tiles, without the image's border."""
+    """Return boxes around connected live blocks, cut to tiles."""
     boxes = []
     for rows, cols in find_objects(label(live)[0]):
         tiles = product(range(rows.start, rows.stop, TILE), range(cols.start, cols.stop, TILE))

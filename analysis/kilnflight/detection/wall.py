@@ -1,6 +1,6 @@
-r"""The kiln's wall as a cylinder, and what is in the air (thesis, sections 3.2 and 5.1.4).
+r"""The kiln's wall as a cylinder, and the particles in the air.
 
-::
+Sections 3.2 and 5.1.4 of the thesis::
 
     wall points -> CylinderFit -> Cylinder -> distance_to_axis -> crossing (the threshold)
                                          \-> InAir
@@ -42,7 +42,7 @@ SCORED_POINTS = 2000  # enough to compare trials; the refinement takes all
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Cylinder without ends and, where it was fitted, how well (else None).
+    """A cylinder without ends, with the quality of its fit or None.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Cylinder:
     rms_mm: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no cylinder; make the direction a unit vector."""
+        """Refuse a shape that is no cylinder; normalise the direction."""
         check_positive(self.radius_mm, "cylinder: radius_mm")
         centre = check_finite(self.centre_mm, "cylinder: centre_mm")
         check_shape(centre, (3,), "cylinder: centre_mm")
@@ -76,17 +76,17 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class CylinderFit:
-    """MLESAC fit of a cylinder whose axis is roughly known (section 3.2, thesis).
+    """Fit a cylinder of roughly known axis by MLESAC (section 3.2).
 
     Notes
     -----
-    The thesis prints no parameter of its fit; it names a maximum distance and the z-axis.
-    A trial is a direction from the allowed cone and the circle through three points seen
-    along it: the camera's depth errors are common to whole patches, so normals estimated
-    from neighbours, as others take them, would say nothing. A direction counts as good for
-    the confidence if it keeps the ends of the cloud within the maximum distance. Errors of
-    depth shift points along the line of sight and so draw the axis towards it: by about one
-    degree where they are half as large as the ring is long (standard deviations).
+    The thesis prints no parameter of its fit; it names a maximum distance and the z-axis. A trial
+    is a direction from the allowed cone and the circle through three points seen along it. The
+    camera's depth errors are common to whole patches, so normals estimated from neighbours would
+    say nothing. A direction counts as good for the confidence if it keeps the ends of the cloud
+    within the maximum distance. Errors of depth shift points along the line of sight, and so the
+    axis towards it. Errors of half the ring's length (standard deviations) shift it by about one
+    degree.
     """
 
     max_distance_mm: float = 50.0  # of an inlier from the wall; not printed
@@ -97,7 +97,7 @@ class CylinderFit:
     min_share: float = 0.5  # of the points, that must be inliers: the wall is the majority
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range; make the reference a unit vector."""
+        """Refuse parameters out of range; normalise the reference."""
         check_positive(self.max_distance_mm, "CylinderFit: max_distance_mm")
         reference = _unit(self.reference, "CylinderFit: reference")
         object.__setattr__(self, "reference", tuple(reference.tolist()))
@@ -136,7 +136,7 @@ class CylinderFit:
         return self._checked(points, refine(points, trial, self))
 
     def _checked(self, points: Array, axis: Axis) -> Cylinder:
-        """Return the cylinder with its quality, or raise where the cloud holds none."""
+        """Return the cylinder with its quality, or raise an `InputError`."""
         signed = residuals(points, axis)
         inliers = int((near := np.abs(signed) <= self.max_distance_mm).sum())
         if inliers < max(self.min_share * len(points), FEWEST_POINTS):
@@ -180,7 +180,7 @@ def _unit(vector: npt.ArrayLike, where: str) -> Array:
 
 
 def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
-    """Return the Euclidean distance (n,) in mm of points (n, 3) from the axis (section 3.2).
+    """Return the distance (n,) in mm of points (n, 3) from the axis.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def distance_to_axis(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
 
 
 def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
-    """Return where the Gaussians of two sets of distances cross between their means, in mm.
+    """Return the distance in mm where the Gaussians of two sets cross.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def crossing(in_air_mm: npt.ArrayLike, wall_mm: npt.ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class InAir:
-    """In the air or on the wall, by the distance from the axis (sections 3.2 and 5.1.4)."""
+    """Classify points as in the air or on the wall (section 5.1.4)."""
 
     threshold_mm: float = 800.0  # sec. 5.1.4; the Gaussians of Fig. 3.11 cross at about 760
 
@@ -253,7 +253,7 @@ class InAir:
         check_positive(self.threshold_mm, "InAir: threshold_mm")
 
     def __call__(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> npt.NDArray[np.bool_]:
-        """Return which points (n, 3) are in the air, (n,): not beyond the threshold.
+        """Return whether each point (n, 3) is within the threshold.
 
         A row of three NaN is a detection without 3D. The thesis classifies "only particles
         with 3D information"; such a row is False here and in `on_wall`.
@@ -261,12 +261,12 @@ class InAir:
         return _known_distance(points_mm, cylinder) <= self.threshold_mm
 
     def on_wall(self, points_mm: npt.ArrayLike, cylinder: Cylinder) -> npt.NDArray[np.bool_]:
-        """Return which points (n, 3) are on the wall, (n,); False without 3D."""
+        """Return whether each point (n, 3) is beyond the threshold."""
         return _known_distance(points_mm, cylinder) > self.threshold_mm
 
 
 def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
-    """Return the distance (n,) of points (n, 3) from the axis, NaN for a row of three NaN."""
+    """Return the distance (n,) of points (n, 3), NaN where unknown."""
     points = np.asarray(points_mm, dtype=np.float64)
     if points.size == 0:
         points = points.reshape(0, 3)
@@ -278,7 +278,7 @@ def _known_distance(points_mm: npt.ArrayLike, cylinder: Cylinder) -> Array:
 
 
 class Axis(NamedTuple):
-    """A cylinder in plain arrays."""
+    """A cylinder as arrays."""
 
     centre: Array
     direction: Array
@@ -286,13 +286,13 @@ class Axis(NamedTuple):
 
 
 def residuals(points: Array, axis: Axis) -> Array:
-    """Return the signed distances (n,) of points (n, 3) from the surface, outside positive."""
+    """Return the signed distances (n,) from the surface, outside positive."""
     side = np.cross(points - axis.centre, axis.direction)
     return np.asarray(np.linalg.norm(side, axis=1) - axis.radius)
 
 
 def search(points: Array, fit: CylinderFit, generator: np.random.Generator) -> Axis | None:
-    """Return the most likely of the cylinders tried; None if none was one.
+    """Return the most likely cylinder of all trials, or None.
 
     A trial is a direction drawn evenly from the cone and the circle through three points
     seen along it.
@@ -327,14 +327,14 @@ def search(points: Array, fit: CylinderFit, generator: np.random.Generator) -> A
 
 
 def good_directions(fit: CylinderFit, half_length_mm: float) -> float:
-    """Return the share of the cone that keeps both ends of the cloud within the distance."""
+    """Return the share of good directions in the cone."""
     widest = np.radians(fit.max_angle_deg)
     angle = min(fit.max_distance_mm / max(half_length_mm, 1e-9), widest)
     return float((1 - np.cos(angle)) / (1 - np.cos(widest)))
 
 
 def across(direction: Array | Vector) -> Array:
-    """Return two unit vectors (2, 3) that are normal to a unit vector and to each other."""
+    """Return two unit vectors (2, 3) normal to a vector and each other."""
     along = np.asarray(direction)
     first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     first /= np.linalg.norm(first)
@@ -342,7 +342,7 @@ def across(direction: Array | Vector) -> Array:
 
 
 def draw_directions(fit: CylinderFit, generator: np.random.Generator) -> Array:
-    """Return unit vectors (trials, 3), even over the cone round the reference."""
+    """Return unit vectors (trials, 3) drawn evenly from the cone."""
     widest = np.radians(fit.max_angle_deg)
     cosine = 1 - generator.random(int(fit.trials)) * (1 - np.cos(widest))
     turn = generator.uniform(0, 2 * np.pi, len(cosine))
@@ -351,9 +351,9 @@ def draw_directions(fit: CylinderFit, generator: np.random.Generator) -> Array:
 
 
 def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
-    """Return centre (n, 3) and radius (n,) of the circles through triples (n, 3, 3).
+    """Return centres (n, 3) and radii (n,) of circles through triples.
 
-    The triples are seen along the directions (n, 3); the radius is NaN where they are in line.
+    The triples (n, 3, 3) are seen along the directions (n, 3); those in line have no radius (NaN).
     """
     heights = np.einsum("nki,ni->nk", triples, directions)
     flat = triples - heights[:, :, None] * directions[:, None]
@@ -369,10 +369,10 @@ def circles(triples: Array, directions: Array) -> tuple[Array, Array]:
 def likelihood(
     points: Array, centres: Array, directions: Array, radii: Array, sigma: float, width: float
 ) -> tuple[Array, Array]:
-    """Return the negative log likelihood and the mixing coefficient of each cylinder, (m,).
+    """Return negative log likelihood and mixing (m,) of each cylinder.
 
     A distance is Gaussian (sigma) with the probability of the mixing coefficient, else even
-    over ``width``; the coefficient is estimated by EM from 1/2 (Torr and Zisserman, Eqs 17,
+    over ``width``. The coefficient is estimated by EM from 1/2 (Torr and Zisserman, Eqs 17,
     18 and their algorithm).
     """
     costs, mixings = np.empty(len(radii)), np.full(len(radii), 0.5)
@@ -388,9 +388,9 @@ def likelihood(
 
 
 def refine(points: Array, start: Axis, fit: CylinderFit) -> Axis:
-    """Return the least squares cylinder (soft L1) of its own inliers.
+    """Return the cylinder fitted to its inliers by least squares (soft L1).
 
-    The inliers are taken anew until axis and radius stay: one round would keep the mark of the
+    The inliers are taken anew until axis and radius stay. One round would keep the mark of the
     trial it started from, on a short arc some centimetres of the radius.
     """
     frame = across(fit.reference)
@@ -428,7 +428,7 @@ def refine(points: Array, start: Axis, fit: CylinderFit) -> Axis:
 
 
 def covered_arc(points: Array, axis: Axis) -> float:
-    """Return the angle in rad that inliers (n, 3) cover, without the few beside the wall."""
+    """Return the angle in rad that most inliers (n, 3) cover."""
     side = across(axis.direction) @ (points - axis.centre).T
     angles = np.arctan2(side[1], side[0])
     counts = np.histogram(angles, bins=36, range=(-np.pi, np.pi))[0]
@@ -440,9 +440,9 @@ def covered_arc(points: Array, axis: Axis) -> float:
 
 
 def bending(along: Array, signed: Array, distance: float) -> float:
-    """Return by how many mm the surface bends from the middle of its length to the ends.
+    """Return by how many mm the surface bends from middle to ends.
 
-    Nothing for a cylinder; on a ball, the sagitta of the band within ``distance``.
+    It is 0 for a cylinder and, on a ball, the sagitta of the band within ``distance``.
     """
     near = np.abs(signed) <= distance
     low, high = np.quantile(along[near], ENDS)

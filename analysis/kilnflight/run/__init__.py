@@ -1,10 +1,10 @@
-"""`kilnflight run`: all steps on a stored recording, with a summary and a report.
+"""`kilnflight run`: all steps on a stored recording, with a report.
 
 recording + `Options` -> `prepare` -> `kilnflight.kiln` -> `Results` -> tables, summary, page
 
-What the user does not give is taken from the recording where that can be done, and noted:
-the threshold from its noise, the kiln's wall from its clouds. `open`, `detect`, `track` and
-`plot_tracks` are the same steps in Python, and also names of `kilnflight` itself.
+Missing options are taken from the recording where possible, with a note: the threshold from its
+noise, the kiln's wall from its clouds. `open`, `detect`, `track` and `plot_tracks` are the same
+steps in Python, and also names of `kilnflight` itself.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _GNN = GNN()
 
 @dataclass(frozen=True)
 class Options:
-    """What the user sets; None where it is left to the recording.
+    """The user's options; None leaves one to the recording.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ class Options:
     in_air_mm
         Largest distance from the kiln's axis of what is in the air.
     bright
-        Grey value that only what burns reaches, such as the camera's full scale: a particle whose
-        first grey values reach it and that shows no step was alight when it was first seen. None:
-        it counts as unlit, as in the thesis, which prints no such value
+        Grey value that only what burns reaches, such as the camera's full scale. A particle whose
+        first grey values reach it, and that shows no step, was alight when first seen. None: it
+        counts as unlit, as in the thesis, which prints no such value
         (`kilnflight.ignition.Ignition`).
     above_background
         Whether ignition is a step of the grey values above those of the background, and not as
@@ -90,7 +90,7 @@ class Options:
     above_background: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what is no threshold, no distance and no grey value."""
+        """Refuse options that are not above 0."""
         for name in ("threshold", "in_air_mm", "bright"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), name)
@@ -151,16 +151,17 @@ def track(
 ) -> pd.DataFrame:
     """Return detections with ``particle``, post-processed unless ``raw``.
 
-    -1 means in no track.
-
-    Parameters and errors are those of `kilnflight.tracking.track`.
+    A ``particle`` of -1 means in no track. Parameters and errors are those of
+    `kilnflight.tracking.track`.
     """
     tracks = tracking.track(detections, associator)
     return tracks if raw else postprocess(tracks)
 
 
 def run(folder: Path, target: Path | None, options: Options, workers: Workers) -> None:
-    """Make and print everything; a killed run goes on where it stopped.
+    """Run all steps and print the results.
+
+    A killed run goes on where it stopped.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def run(folder: Path, target: Path | None, options: Options, workers: Workers) -
 
 
 def beside(folder: Path) -> Path:
-    """Return a run's default folder: beside the recording, ``-run`` after its name.
+    """Return a run's default folder, beside its recording.
 
     Examples
     --------
@@ -194,7 +195,7 @@ def beside(folder: Path) -> Path:
 
 
 def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tuple[str, ...]]:
-    """Return how a stored recording is worked on, and notes for the reader.
+    """Return the run of a stored recording, and notes for the reader.
 
     Raises
     ------
@@ -240,7 +241,9 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
 
 
 def chunk(frames: int) -> int:
-    """Return how many frames are detected in one piece, for any number of workers.
+    """Return the number of frames that are detected in one piece.
+
+    It is the same for any number of workers.
 
     Examples
     --------
@@ -261,18 +264,17 @@ def _threshold(recording: Recording, notes: list[str]) -> float:
 
 
 def noise_threshold(recording: Recording) -> float:
-    """Return a threshold of DoG from the noise of the first frames, in grey values.
+    """Return a threshold of DoG in grey values, from the noise.
 
     Notes
     -----
-    The thesis tunes its threshold on labelled frames; without labels noise is all there is.
-    In each of a few frames the finest difference of Gaussians, which is what the threshold is
-    held against, is measured in small blocks: 1.4826 times the median of its absolute value
-    is a standard deviation of Gaussian noise, and particles, which cover a small part of a
-    block, hardly move it. Noise grows with light, so a noisy block counts, the one that nine
-    tenths are quieter than. Of the frames the median is taken, times five. That bounds false
-    alarms of noise; flicker of a flame's light is not noise of a pixel, and a higher threshold
-    may be better.
+    The thesis tunes its threshold on labelled frames; without labels noise is all there is. In
+    each of a few frames the finest difference of Gaussians is measured in small blocks. The median
+    of its absolute value, times 1.4826, is a standard deviation of Gaussian noise. Particles,
+    which cover a small part of a block, hardly move it. Noise grows with light, so a noisy block
+    counts, the one that nine tenths are quieter than. Of the frames the median is taken, times
+    five. That bounds false alarms of noise; flicker of a flame's light is not noise of a pixel,
+    and a higher threshold may be better.
     """
     frames = _spread(min(len(recording), 150), NOISE_FRAMES)
     noise = [block_noise(view.foreground) for _, view in kiln.views(recording, frames)]
@@ -280,14 +282,14 @@ def noise_threshold(recording: Recording) -> float:
 
 
 def _spread(length: int, number: int) -> list[int]:
-    """Return so many indices, or all, spread evenly over a length."""
+    """Return ``number`` indices, or all, spread evenly over a length."""
     return np.unique(np.linspace(0, length - 1, number).round().astype(int)).tolist()
 
 
 def block_noise(foreground: npt.NDArray[np.float32]) -> float:
     """Return the noise of a foreground's difference of Gaussians.
 
-    It is that of a noisy part of it.
+    It is measured in a noisy block, as `noise_threshold` explains.
     """
     finest = DoG()
     fine, coarse = (
@@ -302,7 +304,7 @@ def block_noise(foreground: npt.NDArray[np.float32]) -> float:
 
 
 def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
-    """Return the kiln, from a few frames with points; a note and None where it fails."""
+    """Return the kiln's wall from a few frames, or None with a note."""
     known = np.flatnonzero(recording.per_frame["points"])
     try:
         return fitted_wall(recording, known[_spread(len(known), WALL_FRAMES)].tolist())
@@ -317,9 +319,8 @@ def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:
 def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
     """Return the cylinder of the largest cluster in some frames.
 
-    Sections 3.1 and 3.2 of the thesis.
-
-    The clouds of the frames are put together: a still wall is denser so, what flies is not.
+    Sections 3.1 and 3.2 of the thesis. The clouds of the frames are put together, which makes a
+    still wall denser than what flies.
     """
     points = np.concatenate([calibrate_points(recording.frame(t).xyz) for t in frames])
     labels = DBSCAN(eps=50.0, min_points=10)(points)
@@ -342,9 +343,9 @@ def _check_times(recording: StoredRecording, notes: list[str]) -> None:
 
 
 def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
-    """Return what a recording was worked on with.
+    """Return the settings of a run, as rows of name and value.
 
-    ``jobs`` says by whom, in a few words.
+    ``jobs`` says in a few words which processes did the work.
     """
     lance, wall, rules = prepared.exit_point_mm, prepared.wall, prepared.rules
     bright, rows = rules.ignition.bright, []
@@ -375,7 +376,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
 
 
 def publish(results: Results, recording: Recording, folder: Path) -> Path:
-    """Write the tables, the summary and the report; return the report.
+    """Write the tables, the summary and the report; return its path.
 
     Each file is there whole or not at all; what ``parts`` holds lets a run go on.
 

@@ -1,4 +1,4 @@
-"""What `kilnflight run` made of a recording: tables, notes, a summary and a page.
+"""Report of a run: tables, notes, a summary and a page.
 
 `collect` -> `doubts`, `summary` -> `page`
 """
@@ -62,7 +62,10 @@ class Results(NamedTuple):
 
     @property
     def counted(self) -> pd.DataFrame:
-        """The flights that start at the lance; only these count (section 5.3.1)."""
+        """Return the flights from the lance, which alone count.
+
+        Section 5.3.1 of the thesis.
+        """
         return self.flights[self.flights["from_lance"]]
 
 
@@ -71,7 +74,7 @@ def collect(
 ) -> Results:
     """Return the tables of a recording, with more notes.
 
-    Tables are made where they are not there.
+    Missing tables are made.
     """
     name, frames = prepared.detection.source.name, len(prepared.frames)
     detections = prepared.detection.detections()
@@ -82,7 +85,7 @@ def collect(
 
 
 def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
-    """Yield notes on what is missing, or may not be what it seems."""
+    """Yield notes on missing or doubtful results."""
     flights, counted, slices = results.flights, results.counted, results.slices
     if results.detections.empty:
         yield "Nothing was detected: a lower --threshold may find more."
@@ -119,7 +122,7 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
 
 
 def listed(values: Iterable[float], digits: int) -> str:
-    """Return numbers with so many digits, separated by commas."""
+    """Return numbers with ``digits`` decimals, separated by commas."""
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
@@ -153,9 +156,9 @@ def summary(results: Results) -> pd.DataFrame:
 
 
 def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
-    """Yield dwell time and share ignited.
+    """Yield the rows of dwell time and ignition.
 
-    There is one row more where some were alight at first.
+    There is one row more where some particles burnt from the first detection on.
     """
     dwell = Bootstrap()(np.median, [counted["dwell_s"]], np.random.default_rng(SEED))
     yield "dwell time, median", f"{_text(dwell, 3)} s"
@@ -170,7 +173,7 @@ def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
 
 
 def _text(interval: Interval, digits: int, factor: float = 1.0) -> str:
-    """Return an estimate with its interval.
+    """Return an estimate with its interval, as text.
 
     If the sample is too small, it has no interval.
     """
@@ -179,9 +182,9 @@ def _text(interval: Interval, digits: int, factor: float = 1.0) -> str:
 
 
 def _velocities(results: Results) -> Iterator[Row]:
-    """Yield the median velocity in each metre, and a share of the flights.
+    """Yield the row of each metre's velocity.
 
-    The share is that which passed the metre.
+    It holds the median, and the share of the flights that passed the metre.
     """
     groups, total = results.slices.groupby("slice_m")["velocity_m_s"], len(results.counted)
     for far, number in remaining(results.slices, total)[["slice_m", "number"]].to_numpy():
@@ -192,7 +195,7 @@ def _velocities(results: Results) -> Iterator[Row]:
 
 
 def _outliers(results: Results) -> Iterator[Row]:
-    """Yield what shows depths that jump, or a flight that is too fast to be true.
+    """Yield the rows of outliers in depth and velocity.
 
     No flight is left out for it. The thesis sets no limit either.
     """
@@ -213,7 +216,7 @@ def _outliers(results: Results) -> Iterator[Row]:
 
 
 def page(results: Results, recording: Recording) -> str:
-    """Return the report of a recording as one HTML page that needs no network."""
+    """Return the report as one HTML page that needs no network."""
     notes = "".join(f"<li>{html.escape(note)}</li>" for note in results.notes)
     rows = "".join(
         f"<tr><th>{html.escape(what)}</th><td>{html.escape(value)}</td></tr>"
@@ -229,7 +232,7 @@ def page(results: Results, recording: Recording) -> str:
 
 
 def _figures(results: Results, recording: Recording) -> Iterator[Captioned]:
-    """Yield what can be drawn, each with its caption."""
+    """Yield each figure of the report with its caption."""
     counted, slices = results.counted, results.slices
     caption = "Tracks after post-processing over the first frame (dark parts lifted)."
     yield plot_tracks(recording, results.tracks), caption
@@ -266,9 +269,9 @@ def _dwell_figure(flights: pd.DataFrame) -> Captioned:
 
 
 def _velocity_figure(slices: pd.DataFrame, flights: int) -> Captioned:
-    """Draw median and middle half of the velocities, and the remaining share.
+    """Draw the velocities, and the share of flights that remain.
 
-    The share is that of the flights.
+    Velocities are median and middle half in each metre.
     """
     figure, axes = style.canvas(2, width_mm=style.PAGE_MM * 2 / 3, height_mm=90, sharex=True)
     groups = slices.groupby("slice_m")["velocity_m_s"]

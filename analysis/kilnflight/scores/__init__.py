@@ -1,4 +1,4 @@
-"""Score detections, tracks and flights against the truth; confidence intervals.
+"""Scores of detections, tracks and flights against the truth.
 
 ==================  ==============  ==========================================  =============
 call                equation        what it answers                             source

@@ -1,4 +1,4 @@
-"""Which detections are particles: assignment, precision, recall, F1 (thesis, section 3.3).
+"""Scores of detections: precision, recall and F1 (thesis, section 3.3).
 
 Both criteria of the thesis: within 45 px by the Hungarian method (section 3.3), and within
 the pixels of a labelled particle (section 5.1.1).
@@ -29,9 +29,8 @@ def rates(
 ) -> pd.DataFrame:
     """Return precision, recall and F1 of counts.
 
-    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``,
-    ``F1 = 2 TP / (2 TP + FP + FN)``; a ratio without anything below the line is 0,
-    so that a detector that finds nothing has no score rather than no number.
+    ``precision = TP / (TP + FP)``, ``recall = TP / (TP + FN)``, ``F1 = 2 TP / (2 TP + FP + FN)``;
+    a ratio without a denominator is 0, so that a detector that finds nothing has the score 0.
 
     Parameters
     ----------
@@ -60,7 +59,7 @@ def rates(
 
 @dataclass(frozen=True, eq=False)
 class FrameScore:
-    """The detections of one frame (or of one sum) held against its particles.
+    """Pairs of detections and particles of one frame, or of a sum.
 
     Parameters
     ----------
@@ -82,32 +81,32 @@ class FrameScore:
 
     @property
     def tp(self) -> int:
-        """True positives: particles that were detected."""
+        """Return the number of particles that were detected."""
         return len(self.pairs)
 
     @property
     def fp(self) -> int:
-        """False positives: detections that are no particle."""
+        """Return the number of detections that are no particle."""
         return len(self.spurious)
 
     @property
     def fn(self) -> int:
-        """False negatives: particles that were not detected."""
+        """Return the number of particles that were not detected."""
         return len(self.missed)
 
     @property
     def precision(self) -> float:
-        """Eq. 3.1."""
+        """Return the precision (Eq. 3.1)."""
         return self.tp / max(self.tp + self.fp, 1)
 
     @property
     def recall(self) -> float:
-        """Eq. 3.2."""
+        """Return the recall (Eq. 3.2)."""
         return self.tp / max(self.tp + self.fn, 1)
 
     @property
     def f1(self) -> float:
-        """Eq. 3.3."""
+        """Return the F1 score (Eq. 3.3)."""
         return 2 * self.tp / max(2 * self.tp + self.fp + self.fn, 1)
 
 
@@ -117,7 +116,9 @@ def score_detections(
     gate: float = GATE_PX,
     roi: npt.ArrayLike | None = None,
 ) -> FrameScore:
-    """Assign detections to particles by the Hungarian method (Eq. 3.4) and count.
+    """Assign detections to particles within a gate, and count (Eq. 3.4).
+
+    The assignment is that of the Hungarian method.
 
     Parameters
     ----------
@@ -131,10 +132,10 @@ def score_detections(
     Notes
     -----
     Eq. 3.4 gives pairs beyond the gate a cost "significantly greater than the Euclidean
-    distances": first the number of pairs is as large as possible, then the sum of their
-    distances as small as possible. Particles and detections beyond the region of interest
-    are left out before the assignment (section 3.1), each by its own position, so a
-    detection just inside cannot be paired with a particle just outside.
+    distances". So the number of pairs is first made as large as possible, then the sum of their
+    distances as small as possible. Particles and detections beyond the region of interest are left
+    out before the assignment (section 3.1), each by its position. So a detection just inside
+    cannot be paired with a particle just outside.
 
     Examples
     --------
@@ -150,7 +151,9 @@ def score_detections(
 
 
 def particle_centroids(image: Labels, particles: npt.ArrayLike) -> pd.DataFrame:
-    """Return the mean ``row``, ``col`` of each particle's pixels; the index is the particle.
+    """Return the mean ``row``, ``col`` of each particle's pixels.
+
+    The index is the particle.
 
     Parameters
     ----------
@@ -182,7 +185,7 @@ def particle_centroids(image: Labels, particles: npt.ArrayLike) -> pd.DataFrame:
 
 
 def _check_labels(image: Labels, where: str) -> None:
-    """Raise an `InputError` unless an image holds a particle's number in each pixel."""
+    """Raise an `InputError` unless an image holds particle numbers."""
     check_shape(np.asarray(image), (None, None), where)
     if not np.issubdtype(np.asarray(image).dtype, np.integer):
         raise InputError(f"{where} is {np.asarray(image).dtype}, expected whole numbers.")
@@ -194,7 +197,9 @@ def score_in_pixels(
     detected: npt.ArrayLike,
     roi: npt.ArrayLike | None = None,
 ) -> FrameScore:
-    """Count a detection if it "falls within the pixel range of a particle" (section 5.1.1).
+    """Count detections within the pixels of a particle (section 5.1.1).
+
+    A detection counts if it "falls within the pixel range of a particle".
 
     Parameters
     ----------
@@ -238,7 +243,7 @@ def score_in_pixels(
 
 
 def _places(values: npt.ArrayLike, name: str) -> Array:
-    """Return row, col as (n, 2), or raise an `InputError`; nothing has the shape (0, 2)."""
+    """Return row, col as (n, 2), or raise an `InputError`."""
     array = check_finite(values, name)
     if array.size == 0:
         return np.empty((0, 2))
@@ -247,23 +252,23 @@ def _places(values: npt.ArrayLike, name: str) -> Array:
 
 
 def _within(roi: npt.ArrayLike | None, places: Array) -> Indices:
-    """Return the rows of the places that take part."""
+    """Return the indices of the places in the region of interest."""
     if roi is None:
         return np.arange(len(places))
     return np.flatnonzero(inside(roi, places[:, 0], places[:, 1]))
 
 
 def _score(counted: tuple[Indices, Indices], pairs: Indices, rows: tuple[int, int]) -> FrameScore:
-    """Return the score of pairs among the rows of particles and of detections that count."""
+    """Return the score of pairs among the counted rows."""
     missed, spurious = (np.setdiff1d(*sides) for sides in zip(counted, pairs.T, strict=True))
     return FrameScore(pairs[np.argsort(pairs[:, 0])], missed, spurious, rows)
 
 
 def pair(first: Array, second: Array, gate: float) -> Indices:
-    """Return the rows (k, 2) of ``first`` (n, d) and ``second`` (m, d) that belong together.
+    """Return the rows (k, 2) of two sets of points that belong together.
 
-    As many pairs as possible that are no farther apart than ``gate``; of these assignments
-    the one with the smallest sum of distances (Eq. 3.4).
+    ``first`` is (n, d), ``second`` (m, d). As many pairs as possible that are no farther apart
+    than ``gate``; of these assignments the one with the smallest sum of distances (Eq. 3.4).
     """
     if not len(first) or not len(second):
         return np.empty((0, 2), dtype=np.intp)
@@ -282,11 +287,11 @@ def pair(first: Array, second: Array, gate: float) -> Indices:
 def count_in_air(
     score: FrameScore, truth_in_air: npt.ArrayLike, detected_in_air: npt.ArrayLike
 ) -> dict[str, int]:
-    """Return how many detections of a frame were classified as in the air, tp, fp and fn.
+    """Count the detections of a frame classified as in the air.
 
-    As Tables 5.13 and 5.14: TP is a particle in the air whose detection is classified as such;
-    FP any other detection classified as in the air, be it on the wall or nothing; FN any other
-    particle in the air, classified as on the wall or not detected. For Table 5.13 hand in
+    As in Tables 5.13 and 5.14, TP is a particle in the air whose detection is classified as such.
+    FP is any other detection classified as in the air, be it on the wall or nothing. FN is any
+    other particle in the air, classified as on the wall or not detected. For Table 5.13 hand in
     the score of the truth against itself.
 
     Parameters
@@ -294,7 +299,7 @@ def count_in_air(
     score
         Assignment of detections to particles.
     truth_in_air, detected_in_air
-        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D; those
+        Whether each particle (n,) and each detection (m,) is in the air *and* has 3D. Those
         without 3D are False and so "not taken into consideration" (section 5.1.4).
     """
     flying = [np.asarray(side, dtype=bool) for side in (truth_in_air, detected_in_air)]

@@ -1,6 +1,6 @@
-"""Sum up many flights in the numbers that section 5.3 of the thesis states.
+"""Summary of many flights in the quantities of section 5.3.
 
-From arrays with one entry per particle, whether these are true or measured. Distances are
+The input is arrays with one entry per particle, whether these are true or measured. Distances are
 in depth from the lance.
 """
 
@@ -21,7 +21,7 @@ LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the 
 
 
 class FlightValues(NamedTuple):
-    """Values of each particle that counts; NaN where something did not happen."""
+    """Values of the counted particles; NaN for what did not happen."""
 
     dwell_s: Array  # (k,): of those that have a dwell time
     velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8)
@@ -30,18 +30,24 @@ class FlightValues(NamedTuple):
 
 
 def remaining(velocity_m_s: Array) -> Array:
-    """Return the share of particles that pass 1 ... 5 m in per cent, (5,); NaN of none."""
+    """Return the share of particles that pass 1 ... 5 m, in per cent.
+
+    An array (5,), NaN without particles.
+    """
     passed = pd.DataFrame(velocity_m_s, columns=METRES).notna()
     return 100.0 * passed.mean().to_numpy(np.float64)
 
 
 def quartiles(values: Array) -> Array:
-    """Return lower quartile, median and upper quartile, (3, ...), of the known; NaN of none."""
+    """Return lower quartile, median and upper quartile of known values.
+
+    An array (3, ...), NaN without values.
+    """
     return pd.DataFrame(values).quantile([0.25, 0.5, 0.75]).to_numpy().reshape(3, *values.shape[1:])
 
 
 def outcomes(flight_values: FlightValues) -> pd.Series:
-    """Return every quantity by name; the unit stands in the name, NaN where it has no value."""
+    """Return every quantity by its name and unit, NaN without a value."""
     times, ignition_s = pd.Series(flight_values.dwell_s), pd.Series(flight_values.ignition_s)
     share, lit = remaining(flight_values.velocity_m_s), ignition_s.dropna()
     low, velocity, high = quartiles(flight_values.velocity_m_s)
@@ -73,9 +79,10 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
 
 
 def place_of(name: str) -> tuple[str, float]:
-    """Return quantity and distance from the lance in m of an outcome along the way.
+    """Return the quantity of an outcome and its distance in m.
 
-    A velocity stands in the middle of its metre; NaN if the outcome has no place.
+    The distance is from the lance, a velocity's to the middle of its metre. It is NaN if the
+    outcome has no place.
 
     Examples
     --------
@@ -106,7 +113,10 @@ def along(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def box(times: Array) -> dict[str, float]:
-    """Return quartiles, whiskers (within 1.5 boxes) and the number of outliers beyond."""
+    """Return quartiles, whiskers and the number of outliers.
+
+    Whiskers end within 1.5 boxes.
+    """
     q25, median, q75 = quartiles(times)
     reach = 1.5 * (q75 - q25)
     inside = times[(times >= q25 - reach) & (times <= q75 + reach)]
@@ -121,7 +131,9 @@ def box(times: Array) -> dict[str, float]:
 
 
 def ignition_histogram(ignition_s: Array, width_s: float = 0.1, bins: int = 8) -> pd.DataFrame:
-    """Return which share of all particles ignites when; the last bin holds all that is later.
+    """Return the share of particles that ignite in each bin of time.
+
+    The last bin holds all later ignitions.
 
     Returns
     -------

@@ -3,9 +3,9 @@
 Medians and their differences: bootstrap over particles. Shares: Wilson's interval, and
 Newcombe's of a difference, because a bootstrap of "none of 40 ignited" has no width.
 
-A particle is the unit. Particles of one handful fly through the same gusts and share frames,
-so they are less independent than the intervals take them for; what sets a whole recording
-apart from another (its gas, its light, its bias of depth) is in none of them.
+A particle is the unit. Particles of one handful fly through the same gusts and share frames, so
+they are less independent than the intervals assume. Differences between whole recordings (gas,
+light, bias of depth) are in none of them.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Interval(NamedTuple):
     numbers: tuple[int, ...]
 
     def resolves(self) -> bool:
-        """Return whether the interval excludes 0, no difference."""
+        """Return whether the interval excludes 0."""
         return not self.low <= 0.0 <= self.high
 
 
@@ -58,15 +58,16 @@ def difference_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Percentile interval of a statistic, by drawing particles with replacement (Efron).
+    """Estimate the interval of a statistic from its percentiles.
+
+    Particles are drawn with replacement (Efron).
 
     Notes
     -----
     Written out, since `scipy.stats.bootstrap` (same draws, same percentiles) draws no other
-    ``sizes``. Percentiles and not BCa: the latter corrects by a jackknife, which is not
-    consistent for medians. The range of n values holds the median with probability
-    1 - 2^(1 - n), 94 % for 5, so that no draw of fewer than 6 can reach 95 %; their interval
-    is infinite.
+    ``sizes``. Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent
+    for medians. The range of n values holds the median with probability 1 - 2^(1 - n), 94 % for 5,
+    so fewer than 6 cannot reach 95 %. Their interval is infinite.
     """
 
     level: float = 0.95

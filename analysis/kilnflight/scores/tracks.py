@@ -1,7 +1,8 @@
-"""How alike two sets of tracks are: alpha, beta, JSC, JSC_theta (Eqs 5.1 to 5.7, thesis).
+"""Similarity of two sets of tracks: alpha, beta, JSC, JSC_theta.
 
-The measures of the particle tracking challenge (Chenouard et al., Nature Methods 11, 2014),
-counted as the challenge counts them. This module needs nothing of the package but `checks`.
+Eqs 5.1 to 5.7 of the thesis are the measures of the particle tracking challenge (Chenouard et al.,
+Nature Methods 11, 2014). They are counted as the challenge counts them. This module needs nothing
+of the package but `checks`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ TIE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TrackScore:
-    """Candidate tracks held against true ones.
+    """Measures of candidate tracks against true ones.
 
     Parameters
     ----------
@@ -57,17 +58,23 @@ class TrackScore:
 
     @property
     def jsc(self) -> float:
-        """Eq. 5.6, Jaccard index of positions, as the challenge counts."""
+        """Return the Jaccard index of positions (Eq. 5.6).
+
+        False positives are counted as the challenge counts them.
+        """
         return self.tp / (self.tp + self.fn + self.fp)
 
     @property
     def jsc_spurious_only(self) -> float:
-        """Eq. 5.6 with the thesis's narrower false positives; never below `jsc`."""
+        """Return Eq. 5.6 with false positives of spurious tracks alone.
+
+        It is never below `jsc`.
+        """
         return self.tp / (self.tp + self.fn + self.fp_spurious_only)
 
     @property
     def jsc_theta(self) -> float:
-        """Eq. 5.7, Jaccard index of tracks."""
+        """Return the Jaccard index of tracks (Eq. 5.7)."""
         return self.tp_tracks / (self.tp_tracks + self.fn_tracks + self.fp_tracks)
 
 
@@ -77,7 +84,9 @@ def score_tracks(
     gate: float,
     columns: Sequence[str] = ("row", "col"),
 ) -> TrackScore:
-    """Pair candidate tracks with true ones at the least distance and measure what is left.
+    """Pair candidate tracks with true ones and measure the difference.
+
+    Pairs have the least total distance.
 
     Parameters
     ----------
@@ -101,14 +110,14 @@ def score_tracks(
 
     Notes
     -----
-    A track lasts from its first to its last frame. In frames between in which it has no row it
-    is interpolated linearly; such a virtual position counts for the track's length. A virtual
-    position of the truth can be matched, as the particle was there; a virtual position of a
-    candidate matches nothing and is no false positive between the ends of its partner, for
-    nothing was claimed. Beyond the ends of its partner every frame of a candidate is false.
-    A pair must be better than the true track's dummy, or there is none: ties are not pairs.
-    Where several assignments are equally good, which one is taken depends on the positions
-    alone, not on the order of rows or the numbers of the particles.
+    A track lasts from its first to its last frame. In frames between in which it has no row it is
+    interpolated linearly; such a virtual position counts for the track's length. A virtual
+    position of the truth can be matched, as the particle was there. A virtual position of a
+    candidate matches nothing and is no false positive between the ends of its partner. Beyond the
+    ends of its partner every frame of a candidate is false. A pair must be better than the true
+    track's dummy, or there is none: ties are not pairs. Where several assignments are equally
+    good, which one is taken depends on the positions alone, not on the order of rows or the
+    numbers of the particles.
 
     Examples
     --------
@@ -176,12 +185,15 @@ class Track(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Frames from first to last, with those in which there is no row."""
+        """Return the number of frames from first to last.
+
+        Frames without a row count.
+        """
         return int(self.frames[-1] - self.frames[0]) + 1
 
 
 def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list[Track]:
-    """Return the tracks of a table, in an order that frames and positions alone decide.
+    """Return the tracks of a table, ordered by frames and positions.
 
     Rows of particle -1 are in no track.
     """
@@ -198,11 +210,11 @@ def read_tracks(table: pd.DataFrame, columns: Sequence[str], where: str) -> list
 def compare_pairs(
     true: Sequence[Track], other: Sequence[Track], gate: float
 ) -> tuple[Array, Integers, Integers]:
-    """Return what each pair saves against the dummy, its matches and its false positions.
+    """Return gains, matches and false positions of all pairs.
 
-    Three arrays (n true, m other), the first in gates. The dummy costs the gate per true frame.
-    A match saves gate - distance of it, a frame of the candidate beyond the ends of the true
-    track costs a gate more, all else costs the same.
+    Three arrays (n true, m other). A gain, in gates, is what a pair costs less than the dummy,
+    which costs the gate per true frame. A match gains gate - distance. A frame of the candidate
+    beyond the ends of the true track costs a gate more; all else costs the same.
     """
     shape = len(true), len(other)
     saved, matched, false = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape, np.int64)

@@ -1,4 +1,7 @@
-"""Tracking: predict, gate, associate, update; the one loop that makes tracks of detections."""
+"""Tracking: from detections to tracks.
+
+In one loop over frames: predict, gate, associate, update.
+"""
 
 from kilnflight.tracking.tracker import track
 

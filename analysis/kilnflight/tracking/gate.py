@@ -1,4 +1,4 @@
-"""2.5D gate: which detections a track may take at all (thesis, section 4.1.2).
+"""The 2.5D gate: the detections that a track may take (section 4.1.2).
 
 An elliptical cylinder around each prediction (Fig. 4.2): an ellipse in the image by the
 Mahalanobis distance, and a limit of the step in depth.
@@ -24,7 +24,7 @@ WIDEST = 1e6  # standard deviations; more lets everything pass and its area is n
 
 
 class Predicted(NamedTuple):
-    """Where n tracks are expected in a frame, in d dimensions of the image."""
+    """Predictions of n tracks in a frame, in d dimensions of the image."""
 
     positions: Array  # (n, d), px
     residual_covariance: Array  # (n, d, d), px^2: S = H P H' + R
@@ -42,20 +42,21 @@ class Detected(NamedTuple):
 
 @dataclass(frozen=True)
 class Gate:
-    """Elliptical cylinder, Eq. 4.8: both distances strictly below their limits.
+    """Limit the distance of detections from a track (Eq. 4.8).
 
-    A ``distance`` of 0 is the gate that nothing passes.
+    The gate is an elliptical cylinder: both distances are strictly below their limits. A
+    ``distance`` of 0 is the gate that nothing passes.
 
     Notes
     -----
-    Eq. 4.7 prints the covariance P of the state and the state x itself. A 2D distance
-    between a prediction and a detection needs the prediction's position and the covariance
-    of their difference, S = H P H' + R, as in Eq. 2.50; that is what is taken.
+    Eq. 4.7 prints the covariance P of the state and the state x itself. A 2D distance between a
+    prediction and a detection needs the prediction's position. Its covariance is that of their
+    difference, S = H P H' + R, as in Eq. 2.50. These two are taken here.
 
     Neither limit is printed. ``distance`` 4 loses one detection of a thesis-like Gaussian
-    track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3); the thesis
+    track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3). The thesis
     gives JPDA a smaller one. ``depth_mm`` is the only step in depth that is printed, z_eps
-    of Table 5.16; it holds for a track's gap of any length, since the error of the depth
+    of Table 5.16. It holds for a track's gap of any length, since the error of the depth
     outweighs the motion. A detection without depth, or a track that never had one, passes.
     """
 
@@ -63,14 +64,14 @@ class Gate:
     depth_mm: float = 1500.0  # d_z,eps; not printed, z_eps of Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse limits that are no distances; only depth may have no limit (inf)."""
+        """Refuse limits that are no distances; depth may be unlimited."""
         check_between(self.distance, 0, WIDEST, "Gate: distance")
         check_limit(self.depth_mm, "Gate: depth_mm")
 
     def __call__(self, predicted: Predicted, detected: Detected) -> Pairs:
-        """Return distances, determinants, differences in size, and areas of the gates.
+        """Return the pairs of tracks and detections within the gate.
 
-        ``size_difference`` is 0 outside the gate and where either number is unknown.
+        The size difference is 0 outside the gate and where either number is unknown.
 
         Raises
         ------
@@ -97,7 +98,7 @@ class Gate:
 
 
 def _differences(tracks: Array | None, detections: Array | None, shape: tuple[int, ...]) -> Array:
-    """Return |differences| (n, m), NaN where either is unknown."""
+    """Return absolute differences (n, m), NaN where either is unknown."""
     if tracks is None or detections is None:
         return np.full(shape, np.nan)
     return np.abs(np.asarray(tracks)[:, None] - detections)

@@ -1,8 +1,8 @@
-"""Linear Kalman filter of all tracks at once (thesis, sections 2.3.1 and 2.3.3).
+"""Linear Kalman filter of all tracks at once.
 
-A state is one row of an (n, k) array, its covariance one (k, k) slice of an (n, k, k)
-array. The update takes association weights, so one function serves the textbook filter
-(rows of 0 and 1) and probabilistic data association (rows of probabilities).
+Sections 2.3.1 and 2.3.3 of the thesis. A state is one row of an (n, k) array, its covariance one
+(k, k) slice of an (n, k, k) array. The update takes association weights, so one function serves
+the textbook filter (rows of 0 and 1) and probabilistic data association (rows of probabilities).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROW_SUM = 1e-6  # how far weights of one track may be from summing to 1
 def predict(
     state: Array, covariance: Array, transition: Array, process_noise: Array
 ) -> tuple[Array, Array]:
-    """Return state (n, k) and covariance (n, k, k) of all tracks one step later.
+    """Return state and covariance of all tracks one step later.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def predict(
 
     Notes
     -----
-    Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right,
-    but the text below it says posterior, and so does Eq. 4.6; that is what is taken.
+    Eqs 2.44 and 2.45, with B u = 0. Eq. 2.45 prints the prior covariance on its right, but the
+    text below it says posterior, and so does Eq. 4.6. The posterior is taken here.
     """
     spread = transition @ covariance @ transition.T + process_noise
     return state @ transition.T, _symmetric(spread)
@@ -45,7 +45,9 @@ def residual_covariance(covariance: Array, measurement: Array, noise: Array) -> 
 
 
 def factor(residual: Array) -> Array:
-    """Return Cholesky's factors L, S = L L', of residual covariances (n, d, d).
+    """Return Cholesky's factors L (n, d, d) of residual covariances.
+
+    Each is lower triangular, with S = L L'.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def update(
     measurement: Array,
     noise: Array,
 ) -> tuple[Array, Array]:
-    """Return state (n, k) and covariance (n, k, k) after the measurements of one frame.
+    """Return state and covariance after the measurements of one frame.
 
     Parameters
     ----------
@@ -94,10 +96,10 @@ def update(
 
     Notes
     -----
-    Eqs 2.52-2.56. Eq. 2.55 is taken as printed, by Cholesky's factor L of S: with
-    W' = L^-1 H P, the gain is K = W L^-1 and K S K' = W W'. Eq. 2.56 is computed as the
-    scatter of the innovations about their mean, "missed" counting as an innovation of
-    zero: the printed term, as a sum of what cannot be negative.
+    Eqs 2.52-2.56. Eq. 2.55 is taken as printed, by Cholesky's factor L of S. With W' = L^-1 H P,
+    the gain is K = W L^-1 and K S K' = W W'. Eq. 2.56 is computed as the scatter of the
+    innovations about their mean, "missed" counting as an innovation of zero. This is the printed
+    term, as a sum of squares.
     """
     sums = weights.sum(axis=1)
     sound = (weights >= 0).all(axis=1) & (np.abs(sums - 1.0) <= ROW_SUM)
@@ -128,5 +130,8 @@ def update(
 
 
 def _symmetric(matrices: Array) -> Array:
-    """Return the mean of matrices (n, k, k) and their transposes: exactly symmetric."""
+    """Return the mean of matrices (n, k, k) and their transposes.
+
+    It is exactly symmetric.
+    """
     return np.asarray(0.5 * (matrices + matrices.mT), dtype=np.float64)

@@ -1,8 +1,8 @@
-"""How a particle moves between two frames: constant velocity, constant acceleration.
+"""Motion models: constant velocity and constant acceleration.
 
 A motion model hands the Kalman filter its matrices. The state of a particle in d
 dimensions lists all positions first, then all velocities (Eq. 4.1), then all
-accelerations; lengths are in px and times in frames. The control input B u of Eq. 2.42
+accelerations. Lengths are in px and times in frames. The control input B u of Eq. 2.42
 is zero throughout: nothing steers the particles.
 
 ======================  =========  ==================================  ==============
@@ -15,10 +15,10 @@ model                   equation   default of the noise                source
 
 Notes
 -----
-Neither process nor measurement noise is printed in the thesis. The defaults follow from
-the scene: 330 frames/s and some 3 mm per px at the lance's distance make 5 to 30 px/frame,
-drag takes a fraction of a px/frame from that in each frame, and the centroid of a tumbling
-sheet that is lit from the side jumps by 1 to 3 px. They are not tuned to any result.
+Neither process nor measurement noise is printed in the thesis. The defaults follow from the scene:
+330 frames/s and some 3 mm per px at the lance's distance make 5 to 30 px/frame. Drag takes a
+fraction of a px/frame from that in each frame. The centroid of a tumbling sheet that is lit from
+the side jumps by 1 to 3 px. They are not tuned to any result.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LONGEST = 2.0**64  # frames, more than lie between any two whole numbers of 8 by
 
 
 class Motion(Protocol):
-    """What the tracker asks of a motion model; d dimensions, k numbers per state."""
+    """A motion model in d dimensions with k numbers per state."""
 
     def transition(self, frames: float) -> Array:
         """Return F (k, k) over a number of frames."""
@@ -57,14 +57,14 @@ class Motion(Protocol):
         """Return R (d, d)."""
 
     def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, k) and covariances (n, k, k) of particles seen once, at (n, d)."""
+        """Return states (n, k) and covariances (n, k, k) of new tracks."""
 
 
 class _Steady(ABC):
-    """Matrices of a motion whose highest derivative is constant but for white noise.
+    """Motion whose highest derivative is constant but for white noise.
 
     The noise is taken as continuous, so that two steps of one frame and one step of two
-    frames are the same: a gap needs no frame that is not there.
+    frames are the same. A gap needs no frame that is not there.
     """
 
     velocity: Any
@@ -72,15 +72,15 @@ class _Steady(ABC):
     @property
     @abstractmethod
     def _spreads(self) -> tuple[float, ...]:
-        """Standard deviations of a new track: position, velocity and so on."""
+        """Return a new track's standard deviations: position, velocity, ..."""
 
     @property
     @abstractmethod
     def _noise(self) -> float:
-        """Root of the density of the white noise."""
+        """Return the root of the density of the white noise."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no number of px and frames."""
+        """Refuse parameters that are no finite numbers of px and frames."""
         where = type(self).__name__
         numbers = check_finite(self.velocity, f"{where}: velocity")
         check_shape(numbers, (None,), f"{where}: velocity, one number per dimension")
@@ -95,21 +95,21 @@ class _Steady(ABC):
             check_between(getattr(self, field.name), 0, LARGEST, f"{where}: {field.name}")
 
     def transition(self, frames: float) -> Array:
-        """Return F over a number of frames, (k, k); Eq. 4.4."""
+        """Return F (k, k) over a number of frames (Eq. 4.4)."""
         check_between(frames, 0, LONGEST, "transition: frames")
         powers = [frames**k / factorial(k) for k in range(len(self._spreads))]
         block = toeplitz(np.eye(1, len(powers))[0], powers)
         return np.asarray(np.kron(block, np.eye(len(self.velocity))), dtype=np.float64)
 
     def process_noise(self, frames: float) -> Array:
-        """Return Q, the white noise integrated over a number of frames, (k, k)."""
+        """Return Q (k, k), the white noise over a number of frames."""
         check_between(frames, 0, LONGEST, "process_noise: frames")
         order, axes, density = len(self._spreads), len(self.velocity), self._noise**2
         noise = Q_continuous_white_noise(order, float(frames), density, axes, order_by_dim=False)
         return np.asarray(noise, dtype=np.float64)
 
     def measurement(self) -> Array:
-        """Return H of section 4.1.4, (d, k): only positions are seen."""
+        """Return H (d, k) of section 4.1.4, which picks the positions."""
         axes = len(self.velocity)
         return np.eye(axes, axes * len(self._spreads))
 
@@ -118,7 +118,7 @@ class _Steady(ABC):
         return self._spreads[0] ** 2 * np.eye(len(self.velocity))
 
     def initial(self, positions: Array) -> tuple[Array, Array]:
-        """Return states (n, k) and covariances (n, k, k) of particles seen once."""
+        """Return states (n, k) and covariances (n, k, k) of new tracks."""
         axes, count = len(self.velocity), len(positions)
         check_shape(positions, (None, axes), "positions of new tracks")
         variance = np.repeat(np.square(self._spreads), axes)
@@ -129,9 +129,9 @@ class _Steady(ABC):
 
 @dataclass(frozen=True)
 class ConstantVelocity(_Steady):
-    """Uniform motion, disturbed by white noise of the acceleration (Eqs 4.1-4.5, thesis).
+    """Uniform motion, disturbed by white noise of the acceleration.
 
-    Eq. 4.5 prints no Q.
+    Eqs 4.1 to 4.5 of the thesis; Eq. 4.5 prints no Q.
     """
 
     velocity: tuple[float, ...] = (0.0, 0.0)  # px/frame, of a new track; one per dimension
@@ -150,9 +150,10 @@ class ConstantVelocity(_Steady):
 
 @dataclass(frozen=True)
 class ConstantAcceleration(_Steady):
-    """Uniform acceleration, disturbed by white noise of the jerk (belt, 2016 and 2020 papers).
+    """Uniform acceleration, disturbed by white noise of the jerk.
 
-    A new track has no acceleration, give or take ``acceleration_sd``.
+    The belt's motion, 2016 and 2020 papers. A new track has no acceleration, give or take
+    ``acceleration_sd``.
     """
 
     velocity: tuple[float, ...] = (0.0, 0.0)  # px/frame, of a new track; one per dimension

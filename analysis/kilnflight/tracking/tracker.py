@@ -1,8 +1,9 @@
-"""From detections to tracks: predict, gate, associate, update, start, stop (thesis, 4.1).
+"""The tracking loop: from detections to tracks (thesis, section 4.1).
 
-One loop over frames, `follow`, serves the kiln and the belt, every associator and every motion
-model; within a frame all tracks are one array. What is linked is the detections themselves: the
-filter decides, but no filtered position is ever handed on (section 5.2.3).
+Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves the kiln and
+the belt, every associator and every motion model; within a frame all tracks are one array. What is
+linked is the detections themselves: the filter decides, but no filtered position is ever handed on
+(section 5.2.3).
 """
 
 from __future__ import annotations
@@ -49,7 +50,10 @@ class Frame(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What happened in one frame, for figures (4.2, 2.20 to 2.22; Fig. 3 of the belt's)."""
+    """Predictions, weights and tracks of one frame.
+
+    Figs 4.2 and 2.20 to 2.22 of the thesis and Fig. 3 of the belt paper are drawn from it.
+    """
 
     frame: int
     rows: Integers  # (m,), rows of the table, by position; the m detections in this order
@@ -63,17 +67,17 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Management:
-    """When a track is given up, Eq. 4.14: visible too seldom, or not for too long.
+    """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 
     Notes
     -----
-    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of
-    30 px/frame that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px; longer
-    gaps, up to 15 frames, are closed afterwards (t_eps,CONNECT of Table 5.16).
-    ``visibility``: SIFT finds about half of the particles that do not burn and all of those
-    that do (section 5.1), so a true track lies above 0.4 but for bad luck. Since one miss in
-    the second frame makes 0.5 and another 1/3, it is tested from ``visibility_age`` on only.
-    Frames that have no detection at all count like any other.
+    No value is printed. ``invisible``: five frames are 15 ms, in which a particle of 30 px/frame
+    that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px. Longer gaps, up to 15 frames,
+    are closed afterwards (t_eps,CONNECT of Table 5.16). ``visibility``: SIFT finds about half of
+    the particles that do not burn and all of those that do (section 5.1), so a true track nearly
+    always lies above 0.4. Since one miss in the second frame makes 0.5 and another 1/3, it is
+    tested from ``visibility_age`` on only. Frames that have no detection at all count like any
+    other.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
@@ -81,13 +85,13 @@ class Management:
     visibility_age: int = 4  # frames of life from which visibility is tested; not printed
 
     def __post_init__(self) -> None:
-        """Raise an error for an invalid share or number of frames."""
+        """Refuse a share or a number of frames out of range."""
         check_between(self.visibility, 0, 1, "Management: visibility")
         check_count(self.invisible, "Management: invisible", least=0)
         check_count(self.visibility_age, "Management: visibility_age", least=0)
 
     def keeps(self, tracks: Tracks, frame: int) -> Booleans:
-        """Return which tracks live on when ``frame`` comes."""
+        """Return whether each track lives on in ``frame``."""
         age = frame - tracks["born"]
         seldom = (age >= self.visibility_age) & (tracks["visible"] < self.visibility * age)
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
@@ -107,7 +111,9 @@ def track(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
 ) -> pd.DataFrame:
-    """Return ``detections`` with a column ``particle``: 0, 1, ... in order of birth.
+    """Return ``detections`` with the column ``particle``.
+
+    Tracks are numbered 0, 1, ... in order of birth.
 
     Parameters
     ----------
@@ -129,19 +135,19 @@ def track(
     ------
     InputError
         If a column is missing or there twice, a frame is no whole number, a position is not
-        finite, or a part is not of its kind (a class instead of an instance, say); the
-        message names the row.
+        finite, or a part is not of its kind (a class instead of an instance, say). The message
+        names the row.
 
     Notes
     -----
-    The thesis does not say which detection a probabilistic track is recorded with. Here: one
-    whose weight beats the track's own "missed"; and one that more probably belongs to some
-    track than to none goes to the track it weighs most for. Otherwise several tracks that
-    share a particle would each call it missed, and it would start one more. Largest weight
-    first; a track or detection that is taken is passed over.
+    The thesis does not say which detection a probabilistic track is recorded with. Here it is one
+    whose weight beats the track's "missed". A detection that more probably belongs to some track
+    than to none goes to the track it weighs most for. Otherwise several tracks that share a
+    particle would each call it missed, and it would start one more. Largest weight first; a track
+    or detection that is taken is passed over.
 
     Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
-    depend on the order of the table; rows equal in all of these are taken as they stand.
+    depend on the order of the table. Rows equal in all of these are taken as they stand.
     """
     check_columns(detections, TO_TRACK.names, TO_TRACK.name)
     left_out = np.zeros(len(detections), dtype=bool)
@@ -162,7 +168,10 @@ def steps(
     gate: Gate = _GATE,
     management: Management = _MANAGEMENT,
 ) -> Iterator[Step]:
-    """Yield what `track` does in each frame that has detections; same arguments."""
+    """Yield the step of each frame with detections, as `track` makes it.
+
+    Arguments are those of `track`.
+    """
     check_offers(associator, ("__call__",), "track: associator")
     check_parts(motion, gate, "track")
     check_offers(management, ("keeps",), "track: management")
@@ -182,14 +191,17 @@ def steps(
 
 
 def check_parts(motion: Motion, gate: Gate, where: str) -> None:
-    """Raise an error unless motion and gate are instances with their methods."""
+    """Raise an `InputError` unless motion and gate have their methods."""
     moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
     check_offers(motion, moves, f"{where}: motion")
     check_offers(gate, ("__call__",), f"{where}: gate")
 
 
 def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
-    """Return the columns of `Tracks`; ``notes`` are those that one world alone has."""
+    """Return the columns of `Tracks`.
+
+    ``notes`` are the columns that only the kiln, or only the belt, has.
+    """
     k = motion.measurement().shape[1]
     return np.dtype(
         [
@@ -215,10 +227,10 @@ def follow(
     keeps: Keeps,
     notes: Sequence[tuple[str, type]] = (),
 ) -> Iterator[Step]:
-    """Yield what happens in each frame: the one loop of kiln and belt.
+    """Yield the step of each frame, in the kiln as on the belt.
 
-    ``associate`` and ``keeps`` are what each world brings; ``notes`` are the names and types of
-    what it notes of each track.
+    Kiln and belt bring ``associate`` and ``keeps``, and in ``notes`` the names and types of their
+    further columns.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
     tracks, started, span = np.zeros(0, layout(motion, notes)), 0, -1.0
@@ -261,7 +273,10 @@ def follow(
 
 
 def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
-    """Note the detections that tracks are recorded with; unknown depth leaves the last one."""
+    """Write the recorded detections into their tracks.
+
+    Where a detection has no depth or points, those of the track stay.
+    """
     tracks["last"], tracks["row"] = frame.number, frame.rows[detection]
     for name, values in zip(("depth_mm", "points"), frame.detected[1:], strict=True):
         if values is not None:
@@ -270,7 +285,10 @@ def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
 
 
 def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]:
-    """Return frames, rows by position, places, depth, points, sorted by frame and place."""
+    """Return the columns of a table, sorted by frame and place.
+
+    Frames, positions of the rows, places, depth, points.
+    """
     check_columns(table, TO_TRACK.names, TO_TRACK.name)
     frames = check_whole(table["frame"], f"{TO_TRACK.name}: column frame")
     needed = table[TO_TRACK.names].assign(frame=frames)
@@ -288,7 +306,7 @@ def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]
 
 
 def _optional(table: pd.DataFrame, name: str) -> Array:
-    """Return a column as floats, NaN where nothing is known."""
+    """Return a column as floats, NaN where unknown."""
     if name not in table.columns:
         return np.full(len(table), np.nan)
     check_columns(table, [name], TO_TRACK.name)

@@ -1,4 +1,6 @@
-r"""Post-processing: tracklets -> trajectories (thesis, section 4.2; values of Table 5.16).
+r"""Post-processing: from tracklets to trajectories.
+
+Section 4.2 of the thesis, with the values of Table 5.16.
 
     tracks -> Elimination -> OutlierRemoval -> Connection -> Fusion -> the same columns
 
@@ -11,13 +13,12 @@ step              equation           default                                    
 `Fusion`          sec. 4.2.4         mean distance 10 px                           sec. 4.2.4
 ================  =================  ============================================  ==========
 
-A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), ``row`` and
-``col`` in px, and may have ``z``, with ``x`` and ``y``, in mm (NaN where unknown); whatever
-else it has is carried through. Every row comes back, in its place. The rows of eliminated
-tracklets, outliers and merged duplicates get particle -1; `tracked` leaves them out.
-Particles are numbered from 0 by first frame, then first position. Each step alone, applied
-to what it returns, changes nothing; the whole, applied again, may, as later steps
-make tracks that the earlier ones have not seen.
+A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), and ``row`` and
+``col`` in px. It may have ``z``, with ``x`` and ``y``, in mm (NaN where unknown). Other columns
+are carried through. Every row comes back, in its place. The rows of eliminated tracklets, outliers
+and merged duplicates get particle -1; `tracked` leaves them out. Particles are numbered from 0 by
+first frame, then first position. Each step alone, applied to what it returns, changes nothing. The
+whole, applied again, may, as later steps make tracks that are new to the earlier ones.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -49,7 +50,7 @@ def stages(
     differences: Differences | None = None,
     steps: Iterable[Step] = STEPS,
 ) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the name of each step and the table after it (Figs 4.17 to 4.21)."""
+    """Yield each step's name and the table after it (Figs 4.17 to 4.21)."""
     for step in steps:
         tracks = step(tracks, differences)
         yield type(step).__name__, tracks

@@ -1,4 +1,7 @@
-"""Tracklets that are too short, too slow or too irregular go (thesis, section 4.2.1)."""
+"""Elimination of tracklets that are too short, too slow or irregular.
+
+Section 4.2.1 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -22,19 +25,19 @@ from kilnflight.tracklets.texture import Differences
 
 @dataclass(frozen=True)
 class Elimination:
-    """Keep a tracklet whose duration, mean speed and regularity exceed limits (Eq. 4.15).
+    """Keep tracklets that are long, fast and regular enough (Eq. 4.15).
 
     Called with a track table, it returns the table with particle -1 for the rows of false
     tracklets.
 
     Notes
     -----
-    Readings. (1) The duration is the number of assigned positions: Eq. 4.16 divides the
-    sum of the velocities, one fewer than the positions, by the duration less one. (2) The
-    thesis does not say how two coordinates become one coefficient. Here row(t) and col(t)
-    each have their polynomial and the coefficient is pooled over both centred
-    coordinates, so that each weighs by its variance and one that does not move weighs
-    nothing. Three positions always give 1. Source: Eqs 4.15 to 4.17, thesis.
+    Readings. (1) The duration is the number of assigned positions. Eq. 4.16 divides the sum of the
+    velocities, one fewer than the positions, by the duration less one. (2) The thesis does not say
+    how two coordinates become one coefficient. Here row(t) and col(t) each have their polynomial,
+    and the coefficient is pooled over both centred coordinates. So each weighs by its variance,
+    and one that does not move weighs nothing. Three positions always give 1. Source: Eqs 4.15 to
+    4.17, thesis.
     """
 
     duration: float = 2.0  # assigned frames, D_eps, Table 5.16
@@ -42,7 +45,7 @@ class Elimination:
     regularity: float = 0.9  # R_eps, Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse limits that nothing can be held against."""
+        """Refuse limits out of range."""
         check_limit(self.duration, "Elimination: duration")
         check_limit(self.speed, "Elimination: speed")
         check_between(self.regularity, -1, 1, "Elimination: regularity")
@@ -50,7 +53,9 @@ class Elimination:
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
     ) -> pd.DataFrame:
-        """Return the table without false tracklets; ``differences`` is not used.
+        """Return the table without false tracklets.
+
+        ``differences`` is not used.
 
         Raises
         ------
@@ -66,7 +71,7 @@ class Elimination:
 
 
 def mean_speed(names: Integers, frame: Integers, place: Floats) -> Floats:
-    """Return the mean magnitude of the velocities of each path in px/frame (Eq. 4.16, thesis).
+    """Return the mean speed of each path in px/frame (Eq. 4.16).
 
     It is 0 for a single point. Points are sorted by path and frame, paths numbered from 0.
     """
@@ -76,11 +81,12 @@ def mean_speed(names: Integers, frame: Integers, place: Floats) -> Floats:
 
 
 def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
-    """Return the correlation of each path with its second-degree polynomials row(t), col(t).
+    """Return the correlation of each path with quadratic polynomials.
 
-    Of least squares polynomials with a constant term, the correlation with the data, pooled
-    over both centred coordinates, is the root of explained over total sum of squares. Up
-    to three points it is 1, and likewise for a path that stays where it is.
+    The polynomials are row(t) and col(t). Of least squares polynomials with a constant term, the
+    correlation with the data is the root of explained over total sum of squares. It is pooled over
+    both centred coordinates. Up to three points it is 1, and likewise for a path that stays where
+    it is.
     """
     count = np.bincount(names)
     first = np.cumsum(count) - count

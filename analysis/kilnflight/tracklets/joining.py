@@ -1,4 +1,7 @@
-"""Tracklets of one particle are connected, merged and fused (thesis, sections 4.2.3, 4.2.4)."""
+"""Joining of tracklets of one particle: connection, merging and fusion.
+
+Sections 4.2.3 and 4.2.4 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,10 @@ Bools = npt.NDArray[np.bool_]
 
 
 class Pairs(NamedTuple):
-    """A cost matrix as the list of its possible pairs; the others cost C, as in Fig. 4.14.
+    """The possible pairs of a cost matrix, as a list.
 
-    Of thousands of tracklets a handful of pairs are possible, so the matrix is never made.
+    The other pairs cost C, as in Fig. 4.14. Of thousands of tracklets a handful of pairs are
+    possible, so the matrix is never made.
     """
 
     earlier: Integers  # (p,) tracklet
@@ -52,9 +56,10 @@ Matching = Callable[[Pairs], Integers]  # positions in the list of the pairs to 
 
 
 def listed(matrix: npt.ArrayLike) -> Pairs:
-    """Return the pairs of a square cost matrix, infinite where a pair is impossible.
+    """Return the possible pairs of a square cost matrix.
 
-    Entry [i, k] is the cost of tracklet i followed by tracklet k.
+    A cost is infinite where a pair is impossible. Entry [i, k] is the cost of tracklet i followed
+    by tracklet k.
 
     Raises
     ------
@@ -71,7 +76,7 @@ def listed(matrix: npt.ArrayLike) -> Pairs:
 
 
 def _check_pairs(pairs: Pairs) -> Pairs:
-    """Return the pairs, or raise an `InputError` if a cost is negative or not finite.
+    """Return the pairs, or raise an `InputError` for a bad cost.
 
     A cost below 0 would make it cheaper to join than to do nothing, which no term of
     Eq. 4.24 does.
@@ -88,7 +93,7 @@ def _check_pairs(pairs: Pairs) -> Pairs:
 
 @dataclass(frozen=True)
 class DualNearest:
-    """Pairs of which each is the other's nearest neighbour (DNN).
+    """Choose pairs of which each is the other's nearest neighbour (DNN).
 
     Notes
     -----
@@ -98,7 +103,7 @@ class DualNearest:
     """
 
     def __call__(self, pairs: Pairs) -> Integers:
-        """Return which of the pairs to join, as positions in the list, ascending."""
+        """Return the positions of the pairs to join, ascending."""
         size = len(_check_pairs(pairs).cost)
         tracklet = np.append(pairs.earlier, pairs.later)
         neighbour = np.append(pairs.later, pairs.earlier)
@@ -111,13 +116,14 @@ class DualNearest:
 
 @dataclass(frozen=True)
 class Hungarian:
-    """As many pairs as possible at the smallest sum of costs (Kuhn-Munkres, GNN).
+    """Choose as many pairs as possible at the least total cost.
 
-    The alternative of Fig. 4.14. Here a tracklet may get one before and one after it.
+    Kuhn-Munkres (GNN), the alternative of Fig. 4.14. A tracklet may get one before and one after
+    it.
     """
 
     def __call__(self, pairs: Pairs) -> Integers:
-        """Return which of the pairs to join, as positions in the list, ascending."""
+        """Return the positions of the pairs to join, ascending."""
         rows, row = np.unique(_check_pairs(pairs).earlier, return_inverse=True)
         columns, column = np.unique(pairs.later, return_inverse=True)
         cost = np.full((len(rows), len(columns)), np.inf)
@@ -129,7 +135,7 @@ class Hungarian:
 
 @dataclass(frozen=True)
 class Costs:
-    """Weights of Eq. 4.24, thesis."""
+    """Weights of the terms of Eq. 4.24."""
 
     angle: float = 2.0  # 1/degree, a, Table 5.16
     change: float = 2.0  # frame/px, b, Table 5.16
@@ -152,7 +158,7 @@ class Joining:
 
     Called with a track table and, for the last term of the cost, the `Differences` of its
     recording. A merged frame keeps one row, that of the earlier tracklet (of the later
-    where only that has a depth), with the mean row, col, x, y and z; the other row gets
+    where only that has a depth), with the mean row, col, x, y and z. The other row gets
     particle -1 and keeps its own place.
     """
 
@@ -168,7 +174,7 @@ class Joining:
     nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
 
     def __post_init__(self) -> None:
-        """Refuse negative limits, and parts that are of another kind."""
+        """Refuse negative limits and parts of a wrong kind."""
         step = type(self).__name__
         for name in ("gap", "overlap", "distance", "depth"):
             check_limit(getattr(self, name), f"{step}: {name}")
@@ -181,7 +187,7 @@ class Joining:
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
     ) -> pd.DataFrame:
-        """Return the table with tracklets joined until no pair is left that may be.
+        """Return the table with tracklets joined until no pair is left.
 
         Only pairs with a tracklet that has just been joined are judged anew.
 
@@ -208,7 +214,7 @@ class Joining:
             changed[[chosen.earlier, chosen.later]] = True
 
     def candidates(self, paths: Paths, changed: Bools) -> Pairs:
-        """Return the pairs that may be joined and that hold a changed tracklet.
+        """Return the possible pairs that hold a changed tracklet.
 
         Their cost is without the last term. Eq. 4.18 sets no limit to the distance along the
         flight, so time alone preselects the pairs.
@@ -225,7 +231,7 @@ class Joining:
         return _take(Pairs(i, k, cost), allowed)
 
     def _in_time(self, paths: Paths, changed: Bools) -> tuple[Integers, Integers, Integers]:
-        """Return earlier and later tracklet of the pairs near in time, and the gap in frames."""
+        """Return the pairs near in time, and their gaps in frames."""
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
@@ -241,7 +247,7 @@ class Joining:
     def _judge(
         self, names: Integers, frame: Integers, place: Floats, count: int
     ) -> tuple[Floats, Bools]:
-        """Return the first three terms of Eq. 4.24 of connected parts, and which are allowed."""
+        """Return the first terms of Eq. 4.24 and which parts are allowed."""
         steps = velocities(frame, place)
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
@@ -277,23 +283,22 @@ class Joining:
 
 @dataclass(frozen=True)
 class Connection(Joining):
-    """Connect tracklets over a gap, merge those that overlap, the cheapest first.
+    """Connect tracklets over a gap and merge those that overlap.
 
     Notes
     -----
-    Readings. (1) Eq. 4.21 holds case by case; with its "or" every pair would pass. (2) Of
-    two tracklets the one that starts first is the earlier; of two that start together the
-    one that ends first. The later one must end after the earlier one (Fig. 4.9); one within
-    another continues nothing and is left to `Fusion`. (3) A tracklet with fewer than three
-    points gives what it has to the connected part; one common frame counts as one
-    point, the mean; of two that overlap without a common frame, the points before
-    and after the overlap count. (4) The terms of Eq. 4.24 are means over the connected part,
-    0 without a value; d weighs the gap and e the overlap, as printed (the sentence after
-    it and Table 5.16 agree). (5) Without ``differences`` the last term is left out; f
-    belongs to the energies of the thesis, of order 1e8 (Fig. 4.13). (6) A tracklet is joined
-    once per iteration (`DualNearest`). (7) Eq. 4.18 spares a jump straight ahead, however
-    far, so nothing but the cost limits the length of a connection. Source: Eqs 4.21 to 4.25
-    and Fig. 4.14, thesis.
+    Readings. (1) Eq. 4.21 holds case by case; with its "or" every pair would pass. (2) Of two
+    tracklets the one that starts first is the earlier; of two that start together the one that
+    ends first. The later one must end after the earlier one (Fig. 4.9); one within another
+    continues nothing and is left to `Fusion`. (3) A tracklet with fewer than three points gives
+    what it has to the connected part. One common frame counts as one point, the mean; of two that
+    overlap without a common frame, the points before and after the overlap count. (4) The terms of
+    Eq. 4.24 are means over the connected part, 0 without a value. Weight d is for the gap and e
+    for the overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
+    ``differences`` the last term is left out; f belongs to the energies of the thesis, of order
+    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`DualNearest`). (7) Eq. 4.18
+    spares a jump straight ahead, however far, so nothing but the cost limits the length of a
+    connection. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
@@ -302,18 +307,18 @@ class Connection(Joining):
 
 @dataclass(frozen=True)
 class Fusion(Joining):
-    """Fuse trajectories that overlap in time, however long, the cheapest first.
+    """Fuse trajectories that overlap in time, however long.
 
     As `Connection` but for the limit on common frames and the terms for gap and overlap.
 
     Notes
     -----
     Readings. (1) The text sets no limit to the distance of two trajectories. The connected
-    part then bounds it only by the velocity of the jump from one to the other: over 40
+    part then bounds it only by the velocity of the jump from one to the other. Over 40
     common frames, 200 px are 5 px/frame, and neighbours would be fused. So
     their mean distance in the common frames must not exceed ``distance``, and there must
     be such frames. Its value is the "epsilon = 10 pixel" that Table 5.16 lists without a
-    place in chapter 4.2; it may as well be the gate of Eq. 5.1, which has no other value.
+    place in chapter 4.2. It may as well be the gate of Eq. 5.1, which has no other value.
     (2) A trajectory within another may be fused: duplicates are often shorter. (3) Points,
     rows and depths are treated as in `Connection`. Source: section 4.2.4, thesis.
     """
@@ -325,7 +330,7 @@ class Fusion(Joining):
 
 
 class Overlap(NamedTuple):
-    """Common frames of the tracklets of each pair, and where their connected part lies."""
+    """Overlap in time of the tracklets of each pair."""
 
     common: Integers  # number of common frames
     distance: Floats  # mean distance in the common frames, px; infinite without any
@@ -358,10 +363,10 @@ def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
 def _connected_parts(
     paths: Paths, i: Integers, k: Integers, overlap: Overlap
 ) -> tuple[Integers, Integers, Floats]:
-    """Return the connected parts (Fig. 4.10): three points of the one, three of the other.
+    """Return the connected parts of pairs of tracklets (Fig. 4.10).
 
-    Number of the pair, frame and place of each point. A single common frame is one point,
-    the mean of both.
+    Number of the pair, frame and place of each point, three points of either tracklet. A single
+    common frame is one point, the mean of both.
     """
     point = np.stack(
         [overlap.until - 3 + n for n in range(3)] + [overlap.since + n for n in range(3)]
@@ -392,10 +397,10 @@ def _once(pairs: Pairs) -> Pairs:
 
 
 def _merge(paths: Paths, chosen: Pairs) -> Paths:
-    """Return the paths with the pairs joined, under the lower of their two numbers.
+    """Return the paths with the pairs joined.
 
-    In a common frame the place is the mean of both; the row is that of the earlier one,
-    unless only the later one has a depth.
+    A pair keeps the lower of its two numbers. In a common frame the place is the mean of both. The
+    row is that of the earlier one, unless only the later one has a depth.
     """
     number = np.arange(len(paths.starts) - 1)
     later = np.zeros(len(number), dtype=np.bool_)
@@ -422,13 +427,13 @@ def _take(table: Rows, chosen: Bools | Integers) -> Rows:
 
 
 def _mean(first: Floats, second: Floats) -> Floats:
-    """Return the mean of places; what only one of them knows is taken from it."""
+    """Return the mean of places, or the only known place."""
     mean = (first + second) / 2
     return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))
 
 
 def _ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:
-    """Return the numbers from each begin up to its end, and before them whose they are."""
+    """Return all numbers of several ranges, after the range of each."""
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]

@@ -1,4 +1,7 @@
-"""Detections that make a tracklet turn and jump go (thesis, section 4.2.2)."""
+"""Removal of detections that make a tracklet turn and jump.
+
+Section 4.2.2 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from kilnflight.tracklets.texture import Differences
 
 @dataclass(frozen=True)
 class OutlierRemoval:
-    """Take a detection out whose velocity differs in angle and in magnitude (Eq. 4.18).
+    """Remove detections that change angle and speed too much (Eq. 4.18).
 
     Each scan judges the first point, then the second backwards (Eq. 4.20), then the others
     forwards (Eq. 4.18). The first outlier found is removed and the scan begins anew, until
@@ -32,27 +35,29 @@ class OutlierRemoval:
 
     Notes
     -----
-    Readings. (1) The first velocity is compared with the mean of the three that follow it,
-    as the text has it; the caption of Fig. 4.7 speaks of the last point, which the forward
-    scan judges anyway. (2) A point is judged only where its equation has what it needs:
-    the first from 5 points, the second from 4, the others from 3. (3) A velocity of zero
-    has no direction and makes no angle. (4) An outlier at the second point bends the first
-    velocity more than the second one, so the order of the text (first point first) also
-    removes the good first point of a tracklet of 5 or more. Source: Eqs 4.17 to 4.20, thesis.
+    Readings. (1) The first velocity is compared with the mean of the three that follow it, as the
+    text has it. The caption of Fig. 4.7 speaks of the last point, which the forward scan judges
+    anyway. (2) A point is judged only where its equation has what it needs: the first from 5
+    points, the second from 4, the others from 3. (3) A velocity of zero has no direction and makes
+    no angle. (4) An outlier at the second point bends the first velocity more than the second one.
+    So the order of the text, first point first, also removes the good first point of 5 or more.
+    Source: Eqs 4.17 to 4.20, thesis.
     """
 
     angle_deg: float = 30.0  # degrees, theta_eps, Table 5.16
     change: float = 18.0  # px/frame, Delta V_eps, Table 5.16
 
     def __post_init__(self) -> None:
-        """Refuse limits that are below 0 or no numbers."""
+        """Refuse limits out of range."""
         check_limit(self.angle_deg, "OutlierRemoval: angle_deg")
         check_limit(self.change, "OutlierRemoval: change")
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
     ) -> pd.DataFrame:
-        """Return the table without outliers in its tracklets; ``differences`` is not used.
+        """Return the table without outliers in its tracklets.
+
+        ``differences`` is not used.
 
         Raises
         ------
@@ -68,7 +73,10 @@ class OutlierRemoval:
         return write_paths(tracks, paths, np.where(kept, paths.names(), LOST))
 
     def _first(self, frame: Integers, place: Floats) -> int | None:
-        """Return the first outlier of one path in the order of the text, or None."""
+        """Return the index of the first outlier of one path, or None.
+
+        The order is that of the text of section 4.2.2.
+        """
         if len(frame) < 3:
             return None
         steps = velocities(frame, place)
@@ -80,6 +88,6 @@ class OutlierRemoval:
         return int(np.argmax(turned)) + 2 if turned.any() else None  # Eq. 4.18
 
     def _turned(self, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
-        """Return whether velocities (n, 2) differ in angle and in magnitude (Eq. 4.18, thesis)."""
+        """Return whether velocities (n, 2) change as in Eq. 4.18."""
         angle, change = turns(before, after)
         return np.asarray((angle > self.angle_deg) & (change > self.change))

@@ -1,7 +1,8 @@
-"""Track tables as arrays and back: tracklets one after the other, each by ascending frame.
+"""Track tables as arrays, and back.
 
-A row whose ``particle`` is -1 belongs to no track. It stays in the table, so that no
-step loses a detection; `tracked` leaves such rows out.
+Tracklets come one after the other, each by ascending frame. A row whose ``particle`` is -1 belongs
+to no track. It stays in the table, so that no step loses a detection; `tracked` leaves such rows
+out.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ DEPTHS = ("z", "x", "y")  # mm; z first, so that it is always column 2 of `Paths
 
 
 class Paths(NamedTuple):
-    """Tracklets in the order of their first frame, then of their first position.
+    """Tracklets in the order of their first frames and positions.
 
     Attributes
     ----------
@@ -45,7 +46,7 @@ class Paths(NamedTuple):
     starts: Integers
 
     def names(self) -> Integers:
-        """Return the number of the tracklet of each point."""
+        """Return the number of each point's tracklet."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
 
 
@@ -69,7 +70,7 @@ def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
 
 
 def _known_places(tracks: pd.DataFrame, where: str) -> Floats:
-    """Return the places of every row, checked."""
+    """Return the checked places of every row."""
     check_columns(tracks, PIXELS, where)
     names = _places(tracks)
     check_columns(tracks, names, where)
@@ -94,10 +95,10 @@ def _places(tracks: pd.DataFrame) -> list[str]:
 
 
 def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataFrame:
-    """Return the table with new particles and places, in its own order of rows.
+    """Return the table with new particles and places.
 
-    Rows that ``paths`` does not name, and those with a name below 0, get particle -1.
-    Particles are numbered from 0 by first frame, then first position.
+    Rows keep their order. Rows that ``paths`` does not name, and those with a name below 0, get
+    particle -1. Particles are numbered from 0 by first frame, then first position.
     """
     changed = {}
     for number, name in enumerate(_places(tracks)):
@@ -113,18 +114,18 @@ def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataF
 
 
 def velocities(frame: Integers, place: Floats) -> Floats:
-    """Return the velocity (n - 1, 2) between consecutive points in px/frame (Eq. 4.17, thesis).
+    """Return velocities (n - 1, 2) between consecutive points (Eq. 4.17).
 
-    From one path to the next it means nothing, and frames may be the same.
+    In px/frame. Between two paths the value means nothing, and frames may be the same.
     """
     step = np.diff(frame)
     return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
 
 
 def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
-    """Return angle in degrees and difference in px/frame of velocities (n, 2) (Eq. 4.19, thesis).
+    """Return angle and difference of velocities (n, 2) (Eq. 4.19).
 
-    A velocity of zero has no direction: the angle is then 0.
+    In degrees and px/frame. A velocity of zero has no direction: the angle is then 0.
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
@@ -136,7 +137,7 @@ def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
 
 
 def means(part: Integers, values: Floats, count: int) -> Floats:
-    """Return the mean of the values of each of ``count`` parts, 0 without any."""
+    """Return the mean of the values in each of ``count`` parts, or 0."""
     number = np.maximum(np.bincount(part, minlength=count), 1)
     return np.asarray(np.bincount(part, values, minlength=count) / number)
 

@@ -1,4 +1,7 @@
-"""Laws' texture energies: is there a streak between two tracklets (thesis, section 4.2.3)."""
+"""Laws' texture energies, which show a streak between two tracklets.
+
+Section 4.2.3 of the thesis.
+"""
 
 from __future__ import annotations
 
@@ -26,26 +29,31 @@ MARGIN = 2  # px around a window that the masks reach
 
 
 class Differences(Protocol):
-    """Sums of frame differences (frame minus background, absolute) of one recording."""
+    """Sums of the frame differences of one recording.
+
+    A difference is the absolute value of frame minus background.
+    """
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of its frames."""
+        """Return the rows and columns of the frames."""
         ...
 
     def __call__(
         self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
     ) -> npt.NDArray[np.generic]:
-        """Return the sum over the frames first to last, both counted, within a box.
+        """Return the sum over frames, first to last, within a box.
 
-        The box lies within ``shape``; the sum is (bottom - top, right - left). Frames that
-        the recording does not have count as empty.
+        Both frames are counted. The box lies within ``shape``; the sum is (bottom - top, right -
+        left). Frames that the recording does not have count as empty.
         """
         ...
 
 
 def energies(window: npt.ArrayLike, inside: npt.ArrayLike | None = None) -> dict[str, float]:
-    """Return the 15 texture energies of a sum of frame differences, "LL" to "RR" (Fig. 4.13).
+    """Return the 15 texture energies of a sum of frame differences.
+
+    Their names are "LL" to "RR" (Fig. 4.13).
 
     Parameters
     ----------
@@ -61,11 +69,10 @@ def energies(window: npt.ArrayLike, inside: npt.ArrayLike | None = None) -> dict
 
     Notes
     -----
-    The responses of a mask and of its transpose are taken as absolute values, averaged, and
-    their sum is divided by the number of pixels that are not zero. The thesis does not
-    mention absolute values; without them a streak's two edges cancel in the sum, and
-    the two transposes on one of the diagonals. Beyond its border the window goes on with
-    its outermost pixels.
+    The absolute responses of a mask and of its transpose are averaged. Their sum is divided by the
+    number of pixels that are not zero. The thesis does not mention absolute values. Without them a
+    streak's two edges cancel in the sum, and the two transposes on one of the diagonals. Beyond
+    its border the window goes on with its outermost pixels.
     """
     image = check_finite(window, "energies: window")
     check_shape(image, (None, None), "energies: window")
@@ -89,20 +96,20 @@ def _energy(image: Array, inside: npt.NDArray[np.bool_], first: Array, second: A
 
 @dataclass(frozen=True)
 class LevelEdge:
-    """Level-edge energy within the parallelogram between two tracklets, F of Eq. 4.24.
+    """Measure the level-edge energy between two tracklets (F of Eq. 4.24).
 
-    Called with the last position of the earlier tracklet and the first one of the later
-    (row, col), the first and last frame to sum, and the differences.
+    The window is a parallelogram. Called with two positions (row, col), the first and last frame
+    to sum, and the differences. The positions are the last one of the earlier tracklet and the
+    first one of the later.
 
     Notes
     -----
-    Readings. (1) "Within the time period of the tracklets' appearance" is from the first
-    frame of the pair to its last. (2) The vertices printed span a parallelogram from one
-    position to the other, 2 w wide along the columns where the connection is at least as
-    long along the rows, else along the rows; a pixel counts if its centre is inside, and
-    the line between the positions has at least one. (3) The masks see the pixels around
-    the window; beyond the image its outermost ones go on. Source: section 4.2.3 and Eq. 4.25,
-    thesis.
+    Readings. (1) "Within the time period of the tracklets' appearance" is from the first frame of
+    the pair to its last. (2) The vertices printed span a parallelogram from one position to the
+    other. It is 2 w wide along the columns where the connection is at least as long along the
+    rows, else along the rows. A pixel counts if its centre is inside, and the line between the
+    positions has at least one. (3) The masks see the pixels around the window; beyond the image
+    its outermost ones go on. Source: section 4.2.3 and Eq. 4.25, thesis.
     """
 
     half_width: float = 15.0  # px, w, Table 5.16
