@@ -70,8 +70,9 @@ class _ByCost:
     # a_0, per 3D point: 100 points weigh as one unit of squared distance. In the twin half of the
     # particles change by 7 points or less from frame to frame, one in twenty by more than 200.
     size_weight: float = 0.01
-    # C_NA, cost of a missed track; dearer pairs are impossible. Above the gate's d^2 (16) + ln|S|
-    # of a track lost for some frames (18) + a_0 times some hundred points: the gate decides.
+    # C_NA, cost of a missed track; pairs that cost more are impossible. It is above the gate's
+    # d^2 (16) + ln|S| of a track lost for some frames (18) + a_0 times some hundred points, so the
+    # gate decides.
     nonassignment_cost: float = 50.0
 
     def __post_init__(self) -> None:

@@ -188,7 +188,8 @@ def fit_depth_segments(
     degree
         Of every polynomial; Eq. 2.4 has 2.
     continuous
-        Whether the result may jump at a breakpoint (Eq. 2.4 does, by -356 mm).
+        Whether neighbours must agree at the breakpoints. If not, the result may jump there, as
+        Eq. 2.4 does by -356 mm at 3000 mm.
 
     Raises
     ------

@@ -17,7 +17,7 @@ model              equation          default                                    
 
 The foreground is the absolute difference of frame and background, as Eqs 2.5, 2.6 and
 2.10 have it. Dark particles before a bright wall count as bright ones before a dark
-wall. It is float32, in gray values; its value for a frame does not depend on which other
+wall. It is float32, in grey values; its value for a frame does not depend on which other
 frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """

@@ -157,7 +157,7 @@ class TwoFrame:
     """
 
     interval: int = 3  # frames, i of Eqs 2.5 and 2.6, Table 5.4
-    _sides: ClassVar[tuple[int, ...]] = (-1,)  # of the frame on which others are taken
+    _sides: ClassVar[tuple[int, ...]] = (-1,)  # compared with: -1 an earlier frame, 1 a later one
 
     def __post_init__(self) -> None:
         """Refuse an interval below one frame."""
@@ -207,7 +207,7 @@ class WindowModel(ABC):
         Parameters
         ----------
         frames
-            Stack of gray images, ``frames[t]`` of shape (rows, cols), read lazily.
+            Stack of grey images, ``frames[t]`` of shape (rows, cols), read lazily.
         indices
             Numbers of frames, counted from 0, in any order.
 

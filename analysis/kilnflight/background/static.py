@@ -29,7 +29,7 @@ def window_means(
     for index in indices:
         around = surrounding(index, window, held.length)
         gone = [other for other in summed if other not in around]
-        if len(gone) >= len(around) // 2:
+        if len(gone) >= len(around) // 2:  # summing anew costs no more
             gone, summed = [], range(0)
         for other in gone:
             total -= held[other]

@@ -52,7 +52,7 @@ class QuasiClusterCenters:
 
     Notes
     -----
-    Readings. (1) "Greater than the density of all" neighbours leaves two equally dense
+    Readings of the text. (1) "Greater than the density of all" neighbours leaves two equally dense
     neighbours, which are frequent (each the other's k-th), without a centre. 5.1.3 says
     "maximum", so equal is enough. (2) A neighbour is sparse when it is not denser;
     points of equal density, one of them the other's neighbour, reach each other. (3) The
@@ -93,11 +93,11 @@ class QuasiClusterCenters:
         neighbors, squares = nearest_neighbors(cloud, k)
         # A denser point that has this one as a neighbour lies within this one's k-th distance
         # too: "no such point" covers both conditions of the definition of a centre.
-        near = squares[neighbors]
+        of_neighbors = squares[neighbors]  # small where a neighbour is dense
         centers = np.ones(count, dtype=np.bool_)
-        centers[neighbors[near > squares[:, None]]] = False
+        centers[neighbors[of_neighbors > squares[:, None]]] = False
         # points of equal density that reach each other share a level
-        equal, column = np.nonzero(near == squares[:, None])
+        equal, column = np.nonzero(of_neighbors == squares[:, None])
         ends = (equal, neighbors[equal, column])
         links = coo_array((np.ones(len(equal), np.int8), ends), shape=(count, count))
         levels = connected_components(links, directed=False)[1].astype(np.intp)

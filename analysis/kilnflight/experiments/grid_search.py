@@ -1,10 +1,11 @@
 """Grid search for settings of trackers: same objective, same rule for all.
 
-A setting is scored by its mean beta over the fractions, without post-processing: beta charges
-false tracks, and the published trackers have no post-processing. Every parameter has a grid of
-values, in steps of about the same ratio. A small part of the grid is tried in full; then the
-neighbours of the best setting, until none is better. So the best is interior or at an end of the
-grid, and the table says which.
+A setting is scored by its mean beta (Eq. 5.5, `kilnflight.scores.tracks`) over the fractions,
+without post-processing: beta charges false tracks, and the published trackers have no
+post-processing. Every parameter has a grid of values, in steps of about the same ratio. A small
+part of the grid is tried in full; then the neighbours of the best setting, until none is better.
+The table says whether the best setting is at an end of the grid: there, a wider grid may hold a
+better one.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
 
-# The values, the same for all trackers. Ends that are not zero are far from any use.
+# The values, the same for all trackers. The ends, but for 0, are too small or too large for use.
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
 STEPS = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)  # px
@@ -109,7 +110,7 @@ def kilnflight_grids() -> dict[str, Grid]:
 
 
 def peer_grids() -> dict[str, Grid]:
-    """Return the grids of trackpy, laptrack and Stone Soup; all are installed or not."""
+    """Return the grids of trackpy, laptrack and Stone Soup, installed together."""
     filtered = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
     return {
         "trackpy": Grid(

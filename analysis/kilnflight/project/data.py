@@ -26,7 +26,8 @@ from kilnflight.project import paths
 # pinned commit, in pooch's format.
 REGISTRY = Path(__file__).with_name("external_files.txt")
 SHA256 = dict(line.split()[:2] for line in REGISTRY.read_text("utf-8").splitlines())
-# DEM tracks at 100 Hz of 3713 wooden spheres, 4357 cuboids and 4427 cylinders
+# Tracks at 100 Hz of 3713 wooden spheres, 4357 cuboids and 4427 cylinders, simulated by the
+# authors with the discrete element method (DEM)
 BELT_DEM = {
     "spheres": "DEM_spheres_115.zip",
     "cuboids": "DEM_cuboids_115.zip",

@@ -1,7 +1,5 @@
 """What a plenoptic camera delivers: frames, their attributes, the way to ask.
 
-It is the one way to ask for them.
-
 A recording is anything with `attributes`, a length and ``frame(t)``; the twin renders
 its frames on demand, `kilnflight.recording.store.StoredRecording` reads them from disk, and
 the methods cannot tell which one they were given. Pixels are row, col; millimetres
@@ -31,8 +29,8 @@ class Frame:
     Parameters
     ----------
     index
-        Number of the frame in its first recording (in the file names, in the
-        truth tables); a part of a recording keeps it.
+        Number of the frame in the file names and the truth tables; where a part of a
+        recording is a recording of its own, frames keep their numbers.
     time_s
         Time of exposure; it grows from frame to frame.
     gray

@@ -225,13 +225,13 @@ def read_manifest(manifest: Path | str) -> FileRecording:
     The first file gives the size.
     """
     manifest = Path(manifest)
+    again = "Give the manifest of a recording, a TOML file."
     try:
         table = tomllib.loads(manifest.read_text(encoding="utf-8"))
     except OSError as error:
-        again = "Give the manifest of a recording, a TOML file."
         raise InputError(f"{manifest}: cannot be read ({error.strerror}). {again}") from error
     except ValueError as error:  # no TOML, or no text at all
-        raise InputError(f"{manifest}: is not TOML ({error}).") from error
+        raise InputError(f"{manifest}: is not TOML ({error}). {again}") from error
     if "gray" not in table:
         raise InputError(f"{manifest}: there is no [gray]; give it at least a pattern.")
     sections: dict[str, Section] = {}

@@ -276,7 +276,7 @@ def noise_threshold(recording: Recording) -> float:
     five. That bounds false alarms of noise; flicker of a flame's light is not noise of a pixel,
     and a higher threshold may be better.
     """
-    frames = _spread(min(len(recording), 150), NOISE_FRAMES)
+    frames = _spread(min(len(recording), 150), NOISE_FRAMES)  # 150: the median's window
     noise = [block_noise(view.foreground) for _, view in kiln.views(recording, frames)]
     return round(TIMES_NOISE * max(float(np.median(noise)), LEAST_NOISE), 1)
 
@@ -323,7 +323,7 @@ def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
     still wall denser than what flies.
     """
     points = np.concatenate([calibrate_points(recording.frame(t).xyz) for t in frames])
-    labels = DBSCAN(eps=50.0, min_points=10)(points)
+    labels = DBSCAN(eps=50.0, min_points=10)(points)  # mm and points of the wall pass, sec. 5.1.3
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")
     largest = np.bincount(labels[labels >= 0]).argmax()

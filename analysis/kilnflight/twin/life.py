@@ -32,7 +32,7 @@ class OnTheWall:
     Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
     over 150 frames would absorb them otherwise, yet they are found (Table 5.5). Scenes take
     ``share_on`` and ``body_s`` from `kilnflight.twin.fitted`. While a flame is on it does
-    not change from frame to frame, as a real one would.
+    not change from frame to frame; a real one would.
     """
 
     delay_s: float = 0.03  # until the flame is there
@@ -48,8 +48,8 @@ class Moment(NamedTuple):
     particle: npt.NDArray[np.intp]
     position_m: Array  # (m, 3)
     velocity_m_s: Array  # (m, 3)
-    surface_k: Array
-    area: Array
+    surface_k: Array  # temperature of the surface, K
+    area: Array  # share of the broadside area that is left
     burning: npt.NDArray[np.bool_]  # flame or glowing char
     landed: npt.NDArray[np.bool_]
     age_s: Array
@@ -159,7 +159,7 @@ def live(
         ``ignition_cause``, ``end_s`` (from the release), ``end``, ``end_x_mm``,
         ``end_y_mm``, ``end_z_mm`` (camera coordinates).
     """
-    if not feed:
+    if not feed:  # a burst of no particles, so that the table has its columns
         feed = [Burst(next(iter(FRACTIONS)), 0, 0.0)]
     tables, parts = [], []
     for number, name in enumerate(FRACTIONS):
@@ -191,7 +191,7 @@ def live(
 def _wall_fire(
     table: pd.DataFrame, sheet: bool, wall: OnTheWall, generator: np.random.Generator
 ) -> pd.DataFrame:
-    n = len(table)
+    n = len(table)  # the spreads of delay and flicker below are assumed
     mean = wall.sheet_s if sheet else wall.body_s
     return table.assign(
         flame_delay_s=wall.delay_s * generator.uniform(0.3, 1.7, n),

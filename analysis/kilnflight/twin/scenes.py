@@ -233,8 +233,8 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     campaigns = {campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs}
     if plain not in (*SUBSETS, *campaigns) or scenario not in SCENARIOS:
         raise InputError(
-            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each with @ and "
-            f"one of {', '.join(SCENARIOS)}."
+            f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each also "
+            f"with a variant behind @, such as V1@small: {', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if number < 0:
