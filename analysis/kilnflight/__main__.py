@@ -154,61 +154,63 @@ def _point(text: str) -> tuple[float, float, float]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="kilnflight", description=main.__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, function: Callable[[argparse.Namespace], None], text: str) -> Any:
-        command = commands.add_parser(name, help=text)
+        command = commands.add_parser(name, help=text, description=text)
         command.set_defaults(function=function)
         return command.add_argument
 
-    argument = add("import", _import, "import the files that a manifest names")
-    argument("manifest", type=Path, help="TOML; see python -m pydoc kilnflight.recording.importing")
-    argument("--to", type=Path, metavar="DIR", help="default: <manifest>.zarr")
+    recording = "folder that import or export wrote"
 
-    argument = add("export", _export, "write a scene of the twin to disk")
-    argument("scene")
-    argument("folder", type=Path, metavar="DIR")
-    argument("--frames", metavar="A:B", help="only frames A to B, B excluded")
-    argument("--seed", type=int, help="default: the scene's own")
+    argument = add("import", _import, "import your own images, coordinates and labels")
+    manifest = "TOML file; python -m pydoc kilnflight.recording.importing shows one"
+    argument("manifest", type=Path, help=manifest)
+    argument("--to", type=Path, metavar="FOLDER", help="default: <name of the manifest>.zarr")
 
-    argument = add("info", _info, "read every frame and say what a recording holds")
-    argument("folder", type=Path, metavar="DIR")
-
-    argument = add("detect", _detect, "detect particles in a recording, into a CSV")
-    argument("folder", type=Path, metavar="DIR")
-    argument("table", type=Path, metavar="CSV")
-    threshold = "of DoG in grey values; depends on exposure"
-    argument("--threshold", type=float, required=True, help=threshold)
-
-    argument = add("track", _track, "link detections to tracks")
-    argument("detections", type=Path, metavar="CSV", help="frame, row, col, maybe z")
-    argument("tracks", type=Path, metavar="FILE")
-    argument("--jpda", action="store_true", help="JPDA in place of GNN")
-    raw = "no post-processing (which here lacks its texture term)"
-    argument("--raw", action="store_true", help=raw)
-    argument("--format", choices=FORMATS, default="csv")
+    argument = add("info", _info, "read every frame and print what a recording holds")
+    argument("folder", type=Path, metavar="RECORDING", help=recording)
 
     argument = add("run", _run, "all steps from a recording to flights, and a report")
-    argument("folder", type=Path, metavar="RECORDING")
+    argument("folder", type=Path, metavar="RECORDING", help=recording)
     target = (
-        "a killed run goes on there, from its folder parts, which may be deleted when all is done "
-        "(default: <recording>-run)"
+        "folder of the tables and the report; a stopped run goes on there (default: "
+        "<recording>-run). Its folder parts may be deleted at the end"
     )
     argument("--to", type=Path, metavar="FOLDER", help=target)
-    argument("--threshold", type=float, help="of DoG; default: five times the noise")
-    lance = "where the lance ends, mm as captured (before Eq. 2.4); default: as recorded"
+    threshold = "least response of a keypoint, grey values (default: five times the noise)"
+    argument("--threshold", type=float, metavar="GREY", help=threshold)
+    lance = "outlet of the lance, mm as captured, before Eq. 2.4 (default: as recorded)"
     argument("--exit-point", metavar="x,y,z", help=lance)
-    axis = "largest distance from the kiln's axis of what is in the air (default: 800)"
+    axis = "largest distance from the kiln's axis of a particle in the air (default: 800)"
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)
-    burning = "grey value that only what burns reaches: alight when first seen (default: not asked)"
-    argument("--bright", type=float, metavar="GRAY", help=burning)
-    above = (
-        "ignition is a rise above the kiln behind a particle, which may itself be brighter on the "
-        "way (default: of the grey values as they are, as in the thesis)"
-    )
+    burning = "grey value that only burning particles reach: alight when first seen (default: none)"
+    argument("--bright", type=float, metavar="GREY", help=burning)
+    above = "find ignition above the background (default: in the grey values as they are)"
     argument("--above-background", action="store_true", help=above)
-    argument("--jobs", type=int, default=1, help="processes (default: 1)")
-    argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that detects")
+    argument("--jobs", type=int, default=1, help="processes side by side (default: 1)")
+    argument("--scheduler", metavar="ADDRESS", help="Dask cluster that detects in their place")
+
+    argument = add("detect", _detect, "detect particles in a recording")
+    argument("folder", type=Path, metavar="RECORDING", help=recording)
+    argument("table", type=Path, metavar="CSV", help="table of detections to write")
+    threshold = "least response of a keypoint, grey values (the command run suggests one)"
+    argument("--threshold", type=float, metavar="GREY", required=True, help=threshold)
+
+    argument = add("track", _track, "link detections to tracks")
+    detections = "table of detections: frame, row, col (px); z (mm), points if known"
+    argument("detections", type=Path, metavar="CSV", help=detections)
+    argument("tracks", type=Path, metavar="FILE", help="tracks to write")
+    argument("--jpda", action="store_true", help="associate by JPDA instead of GNN; slower")
+    raw = "leave out post-processing, which without images has no texture term"
+    argument("--raw", action="store_true", help=raw)
+    argument("--format", choices=FORMATS, default="csv", help="of FILE (default: csv)")
+
+    argument = add("export", _export, "write a simulated recording (the twin's) and its truth")
+    argument("scene", help="such as confetti-4.5-bar; an unknown name lists all")
+    argument("folder", type=Path, metavar="FOLDER", help="folder to write")
+    argument("--frames", metavar="A:B", help="frames A to B, B left out (default: all)")
+    argument("--seed", type=int, help="of the simulation (default: the scene's own)")
     return parser
 
 
