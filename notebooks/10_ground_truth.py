@@ -23,8 +23,8 @@ import pandas as pd
 
 from kilnflight import camera
 from kilnflight.detection import k_distances
-from kilnflight.experiments import detection
-from kilnflight.project import claims, figures, paths, style
+from kilnflight.experiments import detection, twin_mixture
+from kilnflight.project import figures, paths, style
 from kilnflight.twin import scenes, truth
 
 style.use_style()
@@ -39,31 +39,17 @@ twins = {name: scenes.cached_scene(name, seed) for name in names}
 # ## Counts by class (Tables 5.2 and 5.3)
 
 # %%
-parts = {
-    name: pd.concat([truth.sightings(twin, t) for t in scenes.LABELLED[:frames]])
-    for name, twin in twins.items()
-}
-labelled = pd.concat(parts, names=["subset"]).reset_index("subset").query("visible")
-counts = labelled.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
-published = claims.published("table_5.2")[list(names)].iloc[:3]
-table = pd.concat([counts.round(0), published.set_axis(counts.index)], keys=["twin", "published"])
-table = table.rename_axis(["source", "label"]).reset_index()
-table.insert(2, "class", table["label"].map(truth.CLASSES))
+labelled = twin_mixture.labelled_particles(twins, frames)
+table = twin_mixture.count_table(labelled, frames)
 caption = "Labelled particles of ten frames by class, the twin's beside Table 5.2 of the thesis."
 figures.save("table-5-2-ground-truth", table, caption=caption, provenance=origin)
 
 # %%
-shares = labelled.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
-shares.insert(0, "class", shares.index.map(truth.CLASSES))
-shares["published_depth"] = (
-    claims.published("table_5.2")["percentage_with_3d_info"].iloc[:3].to_numpy()
-)
-shares["published_roi"] = claims.published("table_5.3")["percentage"].iloc[:3].to_numpy()
+table = twin_mixture.share_table(labelled)
 caption = (
     "Share of the labelled particles with depth and inside the region of interest in percent, "
     "beside Tables 5.2 and 5.3. Both are inputs of the twin."
 )
-table = shares.reset_index()
 figures.save("table-5-3-ground-truth", table, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -92,7 +78,7 @@ caption = (
     "non-burning in air (orange), burning on the wall (purple), region of interest (dashed). "
     "Right: captured depth where there is one."
 )
-table = parts[names[0]][parts[names[0]]["frame"] == frame.index].drop(columns="time_s")
+table = truth.sightings(twin, frame.index).drop(columns="time_s")
 figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]

@@ -19,16 +19,8 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 # %%
 import pandas as pd
 
-from kilnflight.detection import DoG
-from kilnflight.experiments import (
-    detection,
-    detection_claims,
-    detection_methods,
-    detection_pictures,
-    twin_exposure,
-)
+from kilnflight.experiments import detection, detection_claims, detection_pictures, twin_exposure
 from kilnflight.project import claims, figures, style
-from kilnflight.twin import scenes
 from kilnflight.twin.fitted import LIGHT_FILE
 
 style.use_style()
@@ -46,40 +38,27 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 attempts = detection_claims.compare_pictures(subsets, scale)
-matlab = claims.published("table_5.7").rename(columns={"dog_local_max": "threshold"})
-few = [subset._replace(frames=subset.frames[::5]) for subset in subsets]
-single = {
-    threshold: detection_methods.from_foreground(DoG(float(threshold)))
-    for threshold in {*detection.tried_thresholds(scale), *matlab["threshold"]}
-}
-times = detection.run(few, single).rename(columns={"method": "threshold"})
-cost = times.groupby(["subset", "threshold"])["seconds"].median()
-
-# %%
+times = detection_claims.time_thresholds(subsets, scale)
 otsu = attempts[attempts["method"] == "Otsu"]
-sift = attempts[attempts["chosen"] & (attempts["method"] == "SIFT")].drop(columns="seconds")
-sift = sift.join(cost, on=["subset", "threshold"])
-of_otsu = detection.with_total(otsu, ["subset"])
-of_sift = detection.with_total(sift, ["threshold", "subset"])
+sift = detection_claims.chosen_sift(attempts, times)
 
 # %%
-printed = claims.published("table_5.5")[["subset", "f1"]].rename(columns={"f1": "f1_published"})
+of_otsu = detection.with_total(otsu, ["subset"])
 caption = (
     f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each within the "
     "region of interest, scoring distance 45 px."
 )
-table = of_otsu.merge(printed)
+table = detection.beside_published(of_otsu, "table_5.5")
 figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
 
 # %%
-names = {"test_set": "subset", "f1": "f1_published"}
-printed = claims.published("table_5.6")[list(names)].rename(columns=names)
+of_sift = detection.with_total(sift, ["threshold", "subset"])
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
     "interest, scoring distance 45 px. Threshold of DoG in grey values found on the other four "
     "subsets."
 )
-table = of_sift.merge(printed)
+table = detection.beside_published(of_sift, "table_5.6")
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -90,8 +69,7 @@ figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %%
 recall = detection.class_recall(pd.concat([otsu, sift]), ["method", "subset"])
-unlit = dict(zip(scenes.SUBSETS, twin_exposure.UNLIT_RECALL, strict=True))
-printed = [unlit[subset.name] for subset in subsets]
+printed = [twin_exposure.UNLIT_RECALL[subset.name] for subset in subsets]
 picture = detection_pictures.draw_class_recall(recall, "method", printed)
 caption = "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6."
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
@@ -110,17 +88,16 @@ caption = "SIFT on foregrounds of 16 and of 8 bits, with the thresholds chosen f
 figures.save("dog-eight-bits", table, caption=caption, provenance=origin)
 
 # %%
-seconds = times.groupby("threshold")["seconds"].median()
-table = matlab.assign(measured_s=matlab["threshold"].map(seconds))
+time_table = detection_claims.time_table(times)
 caption = "Time of SIFT for one frame against its threshold, after Table 5.7 (MATLAB), and ours."
-figures.save("table-5-7-sift-time", table, caption=caption, provenance=origin)
+figures.save("table-5-7-sift-time", time_table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
 
 # %%
 note = f"{frames * len(subsets)} frames, scoring distance 45 px"
-verdicts = detection_claims.picture_verdicts(of_otsu, of_sift, recall, seconds, note)
+verdicts = detection_claims.picture_verdicts(of_otsu, of_sift, recall, time_table, note)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 totals = [table.set_index("subset")["f1"]["Total"] for table in (of_otsu, of_sift)]
 result = (

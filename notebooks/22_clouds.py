@@ -23,17 +23,9 @@ seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
-import numpy as np
-import pandas as pd
-
 from kilnflight import camera
 from kilnflight import detection as detectors
-from kilnflight.experiments import (
-    detection,
-    detection_claims,
-    detection_methods,
-    detection_pictures,
-)
+from kilnflight.experiments import detection, detection_claims, detection_pictures
 from kilnflight.project import claims, figures, style
 
 # %%
@@ -52,11 +44,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].frames[0]).xyz)
-counts = (6, 10, 15)  # minPts of Table 5.8
-shown = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
-distances = {f"distance_{k}_mm": detectors.k_distances(cloud, k)[shown] for k in counts}
-curves = pd.DataFrame({"point": shown + 1, **distances})
-picture = detection_pictures.draw_k_distances(curves, (10, 15, 30, 50, 70))
+picture, curves = detection_pictures.draw_k_distances(cloud)
 caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
@@ -65,8 +53,9 @@ figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, pr
 
 # %%
 attempts = detection_claims.compare_clusterers(subsets)
-families = detection_claims.TABLES
-tables = {family: detection_claims.cluster_table(attempts, family) for family in families}
+tables = {
+    family: detection_claims.cluster_table(attempts, family) for family in detection_claims.TABLES
+}
 
 # %%
 caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
@@ -85,7 +74,7 @@ figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin
 
 # %%
 ours, peer = detectors.DBSCAN()(cloud), detectors.ScikitDBSCAN()(cloud)
-same = f"{np.mean(ours == peer):.2%} of scikit-learn's labels are the same"
+same = f"{(ours == peer).mean():.2%} of scikit-learn's labels are the same"
 print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
 
 # %% [markdown]
@@ -96,11 +85,7 @@ print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
 
 # %%
 totals = detection_claims.cluster_totals(tables)
-printed = {family: claims.published(table) for family, table in families.items()}
-picture = detection_pictures.draw_precision_recall(totals, printed, detection_claims.PARAMETERS)
-table = pd.concat(totals, names=["family"]).reset_index("family")
-names = ["minPts", "epsilon_mm", "R", "K", "alpha", "precision", "recall", "f1", "f1_published"]
-table = table[["family", *names]]
+picture, table = detection_pictures.draw_precision_recall(totals)
 caption = (
     "Precision and recall of the three clusterers over their parameters, beside the tables'. "
     "Numbers: values of the last parameter; lines join what differs in the first only."
@@ -116,14 +101,7 @@ figures.save("fig-5-8-parameters", table, picture=picture, caption=caption, prov
 # The other parameter is that of the best row of Table 5.9.
 
 # %%
-ends = {"none": 0, "once (this work)": 1, "twice": 2, "until unchanged": None}
-methods = {
-    name: detection_methods.from_cloud(detectors.MorphologicalClustering(150, end))
-    for name, end in ends.items()
-}
-readings = detection.sum_counts(detection.run(subsets, methods), ["method"])
-readings = readings.rename(columns={"method": "dilations"})
-readings = readings.assign(f1_published=printed["mo"].set_index("R")["f1"][150])
+readings = detection_claims.compare_dilations(subsets)
 caption = f"Morphological clustering with R = 150 and other numbers of dilations; {images} frames."
 figures.save("mo-readings", readings, caption=caption, provenance=origin)
 

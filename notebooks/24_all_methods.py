@@ -15,9 +15,7 @@ seed = 0  # of the scenes and of the draws of frames
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
-import pandas as pd
-
-from kilnflight.experiments import detection, detection_claims, detection_methods, plots
+from kilnflight.experiments import detection, detection_claims, plots
 from kilnflight.project import claims, figures, style
 
 style.use_style()
@@ -29,11 +27,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
-parts = []
-for subset in subsets:
-    level, roi = float(threshold[subset.name]), subset.recording.attributes.roi
-    parts.append(detection.run([subset], detection_methods.table_5_11_methods(level, roi)))
-attempts = pd.concat(parts, ignore_index=True)
+attempts = detection_claims.compare_methods(subsets, threshold)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %%
@@ -52,10 +46,7 @@ figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 # published F1 is computed from the printed counts.
 
 # %%
-printed = claims.published("table_5.11").set_index("method")
-f1, first = detection.f1_with_intervals(attempts, printed["f1"], seed)
-again = 2 * printed["TP"] / (2 * printed["TP"] + printed["FP"] + printed["FN"])
-f1 = f1.assign(f1_published_recomputed=again)
+f1, first = detection_claims.f1_beside_published(attempts, seed)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
@@ -72,11 +63,9 @@ figures.save("fig-5-11-detection", table, picture=picture, caption=caption, prov
 # combinations too, since it tells what they lose, above all particles on the wall.
 
 # %%
-classes = detection.class_recall(attempts, ["method"])
-wide = classes.pivot(index="method", columns="label", values="recall").loc[f1.index]
-wide.columns = ["burning_in_air", "non_burning_in_air", "burning_on_wall"]
+table = detection_claims.recall_by_class(attempts)
 caption = "Recall of each class by the eleven methods."
-figures.save("detection-class-recall", wide.reset_index(), caption=caption, provenance=origin)
+figures.save("detection-class-recall", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts

@@ -21,14 +21,9 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 import pandas as pd
 
 from kilnflight.detection import DoG
-from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import (
-    detection,
-    detection_claims,
-    detection_methods,
-    detection_pictures,
-)
+from kilnflight.detection.wall import CylinderFit
+from kilnflight.experiments import detection, detection_methods, detection_pictures, wall_claims
 from kilnflight.project import claims, figures, style
 
 # %%
@@ -44,13 +39,11 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # The wall is the largest cluster of DBSCAN's first pass, with the true axis beside the fit.
 
 # %%
-walls, fits = {}, {}
-for subset in subsets:
-    cloud = subset.recording.frame(subset.frames[0]).xyz
-    walls[subset.name] = detection_methods.wall_points(cloud)
-    fits[subset.name] = cylinder.CylinderFit()(walls[subset.name], seed)
+clouds = {subset.name: subset.recording.frame(subset.frames[0]).xyz for subset in subsets}
+walls = {name: detection_methods.wall_points(cloud) for name, cloud in clouds.items()}
+fits = {name: CylinderFit()(wall, seed) for name, wall in walls.items()}
 fit, wall = fits[subsets[0].name], walls[subsets[0].name]
-cylinders = detection_claims.cylinder_table(fits, subsets[0].recording.scene.geometry)
+cylinders = wall_claims.cylinder_table(fits, subsets[0].recording.scene.geometry)
 caption = "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12."
 figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origin)
 
@@ -75,13 +68,10 @@ best = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
 detectors = {name: Combination(DoG(float(threshold))) for name, threshold in best.items()}
 marked, detected = detection.positions(subsets, detectors, fit)
 placed = marked.dropna(subset="distance_mm")
-on_wall = placed["label"] == 4
-air_mm, wall_mm = placed["distance_mm"][~on_wall], placed["distance_mm"][on_wall]
-crossing = cylinder.crossing(air_mm, wall_mm)
-thresholds = {"crossing_plus_40": crossing + 40.0, "crossing": crossing, "printed_800": 800.0}
+thresholds = wall_claims.axis_thresholds(placed)
 
 # %%
-picture = detection_pictures.draw_axis_distances(air_mm, wall_mm, thresholds)
+picture = detection_pictures.draw_axis_distances(placed, thresholds)
 caption = (
     "Distance of marked particles with 3D from the kiln's axis, after Fig. 3.11, with Gaussians of "
     "the same mean and standard deviation. Dotted: their crossing, the same plus 40 mm, and 800 mm."
@@ -96,29 +86,29 @@ figures.save("fig-3-11-distances", table, picture=picture, caption=caption, prov
 
 # %%
 roi = subsets[0].recording.attributes.roi
-tables = {}
-for name, spots in (("table_5.13", marked), ("table_5.14", detected)):
-    printed = claims.published(name)[["subset", "f1"]].rename(columns={"f1": "f1_published"})
-    table = detection.classification_table(marked, spots, thresholds, roi)
-    tables[name] = table.merge(printed, how="left")
-exact, measured = tables.values()
+exact, measured = (
+    detection.classification_table(marked, spots, thresholds, roi) for spots in (marked, detected)
+)
 
 # %%
+table = detection.beside_published(exact, "table_5.13")
 caption = (
     "Marked particles with 3D classified as in the air, after Table 5.13, with three thresholds of "
     "the distance from the fitted axis."
 )
-figures.save("table-5-13-classification", exact, caption=caption, provenance=origin)
+figures.save("table-5-13-classification", table, caption=caption, provenance=origin)
 
 # %%
+table = detection.beside_published(measured, "table_5.14")
 caption = "Detections of SIFT with DBSCAN classified as in the air, after Table 5.14."
-figures.save("table-5-14-classification", measured, caption=caption, provenance=origin)
+figures.save("table-5-14-classification", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts
 
 # %%
-verdicts = detection_claims.wall_verdicts(cylinders, crossing, exact, measured)
+crossing = thresholds["crossing"]
+verdicts = wall_claims.wall_verdicts(cylinders, crossing, exact, measured)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 total = exact.set_index(["subset", "threshold"])["f1"]["Total"]
 result = (

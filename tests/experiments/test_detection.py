@@ -8,6 +8,7 @@ from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_claims, detection_methods
+from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
 
@@ -173,6 +174,15 @@ def test_counts_by_subset_stand_above_their_total():
     rows = detection.with_total(table, ["threshold", "subset"])
     assert rows["subset"].tolist() == ["V1", "V2", "V3", "Total"]
     assert rows["tp"].iloc[-1] == rows["tp"].iloc[:3].sum()
+
+
+@pytest.mark.parametrize(("name", "f1"), [("table_5.5", 0.6432), ("table_5.6", 0.7827)])
+def test_the_published_f1_stands_beside_each_subset(name, f1):
+    table = pd.DataFrame({"subset": ["V5", "mine", "Total"], "f1": [0.6, 0.7, 0.8]})
+    beside = detection.beside_published(table, name)
+    pd.testing.assert_frame_equal(beside[["subset", "f1"]], table)
+    total = claims.published(name)["f1"].iloc[-1]
+    assert beside["f1_published"].tolist() == pytest.approx([f1, np.nan, total], nan_ok=True)
 
 
 def test_particles_are_classified_by_their_distance_from_the_axis():

@@ -1,14 +1,12 @@
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_claims
 from kilnflight.project import claims
-from kilnflight.scores import rates
-from kilnflight.twin.camera import Geometry
 
 SUBSETS = ("V1", "V2", "V3", "V4", "V5")
 
@@ -66,8 +64,8 @@ def test_otsu_agrees_only_as_far_as_it_was_fitted():
     otsu = by_subset(V1=0.9, V2=0.9, V3=0.9, V4=0.9, V5=0.6, Total=0.85)
     sift = by_subset(V1=0.95, V2=0.9, V3=0.9, V4=0.9, V5=0.7, Total=0.9)
     recall = recall_table(Otsu=(0.2, 0.2, 0.2, 0.1, 0.3), SIFT=(0.4, 0.5, 0.5, 0.5, 0.8))
-    seconds = pd.Series({400: 2.0, 1000: 1.0})
-    verdicts = detection_claims.picture_verdicts(otsu, sift, recall, seconds, "a frame")
+    times = pd.DataFrame({"threshold": [400, 1000], "measured_s": [2.0, 1.0]})
+    verdicts = detection_claims.picture_verdicts(otsu, sift, recall, times, "a frame")
     missed = {"otsu-1", "otsu-4", "sift-2"}
     assert {name for name, reproduced in outcomes(verdicts).items() if not reproduced} == missed
     undecided = {verdict.id for verdict in verdicts if verdict.verdict == claims.NOT_DECIDABLE}
@@ -112,23 +110,6 @@ def test_combinations_are_held_against_their_own_detector(best, gain):
     assert outcomes(verdicts) == {**expected, "combi-4": gain}
 
 
-def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
-    geometry = Geometry()
-    axis = tuple(geometry.axes[0])
-    fits = {name: Cylinder(tuple(geometry.origin_mm), axis, 710.0) for name in ("V1", "V2")}
-    cylinders = detection_claims.cylinder_table(fits, geometry)
-    assert cylinders["direction_off_deg"].tolist() == pytest.approx([0, 0], abs=1e-5)
-    names = ["crossing_plus_40", "crossing", "printed_800"]
-    counts = pd.DataFrame({"threshold": names, "tp": [95, 90, 99], "fp": 5, "fn": [5, 10, 1]})
-    tables = []
-    for misses in (0, 10):
-        table = counts.assign(subset="Total", fn=counts["fn"] + misses)
-        tables.append(table.join(rates(table["tp"], table["fp"], table["fn"])))
-    verdicts = detection_claims.wall_verdicts(cylinders, 720.0, *tables)
-    assert all(outcomes(verdicts).values())
-    assert verdicts[2].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.971"
-
-
 def test_a_method_that_is_better_on_every_frame_is_first_in_every_draw():
     frames = pd.DataFrame({"subset": ["V1"] * 3 + ["V2"] * 3, "frame": [0, 1, 2] * 2})
     good = frames.assign(method="good", tp=9, fp=1, fn=[1, 2, 1, 3, 1, 1])
@@ -140,3 +121,81 @@ def test_a_method_that_is_better_on_every_frame_is_first_in_every_draw():
     assert (f1["f1_low"] <= f1["f1"]).all()
     assert (f1["f1"] <= f1["f1_high"]).all()
     assert f1["f1_published"].tolist() == pytest.approx([0.7, np.nan], nan_ok=True)
+
+
+def counts_of(subsets, methods):
+    """Return two true positives of three particles for each method, as `detection.run` would."""
+    table = pd.DataFrame({"method": list(methods), "tp": 2, "fp": 1, "fn": 1, "seconds": 0.1})
+    table = table.join(table[["tp", "fp", "fn"]].add_suffix("_pixels"))
+    return pd.concat([table.assign(subset=name) for name in subsets], ignore_index=True)
+
+
+def a_subset(name):
+    recording = SimpleNamespace(attributes=SimpleNamespace(roi=f"roi of {name}"))
+    return detection.Subset(name, recording, tuple(range(75, 85)), pd.DataFrame(), dict.get)
+
+
+def test_one_threshold_at_a_time_is_timed_on_every_fifth_frame(monkeypatch):
+    frames = []
+
+    def run(subsets, methods):
+        frames.extend(subset.frames for subset in subsets)
+        return counts_of(["V1"], methods)
+
+    monkeypatch.setattr(detection_claims, "run", run)
+    times = detection_claims.time_thresholds([a_subset("V1")], "full")
+    assert frames == [(75, 80)]
+    assert set(range(400, 1001, 100)) | {100} <= set(times["threshold"])
+
+
+def test_times_are_medians_beside_the_published():
+    times = pd.DataFrame({"subset": "V1", "threshold": [400, 400, 400, 100]})
+    times["seconds"] = [0.1, 0.3, 0.9, 0.5]
+    table = detection_claims.time_table(times).set_index("threshold")
+    assert table.loc[400, ["computation_time_s", "measured_s"]].tolist() == [6.609, 0.3]
+    assert table["measured_s"].drop(400).isna().all()
+    attempts = pd.DataFrame({"method": ["SIFT", "SIFT", "8 bits", "Otsu"], "subset": "V1"})
+    attempts = attempts.assign(threshold=[400, 100, 400, 0], seconds=np.nan)
+    attempts["chosen"] = attempts["threshold"] == 400
+    sift = detection_claims.chosen_sift(attempts, times)
+    assert sift[["method", "threshold", "seconds"]].to_numpy().tolist() == [["SIFT", 400, 0.3]]
+
+
+def test_dilations_stand_beside_the_best_published_f1(monkeypatch):
+    monkeypatch.setattr(detection_claims, "run", counts_of)
+    table = detection_claims.compare_dilations(["V1", "V2"])
+    assert table["dilations"].tolist() == ["none", "once (this work)", "twice", "until unchanged"]
+    assert table["tp"].tolist() == [4] * 4
+    assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 4
+
+
+def test_each_subset_has_its_threshold(monkeypatch):
+    monkeypatch.setattr(detection_claims, "table_5_11_methods", lambda *values: {values: None})
+    monkeypatch.setattr(
+        detection_claims, "run", lambda subsets, methods: counts_of([subsets[0].name], methods)
+    )
+    thresholds = pd.Series({"V2": 400, "V1": 566})
+    table = detection_claims.compare_methods([a_subset("V1"), a_subset("V2")], thresholds)
+    assert table["subset"].tolist() == ["V1", "V2"]
+    assert table["method"].tolist() == [(566.0, "roi of V1"), (400.0, "roi of V2")]
+
+
+def test_f1_stands_beside_that_of_the_published_counts():
+    table = counts_of(["V1"], ["Combi SIFT+DBSCAN", "mine"]).assign(frame=0)
+    f1, first = detection_claims.f1_beside_published(table, 0)
+    assert f1["f1"].tolist() == [2 / 3, 2 / 3]
+    assert f1["f1_published"].tolist() == pytest.approx([0.9017, np.nan], nan_ok=True)
+    recomputed = 2 * 3784 / (2 * 3784 + 222 + 603)
+    assert f1["f1_published_recomputed"].tolist() == pytest.approx(
+        [recomputed, np.nan], nan_ok=True
+    )
+    assert first.sum() == 1
+
+
+def test_recall_has_a_column_for_each_class():
+    table = counts_of(["V1", "V2"], ["b", "a"])
+    for label, tp in ((2, 9), (3, 6), (4, 3)):
+        table[f"tp_{label}"], table[f"fn_{label}"] = tp, 12 - tp
+    recall = detection_claims.recall_by_class(table)
+    assert list(recall) == ["method", "burning_in_air", "non_burning_in_air", "burning_on_wall"]
+    assert recall.to_numpy().tolist() == [["b", 0.75, 0.5, 0.25], ["a", 0.75, 0.5, 0.25]]

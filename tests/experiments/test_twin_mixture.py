@@ -1,6 +1,7 @@
 from itertools import islice
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from kilnflight.experiments import twin_mixture as mixture
@@ -9,6 +10,42 @@ from kilnflight.twin import scenes
 
 def test_published_counts_are_those_of_table_5_2():
     assert list(mixture.published_counts("V4")) == [1150, 167, 631]
+
+
+def labelled():
+    """Return what is labelled in two frames: three, one and four particles of V4, one of V5."""
+    table = pd.DataFrame({"label": [2, 2, 2, 3, 4, 4, 4, 4, 2], "subset": ["V4"] * 8 + ["V5"]})
+    table["has_depth"] = [True, True, True, False, True, True, True, True, False]
+    return table.assign(row=0.0, in_roi=table["label"] == 4)
+
+
+def test_what_is_labelled_is_visible_in_the_first_frames(monkeypatch):
+    monkeypatch.setattr(
+        mixture.truth,
+        "sightings",
+        lambda twin, t: pd.DataFrame({"frame": t, "visible": [True, False, twin == "wide"]}),
+    )
+    table = mixture.labelled_particles({"V4": "narrow", "V5": "wide"}, 2)
+    frames = list(scenes.LABELLED[:2])
+    assert table["frame"].tolist() == [*frames, *np.repeat(frames, 2)]
+    assert table["subset"].tolist() == ["V4"] * 2 + ["V5"] * 4
+
+
+def test_counts_are_those_of_ten_frames_beside_table_5_2():
+    table = mixture.count_table(labelled(), 2)
+    assert list(table) == ["source", "label", "class", "V4", "V5"]
+    assert table.set_index(["source", "label"])[["V4", "V5"]].to_numpy().tolist() == [
+        [15, 5], [5, 0], [20, 0], [1150, 116], [167, 676], [631, 120],
+    ]  # fmt: skip
+    assert table["class"].iloc[[0, 4]].tolist() == ["burning in air", "non-burning in air"]
+
+
+def test_shares_stand_beside_tables_5_2_and_5_3():
+    table = mixture.share_table(labelled())
+    assert table["has_depth"].tolist() == [75, 0, 100]
+    assert table["in_roi"].tolist() == [0, 0, 100]
+    assert table["published_depth"].tolist() == ["99.39%", "78.79%", "93.09%"]
+    assert table["published_roi"].tolist() == ["87.82%", "90.86%", "50.53%"]
 
 
 def test_the_search_tries_neighbours_until_close():

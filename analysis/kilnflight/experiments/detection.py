@@ -24,6 +24,7 @@ from kilnflight.detection import Polygon
 from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_thresholds
+from kilnflight.project import claims
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
 from kilnflight.scores.detections import particle_centroids
@@ -248,6 +249,12 @@ def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Return `sum_counts` by subset, and below them those of all subsets, "Total"."""
     total = sum_counts(table.assign(subset="Total"), [name for name in by if name != "threshold"])
     return pd.concat([sum_counts(table, by), total], ignore_index=True)
+
+
+def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return counts by subset with ``f1_published``, from a table of the thesis."""
+    printed = claims.published(name).rename(columns={"test_set": "subset", "f1": "f1_published"})
+    return table.merge(printed[["subset", "f1_published"]], how="left")
 
 
 def sum_with_unlit(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:

@@ -6,6 +6,7 @@ After Figs 2.19, 3.10, 3.11 and 5.5 to 5.10 of the thesis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
+from kilnflight.detection import k_distances
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Clusters
-from kilnflight.experiments.detection_claims import published_radius_mm
+from kilnflight.experiments.detection_claims import PARAMETERS, TABLES
 from kilnflight.experiments.plots import draw_bars
+from kilnflight.experiments.wall_claims import published_radius_mm
+from kilnflight.project import claims
 from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
 from kilnflight.twin.camera import Geometry
 
@@ -26,12 +30,20 @@ Array = npt.NDArray[np.float64]
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
 
 
-def draw_k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
-    """Draw sorted k-distance curves: ``point``, and ``distance_<k>_mm`` for each k."""
+def draw_k_distances(cloud: Array) -> tuple[Figure, pd.DataFrame]:
+    """Draw the sorted k-distance graph of a cloud (n, 3) in mm, and return its curves.
+
+    These are ``point``, and ``distance_<k>_mm`` for each minPts of Table 5.8.
+    """
+    printed = claims.published(TABLES["dbscan"])
+    shown = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
+    counts = np.unique(printed["minPts"])
+    distances = {f"distance_{k}_mm": k_distances(cloud, k)[shown] for k in counts}
+    curves = pd.DataFrame({"point": shown + 1, **distances})
     picture, ((axes,),) = canvas()
     for name, line in zip(curves.columns[1:], LINES, strict=False):
         axes.plot(curves["point"], curves[name], ls=line, label=f"k = {name.split('_')[1]}")
-    for value in eps:
+    for value in np.unique(printed["epsilon_mm"]):
         axes.axhline(value, color="0.7", lw=0.5, ls="-")
         axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
     axes.set(xscale="log", yscale="log", xlabel="points, sorted")
@@ -39,31 +51,22 @@ def draw_k_distances(curves: pd.DataFrame, eps: Sequence[float]) -> Figure:
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
     axes.legend()
-    return picture
+    return picture, curves
 
 
-def draw_precision_recall(
-    tables: Mapping[str, pd.DataFrame],
-    published: Mapping[str, pd.DataFrame],
-    parameters: Mapping[str, Sequence[str]],
-) -> Figure:
-    """Draw precision over recall of clusterers, ours and published, by family.
+def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, pd.DataFrame]:
+    """Draw precision over recall of clusterers, ours and published, and return ours.
 
-    Parameters
-    ----------
-    tables, published
-        ``precision``, ``recall`` and the parameters, one row per setting, by family.
-    parameters
-        Columns by family; lines join settings with the same value of the last.
+    ``totals`` is of `cluster_totals`; lines join settings with the same last parameter.
     """
     beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 5, "ha": "right"}
-    picture, (panels,) = canvas(1, len(tables), width_mm=PAGE_MM, height_mm=62, sharey=True)
-    for axes, (name, ours) in zip(panels, tables.items(), strict=True):
-        kinds = {"here": (ours, HERE), "published": (published[name], PUBLISHED)}
+    picture, (panels,) = canvas(1, len(totals), width_mm=PAGE_MM, height_mm=62, sharey=True)
+    for axes, (name, ours) in zip(panels, totals.items(), strict=True):
+        kinds = {"here": (ours, HERE), "published": (claims.published(TABLES[name]), PUBLISHED)}
         for label, (table, (mark, colour)) in kinds.items():
             look = {"color": colour, "mfc": "none", "label": label}
             axes.plot(table["recall"], table["precision"], mark, **look)
-        last = parameters[name][-1]
+        last = PARAMETERS[name][-1]
         for value, line in ours.groupby(last):
             axes.plot(line["recall"], line["precision"], "-", color="0.6", lw=0.6, zorder=1)
             end = (line["recall"].min(), line["precision"].max())
@@ -71,7 +74,9 @@ def draw_precision_recall(
         axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
     panels[0].set(ylabel="precision", ylim=(0, 1))
     panels[0].legend(loc="upper left")
-    return picture
+    points = pd.concat(totals, names=["family"]).reset_index("family")
+    names = [*chain(*PARAMETERS.values()), "precision", "recall", "f1", "f1_published"]
+    return picture, points[["family", *names]]
 
 
 def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
@@ -124,14 +129,16 @@ def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     return picture
 
 
-def draw_axis_distances(
-    air_mm: pd.Series, wall_mm: pd.Series, thresholds: Mapping[str, float]
-) -> Figure:
-    """Draw histograms of distances from the axis, their Gaussians, and thresholds."""
+def draw_axis_distances(placed: pd.DataFrame, thresholds: Mapping[str, float]) -> Figure:
+    """Draw histograms of distances from the axis, their Gaussians, and thresholds.
+
+    ``placed`` holds ``label`` and ``distance_mm`` of particles.
+    """
     picture, ((axes,),) = canvas(width_mm=120, height_mm=65)
     bins, shown = np.arange(0, 1201, 25), np.linspace(0, 1200, 400)
-    kinds = {"in the air": (air_mm, COLOURS[2], "-"), "on the wall": (wall_mm, COLOURS[1], "--")}
-    for name, (values, colour, line) in kinds.items():
+    kinds = {False: ("in the air", COLOURS[2], "-"), True: ("on the wall", COLOURS[1], "--")}
+    for on_wall, values in placed.groupby(placed["label"] == 4)["distance_mm"]:
+        name, colour, line = kinds[on_wall]
         axes.hist(values, bins, color=colour, alpha=0.35, density=True, label=name)
         axes.plot(shown, norm.pdf(shown, values.mean(), values.std()), ls=line, color=colour)
     for level in thresholds.values():

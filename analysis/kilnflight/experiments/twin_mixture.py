@@ -1,4 +1,4 @@
-"""Find how much to feed so that ten frames show the counts of Table 5.2.
+"""The twin's particles beside Tables 5.2 and 5.3, and how much to feed for the counts.
 
 Run as ``python -m kilnflight.experiments.twin_mixture``. The sizes of the three handfuls of
 a subset (`kilnflight.twin.scenes.HANDFULS`) are found from what a large handful of each
@@ -8,11 +8,12 @@ found here; no label is ever placed by hand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import count, product
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from scipy.optimize import nnls
 
 from kilnflight.project import claims
@@ -30,6 +31,37 @@ Counts = npt.NDArray[np.float64]
 def published_counts(subset: str) -> Counts:
     """Return burning in air, non-burning in air, burning on the wall of Table 5.2."""
     return claims.published("table_5.2")[subset].to_numpy(dtype=np.float64)[:3]
+
+
+def labelled_particles(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
+    """Return what a person labels in the first frames: visible `truth.sightings` by subset."""
+    pairs = product(twins.items(), LABELLED[:frames])
+    parts = [truth.sightings(twin, t).assign(subset=name) for (name, twin), t in pairs]
+    return pd.concat(parts).query("visible")
+
+
+def count_table(labelled: pd.DataFrame, frames: int) -> pd.DataFrame:
+    """Return labelled particles of ten frames by class and subset, beside Table 5.2.
+
+    ``labelled`` is of `labelled_particles`, with that many ``frames``.
+    """
+    counts = labelled.pivot_table("row", "label", "subset", "count", fill_value=0) * 10 / frames
+    published = claims.published("table_5.2")[list(counts)].iloc[:3].set_axis(counts.index)
+    table = pd.concat({"twin": counts.round(0), "published": published}, names=["source"])
+    table.insert(0, "class", table.index.get_level_values("label").map(truth.CLASSES))
+    return table.reset_index()
+
+
+def share_table(labelled: pd.DataFrame) -> pd.DataFrame:
+    """Return the percentages with depth and in the region of interest by class.
+
+    ``labelled`` is of `labelled_particles`; beside Tables 5.2 and 5.3.
+    """
+    shares = labelled.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
+    shares.insert(0, "class", shares.index.map(truth.CLASSES))
+    depth = claims.published("table_5.2")["percentage_with_3d_info"].iloc[:3].to_numpy()
+    roi = claims.published("table_5.3")["percentage"].iloc[:3].to_numpy()
+    return shares.assign(published_depth=depth, published_roi=roi).reset_index()
 
 
 def counted(scene: Scene) -> Counts:
