@@ -23,11 +23,11 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 # With 1.5 mm "a reliable separation is ensured for commonly used separation mechanisms" (2016,
 # section IV.C); how many particles are hit was not evaluated.
 #
-# **Here.** A bar of evenly spaced valves at the end of the prediction phase: 773 mm, 15 mm before
-# the edge, since the authors' tracks end there. One particle in ten is to be blown out. The valve
-# nearest to its predicted place opens around its predicted time. A particle is hit if its centre
-# passes an open valve, even one that was opened for another. Its size and the way of the air are
-# neglected. Number of valves, width and time are our choice; no claim is tested.
+# **Here.** A bar of evenly spaced valves at the end of the prediction phase. That is at 773 mm, 15
+# mm before the edge, since the authors' tracks end there. One particle in ten is to be blown out.
+# The valve nearest to its predicted place opens around its predicted time. A particle is hit if
+# its centre passes an open valve, even one that was opened for another. Its size and the way of
+# the air are neglected. Number of valves, width and time are our choice; no claim is tested.
 #
 # Predictions start from the simulation's exact positions. No camera takes part: no noise of
 # pictures, no missed particle, no two seen as one (notebook 42). So these shares are what the

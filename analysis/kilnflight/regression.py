@@ -75,7 +75,7 @@ class Fit:
     [[0.1, -0.049, 5600.0]]
     """
 
-    exit_point_mm: Three  # the lance's exit
+    exit_point_mm: Three  # the lance's outlet
     t0_s: float  # time at the exit
     t0_at_bound: int  # -1: t0 is the earliest of its range, 1: the latest, 0: between
     t0_range_s: tuple[float, float]  # from the earliest to the latest
@@ -122,7 +122,7 @@ class Solution(NamedTuple):
 class Regression:
     """Fit t0 and the coefficients of three polynomials by least squares.
 
-    Called with times (n,) in s, places (n, 3) in mm and the lance's exit (3,) in mm, it returns a
+    Called with times (n,) in s, places (n, 3) in mm and the lance's outlet (3,) in mm, it returns a
     `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear problem (convex
     under a robust loss), so t0 is the one unknown left. (2) The range of t0 and its first guess
     come from three random points, `draws` times; the minimum is the one downhill of the guess. At

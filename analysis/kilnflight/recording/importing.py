@@ -48,7 +48,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +113,7 @@ class FileRecording:
 
     attributes: Attributes
     sections: Mapping[str, Section]
-    files: Mapping[str, Mapping[int, Path]]
+    files: Mapping[str, Mapping[int, Path]] = field(repr=False)  # too many to print
 
     def __len__(self) -> int:
         return len(self.files["gray"])

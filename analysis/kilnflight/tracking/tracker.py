@@ -97,8 +97,8 @@ class Management:
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-# Who takes what: weights (n, 1 + m), what is noted of each track, and of each detection if it
-# starts one. And which tracks live on when a frame comes.
+# Which track takes which detection: weights (n, 1 + m); notes on each track, and on each detection
+# in case it starts one. `Keeps` says which tracks live on when a frame comes.
 Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, Noted, Noted]]
 Keeps = Callable[[Tracks, int], Booleans]
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
@@ -295,7 +295,8 @@ def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]
     for name in TO_TRACK.names[1:]:
         if len(table) and not is_real(table[name]):
             raise InputError(
-                f"{TO_TRACK.name}: column {name} holds {table[name].dtype}, not numbers."
+                f"{TO_TRACK.name}: column {name} holds {table[name].dtype}, not "
+                "numbers. Convert it first."
             )
     positions = (TO_TRACK.check(needed) if len(table) else needed)[["row", "col"]].to_numpy(float)
     depth, points = _optional(table, "z"), _optional(table, "points")
