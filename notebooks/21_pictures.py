@@ -98,7 +98,7 @@ figures.save("table-5-7-sift-time", time_table, caption=caption, provenance=orig
 # %%
 note = f"{frames * len(subsets)} frames, scoring distance 45 px"
 verdicts = detection_claims.picture_verdicts(of_otsu, of_sift, recall, time_table, note)
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 totals = [table.set_index("subset")["f1"]["Total"] for table in (of_otsu, of_sift)]
 result = (
     f"{reproduced} of 8 claims reproduced; two more agree only as far as they were fitted. F1 of "

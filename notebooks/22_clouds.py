@@ -124,6 +124,6 @@ verdicts = detection_claims.cluster_verdicts(
     tables, attempts, f"{images} frames, scoring distance 45 px"
 )
 best = ", ".join(f"{name} {table['f1'].max():.3f}" for name, table in totals.items())
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 result = f"{reproduced} of 8 claims reproduced. Best F1: {best} (published 0.616, 0.601, 0.600)."
 figures.conclude(result, verdicts, origin)

@@ -75,7 +75,7 @@ total = total.set_index("method")
 verdicts = detection_claims.combination_verdicts(
     total, first, f"{images} frames, scoring distance 45 px"
 )
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 result = (
     f"{reproduced} of 5 claims reproduced. Best is {total['f1'].idxmax()} with F1 "
     f"{total['f1'].max():.4f}; SIFT+DBSCAN {total['f1']['Combi SIFT+DBSCAN']:.4f} "

@@ -109,7 +109,7 @@ figures.save("table-5-14-classification", table, caption=caption, provenance=ori
 # %%
 crossing = thresholds["crossing"]
 verdicts = wall_claims.wall_verdicts(cylinders, crossing, exact, measured)
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 total = exact.set_index(["subset", "threshold"])["f1"]["Total"]
 result = (
     f"{reproduced} of 5 claims reproduced. Radius {fit.radius_mm:.0f} mm (true 700, published "

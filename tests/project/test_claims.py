@@ -138,6 +138,13 @@ def test_a_fitted_claim_is_no_result_and_a_miss_stays_one():
     assert claims.fitted(miss, "it was fitted") is miss
 
 
+def test_what_is_not_decidable_does_not_count_as_reproduced():
+    hit, miss = claims.judge("otsu-1", [0.95]), claims.judge("otsu-1", [0.1])
+    verdicts = [hit, miss, hit, claims.fitted(hit, "it was fitted")]
+    assert claims.count_reproduced(verdicts) == 2
+    assert claims.count_reproduced([]) == 0
+
+
 # data/reference against the publications themselves (skipped where they are not)
 
 

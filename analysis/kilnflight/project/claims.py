@@ -181,6 +181,11 @@ def fitted(verdict: Verdict, to: str) -> Verdict:
     return replace(verdict, verdict=NOT_DECIDABLE, reason=reason)
 
 
+def count_reproduced(verdicts: Iterable[Verdict]) -> int:
+    """Return how many of a notebook's claims are reproduced."""
+    return sum(verdict.verdict == REPRODUCED for verdict in verdicts)
+
+
 def verdict_table(verdicts: Iterable[Verdict], notebook: str) -> pd.DataFrame:
     """Return verdicts as the rows of figures/claims.csv, one per claim, ids unique."""
     names = [field.name for field in fields(Verdict)]
