@@ -172,14 +172,14 @@ class Polynomials:
     """A fitted trajectory whose polynomials are known: a stand-in for the regression's."""
 
     coefficients: tuple
-    t0_s: float = 0.0
+    t0: float = 0.0
     first_s: float = 0.02
     last_s: float = 0.4
     exit_point_mm: tuple = (0.0, 0.0, 6500.0)
     t0_at_bound: int = 0
 
     def __call__(self, t):
-        age = np.asarray(t, dtype=np.float64) - self.t0_s
+        age = np.asarray(t, dtype=np.float64) - self.t0
         return np.asarray(self.exit_point_mm) + np.stack(
             [
                 sum((c * age ** (k + 1) for k, c in enumerate(one)), 0 * age)
@@ -189,7 +189,7 @@ class Polynomials:
         )
 
     def velocity(self, t):
-        age = np.asarray(t, dtype=np.float64) - self.t0_s
+        age = np.asarray(t, dtype=np.float64) - self.t0
         return np.stack(
             [
                 sum((c * (k + 1) * age**k for k, c in enumerate(one)), 0 * age)

@@ -29,7 +29,7 @@ LEVEL = ((0.0,), (500.0,), (-8000.0,))
 SPEEDS = st.floats(3_000.0, 20_000.0)  # mm/s
 
 
-def seen(fit, particle=0, ignites_s=np.inf, bright=False, **more):
+def detections(fit, particle=0, ignites_s=np.inf, bright=False, **more):
     """The detections of a trajectory: dim, and bright from ignition on."""
     frame = np.arange(np.ceil(fit.first_s * RATE), np.floor(fit.last_s * RATE + 1e-9) + 1)
     place = fit(frame / RATE)
@@ -39,29 +39,29 @@ def seen(fit, particle=0, ignites_s=np.inf, bright=False, **more):
     return pd.DataFrame(named | more)
 
 
-def one(track, fit, rules=None, view=None):
+def flight_of(track, fit, rules=None, view=None):
     return flights(track, {0: fit}, WALL, LIMIT, RATE, rules, view).iloc[0]
 
 
 def test_the_three_cases_of_figure_5_18(polynomials):
     landing = polynomials(FALLING, first_s=0.05, last_s=0.45)
-    unlit = one(seen(landing), landing)
+    unlit = flight_of(detections(landing), landing)
     assert (unlit["ending"], unlit["ignition"]) == ("landed", "none")
     assert unlit["dwell_s"] == pytest.approx(0.4, abs=1e-6)
     assert np.isnan(unlit["ignition_s"])
-    burning = one(seen(landing, ignites_s=0.2), landing)
+    burning = flight_of(detections(landing, ignites_s=0.2), landing)
     assert (burning["ending"], burning["ignition"]) == ("landed", "seen")
     assert burning["dwell_s"] == pytest.approx(0.4, abs=1e-6)
     assert burning["ignition_s"] == pytest.approx(0.2, abs=1 / RATE)
     burnt = polynomials(LEVEL, first_s=0.05, last_s=0.3)
-    gone = one(seen(burnt, ignites_s=0.2), burnt)
+    gone = flight_of(detections(burnt, ignites_s=0.2), burnt)
     assert (gone["ending"], gone["dwell_s"]) == ("burnt out", pytest.approx(0.3))
     assert gone["wall_mm"] == pytest.approx(150.0)
 
 
 def test_an_unlit_end_in_the_air_is_a_loss(polynomials):
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
-    lost = one(seen(fit), fit)
+    lost = flight_of(detections(fit), fit)
     assert (lost["ending"], lost["dwell_s"]) == ("lost", pytest.approx(0.3))
 
 
@@ -75,70 +75,75 @@ def test_an_unlit_end_in_the_air_is_a_loss(polynomials):
 )
 def test_a_track_that_ends_short_of_the_wall(polynomials, last_s, ending, end_s):
     fit = polynomials(FALLING, first_s=0.05, last_s=last_s)
-    flight = one(seen(fit), fit)
+    flight = flight_of(detections(fit), fit)
     assert flight["ending"] == ending
     assert flight["end_s"] == pytest.approx(end_s, abs=1e-6)
 
 
 def test_a_particle_that_rests_next_to_the_limit_has_landed(polynomials):
     resting = polynomials(((0.0,), (1400.0, 0.0), (-8000.0,)), last_s=0.5)
-    flight = one(seen(resting), resting, Rules(landing=Landing(beyond_s=0.0)))
+    flight = flight_of(detections(resting), resting, Rules(landing=Landing(beyond_s=0.0)))
     assert (flight["ending"], flight["end_s"]) == ("landed", 0.5)
     no_margin = Rules(landing=Landing(beyond_s=0.0, near_mm=50.0))
-    assert one(seen(resting), resting, no_margin)["ending"] == "lost"
+    assert flight_of(detections(resting), resting, no_margin)["ending"] == "lost"
 
 
 def test_a_rise_after_the_landing_is_no_ignition_in_flight(polynomials):
     fit = polynomials(FALLING, first_s=0.05, last_s=0.5)
-    assert one(seen(fit, ignites_s=0.42), fit)["ignition"] == "none"
+    assert flight_of(detections(fit, ignites_s=0.42), fit)["ignition"] == "none"
 
 
-def test_ignition_may_be_looked_for_above_the_background(polynomials):
+def test_ignition_may_be_a_rise_above_the_background(polynomials):
     fit = polynomials(FALLING, first_s=0.05)
-    track = seen(fit, ignites_s=0.2)
+    track = detections(fit, ignites_s=0.2)
     track["background"] = track["gray"] - 1000 - 100 * np.sin(track["frame"])
-    assert one(track, fit)["ignition"] == "seen"
+    assert flight_of(track, fit)["ignition"] == "seen"
     above = Rules(above_background=True)
-    assert one(track, fit, above)["ignition"] == "none"
+    assert flight_of(track, fit, above)["ignition"] == "none"
     with pytest.raises(InputError, match="background missing"):
-        one(track.drop(columns="background"), fit, above)
+        flight_of(track.drop(columns="background"), fit, above)
 
 
-def test_a_burning_particle_may_be_lost_at_the_border_of_what_was_seen(polynomials):
+def test_a_burning_particle_may_be_lost_at_the_border_of_the_view(polynomials):
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
-    track = seen(fit, ignites_s=0.2)
+    track = detections(fit, ignites_s=0.2)
     corners = [(0, 0), (1500, 0), (1500, 2000), (0, 2000)]
     for row, ending in ((500.0, "burnt out"), (40.0, "lost"), (-10.0, "lost")):
         view = View(roi=corners)
-        assert one(track.assign(row=row), fit, view=view)["ending"] == ending
+        assert flight_of(track.assign(row=row), fit, view=view)["ending"] == ending
     for stop, ending in ((1000, "burnt out"), (105, "lost")):
-        assert one(track, fit, view=View(frames=range(0, stop)))["ending"] == ending
+        assert flight_of(track, fit, view=View(frames=range(0, stop)))["ending"] == ending
     landing = polynomials(FALLING, first_s=0.05, last_s=0.39)
-    assert one(seen(landing), landing, view=View(corners, range(130)))["ending"] == "landed"
+    assert (
+        flight_of(detections(landing), landing, view=View(corners, range(130)))["ending"]
+        == "landed"
+    )
 
 
 def test_only_trajectories_that_start_at_the_lance_count(polynomials):
     near = polynomials(FALLING, first_s=0.1)  # 0.8 m in depth
     late = polynomials(FALLING, first_s=0.2)  # 1.6 m
-    assert one(seen(near), near)["from_lance"]
-    flight = one(seen(late), late)
+    assert flight_of(detections(near), near)["from_lance"]
+    flight = flight_of(detections(late), late)
     assert not flight["from_lance"]
     assert flight["start_mm"] == pytest.approx(np.hypot(1600, 200), rel=0.02)
     farther = Rules(start=StartsAtLance(within_mm=2000.0))
-    assert one(seen(late), late, farther)["from_lance"]
+    assert flight_of(detections(late), late, farther)["from_lance"]
     bound = replace(near, t0_at_bound=-1)
-    assert not one(seen(bound), bound)["from_lance"]
-    assert one(seen(bound), bound, Rules(start=StartsAtLance(at_bound=True)))["from_lance"]
+    assert not flight_of(detections(bound), bound)["from_lance"]
+    assert flight_of(detections(bound), bound, Rules(start=StartsAtLance(at_bound=True)))[
+        "from_lance"
+    ]
     at_first = replace(near, t0_at_bound=1)  # seen from the exit on
-    assert one(seen(at_first), at_first)["from_lance"]
+    assert flight_of(detections(at_first), at_first)["from_lance"]
 
 
 def test_one_wrong_depth_and_missing_ones_do_not_decide(polynomials):
     fit = polynomials(FALLING, first_s=0.05)
-    track = seen(fit)
+    track = detections(fit)
     track.loc[0, "z"] = 100.0
     track.loc[1, ["x", "y", "z"]] = np.nan
-    assert one(track, fit)["from_lance"]
+    assert flight_of(track, fit)["from_lance"]
 
 
 @settings(deadline=None)
@@ -147,15 +152,15 @@ def test_one_wrong_depth_and_missing_ones_do_not_decide(polynomials):
 def test_dwell_does_not_depend_on_the_clock(polynomials, shift, fall):
     frames = round(shift * RATE)
     fit = polynomials(((0.0,), (0.0, fall), (-8000.0,)), first_s=0.05)
-    track = seen(fit, ignites_s=0.2)
+    track = detections(fit, ignites_s=0.2)
     later = replace(
         fit,
-        t0_s=frames / RATE,
+        t0=frames / RATE,
         first_s=fit.first_s + frames / RATE,
         last_s=fit.last_s + frames / RATE,
     )
-    before = one(track, fit)
-    after = one(track.assign(frame=track["frame"] + frames), later)
+    before = flight_of(track, fit)
+    after = flight_of(track.assign(frame=track["frame"] + frames), later)
     for name in ("dwell_s", "ignition_s"):
         assert after[name] == pytest.approx(before[name], abs=1e-6, nan_ok=True)
     assert after["ending"] == before["ending"]
@@ -164,21 +169,23 @@ def test_dwell_does_not_depend_on_the_clock(polynomials, shift, fall):
 def test_detections_without_depth_lengthen_a_flight_that_does_not_land(polynomials):
     fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
     tail = {"z": np.nan, "x": np.nan, "y": np.nan, "frame": 110}
-    track = seen(fit)
-    flight = one(pd.concat([track, track[-1:].assign(**tail)]), fit)
+    track = detections(fit)
+    flight = flight_of(pd.concat([track, track[-1:].assign(**tail)]), fit)
     assert flight["end_s"] == flight["last_s"] == pytest.approx(110 / RATE)
 
 
 def test_the_order_of_rows_and_other_tracks_change_nothing(polynomials):
     fit = polynomials(FALLING, first_s=0.05)
-    track = seen(fit, ignites_s=0.2)
-    more = pd.concat([track, seen(fit, 5), seen(fit, -1)]).sample(frac=1.0, random_state=3)
-    pd.testing.assert_series_equal(one(more, fit), one(track, fit))
+    track = detections(fit, ignites_s=0.2)
+    more = pd.concat([track, detections(fit, 5), detections(fit, -1)]).sample(
+        frac=1.0, random_state=3
+    )
+    pd.testing.assert_series_equal(flight_of(more, fit), flight_of(track, fit))
 
 
 def test_nothing_gives_nothing(polynomials):
     fit = polynomials(FALLING)
-    for track in (seen(fit), seen(fit)[:0]):
+    for track in (detections(fit), detections(fit)[:0]):
         table = flights(track, {}, WALL, LIMIT, RATE)
         assert list(table.columns) == FLIGHTS.names
         assert not len(table)
@@ -186,22 +193,22 @@ def test_nothing_gives_nothing(polynomials):
 
 def test_bad_input_is_refused(polynomials):
     fit = polynomials(FALLING)
-    track = seen(fit)
+    track = detections(fit)
     with pytest.raises(InputError, match="no track of particle 3"):
         flights(track, {3: fit}, WALL, LIMIT, RATE)
     with pytest.raises(InputError, match=r"column\(s\) gray missing"):
-        one(track.drop(columns="gray"), fit)
+        flight_of(track.drop(columns="gray"), fit)
     with pytest.raises(InputError, match="frame_rate_hz"):
         flights(track, {0: fit}, WALL, LIMIT, 0.0)
     with pytest.raises(InputError, match=r"particle 0: .*no position with depth"):
-        one(track.assign(z=np.nan), fit)
+        flight_of(track.assign(z=np.nan), fit)
     with pytest.raises(InputError, match=r"particle 0: .*sort the track by time"):
-        one(pd.concat([track, track]), fit)
+        flight_of(pd.concat([track, track]), fit)
     with pytest.raises(InputError, match=r"particle 0: .*not finite"):
-        one(track, polynomials(((np.inf,), (0.0,), (0.0,))))
+        flight_of(track, polynomials(((np.inf,), (0.0,), (0.0,))))
     lit = polynomials(LEVEL)
     with pytest.raises(InputError, match="roi"):
-        one(seen(lit, ignites_s=0.2), lit, view=View(roi=[1, 2, 3]))
+        flight_of(detections(lit, ignites_s=0.2), lit, view=View(roi=[1, 2, 3]))
 
 
 @pytest.mark.parametrize(
@@ -214,21 +221,21 @@ def test_bad_input_is_refused(polynomials):
         (Rules, {"edge_px": -1.0}),
     ],
 )
-def test_parameters_out_of_range_are_told(method, more):
+def test_parameters_out_of_range_are_refused(method, more):
     with pytest.raises(InputError, match=f"{method.__name__}: {next(iter(more))}"):
         method(**more)
 
 
 def test_what_starts_backwards_and_swings_round_did_not_leave_the_lance(polynomials):
     forwards = polynomials(((0.0,), (0.0,), (-8000.0, 2000.0)), first_s=0.01, last_s=0.2)
-    assert one(seen(forwards), forwards)["from_lance"]
+    assert flight_of(detections(forwards), forwards)["from_lance"]
     round_about = polynomials(((0.0,), (0.0,), (3000.0, -40000.0)), first_s=0.08, last_s=0.2)
-    assert not one(seen(round_about), round_about)["from_lance"]
+    assert not flight_of(detections(round_about), round_about)["from_lance"]
 
 
 def in_plain_code(fit, slice_m, samples=400_001):
     """First times at which each slice is reached, by looking everywhere."""
-    time = np.linspace(fit.t0_s, fit.last_s, samples)
+    time = np.linspace(fit.t0, fit.last_s, samples)
     gone = fit.exit_point_mm[2] - fit(time)[:, 2]
     marks = 1000 * slice_m * np.arange(1, 8)
     return [time[np.argmax(gone >= far)] for far in marks if (gone >= far).any()][:6]
@@ -252,17 +259,17 @@ def test_the_velocity_of_a_straight_flight_is_its_speed(polynomials, speed, star
 def test_the_times_are_those_that_looking_everywhere_finds(polynomials, speed, bend, third):
     fit = polynomials(((), (), (-speed, bend, third)))
     table = space_sliced_velocity(fit)
-    seen = in_plain_code(fit, 1.0, 4001)
+    expected = in_plain_code(fit, 1.0, 4001)
     reached = table.loc[table["reached"] & (table["slice_m"] > 0), "end_s"].to_numpy()
-    assert len(reached) - len(seen) in (0, 1)  # a turn between two samples may be missed
-    assert (np.abs(reached[: len(seen)] - seen) <= 1.01e-4).all()
+    assert len(reached) - len(expected) in (0, 1)  # a turn between two samples may be missed
+    assert (np.abs(reached[: len(expected)] - expected) <= 1.01e-4).all()
 
 
 @settings(deadline=None)
 @given(SPEEDS, st.floats(-9_000.0, 9_000.0), st.floats(-100.0, 100.0))
 def test_a_shift_in_time_and_other_detections_change_nothing(polynomials, speed, bend, shift):
     fit = polynomials(((), (), (-speed, bend)))
-    later = replace(fit, t0_s=shift, first_s=shift + 0.1, last_s=shift + 0.4)
+    later = replace(fit, t0=shift, first_s=shift + 0.1, last_s=shift + 0.4)
     one, other = space_sliced_velocity(fit), space_sliced_velocity(later)
     if (one["reached"] == other["reached"]).all():  # else a turn within rounding of a mark
         np.testing.assert_allclose(one["velocity_m_s"], other["velocity_m_s"], rtol=1e-6)
@@ -328,7 +335,7 @@ def test_what_cannot_be_sliced_is_refused(polynomials):
     with pytest.raises(InputError, match="until_s is NaN"):
         space_sliced_velocity(fit, until_s=float("nan"))
     with pytest.raises(InputError, match=r"leaves the lance at 0\.5"):
-        space_sliced_velocity(replace(fit, t0_s=0.5))
+        space_sliced_velocity(replace(fit, t0=0.5))
     with pytest.raises(InputError, match="not finite"):
         space_sliced_velocity(polynomials(((), (), (np.nan,))))
     with pytest.raises(InputError, match="2 particles in a slice, but 1 counted"):
@@ -337,8 +344,8 @@ def test_what_cannot_be_sliced_is_refused(polynomials):
 
 def test_past_the_last_detection_a_flight_goes_straight_on(polynomials):
     bent = polynomials(((0.0, 500.0), (100.0, 4900.0), (-9000.0, 4000.0, 7000.0)), last_s=0.4)
-    seen = np.linspace(bent.t0_s, bent.last_s, 9)
-    np.testing.assert_array_equal(straight_on(bent, seen), bent(seen))
+    time = np.linspace(bent.t0, bent.last_s, 9)
+    np.testing.assert_array_equal(straight_on(bent, time), bent(time))
     later = bent.last_s + np.array([0.1, 0.5])
     steps = straight_on(bent, later) - bent(bent.last_s)
     np.testing.assert_allclose(steps, np.outer([0.1, 0.5], bent.velocity([bent.last_s])[0]))

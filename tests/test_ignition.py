@@ -124,7 +124,7 @@ def test_bad_input_is_refused(time, gray, message):
     "more",
     [{"significance": 2.0}, {"least_points": 0}, {"rise": -1.0}, {"share": "a"}, {"bright": -1.0}],
 )
-def test_parameters_out_of_range_are_told(more):
+def test_parameters_out_of_range_are_refused(more):
     with pytest.raises(InputError, match=f"Ignition: {next(iter(more))}"):
         Ignition(**more)
 

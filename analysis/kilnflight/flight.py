@@ -76,7 +76,7 @@ class StartsAtLance:
         if not len(known):
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
         distance = float(np.median(np.linalg.norm(known - fit.exit_point_mm, axis=1)))
-        forwards = float(fit.velocity(np.array([fit.t0_s]))[0, 2]) < 0
+        forwards = float(fit.velocity(np.array([fit.t0]))[0, 2]) < 0
         inside = self.at_bound or fit.t0_at_bound >= 0
         return distance <= self.within_mm and inside and forwards, distance
 
@@ -92,7 +92,7 @@ def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:
     return places + (time - observed)[:, None] * fit.velocity(observed)
 
 
-class Landed(NamedTuple):
+class FlightEnd(NamedTuple):
     """End of a flight, on the wall or not, and its last distance."""
 
     landed: bool
@@ -125,7 +125,7 @@ class Landing:
         check_limit(self.near_mm, "Landing: near_mm")
         check_at_least(self.beyond_s, 0.0, "Landing: beyond_s")
 
-    def __call__(self, fit: Fit, wall: Cylinder, in_air: InAir) -> Landed:
+    def __call__(self, fit: Fit, wall: Cylinder, in_air: InAir) -> FlightEnd:
         """Return whether, when and where the trajectory ends on the wall."""
 
         def outside(t: npt.ArrayLike) -> Array:
@@ -141,12 +141,12 @@ class Landing:
         wall_mm = last + in_air.threshold_mm
         beyond = off >= -TOUCH_MM
         if not beyond.any():
-            return Landed(last >= -self.near_mm - TOUCH_MM, float(fit.last_s), wall_mm)
+            return FlightEnd(last >= -self.near_mm - TOUCH_MM, float(fit.last_s), wall_mm)
         k = int(np.argmax(beyond))
         end = float(time[k])
         if k > 0 and off[k - 1] < 0 < off[k]:
             end = brentq(lambda t: float(outside(t)[0]), time[k - 1], time[k], xtol=1e-9)
-        return Landed(True, end, wall_mm)
+        return FlightEnd(True, end, wall_mm)
 
 
 @dataclass(frozen=True)
@@ -261,16 +261,16 @@ def _flight(
     lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind[flying])
     burning = lit.outcome in (SEEN, BEFORE)
     return {
-        "t0_s": float(fit.t0_s),
+        "t0_s": float(fit.t0),
         "first_s": min(float(fit.first_s), float(time[0])),
         "last_s": max(float(fit.last_s), float(time[-1])),
         "end_s": end_s,
-        "dwell_s": end_s - float(fit.t0_s),
+        "dwell_s": end_s - float(fit.t0),
         "ending": LANDED if landed else BURNT_OUT if burning else LOST,
         "from_lance": from_lance,
         "start_mm": start_mm,
         "ignition": lit.outcome,
-        "ignition_s": lit.time_s - float(fit.t0_s),
+        "ignition_s": lit.time_s - float(fit.t0),
         # 0 where nothing can be said
         "rise_gray": 0.0 if math.isnan(lit.before) else lit.after - lit.before,
         "wall_mm": wall_mm,
@@ -344,10 +344,10 @@ def space_sliced_velocity(
         times = np.full(len(number) + 1, np.nan)
         times[: len(reached) + 1] = [0.0, *reached][: len(times)]
         part = pd.DataFrame({"slice_m": number * length})
-        part["start_s"], part["end_s"] = fit.t0_s + times[:-1], fit.t0_s + times[1:]
+        part["start_s"], part["end_s"] = fit.t0 + times[:-1], fit.t0 + times[1:]
         part["velocity_m_s"] = length / np.diff(times)
         part["reached"] = number <= len(reached)
-        part["observed"] = fit.t0_s + times[1:] >= fit.first_s
+        part["observed"] = fit.t0 + times[1:] >= fit.first_s
         parts.append(part)
     return pd.concat([parts[0][::-1], parts[1]], ignore_index=True)
 
@@ -417,12 +417,12 @@ def _distance(fit: Fit, end_s: float) -> tuple[Array, Array]:
     that rounding makes complex is lost.
     """
     powers = -check_finite(fit.coefficients[2], "fit: coefficients of z")
-    if not end_s > fit.t0_s:
+    if not end_s > fit.t0:
         raise InputError(
             f"space_sliced_velocity: the flight ends at {end_s} s, but leaves the lance at "
-            f"{fit.t0_s} s. Check the trajectory."
+            f"{fit.t0} s. Check the trajectory."
         )
-    end = end_s - fit.t0_s
+    end = end_s - fit.t0
     slope = powers * np.arange(1, len(powers) + 1) * end ** np.arange(len(powers))
     slope[np.abs(slope) <= EPSILON * np.abs(slope).max(initial=0.0)] = 0.0
     turns = end * np.roots(slope[::-1]).real

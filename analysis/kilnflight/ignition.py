@@ -2,7 +2,7 @@
 
 Section 5.3.2 of the thesis::
 
-    grey values along a track -> the best single step -> is it a step, and upwards? -> Ignited
+    grey values along a track -> the best single step -> a step, and upwards? -> IgnitionResult
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ EXACT = 200  # values; above, the normal approximation of the rank sum is as goo
 SIGMA = 1.4826  # median of absolute deviations -> standard deviation of a Gaussian
 
 
-class Ignited(NamedTuple):
-    """Outcome of the search for ignition in one track.
+class IgnitionResult(NamedTuple):
+    """Result of the search for ignition in one track.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Ignition:
 
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike = 0.0
-    ) -> Ignited:
+    ) -> IgnitionResult:
         """Return whether and when the grey values rise.
 
         Parameters
@@ -126,11 +126,11 @@ class Ignition:
         least = int(self.least_points)
         searched = len(values) - 2 * least + 1
         if searched < 1 or searched > self.significance * math.comb(len(values), len(values) // 2):
-            return Ignited(TOO_FEW)
+            return IgnitionResult(TOO_FEW)
         split, deviation = best_step(values, least)
         level = float(np.median(values))
         if split < 0:
-            return Ignited(self._without(light), before=level, after=level)
+            return IgnitionResult(self._without(light), before=level, after=level)
         before, after = float(np.median(values[:split])), float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
         scatter = SIGMA * float(np.median(np.abs(off)))
@@ -142,8 +142,8 @@ class Ignition:
         )
         moment = float(time[split - 1] + time[split]) / 2
         if is_step:
-            return Ignited(SEEN, moment, before, after, scatter, p_value)
-        return Ignited(self._without(light), math.nan, before, after, scatter, p_value)
+            return IgnitionResult(SEEN, moment, before, after, scatter, p_value)
+        return IgnitionResult(self._without(light), math.nan, before, after, scatter, p_value)
 
     def _without(self, values: Array) -> str:
         """Return the outcome of a track without a step."""

@@ -42,8 +42,8 @@ FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
 PER_AXIS = {"exit_point_mm": "exit_{}", "orders": "order_{}", "rmse_mm": "rmse_{}_mm"}
 PER_AXIS |= {"mape_percent": "mape_{}_percent", "r2": "r2_{}", "r2_adjusted": "r2_adjusted_{}"}
 COLUMNS = {name: [column.format(axis) for axis in AXES] for name, column in PER_AXIS.items()}
-COLUMNS |= {"t0_range_s": ["t0_earliest_s", "t0_latest_s"]}
-COLUMNS |= {name: [name] for name in ("t0_s", "t0_at_bound", "first_s", "last_s", "points")}
+COLUMNS |= {"t0": ["t0_s"], "t0_range_s": ["t0_earliest_s", "t0_latest_s"]}
+COLUMNS |= {name: [name] for name in ("t0_at_bound", "first_s", "last_s", "points")}
 FACTORS = [[f"coefficient_{axis}_{k}" for k in range(1, HIGHEST_ORDER + 1)] for axis in AXES]
 MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 EXACT = 1e-6  # of the scale; a scatter below it is rounding, and no order can better it
@@ -76,7 +76,7 @@ class Fit:
     """
 
     exit_point_mm: Three  # the lance's outlet
-    t0_s: float  # time at the exit
+    t0: float  # s, time at the outlet
     t0_at_bound: int  # -1: t0 is the earliest of its range, 1: the latest, 0: between
     t0_range_s: tuple[float, float]  # from the earliest to the latest
     orders: Orders
@@ -88,11 +88,6 @@ class Fit:
     mape_percent: Three = (np.nan,) * 3  # Eq. 4.31
     r2: Three = (np.nan,) * 3  # Eq. 4.32
     r2_adjusted: Three = (np.nan,) * 3  # Eq. 4.33
-
-    @property
-    def t0(self) -> float:
-        """Return the time at the exit in s, by its symbol."""
-        return self.t0_s
 
     def __call__(self, time_s: npt.ArrayLike) -> Array:
         """Return places (n, 3) in mm at times (n,) or one time in s."""
@@ -107,7 +102,7 @@ class Fit:
         """Return sums (n, 3) of factors times ascending powers of t - t0."""
         time = np.atleast_1d(check_finite(time_s, "Fit: time"))
         check_shape(time, (None,), "Fit: time")
-        return np.stack([np.polyval(axis[::-1], time - self.t0_s) for axis in factors], axis=-1)
+        return np.stack([np.polyval(axis[::-1], time - self.t0) for axis in factors], axis=-1)
 
 
 class Solution(NamedTuple):
@@ -201,7 +196,7 @@ class Regression:
             quality.append(measures(places[:, axis], exit_point[axis] + basis @ solved, order))
         return Fit(
             exit_point_mm=tuple(exit_point.tolist()),
-            t0_s=float(time[0] + start * duration),
+            t0=float(time[0] + start * duration),
             t0_at_bound=int(start >= limits[1] - near) - int(start <= limits[0] + near),
             t0_range_s=tuple((time[0] + limits * duration).tolist()),
             orders=orders,

@@ -27,8 +27,8 @@ def blobs(seed=0, size=60):
 
 def partition(labels):
     """Labels renumbered by their first point; noise stays."""
-    seen = {-1: -1}
-    return [seen.setdefault(label, len(seen) - 1) for label in labels.tolist()]
+    numbers = {-1: -1}
+    return [numbers.setdefault(label, len(numbers) - 1) for label in labels.tolist()]
 
 
 @each
@@ -109,7 +109,7 @@ def test_float32_is_taken_at_its_value(clusterer):
         (1e300 * np.eye(3), "beyond"),
     ],
 )
-def test_points_that_cannot_be_used_are_told(clusterer, points, message):
+def test_points_that_cannot_be_used_are_refused(clusterer, points, message):
     with pytest.raises(ValueError, match=message):
         clusterer(points)
 
@@ -133,7 +133,7 @@ def test_points_that_cannot_be_used_are_told(clusterer, points, message):
         (lambda: QuasiClusterCenters(np.nan, 0.1), "k: must be"),
     ],
 )
-def test_parameters_that_cannot_be_are_told(wrong, message):
+def test_parameters_that_cannot_be_are_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
         wrong()
 

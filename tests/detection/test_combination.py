@@ -24,7 +24,7 @@ ROW, COL = np.indices((ROWS, COLS))
 
 @dataclass(frozen=True)
 class Given:
-    """A detector that finds what the test says."""
+    """A detector of given keypoints."""
 
     spots: tuple = ()
 
@@ -56,7 +56,7 @@ def view(now, before=None, groups=(), noise=20.0):
 
 
 def combine(frame, spots=(), **more):
-    """Clusters are 5 mm apart; the wall is the largest heap of more than 400 points."""
+    """Clusters are 5 mm apart; the wall is the largest cluster of more than 400 points."""
     detector = Combination(
         detector=Given(tuple(spots)), clusterer=DBSCAN(3.0, 4), wall=DBSCAN(1e-3, 2), **more
     )
@@ -64,62 +64,68 @@ def combine(frame, spots=(), **more):
 
 
 def test_case_1_is_where_the_keypoint_is_and_as_deep_as_the_cluster():
-    found = combine(view(hill(40, 50, 3000), groups=[(41, 51, 2, 6000.0)]), [(40.2, 49.8, 4.0)])
-    one = found.iloc[0]
-    assert found[["row", "col", "radius_px", "case"]].to_numpy().tolist() == [[40.2, 49.8, 4.0, 1]]
-    assert (one.x, one.y, one.z, one.points) == (51.0, 41.0, 6000.0, 25)
-    assert one.gray > 6000
+    detections = combine(
+        view(hill(40, 50, 3000), groups=[(41, 51, 2, 6000.0)]), [(40.2, 49.8, 4.0)]
+    )
+    detection = detections.iloc[0]
+    assert detections[["row", "col", "radius_px", "case"]].to_numpy().tolist() == [
+        [40.2, 49.8, 4.0, 1]
+    ]
+    assert (detection.x, detection.y, detection.z, detection.points) == (51.0, 41.0, 6000.0, 25)
+    assert detection.gray > 6000
 
 
 def test_case_2_two_keypoints_on_one_large_particle_are_one():
     frame = view(hill(40, 50, 9000, 5.0), groups=[(40, 50, 6, 6000.0)])
-    found = combine(frame, [(38, 48, 2.0), (43, 52, 2.0)])
-    assert found["case"].tolist() == [2]
-    assert found[["row", "col", "points"]].to_numpy().tolist() == [[40, 50, 169]]
+    detections = combine(frame, [(38, 48, 2.0), (43, 52, 2.0)])
+    assert detections["case"].tolist() == [2]
+    assert detections[["row", "col", "points"]].to_numpy().tolist() == [[40, 50, 169]]
 
 
 def test_case_2_two_particles_in_one_cluster_are_two():
     frame = view(hill(40, 45, 9000) + hill(40, 57, 7000), groups=[(40, 51, 9, 6000.0)])
-    found = combine(frame, [(40, 45, 3.0), (40, 57, 3.0)])
-    assert found["case"].tolist() == [2, 2]
-    assert found["col"].to_numpy() == pytest.approx([45, 57], abs=1)
-    assert found["points"].sum() == 19 * 19
-    assert found["x"].to_numpy()[0] < 51 < found["x"].to_numpy()[1]
+    detections = combine(frame, [(40, 45, 3.0), (40, 57, 3.0)])
+    assert detections["case"].tolist() == [2, 2]
+    assert detections["col"].to_numpy() == pytest.approx([45, 57], abs=1)
+    assert detections["points"].sum() == 19 * 19
+    assert detections["x"].to_numpy()[0] < 51 < detections["x"].to_numpy()[1]
 
 
 def test_case_3_an_overexposed_particle_in_two_clusters_is_one():
     groups = [(40, 44, 1, 6000.0), (40, 56, 1, 6100.0)]
-    found = combine(view(hill(40, 50, 9000, 5.0), groups=groups), [(40, 50, 8.0)])
-    assert found[["row", "col", "case", "points"]].to_numpy().tolist() == [[40, 50, 3, 18]]
-    assert found["z"].to_numpy() == pytest.approx(6050.0)
+    detections = combine(view(hill(40, 50, 9000, 5.0), groups=groups), [(40, 50, 8.0)])
+    assert detections[["row", "col", "case", "points"]].to_numpy().tolist() == [[40, 50, 3, 18]]
+    assert detections["z"].to_numpy() == pytest.approx(6050.0)
 
 
 def test_case_3_two_particles_under_one_keypoint_are_two():
     groups = [(40, 44, 2, 6000.0), (40, 58, 2, 6100.0)]
-    found = combine(view(hill(40, 44, 9000) + hill(40, 58, 8000), groups=groups), [(40, 51, 9.0)])
-    assert found["case"].tolist() == [3, 3]
-    assert found["z"].to_numpy() == pytest.approx([6000.0, 6100.0])
+    detections = combine(
+        view(hill(40, 44, 9000) + hill(40, 58, 8000), groups=groups), [(40, 51, 9.0)]
+    )
+    assert detections["case"].tolist() == [3, 3]
+    assert detections["z"].to_numpy() == pytest.approx([6000.0, 6100.0])
 
 
 @pytest.mark.parametrize(("top", "count"), [(600, 1), (-600, 1), (0, 0)])
 def test_case_4_a_cluster_counts_if_something_is_there_and_has_moved(top, count):
     frame = view(hill(40, 50, top), hill(40, 46, top), groups=[(40, 50, 3, 6000.0)])
-    found = combine(frame)
-    assert found["case"].tolist() == [4] * count
+    detections = combine(frame)
+    assert detections["case"].tolist() == [4] * count
     still = view(hill(40, 50, top), hill(40, 50, top), groups=[(40, 50, 3, 6000.0)])
     assert len(combine(still)) == 0
 
 
 def test_case_5_a_keypoint_counts_likewise_and_has_no_place_in_space():
-    found = combine(view(hill(40, 50, 600), hill(40, 46, 600)), [(40, 50, 4.0)])
-    assert found["case"].tolist() == [5]
-    assert found["points"].tolist() == [0]
-    assert found[["x", "y", "z"]].isna().all(axis=None)
+    detections = combine(view(hill(40, 50, 600), hill(40, 46, 600)), [(40, 50, 4.0)])
+    assert detections["case"].tolist() == [5]
+    assert detections["points"].tolist() == [0]
+    assert detections[["x", "y", "z"]].isna().all(axis=None)
     assert len(combine(view(hill(40, 50, 600), hill(40, 50, 600)), [(40, 50, 4.0)])) == 0
     assert len(combine(view(np.zeros((ROWS, COLS))), [(40, 50, 4.0)])) == 0
 
 
-def test_nothing_outside_the_region_is_looked_at():
+def test_particles_outside_the_region_are_left_out():
     frame = view(hill(40, 50, 3000), groups=[(40, 50, 2, 6000.0), (90, 20, 2, 6000.0)])
     detector = Combination(
         Given(((40.0, 50.0, 4.0), (90.0, 20.0, 4.0))), DBSCAN(3.0, 4), DBSCAN(1e-3, 2)
@@ -155,7 +161,7 @@ def test_the_largest_cluster_of_the_first_pass_is_the_wall():
     assert second_pass(np.empty((0, 3)), DBSCAN(20.0, 4), DBSCAN(20.0, 4)).shape == (0,)
 
 
-def test_bad_parameters_and_frames_of_two_sizes_are_told():
+def test_bad_parameters_and_frames_of_two_sizes_are_refused():
     with pytest.raises(InputError, match="prominence"):
         Combination(prominence=0.0)
     frame = view(np.zeros((ROWS, COLS)))
@@ -188,7 +194,7 @@ def test_a_cluster_larger_than_any_particle_is_left_out():
     assert set(combine(frame, spots, largest_px=81)["case"]) == {2}
 
 
-def test_a_view_whose_parts_do_not_belong_together_is_told():
+def test_a_view_whose_parts_do_not_belong_together_is_refused():
     frame = view(hill(40, 45, 9000), groups=[(40, 45, 3, 6000.0)])
     far = frame.pixels.copy()
     far[0] = (ROWS, 0)
@@ -222,7 +228,7 @@ def cases(keypoints, clusters):
     )
 
 
-def test_each_case_is_told():
+def test_each_case_is_recognised():
     clusters = clusters_at((10, 10), (30, 10), (50, 10), (52, 16), (10, 40))
     keypoints = [
         (11, 11, 2.0),  # on the first cluster alone

@@ -83,13 +83,13 @@ def test_the_clusterer_of_scikit_learn_gives_the_same_labels(window):
         ScikitDBSCAN(eps=0.0)
 
 
-def test_a_cloud_too_long_for_its_cells_is_told():
+def test_a_cloud_too_long_for_its_cells_is_refused():
     with pytest.raises(InputError, match=r"more than 2000000 cells of 5\.77e-05"):
         DBSCAN(1e-4, 3)([[0.0, 0.0, 0.0], [0.0, 0.0, 9000.0]])
 
 
 @given(clouds, st.integers(1, 8), st.integers(1, 5))
-def test_the_k_distance_tells_core_points(points, k, radius):
+def test_k_distances_up_to_eps_are_core_points(points, k, radius):
     distances = k_distances(points, min(k, len(points)))
     assert (np.diff(distances) <= 0).all()
     between = np.linalg.norm(points[:, None] - points, axis=2)
@@ -100,7 +100,7 @@ def test_the_k_distance_tells_core_points(points, k, radius):
     assert ours == len(core.core_sample_indices_)
 
 
-def test_k_distances_of_what_has_none():
+def test_k_distances_of_too_few_points():
     assert k_distances(np.empty((0, 3)), 6).shape == (0,)
     for k in (0, 1.5, 4):
         with pytest.raises(InputError, match=f"k is {k}"):

@@ -67,14 +67,14 @@ def test_a_constant_changes_nothing(detect):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
-def test_what_is_not_finite_is_told(detect, value):
+def test_what_is_not_finite_is_refused(detect, value):
     foreground = blob()
     foreground[7, 9] = value
     with pytest.raises(InputError, match=rf"{re.escape(str(value))} at row 7, col 9"):
         detect(foreground)
 
 
-def test_what_is_no_foreground_is_told(detect):
+def test_what_is_no_foreground_is_refused(detect):
     for wrong in (np.zeros(5), np.zeros((2, 3, 3)), np.float64(3.0)):
         with pytest.raises(InputError, match="shape"):
             detect(wrong)

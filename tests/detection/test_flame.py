@@ -35,6 +35,6 @@ def test_a_rectangle_of_one_grey_value_has_no_flame():
 
 
 @pytest.mark.parametrize("rectangle", [(0, 41, 0, 10), (5, 5, 0, 10), (-1, 5, 0, 10), (0, 5, 9, 3)])
-def test_a_rectangle_outside_the_image_is_told(rectangle):
+def test_a_rectangle_outside_the_image_is_refused(rectangle):
     with pytest.raises(InputError, match="not inside the image"):
         segment_flame(picture(), rectangle)

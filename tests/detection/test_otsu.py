@@ -95,7 +95,7 @@ def test_saturated_frames():
     np.testing.assert_allclose(Otsu()(image), [[19.5, 21.5, 20 / np.sqrt(np.pi)]])
 
 
-def test_a_rectangle_without_values_is_told():
+def test_a_rectangle_without_values_is_refused():
     with pytest.raises(InputError, match="no values"):
         otsu_threshold(np.zeros((0, 4)))
     with pytest.raises(InputError, match="span more than 65536"):

@@ -78,7 +78,7 @@ def by_flooding(image, prominence):
     for r, c in np.ndindex(image.shape):
         if r in (0, image.shape[0] - 1) or c in (0, image.shape[1] - 1):
             continue
-        own = (image[r, c], -(r * image.shape[1] + c))
+        height = (image[r, c], -(r * image.shape[1] + c))
         edge = np.ones(image.shape, bool)
         edge[1:-1, 1:-1] = False
         best = image[r, c] - np.median(image[edge])
@@ -87,7 +87,7 @@ def by_flooding(image, prominence):
                 continue
             parts, _ = label(image >= level, around)
             same = np.argwhere(parts == parts[r, c])
-            if any((image[i, j], -(i * image.shape[1] + j)) > own for i, j in same):
+            if any((image[i, j], -(i * image.shape[1] + j)) > height for i, j in same):
                 best = image[r, c] - level
                 break
         if best >= prominence:
@@ -117,7 +117,7 @@ def test_the_areas_that_have_peaks_are_those_in_which_peaks_are_found():
 @pytest.mark.parametrize("seed", range(40))
 def test_areas_have_peaks_exactly_where_peaks_are_found_in_pictures_of_all_scales(seed):
     generator = np.random.default_rng(seed)
-    shape = (60, 80) if seed % 4 else (180, 220)  # wider than what is looked at around a pixel
+    shape = (60, 80) if seed % 4 else (180, 220)  # wider than the search around a pixel
     image = cv2.GaussianBlur(
         generator.normal(size=shape), (0, 0), shape[0] / 60 * generator.uniform(0.3, 4)
     )

@@ -63,14 +63,15 @@ def by_definition(points, k, alpha):
     clusters = merged([({c}, reached_from(c, sparse)) for c in centers], k, alpha)
     labels = {}
     for i in np.argsort(sparsity, kind="stable").tolist():
-        mine = [n for n, (own, _) in enumerate(clusters) if i in own]
+        mine = [n for n, (cluster_centers, _) in enumerate(clusters) if i in cluster_centers]
         mine = mine or [n for n, (_, members) in enumerate(clusters) if i in members]
         exemplar = min(knn[i], key=lambda j: (sparsity[j], j))
         labels[i] = mine[0] if len(mine) == 1 else labels[exemplar]
     sizes = np.bincount(list(labels.values()))
-    seen = {}
+    numbers = {}
     return [
-        seen.setdefault(labels[i], len(seen)) if sizes[labels[i]] >= k else -1 for i in range(count)
+        numbers.setdefault(labels[i], len(numbers)) if sizes[labels[i]] >= k else -1
+        for i in range(count)
     ]
 
 
@@ -113,8 +114,8 @@ def test_a_cluster_of_fewer_than_k_points_is_noise():
 def test_a_larger_alpha_never_makes_fewer_clusters_before_the_small_ones_go():
     rng = np.random.default_rng(2)
     points = rng.normal(0, 1, (3000, 3)) ** 3 * 10
-    found = [len(set(QuasiClusterCenters(6, a)(points)) - {-1}) for a in (0.0, 0.5, 2.0)]
-    assert found == sorted(found)
+    counts = [len(set(QuasiClusterCenters(6, a)(points)) - {-1}) for a in (0.0, 0.5, 2.0)]
+    assert counts == sorted(counts)
 
 
 shapes = st.sampled_from([(1, 1, 1), (1, 1, 1000), (1, 1, 0), (0, 1, 0), (0, 0, 0)])

@@ -30,18 +30,18 @@ CORNER = st.tuples(st.floats(-40.0, 220.0), st.floats(-40.0, 280.0))
 def test_a_gaussian_blob_gives_its_place_and_size(sigma, place):
     rows, cols = np.ogrid[:200, :240]
     far = (rows - place[0]) ** 2 + (cols - place[1]) ** 2
-    found = DoG()(30_000 * np.exp(-far / (2 * sigma**2)))
-    assert len(found) == 1
-    np.testing.assert_allclose(found[0, :2], place, atol=0.06 * sigma / 2)
-    np.testing.assert_allclose(found[0, 2], np.sqrt(2) * sigma, rtol=0.06)
+    particles = DoG()(30_000 * np.exp(-far / (2 * sigma**2)))
+    assert len(particles) == 1
+    np.testing.assert_allclose(particles[0, :2], place, atol=0.06 * sigma / 2)
+    np.testing.assert_allclose(particles[0, 2], np.sqrt(2) * sigma, rtol=0.06)
 
 
 def test_a_tiny_blob_needs_the_image_at_twice_its_size():
     rows, cols = np.ogrid[:127, :127]
     tiny = 30_000 * np.exp(-((rows / 2 - 30) ** 2 + (cols / 2 - 33) ** 2) / (2 * 1.4**2))
     assert len(DoG()(tiny[::2, ::2])) == 0
-    found = DoG(camera_blur=1.0)(tiny) / 2
-    np.testing.assert_allclose(found, [[30, 33, np.sqrt(2) * 1.4]], atol=0.15)
+    particles = DoG(camera_blur=1.0)(tiny) / 2
+    np.testing.assert_allclose(particles, [[30, 33, np.sqrt(2) * 1.4]], atol=0.15)
 
 
 @pytest.mark.parametrize("radius", [4.0, 7.0, 12.0, 20.0])
@@ -49,9 +49,9 @@ def test_a_disc_gives_its_radius(radius):
     rows, cols = np.ogrid[:1600, :1600]
     fine = (rows - 800) ** 2 + (cols - 800) ** 2 <= (10 * radius) ** 2
     image = 30_000.0 * fine.reshape(160, 10, 160, 10).mean(axis=(1, 3))
-    found = DoG()(gaussian_filter(image, 0.4))
-    np.testing.assert_allclose(found[0, :2], 79.5, atol=0.1)
-    np.testing.assert_allclose(found[0, 2], radius, rtol=0.05)
+    particles = DoG()(gaussian_filter(image, 0.4))
+    np.testing.assert_allclose(particles[0, :2], 79.5, atol=0.1)
+    np.testing.assert_allclose(particles[0, 2], radius, rtol=0.05)
 
 
 def test_a_dark_blob_is_no_particle():
@@ -72,8 +72,8 @@ def test_an_edge_is_no_particle():
 def test_a_saturated_plateau_is_one_particle():
     rows, cols = np.ogrid[:200, :200]
     image = np.where((rows - 90) ** 2 + (cols - 110) ** 2 <= 30**2, 65535, 0).astype(np.uint16)
-    found = DoG()(image)
-    np.testing.assert_allclose(found, [[90, 110, 30]], atol=0.6)
+    particles = DoG()(image)
+    np.testing.assert_allclose(particles, [[90, 110, 30]], atol=0.6)
 
 
 def test_of_equal_samples_one_is_taken():
@@ -95,7 +95,7 @@ def test_of_equal_samples_one_is_taken():
         ({"camera_blur": 2.0}, "camera_blur"),
     ],
 )
-def test_parameters_without_meaning_are_told(parameters, message):
+def test_parameters_without_meaning_are_refused(parameters, message):
     with pytest.raises(InputError, match=message):
         DoG(**parameters)
 
@@ -118,11 +118,11 @@ def ordered(points):
     return points[np.lexsort(points.T)]
 
 
-def assert_same(found, expected, atol):
-    assert len(found) == len(expected)
-    if len(found) == 0:
+def assert_same(actual, expected, atol):
+    assert len(actual) == len(expected)
+    if len(actual) == 0:
         return
-    near = np.abs(found[:, None] - expected[None]).max(axis=2)
+    near = np.abs(actual[:, None] - expected[None]).max(axis=2)
     assert (near.min(axis=1) < atol).all()
     assert (near.min(axis=0) < atol).all()
 
@@ -157,10 +157,10 @@ def test_what_is_left_out_changes_nothing(seed, threshold):
     """Bit for bit: with and without the bound that spares a block."""
     detector = DoG(threshold)
     image, _ = scene(seed, (90, 120), blobs=5)
-    found = detector(image)
+    particles = detector(image)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sift, "reachable", everywhere)
-        np.testing.assert_array_equal(detector(image), found)
+        np.testing.assert_array_equal(detector(image), particles)
 
 
 def everywhere(image, sigmas, level):
@@ -170,7 +170,7 @@ def everywhere(image, sigmas, level):
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.lists(st.floats(60.0, 3000.0), min_size=1))
-def test_one_look_answers_for_every_higher_threshold(seed, thresholds):
+def test_one_call_answers_for_every_higher_threshold(seed, thresholds):
     """Bit for bit, and in the same order."""
     lowest = DoG(min(thresholds))
     image, _ = scene(seed, (90, 120), blobs=5)
@@ -186,19 +186,19 @@ def test_all_particles_in_a_polygon_are_found_and_no_others_invented(seed, polyg
     assume(np.linalg.matrix_rank(np.subtract(polygon, polygon[0])) == 2)
     detector = DoG(60.0)
     image, _ = scene(seed, (180, 240), blobs=5)
-    every, some = detector(image), detector(image, polygon)
-    rows = {tuple(one) for one in every}
-    assert {tuple(one) for one in some} <= rows
-    wanted = every[inside(polygon, every[:, 0], every[:, 1])]
-    assert {tuple(one) for one in wanted} <= {tuple(one) for one in some}
+    all_particles, particles = detector(image), detector(image, polygon)
+    rows = {tuple(particle) for particle in all_particles}
+    assert {tuple(particle) for particle in particles} <= rows
+    within = all_particles[inside(polygon, *all_particles[:, :2].T)]
+    assert {tuple(particle) for particle in within} <= {tuple(particle) for particle in particles}
 
 
-def test_what_is_far_from_the_polygon_is_not_looked_for():
+def test_blobs_far_from_the_polygon_are_skipped():
     image = np.zeros((300, 400))
     image[46:55, 56:65], image[246:255, 336:345] = 60_000.0, 60_000.0
-    found = DoG(200.0)(image, [(30, 30), (30, 90), (90, 90), (90, 30)])
-    assert len(DoG(200.0)(image)) == 2 * len(found) > 0
-    assert found[:, 0].max() < 100
+    particles = DoG(200.0)(image, [(30, 30), (30, 90), (90, 90), (90, 30)])
+    assert len(DoG(200.0)(image)) == 2 * len(particles) > 0
+    assert particles[:, 0].max() < 100
 
 
 @settings(max_examples=20, deadline=None)
@@ -220,9 +220,9 @@ def test_a_higher_threshold_keeps_a_part(seed):
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_mirrored_foreground_has_mirrored_particles(axis):
     image, _ = scene(5, (129, 193))  # 2^n + 1: the octaves keep the same pixels
-    found, other = DoG()(image), DoG()(np.flip(image, axis))
+    particles, other = DoG()(image), DoG()(np.flip(image, axis))
     other[:, axis] = image.shape[axis] - 1 - other[:, axis]
-    assert_same(other, found, 1e-3)
+    assert_same(other, particles, 1e-3)
 
 
 def doubled(image, detector):
@@ -240,8 +240,8 @@ def opencv(image, threshold):
     sift = cv2.SIFT_create(
         contrastThreshold=3 * threshold / gain / 255, enable_precise_upscale=True
     )
-    found = sift.detect(np.rint(image / gain).astype(np.uint8))
-    points = np.array([[p.pt[1], p.pt[0], p.size / 2] for p in found]).reshape(-1, 3)
+    keypoints = sift.detect(np.rint(image / gain).astype(np.uint8))
+    points = np.array([[p.pt[1], p.pt[0], p.size / 2] for p in keypoints]).reshape(-1, 3)
     return np.unique(points, axis=0)  # one per place, not one per orientation
 
 

@@ -172,7 +172,7 @@ def test_a_cloud_without_a_cylinder_is_refused(name):
         ("wall", "not made of numbers"),
     ],
 )
-def test_points_that_cannot_be_used_are_told(points, message):
+def test_points_that_cannot_be_used_are_refused(points, message):
     with pytest.raises(InputError, match=message):
         CylinderFit()(points)
 
@@ -190,7 +190,7 @@ def test_points_that_cannot_be_used_are_told(points, message):
         {"min_share": 1.5},
     ],
 )
-def test_parameters_out_of_range_are_told(wrong):
+def test_parameters_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         CylinderFit(**wrong)
 
@@ -243,7 +243,7 @@ def test_at_the_crossing_both_gaussians_are_as_high(air, on_wall):
         ([np.nan, 1.0], [1.0, 2.0], "not finite"),
     ],
 )
-def test_sets_without_a_crossing_are_told(air, on_wall, message):
+def test_sets_without_a_crossing_are_refused(air, on_wall, message):
     with pytest.raises(InputError, match=message):
         crossing(air, on_wall)
 

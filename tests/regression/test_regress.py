@@ -163,7 +163,7 @@ def test_without_jumps_the_rmse_is_the_scatter(flight, parameters):
     assert row["rmse_z_mm"] == pytest.approx(SPREAD[2], rel=0.25)
 
 
-def test_half_a_track_at_another_depth_is_told_by_the_rmse(flight):
+def test_half_a_track_at_another_depth_is_shown_by_the_rmse(flight):
     track = flight(t0=T0, points=80, scatter=SPREAD)
     step = track.assign(z=track["z"] - np.where(track.index >= 40, 2000.0, 0.0))
     for parameters in (PLAIN, WEIGHED):
@@ -171,7 +171,7 @@ def test_half_a_track_at_another_depth_is_told_by_the_rmse(flight):
         assert row["rmse_z_mm"] > 2 * SPREAD[2]
 
 
-def test_a_speed_that_no_particle_has_fits_well_and_is_told_by_the_velocity(flight):
+def test_a_speed_that_no_particle_has_fits_well_and_is_shown_by_the_velocity(flight):
     factors = ((400.0, 0.0), (900.0, 0.0), (-150_000.0, 0.0))  # 0.45 m from frame to frame
     short = Regression(longest_s=0.05)  # as long as it may be unseen; in 1 s it flies 150 m
     table = regress_all(flight(t0=T0, points=8, lead=1, factors=factors), EXIT, RATE, short)

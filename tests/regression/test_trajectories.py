@@ -174,7 +174,7 @@ def test_what_else_cannot_be_is_refused(flight):
         {"seed": -1},
     ],
 )
-def test_parameters_that_are_none_are_told(wrong):
+def test_parameters_that_are_none_are_refused(wrong):
     with pytest.raises(InputError, match=f"Regression: {[*wrong][-1]}"):
         Regression(**wrong)
 

@@ -169,13 +169,15 @@ def table(positions):
 
 
 @given(rows, rows, st.sampled_from([1.0, 4.0, 9.0]), st.integers(0, 2**32 - 1))
-def test_neither_the_order_of_rows_nor_the_numbers_of_particles_matter(truth, seen, gate, seed):
+def test_neither_the_order_of_rows_nor_the_numbers_of_particles_matter(
+    truth, candidate, gate, seed
+):
     generator = np.random.default_rng(seed)
-    score = score_tracks(table(truth), table(seen), gate)
+    score = score_tracks(table(truth), table(candidate), gate)
     numbers = generator.permutation(50)
     again = score_tracks(
         table(truth).sample(frac=1, random_state=seed),
-        table(seen).assign(particle=lambda one: numbers[one["particle"]]).sample(frac=1),
+        table(candidate).assign(particle=lambda one: numbers[one["particle"]]).sample(frac=1),
         gate,
     )
     assert (again.alpha, again.beta) == (score.alpha, score.beta)
@@ -184,18 +186,19 @@ def test_neither_the_order_of_rows_nor_the_numbers_of_particles_matter(truth, se
 
 
 @given(rows, rows, st.sampled_from([0.5, 4.0, 9.0]), st.sampled_from([2.0**-9, 0.5, 64.0]))
-def test_measures_are_in_their_bounds_and_have_no_unit(truth, seen, gate, unit):
-    truth, seen = table(truth), table(seen)
-    score = score_tracks(truth, seen, gate)
+def test_measures_are_in_their_bounds_and_have_no_unit(truth, candidate, gate, unit):
+    truth, candidate = table(truth), table(candidate)
+    score = score_tracks(truth, candidate, gate)
     assert 0 <= score.beta <= score.alpha <= 1
     assert 0 <= score.jsc <= score.jsc_spurious_only <= 1
     assert score.fp_spurious_only <= score.fp
     assert score.tp_tracks + score.fn_tracks == truth["particle"].nunique()
-    assert score.tp_tracks + score.fp_tracks == seen["particle"].nunique()
+    assert score.tp_tracks + score.fp_tracks == candidate["particle"].nunique()
     if not score.fp_tracks:
         assert score.alpha == score.beta
     scaled = [
-        first.assign(row=unit * first["row"], col=unit * first["col"]) for first in (truth, seen)
+        first.assign(row=unit * first["row"], col=unit * first["col"])
+        for first in (truth, candidate)
     ]
     assert score_tracks(*scaled, gate * unit).alpha == score.alpha
 

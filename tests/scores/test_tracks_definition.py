@@ -34,17 +34,17 @@ def filled(table):
     return tracks
 
 
-def gated(true, seen, frame, gate):
+def gated(true, candidate, frame, gate):
     """Eq. 5.1 with the rules on what only one track has; 0 where neither is."""
-    if frame not in true or frame not in seen:
-        return gate * ((frame in true) + (frame in seen))
-    distance = float(np.linalg.norm(true[frame][0] - seen[frame][0]))
-    return distance if seen[frame][1] and distance < gate else gate
+    if frame not in true or frame not in candidate:
+        return gate * ((frame in true) + (frame in candidate))
+    distance = float(np.linalg.norm(true[frame][0] - candidate[frame][0]))
+    return distance if candidate[frame][1] and distance < gate else gate
 
 
-def distance(true, seen, gate):
+def distance(true, candidate, gate):
     """Eq. 5.2."""
-    return sum(gated(true, seen, frame, gate) for frame in {*true, *seen})
+    return sum(gated(true, candidate, frame, gate) for frame in {*true, *candidate})
 
 
 def least(truth, candidates, gate):
@@ -73,10 +73,11 @@ def counts(truth, candidates, pairs, gate):
 
 @settings(deadline=None)  # the first call compiles
 @given(rows, rows, st.sampled_from([1.0, 2.5, 6.0, 20.0]), st.integers(1, 3))
-def test_the_fast_way_is_the_definition(truth, seen, gate, dimensions):
+def test_the_fast_way_is_the_definition(truth, candidate, gate, dimensions):
     names = ["frame", "particle", *["x", "y", "z"][:dimensions]]
     tables = [
-        pd.DataFrame([row[: len(names)] for row in first], columns=names) for first in (truth, seen)
+        pd.DataFrame([row[: len(names)] for row in first], columns=names)
+        for first in (truth, candidate)
     ]
     score = score_tracks(*tables, gate, columns=names[2:])
     true, candidates = map(filled, tables)

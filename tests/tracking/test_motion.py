@@ -29,7 +29,7 @@ def test_a_throw_is_uniform_acceleration():
 @motions
 @given(first=frames, second=frames)
 def test_two_steps_are_one(motion, first, second):
-    """Else a gap would depend on how many frames of it were looked at."""
+    """Else a gap would depend on how many frames of it had detections."""
     later = motion.transition(second)
     np.testing.assert_allclose(later @ motion.transition(first), motion.transition(first + second))
     noise = later @ motion.process_noise(first) @ later.T + motion.process_noise(second)
@@ -52,7 +52,7 @@ def test_noise_is_what_the_disturbance_adds_up_to(motion, span):
 
 
 @motions
-def test_a_particle_seen_once_is_where_it_was_seen(motion):
+def test_a_particle_detected_once_is_where_it_was_detected(motion):
     positions = np.array([[3.0, 4.0], [5.0, 6.0]])
     state, covariance = motion.initial(positions)
     np.testing.assert_array_equal(state @ motion.measurement().T, positions)

@@ -73,7 +73,7 @@ def test_a_particle_that_hides_for_too_long_is_a_new_one():
     assert track(hidden, management=management)["particle"].max() == 1
 
 
-def test_a_track_that_is_seldom_seen_is_given_up():
+def test_a_track_that_is_seldom_detected_is_given_up():
     """Seen in frames 0, 1, then every third: 3 of 7 frames are 0.43, 3 of 8 are 0.375."""
     table = flight((100, 200), (3, 2))
     seldom = table[table["frame"].isin([0, 1, 4, 8])]

@@ -114,7 +114,7 @@ def test_x_and_y_follow_the_depth_and_whole_pixels_become_floats(table):
     ],
 )
 @EVERY
-def test_what_is_no_track_table_is_told(table, step, change, message):
+def test_what_is_no_track_table_is_refused(table, step, change, message):
     tracks = table(([0, 1, 2], [0.0, 5.0, 10.0], 0.0))
     with pytest.raises(InputError, match=message):
         step(change(tracks))

@@ -205,14 +205,14 @@ def _compare(a: Image, b: Image, low: Image, high: Image) -> None:
 
 
 @njit(cache=True)
-def _middle(ranks: tuple[Image, Image, Image, Image], own: Image, out: Image) -> None:
+def _middle(ranks: tuple[Image, Image, Image, Image], frame: Image, out: Image) -> None:
     """Write the median without the frame itself.
 
     The value that is left out moves the ranks above it by one.
     """
     low, above_low, high, above_high = ranks
     for p in range(out.size):
-        x = own[p]
+        x = frame[p]
         lower = above_low[p] if x <= low[p] else low[p]
         upper = above_high[p] if x <= high[p] else high[p]
         out[p] = 0.5 * (np.float64(lower) + np.float64(upper))
@@ -224,12 +224,12 @@ def _execute(
     scratch: Image,
     pixels: Image,
     slots: npt.NDArray[np.intp],
-    own: npt.NDArray[np.intp],
+    frames: npt.NDArray[np.intp],
     out: Image,
 ) -> None:
     """Run the program tile by tile.
 
-    ``slots`` and ``own`` are rows of ``pixels``.
+    ``slots`` and ``frames`` are rows of ``pixels``.
     """
     tile = scratch.shape[1]
     for first in range(0, pixels.shape[1], tile):
@@ -242,7 +242,7 @@ def _execute(
                 _copy(pixels[slots[a], first:last], scratch[b])
             else:
                 ranks = (scratch[b], scratch[c], scratch[d], scratch[table[step, 5]])
-                _middle(ranks, pixels[own[a], first:last], out[a, first:last])
+                _middle(ranks, pixels[frames[a], first:last], out[a, first:last])
 
 
 def _chunks(indices: Sequence[int], window: int, length: int) -> Iterator[list[int]]:
@@ -275,7 +275,7 @@ def window_medians(
         windows = [surrounding(index, window, held.length) for index in chunk]
         first = min(around.start for around in windows)
         slots = held.fetch(range(first, max(around.stop for around in windows)))
-        own = held.fetch(chunk)
+        frames = held.fetch(chunk)
         if not out.size:
             out = np.empty((min(CHUNK, len(indices)), held.pixels.shape[1]), held.precise)
         others = len(windows[0]) - 1
@@ -285,8 +285,8 @@ def window_medians(
             table, count = program(others + 1, ranks, tuple(w.start - first for w in windows))
             tile = min(TILE_BYTES // held.pixels.itemsize, out.shape[1])
             scratch = np.zeros((count + 1, tile), held.pixels.dtype)
-            _execute(table, scratch, held.pixels, slots, own, out)
+            _execute(table, scratch, held.pixels, slots, frames, out)
         else:
-            out[: len(chunk)] = held.pixels[own]
+            out[: len(chunk)] = held.pixels[frames]
         for index, background in zip(chunk, out, strict=False):
             yield index, background.reshape(held.shape)

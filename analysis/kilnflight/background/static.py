@@ -34,16 +34,16 @@ def window_means(
         for other in gone:
             total -= held[other]
         held.fetch(around)
-        own, whole = held[index], held.pixels.dtype.kind != "f"
+        frame, whole = held[index], held.pixels.dtype.kind != "f"
         if not (summed and whole):
             total, summed = np.zeros(held.shape, np.int64 if whole else np.float64), range(0)
         for other in around:
             if other not in summed:
-                total += held[other] if whole else np.subtract(held[other], own, dtype=np.float64)
+                total += held[other] if whole else np.subtract(held[other], frame, dtype=np.float64)
         summed = around
         others = max(len(around) - 1, 1)
-        mean = (total - own) / others if whole else own + total / others
-        yield index, (mean if len(around) > 1 else own).astype(held.precise)
+        mean = (total - frame) / others if whole else frame + total / others
+        yield index, (mean if len(around) > 1 else frame).astype(held.precise)
 
 
 @dataclass(frozen=True)

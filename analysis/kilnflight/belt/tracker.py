@@ -32,7 +32,7 @@ from kilnflight.checks import (
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity, Motion
-from kilnflight.tracking.tracker import Frame, Noted, Step, Tracks, check_parts, follow
+from kilnflight.tracking.tracker import ExtraColumns, Frame, Step, Tracks, check_parts, follow
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
@@ -48,7 +48,7 @@ MEASURED = Table(
 LEFT, BACK, SIDEWAYS = "left at the end", "left at the start", "left sideways"
 LOST, RUNNING = "lost", "recording ends"
 REASONS = (LEFT, BACK, SIDEWAYS, LOST, RUNNING)
-NOTES = (
+SCORES = (
     ("score", np.float64),
     ("best", np.float64),  # highest score so far
     ("valid", np.bool_),  # whether it has ever reached the upper threshold
@@ -293,7 +293,7 @@ class BeltTracker:
             Frame(number, self.frame_s, row, Detected(place))
             for number, (row, place) in zip(numbers.tolist(), parts, strict=True)
         )
-        yield from follow(pictures, self.motion, self.gate, self.associate, self.keeps, NOTES)
+        yield from follow(pictures, self.motion, self.gate, self.associate, self.keeps, SCORES)
 
     @property
     def thresholds(self) -> tuple[float, float]:
@@ -309,24 +309,24 @@ class BeltTracker:
 
     def associate(
         self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
-    ) -> tuple[Array, Noted, Noted]:
-        """Return weights of 0 and 1, and the scores, `NOTES`, of tracks and of new ones."""
+    ) -> tuple[Array, ExtraColumns, ExtraColumns]:
+        """Return weights of 0 and 1, and the scores, `SCORES`, of tracks and of new ones."""
         likelihoods = self.likelihoods(predicted, detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
         detection = likelihoods.detection()
         gain, detected_tracks = np.log(likelihoods.unobserved), np.flatnonzero(detection >= 0)
         pair_cost = likelihoods.costs[detected_tracks, detection[detected_tracks]]
         gain[detected_tracks] = -(pair_cost + clutter)
-        notes = self._noted(tracks["score"] + gain, tracks["best"], likelihoods.outside)
+        scores = self._scores(tracks["score"] + gain, tracks["best"], likelihoods.outside)
         first = np.log(likelihoods.new) - clutter
         return (
             one_hot(detection, len(first)),
-            notes,
-            self._noted(first, first, np.zeros(len(first))),
+            scores,
+            self._scores(first, first, np.zeros(len(first))),
         )
 
-    def _noted(self, score: Array, best: Array, outside: Array) -> Noted:
-        """Return `NOTES` of tracks."""
+    def _scores(self, score: Array, best: Array, outside: Array) -> ExtraColumns:
+        """Return `SCORES` of tracks."""
         best = np.maximum(best, score)
         valid = best >= self.thresholds[0]
         return {"score": score, "best": best, "valid": valid, "outside": outside}

@@ -438,6 +438,6 @@ def _shared(peaks: Array, clusters: Clusters, spots: Array, case: int) -> Iterat
     owner = clusters.nearest(peaks[:, :2])
     smallest = float(spots[:, 2].min())
     for number, (row, col) in enumerate(peaks[:, :2]):
-        own = clusters.only(owner == number)
-        radius = max(own.center()[2], smallest) if own.total else smallest
-        yield _particle((row, col, radius), own.place() if own.total else NOWHERE, case)
+        part = clusters.only(owner == number)
+        radius = max(part.center()[2], smallest) if part.total else smallest
+        yield _particle((row, col, radius), part.place() if part.total else NOWHERE, case)

@@ -219,12 +219,12 @@ def sort_into_cells(points: npt.NDArray[np.float64], side: float) -> Cells:
 
 
 @njit(cache=True)
-def advance(keys: Any, start: int, wanted: int) -> int:
+def advance(keys: Any, start: int, bound: int) -> int:
     """Return the index of the first of ascending ``keys`` not below a bound.
 
     The search begins at ``start``.
     """
-    while start < len(keys) and keys[start] < wanted:
+    while start < len(keys) and keys[start] < bound:
         start += 1
     return start
 
@@ -239,9 +239,9 @@ def root_of(parents: Any, member: int) -> int:
 
 
 @njit(cache=True)
-def unite(parents: Any, one: int, other: int) -> bool:
+def unite(parents: Any, member: int, other: int) -> bool:
     """Join two sets under the lower root; return whether they differed."""
-    first, second = root_of(parents, one), root_of(parents, other)
+    first, second = root_of(parents, member), root_of(parents, other)
     parents[max(first, second)] = min(first, second)
     return first != second
 
@@ -310,16 +310,16 @@ def _near(points: Any, a: int, b: int, limit: float) -> bool:
 def _count_near(axes: Any, a: int, begin: int, end: int, limit: float) -> int:
     """Return the number of sorted points in a range within eps of point a."""
     x, y, z = axes
-    own_x, own_y, own_z = x[a], y[a], z[a]
-    found = 0
+    point_x, point_y, point_z = x[a], y[a], z[a]
+    count = 0
     for b in range(begin, end):
-        along_x, along_y, along_z = own_x - x[b], own_y - y[b], own_z - z[b]
-        found += along_x * along_x + along_y * along_y + along_z * along_z <= limit
-    return found
+        along_x, along_y, along_z = point_x - x[b], point_y - y[b], point_z - z[b]
+        count += along_x * along_x + along_y * along_y + along_z * along_z <= limit
+    return count
 
 
 @njit(cache=True)
-def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
+def _core_points(cells: Cells, limit: float, min_points: int) -> Any:
     """Return whether each sorted point is a core point.
 
     The cells within reach in one row are consecutive in the order of the points. The nearest rows
@@ -331,28 +331,28 @@ def _core_points(cells: Cells, limit: float, wanted: int) -> Any:
     begin, end = np.zeros(25, np.int64), np.zeros(25, np.int64)
     core = np.ones(len(points), np.bool_)
     for cell in range(len(keys)):
-        if starts[cell + 1] - starts[cell] >= wanted:
+        if starts[cell + 1] - starts[cell] >= min_points:
             continue
         known = 0
         for a in range(starts[cell], starts[cell + 1]):
-            found = 0
+            neighbours = 0
             for r in range(25):
                 if r == known:
                     first[r] = advance(keys, first[r], keys[cell] + steps[r] - 2)
                     begin[r] = starts[first[r]]
                     end[r] = starts[advance(keys, first[r], keys[cell] + steps[r] + 3)]
                     known += 1
-                found += _count_near(axes, a, begin[r], end[r], limit)
-                if found >= wanted:
+                neighbours += _count_near(axes, a, begin[r], end[r], limit)
+                if neighbours >= min_points:
                     break
-            core[a] = found >= wanted
+            core[a] = neighbours >= min_points
     return core
 
 
 @njit(cache=True)
-def _touch(points: Any, starts: Any, core: Any, one: int, other: int, limit: float) -> bool:
+def _touch(points: Any, starts: Any, core: Any, cell: int, other: int, limit: float) -> bool:
     """Return whether core points of two cells are at most eps apart."""
-    for a in range(starts[one], starts[one + 1]):
+    for a in range(starts[cell], starts[cell + 1]):
         if core[a]:
             for b in range(starts[other], starts[other + 1]):
                 if core[b] and _near(points, a, b, limit):
@@ -371,7 +371,7 @@ def _connected_cells(cells: Cells, core: Any, limit: float) -> Any:
     for reach in range(1, 3):
         first = np.zeros(25, np.int64)
         for cell in range(len(keys)):
-            own = root_of(parents, cell)
+            root = root_of(parents, cell)
             for r in range(9 if reach == 1 else 25):
                 if steps[r] < 0:
                     continue  # the other cell finds this one
@@ -379,10 +379,10 @@ def _connected_cells(cells: Cells, core: Any, limit: float) -> Any:
                 first[r] = advance(keys, first[r], low)
                 other = first[r]
                 while other < len(keys) and keys[other] <= keys[cell] + steps[r] + reach:
-                    apart = own != root_of(parents, other)
+                    apart = root != root_of(parents, other)
                     if apart and _touch(cells.points, starts, core, cell, other, limit):
                         unite(parents, cell, other)
-                        own = root_of(parents, cell)
+                        root = root_of(parents, cell)
                     other += 1
     return parents
 

@@ -38,9 +38,9 @@ class Flame(NamedTuple):
         top, bottom, left, right = self.rectangle
         row, col = pixels[:, 0], pixels[:, 1]
         inside = (row >= top) & (row < bottom) & (col >= left) & (col < right)
-        found = np.zeros(len(pixels), dtype=bool)
-        found[inside] = self.mask[row[inside] - top, col[inside] - left]
-        return found
+        flame = np.zeros(len(pixels), dtype=bool)
+        flame[inside] = self.mask[row[inside] - top, col[inside] - left]
+        return flame
 
 
 def segment_flame(gray: npt.NDArray[np.uint16], rectangle: Rectangle) -> Flame:

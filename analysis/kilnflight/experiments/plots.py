@@ -91,7 +91,7 @@ def draw_curves(
     """
     for k, (fit, track) in enumerate(zip(fits, tracks, strict=True)):
         colour = COLOURS[1 + k % (len(COLOURS) - 1)]
-        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, SAMPLES)).T / 1000.0
+        x, y, z = fit(np.linspace(fit.t0, fit.last_s, SAMPLES)).T / 1000.0
         axes.plot(z, x, -y, color=colour, lw=1.4, ls="-")
         detections = track.dropna(subset="z").sort_values("frame")
         place = detections[["z", "x", "y"]].to_numpy().T / 1000.0
@@ -184,7 +184,7 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
 
     lines = []
     for name, fit in fits.items():
-        x, y, z = fit(np.linspace(fit.t0_s, fit.last_s, SAMPLES)).T / 1000.0
+        x, y, z = fit(np.linspace(fit.t0, fit.last_s, SAMPLES)).T / 1000.0
         way = {"x": z, "y": x, "z": -y, "name": f"{name}"}
         lines.append(graph.Scatter3d(**way, mode="lines", line={"width": 4}))
     detections = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
@@ -299,9 +299,9 @@ def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) 
     if not len(lengths) or not np.allclose(lengths, lengths[0]):
         raise InputError("slices: not every slice up to the farthest; pass those of one flight.")
     time = np.concatenate([[0.0], np.cumsum(lengths / front["velocity_m_s"].to_numpy(np.float64))])
-    times = np.linspace(fit.t0_s, end_s, SAMPLES)
+    times = np.linspace(fit.t0, end_s, SAMPLES)
     depth = _from_the_lance(fit, straight_on(fit, times)[:, 1:])[:, 0]
-    axes.plot(times - fit.t0_s, depth, color="black", lw=1.2, ls="-", label="trajectory")
+    axes.plot(times - fit.t0, depth, color="black", lw=1.2, ls="-", label="trajectory")
     axes.plot(0, 0, **LANCE, label="lance", zorder=3)
     axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
     _mark_slices(axes, time, far)

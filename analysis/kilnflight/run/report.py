@@ -165,9 +165,9 @@ def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
     kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
     if (kinds == BEFORE).any():
         shares["ignition seen, or alight when first seen"] = [SEEN, BEFORE]
-    for what, which in shares.items():
-        interval = share(int(kinds.isin(which).sum()), len(counted))
-        yield what, f"{_text(interval, 0, 100)} %"
+    for label, outcomes in shares.items():
+        interval = share(int(kinds.isin(outcomes).sum()), len(counted))
+        yield label, f"{_text(interval, 0, 100)} %"
     few = int((kinds == TOO_FEW).sum())
     yield "too few points to judge ignition", f"{few} of {len(counted)}"
 

@@ -37,7 +37,7 @@ Integers = npt.NDArray[np.integer]
 Booleans = npt.NDArray[np.bool_]
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
-Noted = Mapping[str, npt.NDArray[Any]]  # columns that a world keeps beside those of `layout`
+ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `layout`
 
 
 class Frame(NamedTuple):
@@ -97,9 +97,9 @@ class Management:
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-# Which track takes which detection: weights (n, 1 + m); notes on each track, and on each detection
-# in case it starts one. `Keeps` says which tracks live on when a frame comes.
-Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, Noted, Noted]]
+# Which track takes which detection: weights (n, 1 + m); extra columns of each track, and of each
+# detection in case it starts one. `Keeps` says which tracks live on when a frame comes.
+Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
 Keeps = Callable[[Tracks, int], Booleans]
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
@@ -197,10 +197,10 @@ def check_parts(motion: Motion, gate: Gate, where: str) -> None:
     check_offers(gate, ("__call__",), f"{where}: gate")
 
 
-def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
+def layout(motion: Motion, extra_columns: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
     """Return the columns of `Tracks`.
 
-    ``notes`` are the columns that only the kiln, or only the belt, has.
+    ``extra_columns`` are names and types of columns that the belt adds.
     """
     k = motion.measurement().shape[1]
     return np.dtype(
@@ -214,7 +214,7 @@ def layout(motion: Motion, notes: Sequence[tuple[str, type]] = ()) -> np.dtype[n
             ("last", np.int64),  # frame of the last recorded detection
             ("visible", np.int64),  # number of recorded detections, V in Eq. 4.14
             ("row", np.int64),  # of the table: what was recorded in this frame; -1: missed
-            *notes,
+            *extra_columns,
         ]
     )
 
@@ -225,15 +225,14 @@ def follow(
     gate: Gate,
     associate: Associate,
     keeps: Keeps,
-    notes: Sequence[tuple[str, type]] = (),
+    extra_columns: Sequence[tuple[str, type]] = (),
 ) -> Iterator[Step]:
     """Yield the step of each frame, in the kiln as on the belt.
 
-    Kiln and belt bring ``associate`` and ``keeps``, and in ``notes`` the names and types of their
-    further columns.
+    Kiln and belt bring ``associate`` and ``keeps``; ``extra_columns`` are those of `layout`.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
-    tracks, started, span = np.zeros(0, layout(motion, notes)), 0, -1.0
+    tracks, started, span = np.zeros(0, layout(motion, extra_columns)), 0, -1.0
     for frame in frames:
         tracks, detected = tracks[keeps(tracks, frame.number)], frame.detected
         if frame.span != span:
@@ -245,14 +244,14 @@ def follow(
         last_known = tracks["depth_mm"].copy(), tracks["points"].copy()  # recorded anew below
         predicted = Predicted(expected, residual, *last_known)
         pairs = gate(predicted, detected)
-        weights, noted, first_noted = associate(tracks, predicted, detected, pairs)
+        weights, extra, extra_of_new = associate(tracks, predicted, detected, pairs)
         tracks["state"], tracks["covariance"] = kalman.update(
             state, covariance, detected.positions, weights, measurement, noise
         )
         owner = record(weights)
         taken, alone = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)
         tracks["row"] = -1
-        for name, values in noted.items():
+        for name, values in extra.items():
             tracks[name] = values
         old = tracks[owner[taken]]
         old["visible"] += 1
@@ -263,7 +262,7 @@ def follow(
         new["state"], new["covariance"] = motion.initial(detected.positions[alone])
         new["depth_mm"] = new["points"] = np.nan
         new["born"], new["visible"] = frame.number, 1
-        for name, values in first_noted.items():
+        for name, values in extra_of_new.items():
             new[name] = values[alone]
         _record(new, frame, alone)
         particle = np.empty(len(owner), dtype=np.int64)
