@@ -14,6 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from kilnflight.association import (
     ASSOCIATORS,
@@ -261,6 +264,24 @@ def test_no_assignment_is_cheaper(cost, missed):
     assert total(detection, cost, missed) == pytest.approx(best, abs=1e-9)
 
 
+@pytest.mark.parametrize(("tracks", "detections"), [(60, 60), (100, 40), (30, 90)])
+def test_large_frames_against_another_solver(tracks, detections):
+    """SciPy's solver for sparse graphs, another algorithm, on the pairs that are possible."""
+    rng = np.random.default_rng(tracks)
+    cost = rng.normal(0, 10, (tracks, detections))
+    cost[rng.random(cost.shape) < 0.7] = np.inf
+    missed = rng.normal(10, 3, tracks)
+    possible = np.column_stack([np.isfinite(cost), np.eye(tracks, dtype=bool)])
+    row, column = np.nonzero(possible)
+    price = np.column_stack([cost, np.diag(missed)])[row, column]
+    row, column = min_weight_full_bipartite_matching(csr_array((price, (row, column))))
+    expected = total(np.where(column < detections, column, -1), cost, missed)
+    detection = assign(cost, missed)
+    used = detection[detection >= 0]
+    assert len(set(used)) == len(used) > 0
+    assert total(detection, cost, missed) == pytest.approx(expected, rel=1e-12)
+
+
 def test_at_equal_cost_the_first_detection_is_taken_rather_than_none():
     assert assign(np.ones((3, 4)), np.ones(3)).tolist() == [0, 1, 2]
 
@@ -429,12 +450,24 @@ def test_a_chain_of_forty():
     )
     result = joint_probabilities(likelihood, missed)
     result = np.column_stack([result[:, 0], result[index, 1 + index], result[index, 2 + index]])
-    np.testing.assert_allclose(result, expected / total, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result, expected / total, rtol=1e-9)
 
 
 def test_a_chain_of_any_length_fits():
     likelihood, missed = chain(300)
-    np.testing.assert_allclose(joint_probabilities(likelihood, missed).sum(axis=1), 1.0)
+    result = joint_probabilities(likelihood, missed, most_states=2**12)  # warnings are errors
+    np.testing.assert_allclose(result.sum(axis=1), 1.0)
+
+
+def test_a_group_fits_beside_others_as_if_it_were_alone():
+    rng = np.random.default_rng(0)
+    groups = [(rng.random((14, 14)) < share).astype(float) for share in (0.3, 0.5, 0.4)]
+    alone = [joint_probabilities(group, np.ones(14), most_states=2**16) for group in groups]
+    result = joint_probabilities(block_diag(*groups), np.ones(42), most_states=2**16)
+    np.testing.assert_allclose(result[:, 1:], block_diag(*(a[:, 1:] for a in alone)), rtol=1e-12)
+    np.testing.assert_allclose(result[:, 0], np.concatenate([a[:, 0] for a in alone]), rtol=1e-12)
+    with pytest.warns(UserWarning, match="14 tracks share"):  # the densest alone, with fewer
+        joint_probabilities(groups[1], np.ones(14), most_states=2**15)
 
 
 @pytest.mark.parametrize(("tracks", "detections"), [(14, 14), (3, 40), (40, 3), (20, 20)])
@@ -508,7 +541,7 @@ def test_invalid_input_is_refused(likelihood, missed, message):
         joint_probabilities(likelihood, missed)
 
 
-@pytest.mark.parametrize("bad", ["a", None, 3, 4.5])
+@pytest.mark.parametrize("bad", ["a", None, 3, 4.5, True])
 def test_an_invalid_bound_is_refused(bad):
     with pytest.raises(InputError, match="joint probabilities: most_states"):
         joint_probabilities([[1.0]], [1.0], most_states=bad)
@@ -517,7 +550,8 @@ def test_an_invalid_bound_is_refused(bad):
 def test_the_tracker_gives_up_being_exact_before_the_function_does():
     """18 tracks that all share 18 detections: 2^22 states."""
     crowded = Pairs(np.zeros((18, 18)), np.zeros(18), np.zeros((18, 18)), np.ones(18), 0.99)
-    with pytest.warns(UserWarning, match="18 tracks share detections too densely"):
+    message = "18 tracks share detections too densely.* Narrow the gate"
+    with pytest.warns(UserWarning, match=message):
         weights = JPDA()(crowded)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     joint_probabilities(np.ones((18, 18)), np.ones(18))  # warnings are errors here

@@ -97,12 +97,14 @@ def test_a_factor_and_a_shift_in_time_move_nothing(seed, factor, shift, at):
 def test_the_test_holds_its_level_and_has_power(length):
     noise = np.random.default_rng(1).normal(1000.0, 50.0, (300, length))
     rise = 250.0 * (np.arange(length) >= length // 2)
-    outcomes = [
-        [LOOK(np.arange(length), values + r).outcome for values in noise] for r in (0, rise)
-    ]
-    level, power = (np.mean(np.array(outcome) == "seen") for outcome in outcomes)
+    still, risen = ([LOOK(np.arange(length), values + r) for values in noise] for r in (0, rise))
+    level, power = (
+        np.mean([each.outcome == "seen" for each in tracks]) for tracks in (still, risen)
+    )
     assert level <= 0.01
     assert power > {12: 0.6, 40: 0.99}[length]
+    off = [abs(ignited.time_s + 0.5 - length // 2) for ignited in risen]
+    assert np.nanmedian(off) <= 1  # points
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,7 @@ def test_a_full_disk_loses_nothing(command, expected, tmp_path, monkeypatch, cap
             assert main(command(tmp_path)) == 1
         error = capsys.readouterr().err
         assert "cannot be written (No space left on device). What was finished before" in error
+        assert "before is kept" in error
         assert len(error.splitlines()) == 1
         assert not list(tmp_path.rglob("*.part"))
         assert not [file for file in tmp_path.rglob(f"{name}*") if file.suffix != ".lock"]

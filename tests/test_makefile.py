@@ -227,7 +227,18 @@ def test_a_named_folder_without_the_data_stops_make(project, tmp_path):
 
 def test_help_lists_every_target_with_its_comment(project):
     text = make(project, "help").stdout
-    for target in ("all", "quick", "full", "setup", "data", "test", "check", "bench", "clean"):
+    for target in (
+        "all",
+        "quick",
+        "full",
+        "setup",
+        "data",
+        "test",
+        "check",
+        "bench",
+        "clean",
+        "help",
+    ):
         assert f"make {target} " in text
 
 

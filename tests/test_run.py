@@ -197,6 +197,9 @@ def test_the_settings_name_what_was_used(stored_flights, tmp_path):
     assert rows["taken for in the air"] == "up to 800 mm from the axis"
     assert rows["taken for alight when first seen"] == "not asked"
     assert rows["jobs"] == "2"
+    placed = dict(settings(prepared, run.Options(None, (1.0, 2.0, 3.0)), "2"))
+    assert placed["lance's outlet, after Eq. 2.4"].endswith(" mm (given)")
+    assert placed["threshold of DoG"].endswith(" (not given, from the noise)")
     bare = dict(settings(replace(prepared, exit_point_mm=None, wall=None), run.Options(), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
     assert bare["lance's outlet"] == bare["kiln's wall"] == "not used"

@@ -120,6 +120,17 @@ def test_what_cannot_be_drawn_is_told():
         replace(Pictures(one_track(), BULKS["spheres"], 0), soft_px=0.0)
 
 
+@pytest.mark.parametrize("noise_gray", [0.0, 3.0, 400.0])
+def test_gray_values_are_rounded_and_cut_off_at_eight_bits(noise_gray):
+    pictures = Pictures(BELT_TRACKS.empty(), BULKS["spheres"], 0, noise_gray=noise_gray)
+    picture, plain = pictures[0], pictures._empty()  # before noise and rounding
+    noise = np.random.default_rng([0, 1, 0]).standard_normal(plain.shape, dtype=np.float32)
+    expected = np.clip(np.rint(plain + np.float32(noise_gray) * noise), 0, 255)
+    assert picture.dtype == np.uint8
+    np.testing.assert_array_equal(picture, expected)
+    assert ((picture == 0).mean() > 0.3) == ((picture == 255).mean() > 0.2) == (noise_gray > 3)
+
+
 EMPTY = np.full((120, 160), 60, dtype=np.uint8)
 # Two pixels per mm; the belt's first corner is pixel (0, 0).
 HALF = Calibration(np.array([[0.5, 0, 388.0], [0, 0.5, 0], [0, 0, 1]]), 0.0, 0.5, 0)

@@ -97,6 +97,8 @@ def test_a_particle_at_rest_is_not_predicted_and_no_error():
     for velocity in (0.0, -3.0):
         table = belt_2016.deviations("Tracking", last_of(velocity), arrived())
         assert table[["lateral_mm", "temporal_ms"]].isna().all(axis=None)
+        straight = belt_2016.deviations("Straight", last_of(velocity), arrived())
+        assert straight["lateral_mm"].iloc[0] == -2.0
     nothing = belt_2016.deviations("Tracking", BELT_LAST.empty(), BELT_ARRIVAL.empty())
     assert len(nothing) == 0
 

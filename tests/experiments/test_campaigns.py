@@ -1,5 +1,8 @@
 """The campaigns of the small twin, at the smallest scale; values of flights made by hand."""
 
+from itertools import product
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,9 +11,9 @@ from kilnflight import kiln
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
-from kilnflight.experiments.campaigns import Measurement, Settings
+from kilnflight.experiments.campaigns import Campaign, Measurement, Results, Settings
 from kilnflight.project.parallel import Workers
-from kilnflight.regression import Regression, regress_all
+from kilnflight.regression import MEASURES, Regression, regress, regress_all
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
 EXIT = (0.0, 0.0, 6500.0)
@@ -102,3 +105,38 @@ def test_cells_and_their_table_have_one_row_each():
     assert list(values) == [CELL]
     row = campaigns.outcome_table(values).iloc[0]
     assert (row["particles"], row["dwell median (s)"]) == (2, pytest.approx(0.35))
+
+
+def results_of_orders(exit_point=EXIT):
+    """Two scattered flights, one too short for order 7, and one that is not from the lance."""
+    tracks = pd.concat([track(1, 5.0), track(2, 8.0), track(3, 5.0, count=8), track(4, 5.0)])
+    tracks[list("xyz")] += np.random.default_rng(0).normal(0, [7, 7, 150], (len(tracks), 3))
+    flown = pd.DataFrame([flight(k, 0.3, from_lance=k != 4) for k in (1, 2, 3, 4)])
+    parts = [tracks, regress_all(tracks, EXIT, 100.0), flown, SLICED]
+    run = SimpleNamespace(frame_rate_hz=100.0, exit_point_mm=exit_point)
+    tables = Measurement(*map(with_cell, parts))
+    return tracks, Results([Campaign(*CELL, run)], tables, {}, {})
+
+
+def test_each_order_is_measured_on_the_same_tracks_those_too_short_left_out():
+    tracks, results = results_of_orders()
+    fits, _ = campaigns.fits_from_lance(results.tables, CELL, 40)
+    assert sorted(fits) == [1, 2, 3]
+    table = campaigns.measures_by_order(results).set_index(["order", "axis"])
+    assert list(table.index) == list(product(range(2, 8), "xyz"))
+    for order in (2, 3, 7):
+        method = Regression(lowest=order, highest=order)
+        long = [regress(tracks[tracks["particle"] == k], EXIT, 100.0, method) for k in (1, 2)]
+        for axis, name in product(range(3), MEASURES):
+            expected = np.median([getattr(fit, name)[axis] for fit in long])
+            assert table.loc[(order, "xyz"[axis]), name] == pytest.approx(expected, rel=1e-12)
+    assert table.loc[(7, "z"), "rmse_mm"] == pytest.approx(150, rel=0.3)
+    first = campaigns.measures_by_order(results, most=1).set_index(["order", "axis"])
+    one = regress(tracks[tracks["particle"] == 1], EXIT, 100.0, Regression(lowest=3, highest=3))
+    assert first.loc[(3, "y"), "rmse_mm"] == one.rmse_mm[1]
+
+
+def test_orders_need_the_exit_of_the_lance():
+    _, results = results_of_orders(exit_point=None)
+    with pytest.raises(InputError, match="the lance's exit is not known"):
+        campaigns.measures_by_order(results)

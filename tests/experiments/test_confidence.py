@@ -6,6 +6,7 @@ import pytest
 
 from kilnflight.experiments import confidence
 from kilnflight.experiments.campaigns import Measurement
+from kilnflight.scores import intervals
 from kilnflight.scores.flights import FlightValues, outcomes
 
 CELL = ("confetti", 4.5)
@@ -174,3 +175,34 @@ def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them
         Measurement(None, many, flown.head(3), None), np.random.default_rng(0)
     )
     assert few["rmse_mm_low"].isna().all()
+
+
+def test_shares_that_ignite_have_wilsons_interval_and_none_of_nobody():
+    ignition_s = np.array([0.05, 0.1, 0.15, 0.3, np.nan, np.nan, np.nan])
+    values = {CELL: NONE._replace(ignition_s=ignition_s), ("confetti", 5.0): NONE}
+    table = confidence.ignited_shares({"true": values, "measured": values})
+    assert table["source"].tolist() == ["true"] * 6 + ["measured"] * 6
+    assert table["within_s"].tolist() == [0.1, 0.2, ""] * 4
+    assert table["number"].tolist() == [7, 7, 7, 0, 0, 0] * 2
+    for row, number in enumerate((2, 3, 4)):
+        wilson = intervals.share(number, 7)
+        assert wilson.estimate == number / 7
+        np.testing.assert_allclose(
+            table.loc[row, ["estimate", "low", "high"]].astype(float), wilson[:3]
+        )
+    assert table.loc[3:5, "estimate"].isna().all()
+
+
+def test_distances_of_distributions_are_nought_one_or_unknown():
+    one = NONE._replace(dwell_s=np.array([0.1, 0.2, np.nan]), velocity_m_s=np.full((2, 5), 4.0))
+    other = one._replace(velocity_m_s=np.full((3, 5), 9.0))
+    keys = CELL, ("confetti", 5.0)
+    table = confidence.distribution_distances(
+        dict.fromkeys(keys, one), dict(zip(keys, (other, NONE), strict=True))
+    )
+    assert table["quantity"].tolist() == ["dwell time", "velocity 0-1 m"] * 2
+    assert table["simulated"].tolist() == [2, 2, 2, 2]
+    assert table["measured"].tolist() == [2, 3, 0, 0]
+    assert table["distance"].tolist()[:2] == [0.0, 1.0]
+    assert table["p"].tolist()[:2] == [1.0, pytest.approx(2 / 10)]  # 2 of C(5, 2) orders
+    assert table.loc[2:, ["distance", "p"]].isna().all(axis=None)

@@ -193,6 +193,13 @@ def test_particles_are_classified_by_their_distance_from_the_axis():
     counts = table.set_index(["threshold", "subset"])[["tp", "fp", "fn"]]
     assert counts.loc[("low", "V1")].tolist() == [1, 0, 1]
     assert counts.loc[("high", "Total")].tolist() == [2, 1, 0]
+    more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])
+    table = detection.classification_table(more, more, thresholds, None)
+    counts = table.set_index(["threshold", "subset"])
+    assert counts.loc[("low", "V1"), ["tp", "fp", "fn"]].tolist() == [2, 0, 2]
+    assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]
+    assert counts.loc[("high", "Total"), ["tp", "fp", "fn"]].tolist() == [6, 3, 0]
+    assert counts.loc[("high", "Total"), ["precision", "recall"]].tolist() == [2 / 3, 1]
 
 
 def test_traces_are_where_a_particle_was_and_is_not(subset):

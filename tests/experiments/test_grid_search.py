@@ -118,6 +118,9 @@ def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
         assert len({grid.text(setting) for setting in settings}) == len(set(settings))
         for setting in settings:
             assert callable(grid.build(*setting))
+    starts = [kilnflight_grids()[name].start.values() for name in ("GNN", "JPDA")]
+    first, other = (len(list(product(*start))) for start in starts)
+    assert first == other > 10
     assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
 
 

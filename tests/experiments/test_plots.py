@@ -1,6 +1,7 @@
 """Plots of flights: what is marked lies where the definition says, nothing from a network."""
 
 import re
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -167,3 +168,41 @@ def test_the_view_that_turns_needs_no_network():
 
 def test_no_trajectory_gives_an_empty_view():
     assert "Plotly.newPlot" in plots.turning({}, GRAY_TRACK.head(0), "none")
+
+
+def test_grouped_bars_stand_side_by_side(axes):
+    table = pd.DataFrame(
+        {"subset": ["V1", "V1", "V2", "V2"], "kind": ["a", "b"] * 2, "recall": [0.1, 0.2, 0.3, 0.4]}
+    )
+    plots.draw_bars(axes, table, "subset", "kind", "recall")
+    heights = [bar.get_height() for bar in axes.patches]
+    assert heights == [0.1, 0.3, 0.2, 0.4]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["V1", "V2"]
+    edges = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
+    assert all(left[1] < right[0] for left, right in pairwise(edges))
+
+
+def test_intervals_have_a_row_per_method_the_first_on_top(axes):
+    table = pd.DataFrame(
+        {"f1": [0.8, 0.6], "f1_low": [0.7, 0.5], "f1_high": [0.85, 0.65], "printed": [0.9, np.nan],
+         "pixels": [0.75, 0.55]},
+        index=["best", "other"],
+    )  # fmt: skip
+    plots.draw_intervals(axes, table, "printed", "pixels")
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["best", "other"]
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]
+    bars = [segment for bars in axes.collections for segment in bars.get_segments()]
+    np.testing.assert_allclose(bars, [[[0.7, 0], [0.85, 0]], [[0.5, 1], [0.65, 1]]])
+    drawn = lines(axes)
+    np.testing.assert_array_equal(drawn["in pixels"], [[0.75, 0], [0.55, 1]])
+    np.testing.assert_array_equal(drawn["published"], [[0.9, 0], [np.nan, 1]])
+
+
+def test_without_and_with_are_joined_at_the_place_of_their_entry(axes):
+    table = pd.DataFrame({"who": ["b", "b", "a", "a"], "stage": ["without", "with"] * 2})
+    table = table.assign(value=[1.0, 2.0, 3.0, np.nan])
+    plots.draw_before_after(axes, table, "who", "stage", "value")
+    drawn = lines(axes)
+    np.testing.assert_array_equal(drawn["without"], [[1, 0], [3, 1]])
+    np.testing.assert_array_equal(drawn["with"], [[2, 0], [np.nan, 1]])
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["b", "a"]

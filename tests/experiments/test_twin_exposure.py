@@ -55,12 +55,34 @@ def test_the_frozen_file_fits_the_targets_and_overexposes_flames():
     assert optics.wall_level + optics.flame_level >= FULL_SCALE * (1 - 1e-9)
 
 
-def test_other_light_on_the_same_flights_is_the_scene_computed_afresh():
-    scene = downscaled(subset_scene("V3", exposure.FED["V3"], 3))
+@pytest.fixture(scope="module")
+def plain_twin():
+    return Twin(downscaled(subset_scene("V3", exposure.FED["V3"], 3)))
+
+
+def test_other_light_on_the_same_flights_is_the_scene_computed_afresh(plain_twin):
     inputs = LightInputs(9000.0, 0.45, 0.6, 0.3, 0.2, 90_000.0, 0.1)
-    shared, afresh = exposure.relit(Twin(scene), inputs), Twin(inputs.applied(scene))
+    shared, afresh = exposure.relit(plain_twin, inputs), Twin(inputs.applied(plain_twin.scene))
     for t in (0, 75):
         difference = shared.gray(t).astype(int) - afresh.gray(t)
         assert np.abs(difference).max() <= 1  # a rounding of the wall's level
         assert (difference != 0).mean() < 0.01
         assert (shared.frame(t).labels == afresh.frame(t).labels).mean() > 0.9999
+
+
+def test_other_light_changes_light_only(plain_twin):
+    before, other = (
+        plain_twin.scene,
+        exposure.relit(plain_twin, LightInputs(9000.0, 0.45, 0.6, 0.3, 0.2)),
+    )
+    after = other.scene
+    assert after != before
+    parts = {name: getattr(before, name) for name in ("optics", "surroundings", "on_the_wall")}
+    assert replace(after, **parts) == before
+    assert after.optics.wall_k == before.optics.wall_k
+    assert after.on_the_wall.delay_s == before.on_the_wall.delay_s
+    assert other.life.flights is plain_twin.life.flights
+    light = ["flame_s", "flicker_share"]
+    known, table = plain_twin.life.table, other.life.table
+    pd.testing.assert_frame_equal(table.drop(columns=light), known.drop(columns=light))
+    assert not table["flame_s"].equals(known["flame_s"])

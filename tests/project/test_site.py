@@ -89,6 +89,14 @@ def test_the_readme_gets_the_results_and_only_between_its_marks(project):
     assert site.update_readme() is False
 
 
+def test_the_overview_counts_verdicts(project):
+    table = figures.overview()
+    assert table["notebook"].tolist() == ["01_test", "02_test"]
+    assert table["title"].tolist() == ["A title"] * 2
+    assert table["reproduced"].tolist() == [1, 1]
+    assert table["not reproduced"].tolist() == table["not decidable"].tolist() == [0, 0]
+
+
 def test_a_readme_without_marks_is_an_error(project):
     (project / "README.md").write_text("nothing here")
     with pytest.raises(InputError, match=r"README\.md: the lines"):

@@ -94,6 +94,17 @@ def test_a_fixed_order_is_that_of_every_axis(tracks, order):
     assert np.median([fit.rmse_mm[2] for fit in fitted]) == pytest.approx(150, rel=0.3)
 
 
+@pytest.mark.parametrize("order", [2, 3, 7])
+def test_a_fixed_order_needs_two_points_more(flight, order):
+    fixed = Regression(lowest=order, highest=order)
+    assert fixed.fewest == order + 2
+    assert regress(flight(points=order + 2, scatter=SCATTER), EXIT, RATE, fixed).orders[0] == order
+    with pytest.raises(
+        InputError, match=f"{order + 1} points, but order {order} needs {order + 2}"
+    ):
+        regress(flight(points=order + 1, scatter=SCATTER), EXIT, RATE, fixed)
+
+
 @pytest.mark.parametrize("points", [4, 5, 6, 8])
 def test_no_order_takes_the_last_degree_of_freedom(flight, points):
     fit = regress(flight(points=points, scatter=SCATTER), EXIT, RATE)

@@ -114,7 +114,11 @@ def test_a_damaged_file_is_told():
             scenes.cached_scene(SCENE)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("V9", 0), ("V3@nothing", 0), ("V3", -1)])
-def test_a_scene_that_is_not_there_is_told_as_ever(name, seed):
-    with pytest.raises(InputError):
-        scenes.cached_scene(name, seed)
+@pytest.mark.parametrize(
+    ("name", "seed", "message"),
+    [("V9", 0, "no scene 'V9'"), ("V3@nothing", 0, "no scene"), ("V5", -1, "V5: seed is -1")],
+)
+def test_a_scene_that_is_not_there_is_told_as_ever(name, seed, message):
+    for call in (scenes.open_scene, scenes.cached_scene):
+        with pytest.raises(InputError, match=message):
+            call(name, seed)

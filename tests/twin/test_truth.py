@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from kilnflight.experiments import statements
+from kilnflight.scores.flights import outcomes, remaining
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.flight import ENDS, Flight, Flights
 from kilnflight.twin.gas import Gas
@@ -50,6 +51,10 @@ def test_velocities_are_one_metre_over_the_time_between_crossings():
     velocities = truth.metre_velocities(FLIGHTS)
     np.testing.assert_allclose(velocities[0], [10, 10, 10, np.nan, np.nan], rtol=1e-4)
     np.testing.assert_allclose(velocities[3], [np.nan] * 5)
+    values = outcomes(truth.true_flight_values(FLIGHTS))
+    medians = values[[f"velocity {k}-{k + 1} m (m/s)" for k in range(5)]]
+    np.testing.assert_allclose(medians, [8, 9, 10, np.nan, np.nan], rtol=1e-4)
+    np.testing.assert_allclose(remaining(velocities), [75, 50, 25, 0, 0])
 
 
 def test_a_slowing_particle_has_the_speed_of_each_metre():
