@@ -103,7 +103,9 @@ def fetch(name: str) -> Path:
         bar = pooch.HTTPDownloader(progressbar=sys.stderr.isatty(), timeout=30)
         return Path(store.fetch(name, downloader=bar))
     except OSError as error:
-        raise ConnectionError(f"{name}: no connection to {store.get_url(name)}") from error
+        answered = getattr(error, "response", None) is not None
+        fault = "no longer offered at" if answered else "no connection to"
+        raise ConnectionError(f"{name}: {fault} {store.get_url(name)}") from error
     except ValueError as error:
         raise InputError(
             f"{name}: what {store.get_url(name)} delivers has another SHA-256 than the published "
