@@ -15,9 +15,7 @@ seed = 0  # of the scatter of the flight in the last figure
 
 # %%
 import numpy as np
-import pandas as pd
 
-from kilnflight.association import joint_probabilities
 from kilnflight.experiments import association_cases as cases
 from kilnflight.project import figures, style
 from kilnflight.tracking.gate import Detected, Gate, Predicted
@@ -66,18 +64,8 @@ figures.save("fig-2-20-associations", table, picture=picture, caption=caption, p
 # laid out to show this; it says what can happen, not how often.
 
 # %%
-apart, crowd, mixed = (  # (associator, track, none and detections)
-    np.stack([weights[situation, name] for name in cases.NAMES]) for situation in situations
-)
-sketches = {
-    "apart: all mostly take their own": (apart[:, [0, 1], [1, 2]] > 0.5).all(),
-    "crowded: NN takes D2 for T1, none for T2": crowd[0, [0, 1], [2, 0]].all(),
-    "crowded: GNN gives each its own": crowd[1, [0, 1], [1, 2]].all(),
-    "crowded: PDA shares T1 out, most to D2": 0.1 < crowd[2, 0, 1] < crowd[2, 0, 2],
-    "clutter: NN and GNN take N1": (mixed[:2, 0, 3] == 1).all(),
-    "clutter: PDA and JPDA between D1 and N1": (mixed[2:, 0, [1, 3]] > 0.1).all(),
-}
-pd.Series(sketches, name="comes out").to_frame()
+outcomes = cases.sketched_outcomes(weights)
+outcomes.to_frame()
 
 # %% [markdown]
 # ## Joint events
@@ -114,15 +102,8 @@ figures.save("fig-2-23-events", table, picture=picture, caption=caption, provena
 # shorter chains beside it. No event is listed by `joint_probabilities`.
 
 # %%
-count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
-while len(count) < 41:  # missed, right, left if free: count[-2] events have taken the left one
-    count.append(3 * count[-1] - count[-2])
-chain = np.eye(40, 41) + np.eye(40, 41, 1)
-beta = joint_probabilities(chain, np.ones(40))
-exact = [count[k] * count[39 - k] / count[40] for k in range(40)]  # track k missed
-rows, ends = beta.sum(axis=1) - 1, beta[:, 1:] - beta[::-1, :0:-1]  # the same from either end
-error = max(np.abs(part).max() for part in (rows, ends, beta[:, 0] - exact))
-print(f"{count[40]:.3e} events, largest error of a probability {error:.0e}")
+number, error = cases.chain_of_tracks(40)
+print(f"{number:.3e} events, largest error of a probability {error:.0e}")
 
 # %% [markdown]
 # ## The gate in flight
@@ -132,16 +113,7 @@ print(f"{count[40]:.3e} events, largest error of a probability {error:.0e}")
 # in frame 10 the particle has no depth. The tracker runs with its defaults.
 
 # %%
-frames, random = np.arange(12), np.random.default_rng(seed)
-flight = pd.DataFrame({"frame": frames, "row": 40.0 + 3 * frames, "col": 20.0 + 26 * frames})
-flight[["row", "col"]] += random.normal(0, 1.0, (12, 2))
-flight["z"] = 5000.0 + 60 * frames + random.normal(0, 200, 12)
-flight.loc[10, "z"] = np.nan
-other = flight.assign(row=flight["row"] + 500, z=5000.0, origin="other particle")
-clutter = flight[frames == 3] + [0, 6, -7, -2600]
-flight = flight.drop(index=[5, 6, 7]).assign(origin="particle")
-detections = pd.concat([flight, other, clutter.assign(origin="clutter")], ignore_index=True)
-table = cases.gate_table(detections)
+table = cases.gate_table(cases.interrupted_flight(seed))
 
 # %%
 picture = cases.draw_gate(table, (5, 6, 7), Gate().depth_mm)
@@ -161,9 +133,9 @@ figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance
 # %%
 own = ", ".join(f"{weights['crowded', name][0, 1]:.2f} ({name})" for name in cases.NAMES)
 result = (
-    f"{sum(map(bool, sketches.values()))} of {len(sketches)} sketched outcomes come out; in the "
+    f"{outcomes.sum()} of {len(outcomes)} sketched outcomes come out; in the "
     f"crowd track 1 gives its own detection {own}. Fig. 2.23 has {len(events)} joint "
-    f"events of at most {bound}; a chain of 40 tracks has {count[40]:.1e}, and its "
+    f"events of at most {bound}; a chain of 40 tracks has {number:.1e}, and its "
     f"probabilities are right to {max(1e-12, error):.0e}."
 )
 figures.conclude(result, [], origin)  # what recordings say of associators is asked elsewhere

@@ -44,9 +44,7 @@ figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
 candidates = grid_search.kilnflight_grids()
 tried = grid_search.grid_search(tuning_windows, candidates)
 trackers = grid_search.chosen_trackers(tried, candidates)
-spread = tried.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")
-best = tried[tried["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
-table = best.join(spread).reset_index()
+table = grid_search.chosen_settings(tried)
 caption = (
     "Settings chosen on windows that are not scored: gate in standard deviations, noise in "
     f"px/frame^1.5, frames in a row that a track may miss. {len(tried)} were tried; the range of "
@@ -87,13 +85,7 @@ figures.save("fig-5-17-tracking", cells, picture=picture, caption=caption, prove
 
 # %%
 shown = [window for window in windows if window.fraction in ("wood chip", "PE granule")]
-tables = {window.fraction: {"truth": window.truth} for window in shown}
-for window in shown:
-    for name, tracker in trackers.items():
-        for stage, tracks, _ in tracking.track_and_postprocess(window, tracker):
-            tables[window.fraction][f"{name} {stage} steps"] = tracks
-
-# %%
+tables = tracking.tracks_by_stage(shown, trackers)
 picture = tracking.draw_trajectories(shown, tables)
 table = tracking.joined_tables(tables, "tracks")
 caption = (
@@ -108,8 +100,7 @@ figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, p
 # %%
 verdicts = tracking.verdicts(cells, windows, trackers)
 gain = tracking.gains(cells)
-alpha = cells[(cells["measure"] == "alpha") & (cells["postprocessing"] == "with")]
-alpha = alpha.pivot(index="fraction", columns="tracker", values="recomputed")
+alpha = tracking.after_postprocessing(cells).xs("alpha", level="measure")
 parts = [f"{name} {row.GNN:.2f} and {row.JPDA:.2f}" for name, row in alpha.iterrows()]
 result = (
     f"Alpha after post-processing, GNN and JPDA: {', '.join(parts)}; {(gain > 0).sum()} of "

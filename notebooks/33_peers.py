@@ -19,8 +19,6 @@ jobs = 2  # processes of the detection
 # %%
 from itertools import product
 
-import pandas as pd
-
 from kilnflight.experiments import campaigns, grid_search, plots, tracking
 from kilnflight.experiments import other_trackers as peers
 from kilnflight.project import figures, style
@@ -48,10 +46,7 @@ print(f"frames: {number}; settings on {len(tuning_windows[0].frames)} others eac
 # settings.
 
 # %%
-grids = {f"{name}, ours": grid for name, grid in grid_search.kilnflight_grids().items()}
-grids |= grid_search.peer_grids()
-package = {"GNN, Stone Soup": "stonesoup", "JPDA, Stone Soup": "stonesoup"}
-grids = {name: grid for name, grid in grids.items() if package.get(name, name) not in missing}
+grids = grid_search.all_grids()
 
 # %% [markdown]
 # Joint probabilities of Stone Soup take long where many gates overlap. A window in which more
@@ -59,15 +54,9 @@ grids = {name: grid for name, grid in grids.items() if package.get(name, name) n
 # used on the first 40 frames of each window only.
 
 # %%
-slow = {name: grid for name, grid in grids.items() if name == "JPDA, Stone Soup"}
-rest = {name: grid for name, grid in grids.items() if name not in slow}
 if scale == "quick":
     tuning_windows = [grid_search.first_frames(window, 4) for window in tuning_windows]
-parts = [grid_search.grid_search(tuning_windows, rest).assign(frames=len(tuning_windows[0].frames))]
-if slow:
-    short = [grid_search.first_frames(window, 40) for window in tuning_windows]
-    parts.append(grid_search.grid_search(short, slow).assign(frames=len(short[0].frames)))
-tried = pd.concat(parts, ignore_index=True)
+tried = grid_search.grid_search(tuning_windows, grids)
 best = grid_search.chosen_trackers(tried, grids)
 caption = (
     "Settings that were tried, with the mean measures without post-processing on windows that are "
@@ -110,28 +99,9 @@ figures.save("fig-peers", scores[columns], picture=picture, caption=caption, pro
 # ## Result
 
 # %%
-scored = scores.dropna(subset="beta")
-leaders = {}
-for (stage, fraction), part in scored.groupby(["postprocessing", "fraction"], sort=False):
-    ranked = part.set_index("tracker")["beta"].sort_values(ascending=False)
-    own = ranked[ranked.index.str.endswith("ours")].max()
-    lead = f"{fraction} {ranked.index[0]} {ranked.iloc[0]:.3f}"
-    lead += "" if ranked.index[0].endswith("ours") else f" (ours {own:.3f})"
-    leaders.setdefault(stage, []).append(lead)
-means = scored.groupby(["postprocessing", "tracker"])["beta"].agg(["mean", "size"])
-means = means.loc[means["size"] == len(windows), "mean"]
-
-# %%
-left = scores.loc[scores["beta"].isna(), "tracker"].unique()
-parts = []
-for stage, ranks in leaders.items():
-    mean = means[stage].sort_values(ascending=False)
-    order = ", ".join(f"{name} {value:.3f}" for name, value in mean.items())
-    parts.append(f"{stage} post-processing {'; '.join(ranks)} (means: {order})")
-result = f"Largest beta {'. Largest beta '.join(parts)}."
-result += f" Not run on every window: {', '.join(left)}." if len(left) else ""
 ends = tried[tried["at_end"] != ""]
 at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
-result += f" Settings at an end of the grid: {at_end or 'none'}."
-verdicts = []
-figures.conclude(result, verdicts, origin)
+result = (
+    f"{grid_search.describe_leaders(scores)} Settings at an end of the grid: {at_end or 'none'}."
+)
+figures.conclude(result, [], origin)

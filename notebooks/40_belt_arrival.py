@@ -8,7 +8,7 @@ from IPython.display import Markdown
 
 from kilnflight.belt import recordings
 from kilnflight.belt.evaluation import Evaluation
-from kilnflight.experiments import belt_2020, belt_claims
+from kilnflight.experiments import belt_2020, belt_claims, belt_plots
 from kilnflight.experiments.belt_2020 import PHASE
 from kilnflight.project import claims, figures, style
 
@@ -86,14 +86,13 @@ figures.save("fig-belt20-7-velocity", profiles, **options)
 # ## Deviation of the arrival time
 
 # %%
-by_draw = belt_2020.compare_models(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
-arrival = belt_2020.over_draws(by_draw).round(6)
+arrival = study.compare(observed, draws, seed)
 table, caption = study.table(arrival), study.captions["table"]
 figures.save("belt-arrival", table, caption=caption, provenance=origin)
 
 # %%
 plotted = arrival[arrival["model"].isin(belt_claims.PLOTTED)]
-picture = belt_2020.boxes_by_source(plotted, "predicted minus true arrival (ms)", 52)
+picture = belt_plots.boxes_by_source(plotted, "predicted minus true arrival (ms)", 52)
 options = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
 figures.save("fig-belt20-9-arrival", study.labelled(arrival), **options)
 
@@ -113,7 +112,7 @@ figures.save("fig-belt20-9-arrival", study.labelled(arrival), **options)
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
 by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "mean absolute error (ms)"
-picture = belt_2020.lines_by_rate(by_rate, belt_claims.PLOTTED, study.measure, label)
+picture = belt_plots.lines_by_rate(by_rate, belt_claims.PLOTTED, study.measure, label)
 table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
 options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
 figures.save("belt-arrival-rate", table, **options)
@@ -142,7 +141,7 @@ answers |= belt_claims.speed_answers(profiles[profiles["source"] == source])
 verdicts = study.judge(answers, by_target, 100 if files else by_rate["sampling_hz"].max())
 
 # %%
-mae = judged.pivot(index="data_set", columns="model", values="mae")
+mae = belt_claims.by_model(judged, "mae")
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
 result = (
     f"{reproduced} of {len(verdicts)} claims reproduced ({source}); identical acceleration is off "

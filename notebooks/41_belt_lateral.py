@@ -2,13 +2,12 @@
 # # Where a particle leaves the sorting belt
 
 # %% tags=["hide-input"]
-import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import recordings
-from kilnflight.belt.evaluation import Evaluation, step_velocities
-from kilnflight.experiments import belt_2020
+from kilnflight.belt.evaluation import Evaluation
+from kilnflight.experiments import belt_2020, belt_claims, belt_plots
 from kilnflight.experiments.belt_2020 import PHASE
 from kilnflight.project import claims, figures, style
 
@@ -47,25 +46,20 @@ pd.DataFrame({key: len(particles.last) for key, particles in observed.items()}, 
 # ## Lateral velocity
 
 # %%
-samples = []
-for data_set in belt_2020.DATA_SETS:
-    steps = step_velocities(tracks[source, data_set])
-    chosen = np.random.default_rng(seed).choice(steps["particle"].unique(), 15, replace=False)
-    samples.append(steps[steps["particle"].isin(chosen)].assign(data_set=data_set))
-
+samples = belt_2020.sample_steps(tracks, source, 15, seed)
 # %% tags=["hide-input"]
 picture, (panels,) = style.canvas(1, 3, width_mm=style.PAGE_MM, height_mm=50)
-for axes, steps in zip(panels, samples, strict=True):
+for axes, (name, steps) in zip(panels, samples.groupby("data_set", sort=False), strict=True):
     axes.axhline(0, color="0.6", lw=0.6, ls="-")
     for _, track in steps.groupby("particle"):
         axes.plot(track["x"], track["velocity_y_mm_s"] / 1000, lw=0.8, ls="-")
-    axes.set(title=steps["data_set"].iloc[0], xlabel="x along the belt (mm)", ylim=(-0.13, 0.13))
+    axes.set(title=name, xlabel="x along the belt (mm)", ylim=(-0.13, 0.13))
 panels[0].set_ylabel("velocity across the belt (m/s)")
 caption = (
     "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of the 2020 "
     f"paper ({source}); velocities above 0.13 m/s are cut off."
 )
-table = pd.concat(samples).rename(columns={"x": "x_mm"})
+table = samples.rename(columns={"x": "x_mm"})
 options = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-belt20-8-lateral-velocity", table, **options)
 
@@ -73,13 +67,12 @@ figures.save("fig-belt20-8-lateral-velocity", table, **options)
 # ## Deviation of the lateral position
 
 # %%
-by_draw = belt_2020.compare_models(observed, PHASE, Evaluation(draws=draws), study.deviations, seed)
-lateral = belt_2020.over_draws(by_draw).round(6)
+lateral = study.compare(observed, draws, seed)
 table, caption = study.table(lateral), study.captions["table"]
 figures.save("belt-lateral", table, caption=caption, provenance=origin)
 
 # %%
-picture = belt_2020.boxes_by_source(lateral, "predicted minus true position (mm)", 58)
+picture = belt_plots.boxes_by_source(lateral, "predicted minus true position (mm)", 58)
 options = {"picture": picture, "caption": study.captions["boxes"], "provenance": origin}
 figures.save("fig-belt20-10-lateral", study.labelled(lateral), **options)
 
@@ -97,7 +90,7 @@ figures.save("fig-belt20-10-lateral", study.labelled(lateral), **options)
 share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may be none
 by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "interquartile range (mm)"
-picture = belt_2020.lines_by_rate(by_rate, by_rate["model"].unique(), study.measure, label)
+picture = belt_plots.lines_by_rate(by_rate, by_rate["model"].unique(), study.measure, label)
 table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
 options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
 figures.save("belt-lateral-rate", table, **options)
@@ -123,7 +116,7 @@ judged = lateral[lateral["source"] == source]
 sampling_hz = 100 if files else by_rate["sampling_hz"].max()
 verdicts = study.judge(study.answers(judged), by_target, sampling_hz)
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
-iqr = judged.pivot(index="data_set", columns="model", values="iqr")
+iqr = belt_claims.by_model(judged, "iqr")
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (
     f"{reproduced} of {len(verdicts)} claims reproduced ({source}); constant lateral velocity "

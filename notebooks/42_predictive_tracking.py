@@ -2,13 +2,12 @@
 # # Predictive tracking of particles on a belt
 
 # %% tags=["hide-input"]
-import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import pictures
 from kilnflight.belt.bodies import is_installed, missing_reason
 from kilnflight.belt.machine import BULKS
-from kilnflight.experiments import belt_2016, belt_camera
+from kilnflight.experiments import belt_2016, belt_camera, belt_claims, belt_plots
 from kilnflight.project import claims, figures, style
 
 engine = "the simulated sorter (MuJoCo)" if is_installed() else "the friction model"
@@ -50,11 +49,7 @@ print(f"{count} particles of each material, by {engine}")
 # ## Deviations at the edge
 
 # %%
-parts = {}
-for name, tracks in bodies.items():
-    parts[name, "noise-free"] = belt_2016.noise_free(tracks)
-    parts[name, "images"] = belt_2016.from_images(pictured[name], tracks)
-every = pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
+every = belt_2016.all_deviations(pictured, bodies)
 boxes = belt_2016.summaries(every)
 boxes.round(4)
 
@@ -78,19 +73,10 @@ caption = (
 counts = belt_2016.count_predicted(pictured, bodies, every[every["data"] == "images"])
 figures.save("belt16-predicted", counts, caption=caption, provenance=origin)
 
-# %% tags=["hide-input"]
-picture, panels = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=105)
-units = {"lateral_mm": "lateral deviation (mm)", "temporal_ms": "temporal deviation (ms)"}
-spheres = boxes.query("material == 'spheres'").set_index(["quantity", "data"])
-for row, (quantity, label) in zip(panels, units.items(), strict=True):
-    for axes, data in zip(row, ("noise-free", "images"), strict=True):
-        table = spheres.loc[[(quantity, data)]]
-        axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        style.draw_boxes(axes, table)
-        axes.set_xticks(range(len(table)), table["approach"])
-        axes.set(title=data, ylabel=label, xlim=(-0.6, 2.6))
-
 # %%
+labels = {"lateral_mm": "lateral deviation (mm)", "temporal_ms": "temporal deviation (ms)"}
+spheres, names = boxes[boxes["material"] == "spheres"], ("quantity", "data", "approach")
+picture = belt_plots.boxes(spheres, names, labels, 105, xlim=(-0.6, 2.6))
 caption = (
     "Deviation of predictions at the edge, spheres, after Fig. 6 of the 2016 paper: box plots "
     "without outliers. The numbers are the widths of the boxes. Temporal: positive where a "
@@ -103,9 +89,7 @@ figures.save("fig-belt16-6-deviations", boxes, picture=picture, caption=caption,
 # followed with the constant-acceleration filter, and predicted with its acceleration or without.
 
 # %%
-filters = belt_2016.compare_filters(pictured, bodies)
-keys = {"index": ["material", "filter"], "columns": "quantity"}
-filters.pivot(**keys, values=["median", "iqr"]).round(3)
+belt_2016.compare_filters(pictured, bodies).round(3)
 
 # %% [markdown]
 # ## Verdicts
@@ -138,17 +122,17 @@ figures.save("belt16-by-material", by_material, caption=caption, provenance=orig
 note = f"{count} spheres of {engine}"
 verdicts = belt_2016.judge_spheres(every, boxes, note, is_installed())
 reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
-lateral = boxes.query("quantity == 'lateral_mm' and data == 'images'")
-iqr = lateral.pivot(index="material", columns="approach", values="iqr").loc[list(bodies)]
-iqr = iqr[iqr["Tracking"] > iqr["Straight"]]
-worse = [f"{name} ({row.Tracking:.2f}, {row.Straight:.2f} mm)" for name, row in iqr.iterrows()]
+worse = [
+    f"{name} ({row.Tracking:.2f}, {row.Straight:.2f} mm)"
+    for name, row in belt_2016.wider_than_straight(boxes).iterrows()
+]
 
 # %%
-errors = every[every["material"] == "spheres"].set_index(["data", "approach"])["lateral_mm"].abs()
-images, noise_free = errors.loc["images", "Tracking"] < 1.5, errors.loc["noise-free", "Sim"] < 0.2
+answers = belt_claims.tracking_answers(every[every["material"] == "spheres"])
+images, noise_free = (100 * answers[claim].item() for claim in ("belt16-3", "belt16-1"))
 result = (
-    f"{reproduced} of {len(verdicts)} claims reproduced ({engine}): {100 * images.mean():.0f} % of "
-    f"the spheres are predicted to 1.5 mm from images, {100 * noise_free.mean():.0f} % to 0.2 mm "
+    f"{reproduced} of {len(verdicts)} claims reproduced ({engine}): {images:.0f} % of "
+    f"the spheres are predicted to 1.5 mm from images, {noise_free:.0f} % to 0.2 mm "
     "without noise. From images the lateral spread of Tracking is larger than that of Straight for "
     f"{', '.join(worse) or 'no material'}."
 )

@@ -7,11 +7,12 @@ from itertools import product
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import evaluation, recordings
+from kilnflight.belt import recordings
 from kilnflight.belt.camera import Area
+from kilnflight.belt.evaluation import Evaluation
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import Appearance, BeltTracker
-from kilnflight.experiments import belt_2020, belt_claims
+from kilnflight.experiments import belt_2020, belt_claims, belt_plots
 from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
@@ -68,23 +69,16 @@ phase = PredictionPhase(1150.0, 1550.0)
 # paper says how well its tracker does on a real belt.
 
 # %%
-followed, rows = {}, []
-for (name, table), (kind, motion) in product(measured.items(), motions.items()):
-    tracks = followed[name, kind] = BeltTracker(motion, appearance, frame_s=1.0)(table)
-    states = tracks.states[tracks.states["row"] >= 0]
-    track = pd.Series(states["particle"].to_numpy(), states["row"]).reindex(range(len(table)))
-    tracker_links = recordings.links(table.assign(track=track.fillna(-1)), "track")
-    author_links = recordings.links(table, "author_track")
-    shared = 100 * len(tracker_links.intersection(author_links))
-    row = {"material": name, "filter": kind, "measurements": len(table)}
-    row |= {"links_authors": len(author_links), "links_tracker": len(tracker_links)}
-    row["recall_percent"] = shared / len(author_links)
-    row["agreed_percent"] = shared / len(tracker_links)
-    ends = tracks.ends["reason"].value_counts()
-    rows.append(row | {f"tracks {reason}": count for reason, count in ends.items()})
-
-# %%
+followed = {
+    (name, kind): BeltTracker(motion, appearance, frame_s=1.0)(table)
+    for (name, table), (kind, motion) in product(measured.items(), motions.items())
+}
+rows = [
+    {"material": name, "filter": kind} | recordings.compare_links(measured[name], tracks)
+    for (name, kind), tracks in followed.items()
+]
 links = pd.DataFrame(rows).fillna(0)
+# %%
 caption = (
     "Links of the authors' tracks and of the tracker. Recall: share of the authors' links that "
     "the tracker has. Agreed: share of its links that the authors have. Then how its tracks ended."
@@ -108,47 +102,20 @@ figures.save("belt-real-links", links, caption=caption, provenance=origin) if fi
 # Tracks over all recordings, and how many are left out by reason:
 
 # %%
-evaluate, quantities = evaluation.Evaluation(draws=draws), {}
-# Arrivals come in thousandths of a frame.
-quantities["arrival_frames"] = evaluation.arrival_deviations, 0.001
-quantities["lateral_px"] = evaluation.lateral_deviations, 1.0
-parts, omitted = [], []
-for (name, kind), tracks in followed.items():
-    observed = evaluation.observe(tracks, measured[name], phase, 1.0)
-    row = {"data_set": name, "filter": kind, "predicted": len(observed.last)}
-    omitted.append(row | observed.left_out)
-    for quantity, (deviations, unit) in quantities.items():
-        table = belt_2020.over_draws(evaluate(observed, phase, deviations, seed))
-        table[evaluation.SUMMARY[1:8]] *= unit
-        keys = {"data_set": name, "filter": kind, "quantity": quantity}
-        parts.append(table.assign(**keys, left_out=sum(observed.left_out.values())))
-pd.DataFrame(omitted)
-
-# %%
-keys = ["data_set", "filter", "quantity", "model"]
-columns = [*keys, *evaluation.SUMMARY, "left_out"]
-models = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
-models = models.loc[~models["model"].isin(["CALV", "LV-DSC"]), columns].reset_index(drop=True)
+evaluation = Evaluation(draws=draws)
+models, omitted = belt_2020.compare_on_recordings(followed, measured, phase, evaluation, seed)
+omitted
 
 # %% [markdown]
 # The figure is ours: it is the only place where the models meet a real belt.
 
-# %% tags=["hide-input"]
-width = style.PAGE_MM
-picture, grid = style.canvas(2, 3, width_mm=width, height_mm=105) if files else (None, ())
-filtered = models[models["filter"] == "CV filter"].set_index(["quantity", "data_set"])
-for row, (quantity, label) in zip(
-    grid, {"arrival_frames": "arrival (frames)", "lateral_px": "place (px)"}.items(), strict=False
-):
-    for axes, name in zip(row, measured, strict=False):
-        table = filtered.loc[[(quantity, name)]]
-        table = table[~table["model"].isin(["CA", "CA-CA", "IA-CA"])]  # this filter has none
-        axes.axhline(0, color="0.6", lw=0.6, ls="-")
-        style.draw_boxes(axes, table)
-        axes.set_xticks(range(len(table)), table["model"], rotation=60)
-        axes.set(title=name, ylabel=f"predicted minus observed\n{label}")
-
 # %%
+labels = {"arrival_frames": "arrival (frames)", "lateral_px": "place (px)"}
+labels = {name: f"predicted minus observed\n{label}" for name, label in labels.items()}
+names = ("quantity", "data_set", "model")
+plotted = models[models["filter"] == "CV filter"]
+plotted = plotted[~plotted["model"].isin(["CA", "CA-CA", "IA-CA"])]  # this filter has none
+picture = belt_plots.boxes(plotted, names, labels, 105, rotation=60) if files else None
 caption = (
     "Deviations on real recordings with the constant-velocity filter: box plots without outliers. "
     "The numbers are the widths of the boxes. After Figs 9 and 10 of the 2020 paper, which show "

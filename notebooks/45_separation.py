@@ -4,12 +4,11 @@
 # %% tags=["hide-input"]
 from dataclasses import replace
 
-import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import belt
 from kilnflight.belt import recordings
-from kilnflight.belt.valves import MODELS, ValveBar, hit_shares
+from kilnflight.belt.valves import MODELS, ValveBar, along, mean_hit_shares
 from kilnflight.experiments import belt_2020
 from kilnflight.project import figures, style
 
@@ -59,22 +58,9 @@ bars += [replace(default, valve_mm=float(width)) for width in widths_mm]
 bars += [replace(default, valves=count) for count in (8, 16, 64, 128)]
 
 # %%
-parts = {
-    (name, draw): hit_shares(part, phase, bars, seed + draw, blown)
-    for name, part in observed.items()
-    for draw in range(draws)
-}
-every = pd.concat(parts, names=["data_set", "draw"]).droplevel(-1).reset_index()
-keys = ["data_set", "model", "valves", "valve_mm", "open_ms"]
-table = every.drop(columns="draw").groupby(keys, sort=False).mean().reset_index()
+table = mean_hit_shares(observed, phase, bars, range(seed, seed + draws), blown)
 table.insert(0, "source", source)
-width_is_pitch = table["valve_mm"] == default.belt_mm / table["valves"]
-default_time = table["open_ms"] == 1000 * default.open_s
-default_count = table["valves"] == default.valves
-tables_by_axis = {
-    "open_ms": table[default_count & width_is_pitch],
-    "valve_mm": table[default_count & default_time],
-}
+tables_by_axis = {name: along(table, name, default) for name in ("open_ms", "valve_mm")}
 
 # %% [markdown]
 # ## Over the time that a valve is open
@@ -88,18 +74,18 @@ styles = list(zip(style.COLOURS, style.LINES, style.MARKERS, strict=True))
 labels = {"open_ms": "time that a valve is open (ms)", "valve_mm": "width of a valve's jet (mm)"}
 share = ["particles to be blown out\nthat are hit (%)", "other particles\nthat are hit (%)"]
 size = {"width_mm": style.PAGE_MM, "height_mm": 95, "sharex": True, "sharey": "row"}
-figures_by_axis = {along: style.canvas(2, len(observed), **size) for along in tables_by_axis}
+figures_by_axis = {axis: style.canvas(2, len(observed), **size) for axis in tables_by_axis}
 
 # %% tags=["hide-input"]
-for along, (_, grid) in figures_by_axis.items():
-    for (name, part), column in zip(tables_by_axis[along].groupby("data_set"), grid.T, strict=True):
+for axis, (_, grid) in figures_by_axis.items():
+    for (name, part), column in zip(tables_by_axis[axis].groupby("data_set"), grid.T, strict=True):
         for model, (colour, line, mark) in zip(shown_models, styles, strict=False):
-            rows = part[part["model"] == model].sort_values(along).set_index(along)
+            rows = part[part["model"] == model].sort_values(axis).set_index(axis)
             look = {"color": colour, "ls": line, "marker": mark}
             column[0].plot(rows["hit_percent"], label=model, **look)
             column[1].plot(rows["inadvertent_percent"], **look)
         column[0].set_title(name)
-        column[1].set_xlabel(labels[along])
+        column[1].set_xlabel(labels[axis])
     grid[0, 0].set(ylabel=share[0], ylim=(0, 103))
     grid[1, 0].set_ylabel(share[1])
     _ = grid[1, 0].legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left")
@@ -136,14 +122,13 @@ figures.save("fig-belt-separation-width", tables_by_axis["valve_mm"], **part)
 # percent, by model and number of valves across 180 mm:
 
 # %%
-by_count = table[default_time & width_is_pitch]
 values = ["hit_percent", "inadvertent_percent"]
+by_count = along(table, "valves", default)
 wide = by_count.pivot(index=["data_set", "model"], columns="valves", values=values)
 wide.reindex([name for name, _, _ in MODELS], level="model").round(1)
 
 # %%
-default_rows = table[default_count & default_time & width_is_pitch]
-hits = default_rows.set_index(["model", "data_set"])["hit_percent"]
+hits = along(table, "", default).set_index(["model", "data_set"])["hit_percent"]
 straight, ratio = hits["IV-Straight"], hits["IA-Ratio"]
 result = (
     f"32 valves open for 5 ms hit {straight.min():.0f} to {straight.max():.0f} % of the particles "

@@ -126,8 +126,7 @@ figures.save("velocity-unseen", metres.round(3), caption=caption, provenance=ori
 # is the polynomials that turn.
 
 # %%
-behind = results.tables.slices.query("slice_m < 0").groupby(["fraction", "pressure_bar"])
-behind.agg({"particle": ["size", "nunique"], "velocity_m_s": "median"})
+confidence.slices_behind_lance(results.tables.slices)
 
 # %% [markdown]
 # ## Verdicts
@@ -139,15 +138,11 @@ verdicts = statements.velocity_verdicts(results, printed, generator)
 first = statements.by_pressure(results.measured, "velocity 0-1 m (m/s)").iloc[:, 0]
 parts = [f"{name} {value:.1f}" for name, value in first.items()]
 off = (pairs["measured_m_s"] - pairs["true_m_s"])[pairs["slice_m"] == 1.0]
-far, near = metres[metres["metre"] > 3], metres[metres["metre"] < 4]
-shift = (near["detected_m_s"] - near["median_m_s"]).abs().max()
 
 # %%
 result = (
     f"Median velocity in the first metre at {first.name} bar (m/s): {', '.join(parts)}. Measured "
-    f"minus true, particle by particle: median {off.median():+.2f} m/s. Of "
-    f"{metres['number'].sum()} metres {metres['before_detection'].sum()} were passed before the "
-    f"particle was detected, beyond 3 m {far['before_detection'].sum()} of {far['number'].sum()}. "
-    f"Without them no median of the first three moves by over {shift:.1f} m/s."
+    f"minus true, particle by particle: median {off.median():+.2f} m/s. "
+    f"{confidence.describe_before_detection(metres)}"
 )
 figures.conclude(result, verdicts, origin)

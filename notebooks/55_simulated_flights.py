@@ -18,14 +18,11 @@ jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 
 # %%
-import pandas as pd
-
-from kilnflight.experiments import campaigns, confidence, flight_pictures, plots, statements
+from kilnflight.experiments import campaigns, confidence, flight_pictures, statements
 from kilnflight.project import figures, style
-from kilnflight.scores import flights
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import flight_inputs
-from kilnflight.twin.flight import ENDS, Flight
+from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
 # %%
@@ -47,10 +44,7 @@ by_source = {"simulated": simulated, "measured": measured}
 # ## Simulated trajectories
 
 # %%
-picture = flight_pictures.draw_simulated_in_space(flown, 30, bar)
-ends = [(name, ENDS[end]) for name in names for end in sorted(flown[name].end)]
-data = pd.DataFrame(ends, columns=["fraction", "end"]).groupby(["fraction", "end"], sort=False)
-data = data.size().reset_index(name="particles")
+picture, data = flight_pictures.draw_simulated_in_space(flown, 30, bar)
 caption = "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end."
 figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
 
@@ -61,11 +55,7 @@ figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, proven
 shown = 40  # flights of each fraction
 times = {name: each.end_s for name, each in flown.items()}
 picture = flight_pictures.draw_simulated_paths(flown, times, shown, "dwell time (s)", bar)
-parts = {
-    name: pd.DataFrame({"end_s": times[name], "depth_m": each.end_position_m[:, 0]}).head(shown)
-    for name, each in flown.items()
-}
-data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
+data = flight_pictures.simulated_ends(flown, shown)
 
 # %%
 caption = (
@@ -76,18 +66,7 @@ caption = (
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture, ((axes,),) = style.canvas(1, 1, width_mm=style.PAGE_MM, height_mm=75)
-groups = {kind: [values[name, bar].dwell_s for name in names] for kind, values in by_source.items()}
-plots.draw_grouped_boxes(axes, groups, names)
-axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
-_ = axes.legend(*axes.get_legend_handles_labels())
-data = pd.DataFrame(
-    {"source": source, "fraction": name} | flights.box(times)
-    for source, group in groups.items()
-    for name, times in zip(names, group, strict=True)
-)
-
-# %%
+picture, data = flight_pictures.draw_dwell_by_source(by_source, bar)
 caption = "Dwell times, simulated and measured; after the right part of Fig. A.6."
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)
 
@@ -97,13 +76,7 @@ figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance
 # %%
 speeds = {name: each.velocity_m_s[:, :, 0] for name, each in flown.items()}
 picture = flight_pictures.draw_simulated_paths(flown, speeds, shown, "velocity in depth (m/s)", bar)
-parts = {
-    name: pd.DataFrame(each.velocity_m_s, columns=flights.METRES).head(shown)
-    for (name, _), each in simulated.items()
-}
-data = pd.concat(parts, names=["fraction", "flight"]).reset_index()
-columns = {"var_name": "metre", "value_name": "velocity_m_s"}
-data = data.melt(["fraction", "flight"], **columns, ignore_index=False).sort_index(kind="stable")
+data = flight_pictures.simulated_velocities(simulated, shown)
 caption = (
     "The same flights coloured by their velocity in depth (scale: 5 to 95 % of all moments), after "
     "the left part of Fig. A.7; the table has the mean velocity in each metre (Eq. 5.8), empty "

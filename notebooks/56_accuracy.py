@@ -88,16 +88,9 @@ figures.save("fig-accuracy-steps", data, picture=picture, caption=caption, prove
 
 # %%
 medians = confidence.median_table(results.measured, results.true, generator)
-outcomes = [f"velocity {k - 1}-{k} m (m/s)" for k in (1, 2, 3)]
-outcomes += ["dwell median (s)", "ignition median (s)"]
-known = medians[medians["outcome"].isin(outcomes)].dropna(subset=["low", "true"])
 apart = confidence.all_differences(results.measured, results.true, generator)
-resolved = apart[apart["resolved"]]
-wrong = int((np.sign(resolved["estimate"]) * np.sign(resolved["true"]) < 0).sum())
-nothing = int((resolved["true"] == 0).sum())
 
 # %%
-ours, theirs = int(apart["resolved"].sum()), int(apart["resolved_with_table_5_15"].sum())
 share = 100 * whole["detected_particles"].sum() / max(whole["measurable_particles"].sum(), 1)
 dwell = medians[medians["outcome"] == "dwell median (s)"]
 off = [each.dropna() for each in (whole["dwell_s_bias"], dwell["estimate"] - dwell["true"])]
@@ -107,8 +100,6 @@ span, of_campaigns = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unkn
 result = (
     f"Of the measurable particles {share:.0f} % are detected. Their dwell times are off by {span} "
     f"(median over the particles of a campaign), the medians of the campaigns by {of_campaigns}. "
-    f"Intervals cover the truth in {int(known['covers'].sum())} of {len(known)} cases. {ours} of "
-    f"{len(apart)} differences are resolved ({wrong} with the wrong sign, {nothing} where there is "
-    f"none), {theirs} with Table 5.15's numbers."
+    f"{confidence.describe_coverage(medians)} {confidence.describe_resolved(apart)}"
 )
 figures.conclude(result, [], origin)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kilnflight.belt import PredictionPhase, evaluation
 from kilnflight.belt.friction import MATERIALS
-from kilnflight.belt.valves import MODELS, ValveBar, hit_shares
+from kilnflight.belt.valves import MODELS, ValveBar, along, hit_shares, mean_hit_shares
 from kilnflight.checks import InputError
 
 BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
@@ -129,6 +129,24 @@ def test_the_same_seed_gives_the_same_shares(observed):
     first, again = (hit_shares(observed, PHASE, BARS, seed=1) for _ in range(2))
     assert first.equals(again)
     assert not first.equals(hit_shares(observed, PHASE, BARS, seed=2))
+
+
+def test_shares_are_means_over_the_seeds(observed):
+    table = mean_hit_shares({"cuboids": observed}, PHASE, BARS, [1, 2])
+    single = [hit_shares(observed, PHASE, BARS, seed=seed)["hit_percent"] for seed in (1, 2)]
+    assert table["hit_percent"].to_numpy() == pytest.approx(sum(single).to_numpy() / 2)
+    assert table["data_set"].unique().tolist() == ["cuboids"]
+
+
+def test_bars_along_one_quantity_are_else_as_the_given_one(observed):
+    bars = [ValveBar(), ValveBar(valves=8), ValveBar(valve_mm=2.0), ValveBar(open_s=0.01)]
+    table = hit_shares(observed, PHASE, bars, seed=1)
+    parts = {name: along(table, name, ValveBar()) for name in ("valves", "valve_mm", "open_ms")}
+    assert parts["valves"]["valves"].unique().tolist() == [32, 8]
+    assert parts["valve_mm"]["valve_mm"].unique().tolist() == [180.0 / 32, 2.0]
+    assert parts["open_ms"]["open_ms"].unique().tolist() == [5.0, 10.0]
+    assert all(len(part) == 2 * len(MODELS) for part in parts.values())
+    assert len(along(table, "", ValveBar())) == len(MODELS)
 
 
 def test_predictions_are_what_the_lateral_deviations_come_from(observed):

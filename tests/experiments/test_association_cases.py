@@ -10,10 +10,14 @@ from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.association_cases import (
+    NAMES,
+    chain_of_tracks,
     event_table,
     feasible_events,
     gate_table,
+    interrupted_flight,
     most_events,
+    sketched_outcomes,
 )
 
 FIGURE_2_23 = [[1, 1, 0], [1, 1, 1], [1, 0, 1], [1, 0, 1]]
@@ -96,3 +100,39 @@ def test_a_detection_at_another_depth_is_in_the_ellipse_only():
     assert table["frame"].min() == 1
     assert table["in_ellipse"].all()
     assert table.loc[~table["in_gate"], "z"].tolist() == [2000.0]
+
+
+def test_outcomes_of_the_sketches_are_read_off_the_weights():
+    own = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0]])  # none, D1, D2, N1 of T1 and T2
+    taken = np.array([[0.0, 0, 1, 0], [1, 0, 0, 0]])
+    shared = np.array([[0.1, 0.3, 0.6, 0], [0.2, 0, 0.8, 0]])
+    clutter = np.array([[0.0, 0, 0, 1], [0, 0, 1, 0]])
+    between = np.array([[0.0, 0.4, 0, 0.6], [0, 0, 1, 0]])
+    weights = {("apart", name): own for name in NAMES}
+    crowd, mixed = (taken, own, shared, shared), (clutter, clutter, between, between)
+    weights |= {("crowded", name): part for name, part in zip(NAMES, crowd, strict=True)}
+    weights |= {("clutter", name): part for name, part in zip(NAMES, mixed, strict=True)}
+    assert sketched_outcomes(weights).tolist() == [True] * 6
+    weights |= {("crowded", "NN"): own, ("clutter", "JPDA"): clutter}
+    assert sketched_outcomes(weights).tolist() == [True, False, True, True, True, False]
+
+
+def test_events_of_a_chain_are_counted_without_a_list():
+    for tracks in (1, 2, 5):  # 3, then 3 x 3 less the one in which both take the same
+        chain = np.eye(tracks, tracks + 1) + np.eye(tracks, tracks + 1, 1)
+        listed = feasible_events(np.column_stack([np.ones(tracks + 1), chain.T]))
+        number, error = chain_of_tracks(tracks)
+        assert number == len(listed)
+        assert error < 1e-12
+
+
+def test_an_interrupted_flight_has_clutter_nearer_and_a_gap():
+    table = interrupted_flight(0)
+    particle = table[table["origin"] == "particle"]
+    assert particle["frame"].tolist() == [0, 1, 2, 3, 4, 8, 9, 10, 11]
+    assert particle.loc[particle["z"].isna(), "frame"].tolist() == [10]
+    assert table["origin"].value_counts().to_dict() == {
+        "other particle": 12, "particle": 9, "clutter": 1
+    }  # fmt: skip
+    nearer = table[table["origin"] == "clutter"]["z"].item() - particle["z"][3]
+    assert nearer == pytest.approx(-2600)

@@ -357,8 +357,13 @@ def test_predicted_particles_and_filters_by_material(bodies):
     assert counts["particles"].tolist() == ["all", "seen with another"]
     assert counts["fed"].tolist()[0] == 12
     filters = belt_2016.compare_filters(pictured, tracks)
-    assert filters["filter"].nunique() == 3
-    assert (filters.query("quantity == 'lateral_mm'")["median"].abs() < 0.5).all()
+    assert filters.index.get_level_values("filter").nunique() == len(filters) == 3
+    assert (filters["median", "lateral_mm"].abs() < 0.5).all()
+    every = belt_2016.all_deviations(pictured, tracks)
+    assert every["data"].unique().tolist() == ["noise-free", "images"]
+    pd.testing.assert_frame_equal(
+        every[every["data"] == "images"][images.columns], images, check_index_type=False
+    )
 
 
 def test_agreement_with_what_was_fitted_is_no_verdict():
@@ -372,6 +377,15 @@ def test_agreement_with_what_was_fitted_is_no_verdict():
     fitted = belt_2016.judge_spheres(table, boxes, "40 spheres", fitted=True)
     undecidable = [verdict.id for verdict in fitted if verdict.verdict == claims.NOT_DECIDABLE]
     assert undecidable == ["belt16-2", "belt16-4"]
+
+
+def test_materials_whose_tracking_spreads_more_than_straight():
+    narrow = tracked(AS_IN_2016).assign(material="spheres")
+    swapped = {"Tracking": "Straight", "Straight": "Tracking"}
+    wide = narrow.assign(material="cuboids").replace({"approach": swapped})
+    table = belt_2016.wider_than_straight(belt_2016.summaries(pd.concat([narrow, wide])))
+    assert table.index.tolist() == ["cuboids"]
+    assert table.loc["cuboids"].to_dict() == pytest.approx({"Straight": 1.0, "Tracking": 2.0})
 
 
 def test_sources_are_ours_at_both_rates_and_the_authors(bodies):

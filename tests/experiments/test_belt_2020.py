@@ -10,6 +10,7 @@ import pytest
 from kilnflight.belt import PredictionPhase
 from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations
 from kilnflight.belt.pictures import at_rate
+from kilnflight.belt.tracker import Followed
 from kilnflight.experiments import belt_2020, belt_claims, belt_sorter
 from kilnflight.experiments.belt_2020 import over_draws
 from kilnflight.experiments.belt_claims import arrival_answers, lateral_answers, speed_answers
@@ -45,6 +46,60 @@ def test_comparison_has_a_row_per_data_set_draw_and_model(small):
     table = belt_2020.compare_models(observed, phase, evaluation, arrival_deviations, 1)
     assert len(table) == 3 * 2 * 6
     assert table.columns[:4].tolist() == ["source", "data_set", "draw", "model"]
+
+
+def test_a_study_compares_its_models_to_the_target(small):
+    observed = {key: belt_2020.PHASE.observe(bodies) for key, bodies in small.items()}
+    table = belt_2020.ARRIVAL.compare(observed, 2, 1)
+    by_draw = belt_2020.compare_models(
+        observed, belt_2020.PHASE, Evaluation(draws=2), arrival_deviations, 1
+    )
+    expected = by_draw.groupby(["data_set", "model"], sort=False)["mae"].median()
+    assert table["mae"].to_numpy() == pytest.approx(expected.to_numpy(), abs=1e-6)
+
+
+def test_the_same_few_particles_are_drawn_from_each_data_set(small):
+    steps = belt_2020.sample_steps(small, belt_2020.OWN, 3, seed=0)
+    assert steps["data_set"].unique().tolist() == list(belt_2020.DATA_SETS)
+    assert (steps.groupby("data_set")["particle"].nunique() == 3).all()
+    assert steps.equals(belt_2020.sample_steps(small, belt_2020.OWN, 3, seed=0))
+    every = belt_2020.step_velocities(small[belt_2020.OWN, "spheres"])
+    part = steps[steps["data_set"] == "spheres"]
+    chosen = every[every["particle"].isin(part["particle"])]
+    assert part["velocity_x_mm_s"].tolist() == chosen["velocity_x_mm_s"].tolist()
+
+
+def test_on_recordings_constant_velocity_is_exact_and_short_tracks_are_left_out():
+    """Particles at 80 px per frame along the belt and 1 px across; number 59 has a gap."""
+    frame, particles = np.arange(28), 60
+    table = pd.concat(
+        [
+            pd.DataFrame(
+                {"frame": frame + 40 * k, "x": 5.0 + 80.0 * frame, "y": 500.0 + frame + 10 * k}
+            )
+            for k in range(particles)
+        ],
+        ignore_index=True,
+    )
+    table["particle"] = np.repeat(np.arange(particles), len(frame))
+    known = {"velocity_x_mm_s": 80.0, "velocity_y_mm_s": 1.0, "valid": 1, "score": 1.0}
+    known |= {"acceleration_x_mm_s2": 0.0, "acceleration_y_mm_s2": 0.0}
+    states = table.assign(row=np.arange(len(table)), **known).drop(index=59 * len(frame) + 17)
+    followed = {("spheres", "CV filter"): Followed(states, pd.DataFrame())}
+    phase, evaluation = PredictionPhase(1150.0, 1550.0), Evaluation(share=0.1, draws=2)
+    models, omitted = belt_2020.compare_on_recordings(
+        followed, {"spheres": table}, phase, evaluation, 1
+    )
+    assert omitted.iloc[0][["data_set", "filter", "predicted"]].tolist() == [
+        "spheres", "CV filter", 59
+    ]  # fmt: skip
+    assert (models["left_out"] == 1).all()
+    assert not models["model"].isin(["CALV", "LV-DSC"]).any()
+    exact = models.set_index(["quantity", "model"])["mae"]
+    assert exact["arrival_frames", "CV"] == pytest.approx(0.0, abs=1e-9)
+    assert exact["lateral_px", "Straight"] == pytest.approx((1550 - 1125) / 80)
+    empty, _ = belt_2020.compare_on_recordings({}, {}, phase, evaluation, 1)
+    assert empty.columns.tolist() == models.columns.tolist()
 
 
 def test_other_targets_keep_the_length_of_the_phase(small):

@@ -112,6 +112,39 @@ def test_metres_before_the_first_detection_are_counted_and_left_out_beside():
     assert table["median_m_s"].iloc[1:].isna().all()
 
 
+def test_metres_before_detection_are_described():
+    rows = [(1, 10, 4, 8.0, 7.5), (3, 6, 0, 5.0, 5.25), (4, 3, 2, 4.0, 9.0), (5, 1, 1, 3.0, np.nan)]
+    columns = ["metre", "number", "before_detection", "median_m_s", "detected_m_s"]
+    assert confidence.describe_before_detection(pd.DataFrame(rows, columns=columns)) == (
+        "Of 20 metres 7 were passed before the particle was detected, beyond 3 m 3 of 4. Without "
+        "them no median of the first three moves by over 0.5 m/s."
+    )
+
+
+def test_slices_behind_the_lance_are_counted():
+    keys = dict(zip(confidence.KEYS, CELL, strict=True))
+    slices = pd.DataFrame({**keys, "particle": [1, 1, 2, 2], "slice_m": [-1.0, -2.0, -1.0, 1.0]})
+    table = confidence.slices_behind_lance(slices.assign(velocity_m_s=[-3.0, -1.0, -2.0, 9.0]))
+    assert table.loc[CELL].tolist() == [3, 2, -2.0]
+
+
+def test_coverage_and_differences_are_described():
+    outcomes = ["dwell median (s)", "velocity 2-3 m (m/s)", "velocity 3-4 m (m/s)"]
+    medians = pd.DataFrame({"outcome": outcomes, "low": 1.0, "true": 2.0})
+    medians["covers"] = [True, False, True]
+    text = "Intervals cover the truth in 1 of 2 cases."  # the fourth metre does not count
+    assert confidence.describe_coverage(medians) == text
+    unknown = medians.assign(low=np.nan, outcome="ignition median (s)")
+    assert confidence.describe_coverage(pd.concat([medians, unknown])) == text
+    rows = [(1.0, 2.0, True, True), (1.0, -2.0, True, False), (-1.0, 0.0, True, False)]
+    rows += [(1.0, -1.0, False, False)]
+    columns = ["estimate", "true", "resolved", "resolved_with_table_5_15"]
+    assert confidence.describe_resolved(pd.DataFrame(rows, columns=columns)) == (
+        "3 of 4 differences are resolved (1 with the wrong sign, 1 where there is none), 1 with "
+        "Table 5.15's numbers."
+    )
+
+
 def test_as_large_a_part_of_table_5_15_has_a_value():
     values = np.where(np.arange(80) % 4 == 0, np.linspace(0, 1, 80), np.nan)
     groups = {("confetti", 4.5): values, ("PE granule", 4.5): values + 5}

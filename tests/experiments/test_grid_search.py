@@ -130,6 +130,48 @@ def test_a_tracker_that_refuses_a_window_has_rows_without_measures(window):
     assert scores["beta"].isna().tolist() == [False, False, True, True]
 
 
+def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
+    monkeypatch.setattr(peers, "available", lambda: ("laptrack",))
+    assert list(grid_search.all_grids()) == ["GNN, ours", "JPDA, ours", "laptrack"]
+    monkeypatch.setattr(peers, "available", lambda: ("stonesoup",))
+    assert list(grid_search.all_grids())[2:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
+
+
+def test_slow_trackers_are_tried_on_the_first_frames(monkeypatch):
+    monkeypatch.setattr(grid_search, "SLOW_FRAMES", 6)
+    grids = {"one": hill(0.0), grid_search.SLOW[0]: hill(0.0)}
+    tried = grid_search.grid_search([a_window(10)], grids)
+    frames = tried.groupby("tracker")["frames"].unique().explode()
+    assert frames.to_dict() == {"one": 10, grid_search.SLOW[0]: 6}
+
+
+def test_chosen_settings_stand_beside_the_range_of_all():
+    rows = [("a", "x", 0.9, 0.5, True), ("a", "y", 0.8, 0.1, False), ("a", "z", 0.7, 0.3, False)]
+    columns = ["tracker", "setting", "alpha", "beta", "chosen"]
+    table = grid_search.chosen_settings(pd.DataFrame(rows, columns=columns))
+    assert table.to_dict("records") == [
+        {"tracker": "a", "setting": "x", "alpha": 0.9, "beta": 0.5}
+        | {"beta_min": 0.1, "beta_median": 0.3, "beta_max": 0.5}
+    ]
+
+
+def test_leaders_are_described_with_ours_and_who_did_not_run():
+    rows = [
+        ("chip", "GNN, ours", "without", 0.5),
+        ("chip", "peer", "without", 0.6),
+        ("shred", "GNN, ours", "without", 0.4),
+        ("shred", "peer", "without", np.nan),
+        ("chip", "GNN, ours", "with", 0.7),
+        ("shred", "GNN, ours", "with", 0.8),
+    ]
+    table = pd.DataFrame(rows, columns=["fraction", "tracker", "postprocessing", "beta"])
+    assert grid_search.describe_leaders(table) == (
+        "Largest beta without post-processing chip peer 0.600 (ours 0.500); shred GNN, ours 0.400 "
+        "(means: GNN, ours 0.450). Largest beta with post-processing chip GNN, ours 0.700; shred "
+        "GNN, ours 0.800 (means: GNN, ours 0.750). Not run on every window: peer."
+    )
+
+
 def test_nothing_to_choose_from_is_an_error(window):
     with pytest.raises(InputError, match="no windows"):
         grid_search.grid_search([], {"one": hill(1.0)})

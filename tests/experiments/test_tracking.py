@@ -157,6 +157,20 @@ def test_windows_and_measures_stand_beside_the_printed_ones(window):
     assert (tracking.gains(cells).xs("beta", level="measure") > 0).all()
 
 
+def test_tracks_of_each_stage_stand_beside_the_truth(window):
+    tables = tracking.tracks_by_stage([window], {"GNN": track})["confetti"]
+    assert list(tables) == ["truth", "GNN without steps", "GNN with steps"]
+    assert tables["truth"] is window.truth
+    assert tables["GNN without steps"].equals(track(window.detections))
+
+
+def test_measures_after_post_processing_have_a_column_for_each_tracker():
+    rows = [("a", "GNN", "with", 0.5), ("a", "GNN", "without", 0.1), ("a", "JPDA", "with", 0.6)]
+    cells = pd.DataFrame(rows, columns=[*tracking.KEYS, "recomputed"]).assign(measure="alpha")
+    after = tracking.after_postprocessing(cells)
+    assert after.loc[("a", "alpha")].to_dict() == {"GNN": 0.5, "JPDA": 0.6}
+
+
 def test_a_smoke_run_leaves_claims_about_four_fractions_undecided(window):
     chip = window._replace(fraction="wood chip")
     measured = tracking.run([window, chip], {"GNN": track, "JPDA": track})

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
 from kilnflight.project import data, paths
 from kilnflight.tables import BELT_TRACKS
@@ -180,6 +181,40 @@ def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
     order = np.lexsort((frame, track))
     same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
     return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
+
+
+def compare_links(measured: pd.DataFrame, followed: Followed) -> dict[str, float]:
+    """Compare the links of a tracker with those of the authors.
+
+    Parameters
+    ----------
+    measured
+        Of `join_recordings`, a row per measurement.
+    followed
+        Tracks of these measurements.
+
+    Returns
+    -------
+    dict
+        ``measurements``, ``links_authors``, ``links_tracker``; ``recall_percent``: share of the
+        authors' links that the tracker has; ``agreed_percent``: share of its links that the authors
+        have; ``tracks REASON``: how many tracks ended for each reason.
+    """
+    states = followed.states[followed.states["row"] >= 0]
+    track = pd.Series(states["particle"].to_numpy(), states["row"])
+    track = track.reindex(range(len(measured)), fill_value=-1)
+    tracker = links(measured.assign(track=track.to_numpy()), "track")
+    authors = links(measured, "author_track")
+    shared = 100 * len(tracker.intersection(authors))
+    ends = followed.ends["reason"].value_counts()
+    return {
+        "measurements": len(measured),
+        "links_authors": len(authors),
+        "links_tracker": len(tracker),
+        "recall_percent": shared / len(authors),
+        "agreed_percent": shared / len(tracker),
+        **{f"tracks {reason}": int(count) for reason, count in ends.items()},
+    }
 
 
 def _stem(path: Path) -> str:

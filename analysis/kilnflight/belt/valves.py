@@ -6,8 +6,9 @@ blows particles out. Neither evaluates it; numbers of a real bar are for the use
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +179,43 @@ def hit_shares(
             rows.append((model, bar.valves, bar.width_mm, 1000 * bar.open_s, *sizes, *percent))
     columns = ["model", "valves", "valve_mm", "open_ms", "ejected", "remaining"]
     return pd.DataFrame(rows, columns=[*columns, "hit_percent", "inadvertent_percent"])
+
+
+def mean_hit_shares(
+    observed: Mapping[str, Observed],
+    phase: PredictionPhase,
+    bars: Sequence[ValveBar],
+    seeds: Iterable[int],
+    blown: float = 0.1,
+) -> pd.DataFrame:
+    """Return means over the seeds of `hit_shares` for each ``data_set``, model and bar."""
+    parts = {
+        (name, seed): hit_shares(part, phase, bars, seed, blown)
+        for (name, part), seed in product(observed.items(), seeds)
+    }
+    every = pd.concat(parts, names=["data_set", "seed"]).reset_index("data_set")
+    keys = ["data_set", "model", "valves", "valve_mm", "open_ms"]
+    return every.groupby(keys, sort=False).mean().reset_index()
+
+
+def along(table: pd.DataFrame, name: str, bar: ValveBar) -> pd.DataFrame:
+    """Return the rows of bars that are as a given one but for a column.
+
+    Parameters
+    ----------
+    table
+        Of `hit_shares`.
+    name
+        ``valves``, ``valve_mm`` or ``open_ms``, which may differ; "": none.
+    bar
+        The given one; as there, a jet is as wide as the pitch of its bar.
+    """
+    same = {
+        "valves": table["valves"] == bar.valves,
+        "valve_mm": table["valve_mm"] == bar.belt_mm / table["valves"],
+        "open_ms": table["open_ms"] == 1000 * bar.open_s,
+    }
+    return table[np.all([rows for column, rows in same.items() if column != name], axis=0)]
 
 
 def _drawn(count: int, seed: int, blown: float, calibrating: float) -> tuple[Flags, Flags]:

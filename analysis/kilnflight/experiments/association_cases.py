@@ -145,6 +145,62 @@ def weigh(cases: Mapping[str, Pairs]) -> tuple[dict[tuple[str, str], Array], pd.
     return weights, pd.DataFrame(rows, columns=columns)
 
 
+def sketched_outcomes(weights: Mapping[tuple[str, str], Array]) -> pd.Series:
+    """Return which outcomes of the thesis's sketches weights show (Figs 2.20 to 2.22).
+
+    ``weights`` is of `weigh`, for the situations "apart", "crowded" and "clutter".
+    """
+    apart, crowd, clutter = (  # (associator, track, none and detections)
+        np.stack([weights[situation, name] for name in NAMES])
+        for situation in ("apart", "crowded", "clutter")
+    )
+    outcomes = {
+        "apart: all mostly take their own": (apart[:, [0, 1], [1, 2]] > 0.5).all(),
+        "crowded: NN takes D2 for T1, none for T2": crowd[0, [0, 1], [2, 0]].all(),
+        "crowded: GNN gives each its own": crowd[1, [0, 1], [1, 2]].all(),
+        "crowded: PDA shares T1 out, most to D2": 0.1 < crowd[2, 0, 1] < crowd[2, 0, 2],
+        "clutter: NN and GNN take N1": (clutter[:2, 0, 3] == 1).all(),
+        "clutter: PDA and JPDA between D1 and N1": (clutter[2:, 0, [1, 3]] > 0.1).all(),
+    }
+    return pd.Series(outcomes, name="comes out", dtype=bool)
+
+
+def chain_of_tracks(tracks: int) -> tuple[int, float]:
+    """Return a chain's number of joint events, and the largest error of their weights.
+
+    Each track shares a detection with its neighbours; likelihoods are equal. The number of events
+    of ever longer chains obeys a recursion. Those that miss a track are the product of the numbers
+    of the two shorter chains beside it.
+    """
+    count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
+    while len(count) <= tracks:  # missed, right, left if free: count[-2] have taken the left one
+        count.append(3 * count[-1] - count[-2])
+    chain = np.eye(tracks, tracks + 1) + np.eye(tracks, tracks + 1, 1)
+    beta = joint_probabilities(chain, np.ones(tracks))
+    missed = [count[k] * count[tracks - 1 - k] / count[tracks] for k in range(tracks)]
+    rows, ends = beta.sum(axis=1) - 1, beta[:, 1:] - beta[::-1, :0:-1]  # the same from either end
+    return count[tracks], max(
+        float(np.abs(part).max()) for part in (rows, ends, beta[:, 0] - missed)
+    )
+
+
+def interrupted_flight(seed: int) -> pd.DataFrame:
+    """Return detections of a flight of twelve frames, missed in frames 5 to 7.
+
+    ``origin``: "particle", without depth in frame 10; "other particle", far away in all frames;
+    "clutter", nearer than the particle in frame 3.
+    """
+    frames, random = np.arange(12), np.random.default_rng(seed)
+    flight = pd.DataFrame({"frame": frames, "row": 40.0 + 3 * frames, "col": 20.0 + 26 * frames})
+    flight[["row", "col"]] += random.normal(0, 1.0, (12, 2))
+    flight["z"] = 5000.0 + 60 * frames + random.normal(0, 200, 12)
+    flight.loc[10, "z"] = np.nan
+    other = flight.assign(row=flight["row"] + 500, z=5000.0, origin="other particle")
+    clutter = (flight[frames == 3] + [0, 6, -7, -2600]).assign(origin="clutter")
+    flight = flight.drop(index=[5, 6, 7]).assign(origin="particle")
+    return pd.concat([flight, other, clutter], ignore_index=True)
+
+
 def gate_table(detections: pd.DataFrame) -> pd.DataFrame:
     """Return the detections beside the first track's gate, from its second frame on.
 

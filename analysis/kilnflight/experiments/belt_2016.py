@@ -133,6 +133,17 @@ def from_images(
     return pd.concat(tables, ignore_index=True)
 
 
+def all_deviations(
+    pictured: Mapping[str, PictureTracks], bodies: Mapping[str, pd.DataFrame]
+) -> pd.DataFrame:
+    """Return `noise_free` and `from_images` by ``material`` and ``data``."""
+    parts = {}
+    for material, tracks in bodies.items():
+        parts[material, "noise-free"] = noise_free(tracks)
+        parts[material, "images"] = from_images(pictured[material], tracks)
+    return pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
+
+
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     """Return the true particle of each track: that of the least distance function.
 
@@ -267,7 +278,7 @@ def compare_filters(
     Returns
     -------
     DataFrame
-        ``material``, ``filter``, and the columns of `summaries`.
+        ``median`` and ``iqr`` of each quantity by material and filter.
     """
     parts = {}
     for material, measured in pictured.items():
@@ -279,7 +290,9 @@ def compare_filters(
         ):
             table = from_images(spots, tracks[material], when)
             parts[material, name] = summaries(table[table["approach"] == TRACKING])
-    return pd.concat(parts, names=["material", "filter"]).droplevel(-1).reset_index()
+    table = pd.concat(parts, names=["material", "filter"]).droplevel(-1).reset_index()
+    keys = ["material", "filter"]
+    return table.pivot(index=keys, columns="quantity", values=["median", "iqr"])
 
 
 def compare_sources(
@@ -318,6 +331,18 @@ def summaries(table: pd.DataFrame) -> pd.DataFrame:
                 row = dict(zip(names, key, strict=True)) | {"quantity": quantity}
                 rows.append(row | summarise_deviations(part[quantity].to_numpy()))
     return pd.DataFrame(rows)
+
+
+def wider_than_straight(boxes: pd.DataFrame) -> pd.DataFrame:
+    """Return the materials for which Tracking spreads more than Straight from images.
+
+    A column for each approach: the interquartile range across the belt in mm, from `summaries` with
+    ``material`` and ``data``.
+    """
+    lateral = boxes.query("quantity == 'lateral_mm' and data == 'images'")
+    iqr = lateral.pivot(index="material", columns="approach", values="iqr")
+    iqr = iqr.loc[lateral["material"].unique()]
+    return iqr[iqr[TRACKING] > iqr[STRAIGHT]]
 
 
 def _check_1000(bodies: pd.DataFrame) -> None:

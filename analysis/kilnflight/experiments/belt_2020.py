@@ -8,15 +8,14 @@ Notebook 40 studies the time of arrival (`ARRIVAL`), notebook 41 the lateral pos
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 from tqdm import tqdm
 
 from kilnflight.belt import sorter
@@ -28,12 +27,14 @@ from kilnflight.belt.evaluation import (
     arrival_deviations,
     lateral_deviations,
     motion_profile,
+    observe,
     step_velocities,
 )
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import read_dem
+from kilnflight.belt.tracker import Followed
 from kilnflight.experiments.belt_claims import (
     DATA_SETS,
     Answer,
@@ -43,7 +44,6 @@ from kilnflight.experiments.belt_claims import (
     lateral_notes,
 )
 from kilnflight.project import claims
-from kilnflight.project.style import MARKERS, PAGE_MM, canvas, draw_boxes
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
@@ -54,8 +54,7 @@ PHASE = PredictionPhase()
 # The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
 AT_EDGE = PredictionPhase(638.0, 788.0)
 
-
-Key = tuple[str, str]  # source, data set
+Key = tuple[str, str]  # source, data set; on recordings data set, filter
 Answers = Callable[[pd.DataFrame], dict[str, Answer]]
 
 
@@ -112,6 +111,19 @@ def profiles(
     return pd.concat(parts, names=[name, "data_set"]).droplevel(-1).reset_index()
 
 
+def sample_steps(
+    tracks: Mapping[Key, pd.DataFrame], source: str, particles: int, seed: int
+) -> pd.DataFrame:
+    """Return `step_velocities` of some particles of each ``data_set``, drawn at random."""
+    parts = {}
+    for data_set in DATA_SETS:
+        steps = step_velocities(tracks[source, data_set])
+        known = steps["particle"].unique()
+        chosen = np.random.default_rng(seed).choice(known, particles, replace=False)
+        parts[data_set] = steps[steps["particle"].isin(chosen)].assign(data_set=data_set)
+    return pd.concat(parts.values())
+
+
 def count_particles(
     tracks: Mapping[Key, pd.DataFrame], observed: Mapping[Key, Observed]
 ) -> pd.DataFrame:
@@ -160,6 +172,45 @@ def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
     return table.reset_index()
+
+
+def compare_on_recordings(
+    followed: Mapping[Key, Followed],
+    measured: Mapping[str, pd.DataFrame],
+    phase: PredictionPhase,
+    evaluation: Evaluation,
+    seed: int,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return deviations on recordings of a real belt, and how many tracks are left out.
+
+    CALV and LV-DSC need the belt's velocity, which is not published; they are left out. Tracks
+    are by data set and filter; their px and frames stand for mm and s.
+
+    Returns
+    -------
+    models : DataFrame
+        ``data_set``, ``filter``, ``quantity`` (arrival_frames, lateral_px), ``model``, `SUMMARY`,
+        ``left_out``.
+    omitted : DataFrame
+        ``data_set``, ``filter``, ``predicted``, and tracks left out by reason.
+    """
+    # Arrivals come in thousandths of a frame.
+    quantities = {"arrival_frames": (arrival_deviations, 0.001)}
+    quantities["lateral_px"] = lateral_deviations, 1.0
+    parts, omitted = [], []
+    for (data_set, name), tracks in followed.items():
+        keys: dict[str, Any] = {"data_set": data_set, "filter": name}
+        observed = observe(tracks, measured[data_set], phase, 1.0)
+        omitted.append(keys | {"predicted": len(observed.last)} | observed.left_out)
+        keys["left_out"] = sum(observed.left_out.values())
+        for quantity, (deviations, unit) in quantities.items():
+            table = over_draws(evaluation(observed, phase, deviations, seed))
+            table[SUMMARY[1:8]] *= unit
+            parts.append(table.assign(**keys, quantity=quantity))
+    columns = ["data_set", "filter", "quantity", "model", *SUMMARY, "left_out"]
+    models = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
+    models = models.loc[~models["model"].isin(["CALV", "LV-DSC"]), columns]
+    return models.reset_index(drop=True), pd.DataFrame(omitted)
 
 
 def vary_target(
@@ -333,6 +384,12 @@ class Study:
         values = [f"{name}_{self.unit[0]}" for name in ("median", "q25", "q75", "mae")]
         return self.labelled(deviations)[["source", "data_set", "model", "n", *values]]
 
+    def compare(self, observed: Mapping[Key, Observed], draws: int, seed: int) -> pd.DataFrame:
+        """Return `over_draws` of `compare_models` to the target of `PHASE`, rounded."""
+        evaluation = Evaluation(draws=draws)
+        by_draw = compare_models(observed, PHASE, evaluation, self.deviations, seed)
+        return over_draws(by_draw).round(6)
+
     def vary(
         self, tracks: Mapping[Key, pd.DataFrame], evaluation: Evaluation, seed: int
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -385,58 +442,3 @@ LATERAL = Study(
     lateral_notes,
     ("belt20-8", "belt20-10"),
 )
-
-
-def boxes_by_source(summaries: pd.DataFrame, label: str, height_mm: float) -> Figure:
-    """Draw box plots of deviations on the belt: rows are sources, columns data sets.
-
-    Parameters
-    ----------
-    summaries
-        ``source``, ``data_set``, ``model`` and the columns that `style.draw_boxes` takes.
-    label
-        Of the vertical axes, below the source.
-    height_mm
-        Of a row.
-    """
-    sources, sets = summaries["source"].unique(), summaries["data_set"].unique()
-    size = {"width_mm": PAGE_MM, "height_mm": height_mm * len(sources)}
-    picture, grid = canvas(len(sources), len(sets), **size)
-    for panels, source in zip(grid, sources, strict=True):
-        panels[0].set_ylabel(f"{source}\n{label}")
-        for axes, data_set in zip(panels, sets, strict=True):
-            table = summaries[(summaries["source"] == source) & (summaries["data_set"] == data_set)]
-            axes.axhline(0, color="0.6", lw=0.6, ls="-")
-            draw_boxes(axes, table)
-            axes.set(title=data_set)
-            rotation = 60 if len(table) > 5 else 0
-            axes.set_xticks(range(len(table)), table["model"], rotation=rotation)
-    return picture
-
-
-def lines_by_rate(by_rate: pd.DataFrame, models: Sequence[str], measure: str, label: str) -> Figure:
-    """Draw deviations over the sampling rate: a panel per data set, a line per model.
-
-    Parameters
-    ----------
-    by_rate
-        From `vary_rate`.
-    models
-        Which are drawn.
-    measure, label
-        Column of the vertical axes, and their label.
-    """
-    sets = by_rate["data_set"].unique()
-    picture, (panels,) = canvas(1, len(sets), width_mm=PAGE_MM, height_mm=55)
-    for axes, data_set in zip(panels, sets, strict=True):
-        table = by_rate[by_rate["data_set"] == data_set]
-        wide = table.pivot(index="sampling_hz", columns="model", values=measure)
-        for name, mark in zip(models, MARKERS, strict=False):
-            axes.plot(wide[name], marker=mark, label=name)
-        axes.set(title=data_set, xlabel="sampling rate (Hz)", xscale="log", yscale="log")
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
-        axes.minorticks_off()
-    panels[0].set_ylabel(label)
-    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
-    return picture

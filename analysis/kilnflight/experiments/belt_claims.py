@@ -15,8 +15,8 @@ DATA_SETS = tuple(MATERIALS)
 Answer = dict[str, bool] | pd.Series  # conditions for `kilnflight.project.claims.judge`
 
 
-def _wide(table: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return a row per data set, as the paper orders them, and a column per model."""
+def by_model(table: pd.DataFrame, quantity: str) -> pd.DataFrame:
+    """Return a quantity by data set (rows, as the paper orders them) and model."""
     wide = table.pivot(index="data_set", columns="model", values=quantity)
     return wide.reindex([name for name in DATA_SETS if name in wide.index])
 
@@ -29,7 +29,7 @@ def arrival_answers(table: pd.DataFrame) -> dict[str, Answer]:
     table
         Of one source: ``data_set``, ``model``, ``iqr`` and ``mae`` of the arrival in ms.
     """
-    mae, iqr = _wide(table, "mae"), _wide(table, "iqr")
+    mae, iqr = by_model(table, "mae"), by_model(table, "iqr")
     order = {
         f"{name}: CA {ca:.2f}, CVBC {cvbc:.2f} ms": bool((ca > cvbc) == (name != "cuboids"))
         for name, ca, cvbc in mae[["CA", "CVBC"]].itertuples()
@@ -69,7 +69,7 @@ def lateral_answers(table: pd.DataFrame) -> dict[str, Answer]:
     table
         Of one source: ``data_set``, ``model`` and ``iqr`` of the lateral position in mm.
     """
-    iqr = _wide(table, "iqr")
+    iqr = by_model(table, "iqr")
     rank = iqr.rank(axis=1)["IA-Ratio"].astype(int)
     worst = (iqr.idxmax(axis=1) == "Straight") & (iqr["CV-CV"] < 0.8 * iqr["Straight"])
     better = [str(name) for name in iqr.index[iqr["CA-CA"] < iqr["CV-CV"]]]
@@ -108,7 +108,7 @@ def lateral_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
     iqr = by_target.pivot(index=["target_mm", "data_set"], columns="model", values="iqr")
     shares = (iqr["CV-CV"] / iqr["Straight"]).groupby("target_mm").max()
     changes = iqr["LV-DSC"] / iqr["CA-CA"] - 1
-    ranks = _wide(by_target[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
+    ranks = by_model(by_target[targets == 773.0], "mae").rank(axis=1)["IA-Ratio"]
     at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
     by_mae = ", ".join(f"{name} {ranks[name]:.0f}" for name in DATA_SETS)
     note = f"{note}; interquartile range"

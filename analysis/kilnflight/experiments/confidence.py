@@ -133,6 +133,24 @@ def metres_before_detection(
     return pd.DataFrame(rows)
 
 
+def describe_before_detection(metres: pd.DataFrame) -> str:
+    """Describe how many metres of `metres_before_detection` count unseen, and how much."""
+    far, near = metres[metres["metre"] > 3], metres[metres["metre"] < 4]
+    shift = (near["detected_m_s"] - near["median_m_s"]).abs().max()
+    return (
+        f"Of {metres['number'].sum()} metres {metres['before_detection'].sum()} were passed before "
+        f"the particle was detected, beyond 3 m {far['before_detection'].sum()} of "
+        f"{far['number'].sum()}. Without them no median of the first three moves by over "
+        f"{shift:.1f} m/s."
+    )
+
+
+def slices_behind_lance(slices: pd.DataFrame) -> pd.DataFrame:
+    """Return by campaign the number of slices behind the lance, of flights, and median."""
+    behind = slices[slices["slice_m"] < 0].groupby(KEYS)
+    return behind.agg({"particle": ["size", "nunique"], "velocity_m_s": "median"})
+
+
 def ignited_shares(sources: Mapping[str, Values]) -> pd.DataFrame:
     """Return the share that ignites within 0.1 s, 0.2 s and at all.
 
@@ -271,6 +289,28 @@ def in_words(table: pd.DataFrame, quantity: str) -> str:
     parts += [f"not: {' / '.join(close)}"] if close else []
     few = int(table["resolved_with_table_5_15"].sum())
     return "; ".join([*parts, f"with the numbers of Table 5.15: {few} of {len(table)}"])
+
+
+def describe_coverage(medians: pd.DataFrame) -> str:
+    """Describe how many intervals of `median_table` cover the true median.
+
+    Of dwell time, ignition time and velocity in the first three metres.
+    """
+    outcomes = [f"velocity {k - 1}-{k} m (m/s)" for k in (1, 2, 3)]
+    outcomes += ["dwell median (s)", "ignition median (s)"]
+    known = medians[medians["outcome"].isin(outcomes)].dropna(subset=["low", "true"])
+    return f"Intervals cover the truth in {int(known['covers'].sum())} of {len(known)} cases."
+
+
+def describe_resolved(differences: pd.DataFrame) -> str:
+    """Describe how many of `all_differences` are resolved, and how many of them wrongly."""
+    resolved = differences[differences["resolved"]]
+    wrong = int((np.sign(resolved["estimate"]) * np.sign(resolved["true"]) < 0).sum())
+    nothing, theirs = (resolved["true"] == 0).sum(), differences["resolved_with_table_5_15"].sum()
+    return (
+        f"{len(resolved)} of {len(differences)} differences are resolved ({wrong} with the wrong "
+        f"sign, {nothing} where there is none), {theirs} with Table 5.15's numbers."
+    )
 
 
 def regression_table(tables: Measurement, generator: np.random.Generator) -> pd.DataFrame:

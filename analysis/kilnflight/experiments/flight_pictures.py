@@ -34,8 +34,8 @@ from kilnflight.experiments.plots import (
 )
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas, draw_boxes
 from kilnflight.regression import fits
-from kilnflight.scores.flights import METRES, ignition_histogram
-from kilnflight.twin.flight import Flights
+from kilnflight.scores.flights import METRES, box, ignition_histogram
+from kilnflight.twin.flight import ENDS, Flights
 from kilnflight.twin.particles import FRACTIONS
 
 Array = npt.NDArray[np.float64]
@@ -269,14 +269,63 @@ def draw_simulated_paths(
     return picture
 
 
-def draw_simulated_in_space(flown: Mapping[str, Flights], most: int, bar: float) -> Figure:
-    """Draw simulated flights of the first and third fraction in space (Fig. A.5)."""
+def draw_simulated_in_space(
+    flown: Mapping[str, Flights], most: int, bar: float
+) -> tuple[Figure, pd.DataFrame]:
+    """Draw simulated flights of the first and third fraction in space (Fig. A.5).
+
+    How many of all ``particles`` of each ``fraction`` have which ``end`` comes with the picture.
+    """
     picture = plt.figure(figsize=(PAGE_MM / 25.4, 70 / 25.4))
     for k, name in enumerate(list(flown)[::2][:2]):
         axes = picture.add_subplot(1, 2, k + 1, projection="3d")
         draw_flown_paths(axes, flown[name], most)
         axes.set_title(f"{name}, {bar} bar")
-    return picture
+    ends = [
+        (name, ENDS[end], count)
+        for name, each in flown.items()
+        for end, count in zip(*np.unique(each.end, return_counts=True), strict=True)
+    ]
+    return picture, pd.DataFrame(ends, columns=["fraction", "end", "particles"])
+
+
+def simulated_ends(flown: Mapping[str, Flights], most: int) -> pd.DataFrame:
+    """Return when (s) and how far from the lance (m) the first flights end, by fraction."""
+    parts = {
+        name: pd.DataFrame({"end_s": each.end_s, "depth_m": each.end_position_m[:, 0]}).head(most)
+        for name, each in flown.items()
+    }
+    return pd.concat(parts, names=["fraction", "flight"]).reset_index()
+
+
+def simulated_velocities(simulated: Values, most: int) -> pd.DataFrame:
+    """Return the velocity in each metre (Eq. 5.8) of the first flights of each fraction."""
+    parts = {
+        name: pd.DataFrame(each.velocity_m_s, columns=METRES).head(most)
+        for (name, _), each in simulated.items()
+    }
+    table = pd.concat(parts, names=["fraction", "flight"]).reset_index()
+    names = {"var_name": "metre", "value_name": "velocity_m_s"}
+    long = table.melt(["fraction", "flight"], **names, ignore_index=False)
+    return long.sort_index(kind="stable")
+
+
+def draw_dwell_by_source(sources: Mapping[str, Values], bar: float) -> tuple[Figure, pd.DataFrame]:
+    """Draw box plots of dwell times by fraction and source; return their numbers, too."""
+    picture, ((axes,),) = canvas(1, 1, width_mm=PAGE_MM, height_mm=75)
+    groups = {
+        source: [each.dwell_s for each in values.values()] for source, values in sources.items()
+    }
+    names = [name for name, _ in next(iter(sources.values()))]
+    draw_grouped_boxes(axes, groups, names)
+    axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
+    axes.legend(*axes.get_legend_handles_labels())
+    rows = [
+        {"source": source, "fraction": name} | box(times)
+        for source, group in groups.items()
+        for name, times in zip(names, group, strict=True)
+    ]
+    return picture, pd.DataFrame(rows)
 
 
 def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:

@@ -32,6 +32,7 @@ from kilnflight.tracking.tracker import Management, track
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
 STEPS = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)  # px
+SLOW, SLOW_FRAMES = ("JPDA, Stone Soup",), 40  # tried on so many frames of each window
 MISSED_FRAMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # in a row; the windows have 100
 
 Setting = tuple[float, ...]
@@ -136,6 +137,15 @@ def peer_grids() -> dict[str, Grid]:
     }
 
 
+def all_grids() -> dict[str, Grid]:
+    """Return the grids of GNN and JPDA, ours, and of the peers that are installed."""
+    grids = {f"{name}, ours": grid for name, grid in kilnflight_grids().items()}
+    package = dict.fromkeys(("GNN, Stone Soup", "JPDA, Stone Soup"), "stonesoup")
+    installed = peers.available()
+    theirs = peer_grids().items()
+    return grids | {name: grid for name, grid in theirs if package.get(name, name) in installed}
+
+
 def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.DataFrame:
     """Return what each tracker's settings give; the best of each tracker is chosen.
 
@@ -151,8 +161,9 @@ def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.Data
     DataFrame
         ``tracker``, ``setting``, the four measures without post-processing, averaged over the
         windows, ``seconds`` in all, ``chosen``, ``at_end`` (of the chosen: its parameters at an
-        end of their values, "" if it is interior) and ``note``. A tracker that refuses a
-        window (an `InputError`) has no measures for that setting, and the note says why.
+        end of their values, "" if it is interior), ``note`` and ``frames``. A tracker that refuses
+        a window (an `InputError`) has no measures for that setting, and the note says why. The
+        first `SLOW_FRAMES` of each window must do for the trackers of `SLOW`.
 
     Raises
     ------
@@ -166,8 +177,11 @@ def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.Data
     windows = list(windows)
     if not windows:
         raise InputError("grid_search: no windows to try settings on.")
-    parts = [_search(windows, name, grid) for name, grid in grids.items()]
-    names = ["tracker", "setting", *MEASURES, "seconds", "chosen", "at_end", "note"]
+    short, parts = [first_frames(window, SLOW_FRAMES) for window in windows], []
+    for name, grid in grids.items():
+        tried = short if name in SLOW else windows
+        parts.append(_search(tried, name, grid).assign(frames=len(tried[0].frames)))
+    names = ["tracker", "setting", *MEASURES, "seconds", "chosen", "at_end", "note", "frames"]
     return pd.concat(parts, ignore_index=True)[names] if parts else pd.DataFrame(columns=names)
 
 
@@ -218,6 +232,20 @@ def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str,
     return trackers
 
 
+def chosen_settings(table: pd.DataFrame) -> pd.DataFrame:
+    """Return each tracker's chosen setting, its alpha and beta, and the betas of all.
+
+    Returns
+    -------
+    DataFrame
+        ``tracker``, ``setting``, ``alpha``, ``beta``; ``beta_min``, ``beta_median`` and
+        ``beta_max`` of all settings in the table of `grid_search`.
+    """
+    spread = table.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")
+    best = table[table["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
+    return best.join(spread).reset_index()
+
+
 def first_frames(window: Window, frames: int) -> Window:
     """Return a window's first frames, for trackers that are too slow for all of it."""
     part = window.frames[:frames]
@@ -238,3 +266,28 @@ def score(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.Data
             row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
             parts.append(pd.DataFrame([row, row]).assign(postprocessing=["without", "with"]))
     return pd.concat(parts, ignore_index=True)
+
+
+def describe_leaders(scores: pd.DataFrame) -> str:
+    """Describe which tracker of `score` has the largest beta, by stage and fraction.
+
+    With the best of ours where another one leads, and the mean of each tracker that ran on all
+    windows. Last: which ones did not.
+    """
+    scored, fractions = scores.dropna(subset="beta"), scores["fraction"].nunique()
+    sentences = []
+    for stage, part in scored.groupby("postprocessing", sort=False):
+        leaders = []
+        for fraction, rows in part.groupby("fraction", sort=False):
+            ranked = rows.set_index("tracker")["beta"].sort_values(ascending=False)
+            first, ours = str(ranked.index[0]), ranked[ranked.index.str.endswith("ours")].max()
+            lead = f"{fraction} {first} {ranked.iloc[0]:.3f}"
+            leaders.append(lead if first.endswith("ours") else f"{lead} (ours {ours:.3f})")
+        means = part.groupby("tracker")["beta"].agg(["mean", "size"])
+        means = means[means["size"] == fractions].sort_values("mean", ascending=False)
+        order = ", ".join(f"{name} {mean:.3f}" for name, mean in means["mean"].items())
+        ranks = f"{stage} post-processing {'; '.join(leaders)} (means: {order})"
+        sentences.append(f"Largest beta {ranks}.")
+    left = scores.loc[scores["beta"].isna(), "tracker"].unique()
+    sentences += [f"Not run on every window: {', '.join(left)}."] if len(left) else []
+    return " ".join(sentences)

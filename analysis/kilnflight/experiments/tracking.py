@@ -193,6 +193,15 @@ def track_and_postprocess(
     yield "with", processed, time.perf_counter() - begin
 
 
+def tracks_by_stage(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> Tables:
+    """Return the true tracks of windows, and those of trackers by stage, by fraction."""
+    tables = {window.fraction: {"truth": window.truth} for window in windows}
+    for window, (name, tracker) in product(windows, trackers.items()):
+        for stage, tracks, _ in track_and_postprocess(window, tracker):
+            tables[window.fraction][f"{name} {stage} steps"] = tracks
+    return tables
+
+
 def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
     """Return the true particle that each detection belongs to, (n,); -1: none.
 
@@ -284,6 +293,11 @@ def gains(cells: pd.DataFrame) -> pd.Series:
     return wide["with"] - wide["without"]
 
 
+def after_postprocessing(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return measures with post-processing by fraction and measure; columns: trackers."""
+    return _stages(cells)["with"].unstack("tracker")
+
+
 def _stages(cells: pd.DataFrame) -> pd.DataFrame:
     """Return measures by fraction, tracker, measure; columns "with" and "without"."""
     keys = ["fraction", "tracker", "measure"]
@@ -302,7 +316,7 @@ def verdicts(
     windows, trackers
         GNN and JPDA are run again on the windows for their cost.
     """
-    after = _stages(cells)["with"].unstack("tracker")
+    after = after_postprocessing(cells)
     apart = (after["JPDA"] - after["GNN"]).unstack("measure")
     small = {
         f"{fraction} {name}": abs(value)
