@@ -418,7 +418,8 @@ def _thin(pairs: Array, unused: Array, best: Integers, group: list[int], most_st
     warnings.warn(
         f"joint probabilities: {inside.sum()} tracks share detections too densely to be summed "
         f"exactly; {len(tracks) - count} of {len(tracks)} pairs left out, whose events weigh at "
-        f"most {weights[count]:.1e} of the best. Narrow the gate or raise most_states.",
+        f"most {weights[count]:.1e} of the best. Narrow the gate; `joint_probabilities` also takes "
+        "more states.",
         UserWarning,
         stacklevel=4,
     )

@@ -207,8 +207,9 @@ def test_what_arrives_before_it_was_seen_is_told():
 def test_a_target_and_a_shared_velocity_are_numbers_that_arrive():
     with pytest.raises(InputError, match="target_mm"):
         CV()(last_of([(623.0, 1000.0, 0.0)]), np.nan)
-    with pytest.raises(InputError, match="IV: velocity_mm_s"):
-        IV(-5.0)
+    for velocity in (-5.0, "fast", None):
+        with pytest.raises(InputError, match="IV: velocity_mm_s"):
+            IV(velocity)
 
 
 def test_a_limit_is_a_velocity():

@@ -34,7 +34,8 @@ def toml(values):
                     if key == "classes"
                     else ""
                 )
-                text += f"{key} = {{ {inline} }}\n" if inline else f"{key} = {json.dumps(value)}\n"
+                entry = repr(value) if isinstance(value, float) else json.dumps(value)  # inf, nan
+                text += f"{key} = {{ {inline} }}\n" if inline else f"{key} = {entry}\n"
     return text
 
 
@@ -147,11 +148,12 @@ def test_points_with_other_names_units_and_origin(files, ending):
     assert frame.xyz.tolist() == [[500.0, -250.0, 4000.0], [0.0, 0.0, 9000.0]]
 
 
-def test_a_grid_with_a_number_for_invalid(files):
-    files.entries["coordinates"]["invalid"] = 0
+@pytest.mark.parametrize("invalid", [0, np.inf, np.nan])
+def test_a_grid_with_a_number_for_invalid(files, invalid):
+    files.entries["coordinates"]["invalid"] = invalid
     for number in FRAMES:
         grid = files.content(number)[1]
-        files.write(number, grid=np.where(np.isnan(grid), 0, grid))
+        files.write(number, grid=np.where(np.isnan(grid), invalid, grid))
     fewest = min(np.isfinite(files.content(k)[1][..., 2]).sum() for k in FRAMES)
     assert files.run()["points"].startswith(f"{fewest} to ")
 

@@ -113,6 +113,15 @@ def test_a_written_trajectory_names_the_frames_without_it(tmp_path):
         files.write_manual(tracks, tmp_path / "out")
 
 
+def test_a_written_trajectory_has_one_row_per_frame(tmp_path):
+    tracks = files.from_napari([[2, 3, 1, 1], [2, 3, 2, 2]])
+    with pytest.raises(
+        InputError, match="write_manual: tracks: particle 2 has two rows in frame 3"
+    ):
+        files.write_manual(tracks, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("read", "text", "message"),
     [

@@ -153,7 +153,7 @@ class IV(ArrivalModel):
 
     def __post_init__(self) -> None:
         """Refuse a velocity that never arrives."""
-        if not np.isnan(self.velocity_mm_s):
+        if not (isinstance(self.velocity_mm_s, float) and np.isnan(self.velocity_mm_s)):
             check_positive(self.velocity_mm_s, "IV: velocity_mm_s")
 
     def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:

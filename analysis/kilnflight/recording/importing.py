@@ -94,7 +94,7 @@ RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
     "key": (lambda v: isinstance(v, str), "key is {!r}, expected str"),
     "form": (FORMS.__contains__, f"form is {{!r}}, expected one of {FORMS}"),
     "invalid": (
-        lambda v: v == "nan" or is_number(v),
+        lambda v: v == "nan" or is_number(v) or isinstance(v, float),  # TOML has inf and nan
         "invalid is {!r}, expected a number or 'nan'",
     ),
     "unit": (UNITS.__contains__, f"unit is {{!r}}, expected one of {UNITS}"),
@@ -154,7 +154,7 @@ def _points(section: Section, path: Path, size: tuple[int, int], where: str) -> 
     else:
         table = read_points(path, section["key"], section["columns"], where)
         pixels, xyz = table[:, :2] - section["origin"], table[:, 2:]
-    if section["invalid"] == "nan":
+    if np.isnan(float(section["invalid"])):
         valid = ~np.isnan(xyz).any(axis=1)
         if len(xyz) and not valid.any():
             raise InputError(f"{where}: {path} holds no position, every one is NaN.")

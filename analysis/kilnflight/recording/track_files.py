@@ -46,6 +46,7 @@ from kilnflight.checks import (
     check_new,
     check_target,
     check_whole,
+    order_tracks,
 )
 from kilnflight.project.cache import make_whole
 
@@ -275,6 +276,7 @@ def write_manual(tracks: pd.DataFrame, folder: str | Path) -> None:
     Frames in which a trajectory has no row hold NaN; ``plane`` has no place in this format.
     """
     table = in_tracks(tracks, "write_manual: tracks")
+    order_tracks(table, "write_manual: tracks")  # a line of this format holds one place
     check_new(Path(folder))
     if table.empty:
         raise InputError("write_manual: tracks holds no track; there is nothing to write.")
