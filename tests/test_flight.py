@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.flight import (
+    FieldOfView,
     Landing,
     Rules,
     StartsAtLance,
-    View,
     flights,
     remaining,
     slices,
@@ -109,13 +109,13 @@ def test_a_burning_particle_may_be_lost_at_the_border_of_the_view(polynomials):
     track = detections(fit, ignites_s=0.2)
     corners = [(0, 0), (1500, 0), (1500, 2000), (0, 2000)]
     for row, ending in ((500.0, "burnt out"), (40.0, "lost"), (-10.0, "lost")):
-        view = View(roi=corners)
+        view = FieldOfView(roi=corners)
         assert flight_of(track.assign(row=row), fit, view=view)["ending"] == ending
     for stop, ending in ((1000, "burnt out"), (105, "lost")):
-        assert flight_of(track, fit, view=View(frames=range(0, stop)))["ending"] == ending
+        assert flight_of(track, fit, view=FieldOfView(frames=range(0, stop)))["ending"] == ending
     landing = polynomials(FALLING, first_s=0.05, last_s=0.39)
     assert (
-        flight_of(detections(landing), landing, view=View(corners, range(130)))["ending"]
+        flight_of(detections(landing), landing, view=FieldOfView(corners, range(130)))["ending"]
         == "landed"
     )
 
@@ -208,7 +208,7 @@ def test_bad_input_is_refused(polynomials):
         flight_of(track, polynomials(((np.inf,), (0.0,), (0.0,))))
     lit = polynomials(LEVEL)
     with pytest.raises(InputError, match="roi"):
-        flight_of(detections(lit, ignites_s=0.2), lit, view=View(roi=[1, 2, 3]))
+        flight_of(detections(lit, ignites_s=0.2), lit, view=FieldOfView(roi=[1, 2, 3]))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.flame import segment_flame
-from kilnflight.experiments.tracking import Differences
+from kilnflight.experiments.tracking import StoredDifferences
 from kilnflight.project import paths
 from kilnflight.project.parallel import Workers
 from kilnflight.tables import DETECTIONS
@@ -184,7 +184,7 @@ def test_another_threshold_scene_or_seed_is_another_file(run):
 def test_differences_are_sums_over_frames_and_chunks(run):
     kiln.detections(run)
     recording = open_scene(SCENE)
-    sums = Differences(run)
+    sums = StoredDifferences(run)
     assert sums.shape == (recording.attributes.rows, recording.attributes.columns)
     views = dict(kiln.views(recording, range(203, 209)))
     plain = sum(view.foreground[50:90, 20:200].astype(float) for view in views.values())
@@ -198,9 +198,9 @@ def test_lost_differences_are_made_again(run):
     folder = run.differences_of(range(204, 208))
     folder.rename(folder.with_name("lost"))
     with pytest.raises(InputError, match="frame differences cannot be read"):
-        Differences(run)(204, 205, 0, 0, 5, 5)
+        StoredDifferences(run)(204, 205, 0, 0, 5, 5)
     kiln.detections(run)
-    assert Differences(run)(204, 205, 0, 0, 5, 5).shape == (5, 5)
+    assert StoredDifferences(run)(204, 205, 0, 0, 5, 5).shape == (5, 5)
 
 
 def test_a_damaged_table_is_refused(run):

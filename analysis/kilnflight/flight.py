@@ -164,7 +164,7 @@ class Rules:
         check_limit(self.edge_px, "Rules: edge_px")
 
 
-class View(NamedTuple):
+class FieldOfView(NamedTuple):
     """The camera's view of a recording; None where it does not matter.
 
     Attributes
@@ -186,7 +186,7 @@ def flights(
     in_air: InAir,
     frame_rate_hz: float,
     rules: Rules | None = None,
-    view: View | None = None,
+    view: FieldOfView | None = None,
 ) -> pd.DataFrame:
     """Return the flights of fitted tracks, one row each.
 
@@ -217,7 +217,7 @@ def flights(
     It stays in the table as "lost", its dwell time a lower bound. Ignition is searched up to the
     landing, since the wall ignites all that land (section 5.1.1).
     """
-    rules, view = rules or Rules(), view or View()
+    rules, view = rules or Rules(), view or FieldOfView()
     columns = (*COLUMNS, "background") if rules.above_background else COLUMNS
     check_columns(tracks, columns, "flights: tracks")
     check_positive(frame_rate_hz, "flights: frame_rate_hz")
@@ -277,7 +277,7 @@ def _flight(
     }
 
 
-def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: View) -> bool:
+def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: FieldOfView) -> bool:
     """Return whether a flight ends at the border of view or recording."""
     if view.frames is not None:
         last = (view.frames.stop - 1) / frame_rate_hz

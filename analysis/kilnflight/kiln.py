@@ -406,7 +406,7 @@ def flights_from(
     recording, table = run.detection.source.recording(), tracked(tracks)
     if run.rules.above_background:
         table = table.assign(background=background_gray(table, recording, run.frames))
-    view = flight.View(recording.attributes.roi, run.frames)
+    view = flight.FieldOfView(recording.attributes.roi, run.frames)
     rate = run.frame_rate_hz
     return flight.flights(table, fits, run.wall, run.in_air, rate, run.rules, view)
 

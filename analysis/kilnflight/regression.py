@@ -54,7 +54,7 @@ ZOOMS = 10  # times that the grid of the random points is refined, each time by 
 DENSE = 0.1  # of the track's duration; the grid's steps grow with the distance from here
 SHORTEST = 1e-6  # of the track's duration, from t0 to the first detection
 CLOSE = 1e-11  # of the robust cost; farther from the polynomial, its interval is halved
-HALVINGS, STEPS = 20, 50  # of the interval, and of the robust fit, at most
+HALVINGS, NEWTON_STEPS = 20, 50  # of the interval, and of the robust fit, at most
 SETTLED = 1e-12  # of the cost; a step of the robust fit that gains less is the last
 DEGREE = 12  # of the cost as a polynomial in t0 between three values of the grid
 NODES = chebyshev.chebpts1(DEGREE + 1)
@@ -323,7 +323,7 @@ def residuals(basis: Array, places: Array, robust: bool) -> Array:
     if not robust:
         return left
     cost, damping = loss(left, robust), np.ones(len(basis))
-    for _ in range(STEPS):  # damped Newton; a damping of 1 or more never raises the cost
+    for _ in range(NEWTON_STEPS):  # damped Newton; a damping of 1 or more never raises the cost
         root = np.sqrt(1 + left**2)
         weights = root**-3 + damping[:, None] / root
         matrix = basis.swapaxes(1, 2) @ (weights[:, :, None] * basis)

@@ -129,7 +129,7 @@ def seen(campaign):
 
 def flights(campaign, tracks):
     replaced = dict(accuracy.replace_steps(campaign, tracks))
-    assert tuple(replaced) == accuracy.STEPS
+    assert tuple(replaced) == accuracy.REPLACED_STEPS
     for tables in replaced.values():
         assert set(tables.flights["particle"]) <= set(tables.particles.index)
     return {name: tables.flights.reset_index(drop=True) for name, tables in replaced.items()}

@@ -63,7 +63,7 @@ def test_each_part_is_replaced_by_the_truth(window):
 
 
 def test_the_cost_of_a_tracker(window):
-    seconds, peak = tracking.cost([window, window], track, repeats=1)
+    seconds, peak = tracking.time_and_memory([window, window], track, repeats=1)
     assert 0 < seconds < 60
     assert 0 < peak < 500
 

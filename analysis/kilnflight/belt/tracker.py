@@ -32,7 +32,14 @@ from kilnflight.checks import (
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity, Motion
-from kilnflight.tracking.tracker import ExtraColumns, Frame, Step, Tracks, check_parts, follow
+from kilnflight.tracking.tracker import (
+    ExtraColumns,
+    FrameDetections,
+    Step,
+    Tracks,
+    check_parts,
+    follow,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
@@ -290,7 +297,7 @@ class BeltTracker:
         edges = np.searchsorted(frame, numbers[1:])
         parts = zip(np.split(rows, edges), np.split(places, edges), strict=True)
         pictures = (
-            Frame(number, self.frame_s, row, Detected(place))
+            FrameDetections(number, self.frame_s, row, Detected(place))
             for number, (row, place) in zip(numbers.tolist(), parts, strict=True)
         )
         yield from follow(pictures, self.motion, self.gate, self.associate, self.keeps, SCORES)

@@ -26,7 +26,7 @@ _DIGITS = 1 << _BITS
 REACH = 2  # cells between points that are within eps
 
 
-def check_points(points: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
+def check_points_mm(points: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     """Return (n, 3) finite points as float64, or raise an `InputError`."""
     cloud = np.ascontiguousarray(check_finite(points, where))
     if cloud.size == 0 and cloud.ndim < 2:
@@ -99,7 +99,7 @@ class DBSCAN:
         InputError
             If the points are not (n, 3) finite numbers.
         """
-        cloud = check_points(points, "DBSCAN: points")
+        cloud = check_points_mm(points, "DBSCAN: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
         # Two points of one cell are within eps; two within eps are at most two cells apart.
@@ -122,7 +122,7 @@ class ScikitDBSCAN(DBSCAN):
         """Return the cluster of each point, as `DBSCAN` does."""
         from sklearn import cluster  # slow to import, and seldom needed
 
-        cloud = check_points(points, "DBSCAN: points")
+        cloud = check_points_mm(points, "DBSCAN: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
         peer = cluster.DBSCAN(eps=float(self.eps), min_samples=int(self.min_points))
@@ -153,7 +153,7 @@ def k_distances(points: npt.ArrayLike, k: int = 6) -> npt.NDArray[np.float64]:
     InputError
         If the points are not (n, 3) finite numbers or there are fewer than ``k`` of them.
     """
-    cloud = check_points(points, "k-distances: points")
+    cloud = check_points_mm(points, "k-distances: points")
     if k != int(k) or k < 1 or (len(cloud) and k > len(cloud)):
         raise InputError(
             f"k-distances: k is {k}, expected a whole number from 1 to the {len(cloud)} points."

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_count
-from kilnflight.detection.dbscan import NOISE, check_points, numbered_by_first_point
+from kilnflight.detection.dbscan import NOISE, check_points_mm, numbered_by_first_point
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class MorphologicalClustering:
         InputError
             If the points are not (n, 3) finite numbers.
         """
-        cloud = check_points(points, "MorphologicalClustering: points")
+        cloud = check_points_mm(points, "MorphologicalClustering: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
         low, extent = cloud.min(axis=0), np.ptp(cloud, axis=0)

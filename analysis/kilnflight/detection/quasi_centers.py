@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from kilnflight.checks import check_at_least, check_count
 from kilnflight.detection.dbscan import (
     NOISE,
-    check_points,
+    check_points_mm,
     numbered_by_first_point,
     root_of,
     unite,
@@ -86,7 +86,7 @@ class QuasiClusterCenters:
         InputError
             If the points are not (n, 3) finite numbers.
         """
-        cloud = check_points(points, "QuasiClusterCenters: points")
+        cloud = check_points_mm(points, "QuasiClusterCenters: points")
         count, k = len(cloud), int(self.k)
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)

@@ -48,7 +48,7 @@ CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig
 NOT_WHOLE, NOT_MEASURED = "no whole flight", "not measured"
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # stand for the grey values where positions are true
-STEPS = (
+REPLACED_STEPS = (
     "true positions and links",
     "true links",
     "true positions",
@@ -372,7 +372,7 @@ def particle_of_track(tracks: pd.DataFrame, owner: Owners) -> pd.Series:
 def replace_steps(
     campaign: Campaign, tracks: pd.DataFrame, fits: Mapping[int, regression.Fit] | None = None
 ) -> Iterator[tuple[str, FlightTables]]:
-    """Yield the flights with one step after the other replaced by the truth; `STEPS`.
+    """Yield the flights with one step after the other replaced by the truth.
 
     Parameters
     ----------
@@ -405,7 +405,7 @@ def replace_steps(
         (tracks, robust, particles),
         (tracks, measured, particles),
     )
-    for name, (table, trajectories, owners) in zip(STEPS, replacements, strict=True):
+    for name, (table, trajectories, owners) in zip(REPLACED_STEPS, replacements, strict=True):
         flights = kiln.flights_from(run, table, trajectories)
         yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), owners)
 

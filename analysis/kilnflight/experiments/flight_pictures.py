@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from kilnflight.experiments.accuracy import CASES, STEPS
+from kilnflight.experiments.accuracy import CASES, REPLACED_STEPS
 from kilnflight.experiments.campaigns import (
     KEYS,
     CampaignKey,
@@ -199,7 +199,7 @@ def draw_budget_steps(budget: pd.DataFrame) -> Figure:
         bias, spread = (
             groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread")
         )
-        for k, step in enumerate(STEPS):
+        for k, step in enumerate(REPLACED_STEPS):
             place = np.arange(len(names)) + 0.11 * (k - 3.5)
             look = {"color": [*COLOURS, "0.5"][k], "marker": [*MARKERS, "*"][k], "ms": 3}
             axes.errorbar(

@@ -31,7 +31,7 @@ from kilnflight.tracking.tracker import Management, track
 # The values, the same for all trackers. The ends, but for 0, are too small or too large for use.
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
-STEPS = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)  # px
+DISTANCES_PX = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
 SLOW, SLOW_FRAMES = ("JPDA, Stone Soup",), 40  # tried on so many frames of each window
 MISSED_FRAMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # in a row; the windows have 100
 
@@ -116,12 +116,12 @@ def peer_grids() -> dict[str, Grid]:
     return {
         "trackpy": Grid(
             lambda step, missed, predicted: peers.Trackpy(step, int(missed), bool(predicted)),
-            {"step": STEPS, "missed_frames": MISSED_FRAMES, "predicted": (0, 1)},
+            {"step": DISTANCES_PX, "missed_frames": MISSED_FRAMES, "predicted": (0, 1)},
             {"step": (15.0, 20.0), "missed_frames": (2, 5), "predicted": (0, 1)},
         ),
         "laptrack": Grid(
             lambda step, gap, missed_frames: peers.LapTrack(step, gap, int(missed_frames)),
-            {"step": STEPS, "gap": STEPS, "missed_frames": MISSED_FRAMES},
+            {"step": DISTANCES_PX, "gap": DISTANCES_PX, "missed_frames": MISSED_FRAMES},
             {"step": (20.0, 40.0), "gap": (20.0, 40.0), "missed_frames": (2, 5)},
         ),
         "GNN, Stone Soup": Grid(

@@ -165,7 +165,7 @@ class LapTrack(_ExternalTracker):
 START = datetime(2023, 1, 1)  # Stone Soup wants times of day; a frame is a second after another
 
 
-class Frame(NamedTuple):
+class StoneSoupFrame(NamedTuple):
     """The m detections of a frame, and Stone Soup's filter with its gate."""
 
     detections: list[Any]  # Stone Soup's, metadata "row": row of the table
@@ -195,7 +195,7 @@ class Gated(NamedTuple):
     """Hand a hypothesiser only what is in the gate: the same result in less time."""
 
     inner: Any
-    frame: Frame
+    frame: StoneSoupFrame
 
     def hypothesise(self, track: Any, detections: Any, timestamp: Any, **more: Any) -> Any:
         """Return the hypotheses of a track, as Stone Soup's associators ask for them."""
@@ -252,7 +252,7 @@ class _StoneSoup(_ExternalTracker):
             alive = {k: v for k, v in alive.items() if frame - 1 - v[1] <= self.missed_frames}
             number, alone = {id(track): k for k, (track, _) in alive.items()}, set(rows)
             tracks = [track for track, _ in alive.values()]
-            view = Frame(detections, places[rows], now, *parts)
+            view = StoneSoupFrame(detections, places[rows], now, *parts)
             for track, state, detection in self._associated(view, tracks):
                 track.append(state)
                 if detection is not None:
@@ -267,7 +267,7 @@ class _StoneSoup(_ExternalTracker):
         return label
 
     @abstractmethod
-    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
+    def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         """Yield each track, its new state and its detection or None."""
 
 
@@ -275,7 +275,7 @@ class _StoneSoup(_ExternalTracker):
 class StoneSoupGNN(_StoneSoup):
     """Global nearest neighbour by Stone Soup; the filter is `motion`'s default."""
 
-    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
+    def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
         from stonesoup.hypothesiser.distance import DistanceHypothesiser
         from stonesoup.measures import Mahalanobis
@@ -314,7 +314,7 @@ class StoneSoupJPDA(_StoneSoup):
         if self.clutter_density is not None:
             check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
 
-    def _associated(self, frame: Frame, tracks: list[Any]) -> Iterator[Any]:
+    def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.probability import JPDAwithEHM2
         from stonesoup.hypothesiser.probability import PDAHypothesiser
         from stonesoup.updater.probability import PDAUpdater
@@ -338,7 +338,7 @@ class StoneSoupJPDA(_StoneSoup):
             yield track, state, recorded.get(id(track))
 
 
-def _recorded(joint: dict[Any, Iterable[Any]], frame: Frame) -> dict[int, Any]:
+def _recorded(joint: dict[Any, Iterable[Any]], frame: StoneSoupFrame) -> dict[int, Any]:
     """Return the detection for each track, by `id`, by the rule of our own tracker."""
     column = {id(detection): 1 + k for k, detection in enumerate(frame.detections)}
     tracks = list(joint)

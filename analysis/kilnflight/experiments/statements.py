@@ -59,7 +59,7 @@ HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction at 4.5 bar
 SENTENCES |= {"vel-4": "paper shred", "vel-5": "PE granule"}
 
-Pairs = Sequence[tuple[CampaignKey, CampaignKey]]
+CampaignPairs = Sequence[tuple[CampaignKey, CampaignKey]]
 Evidence = dict[str, float | pd.Series | Mapping[str, bool]]
 
 
@@ -298,7 +298,9 @@ def _axes(values: Values) -> tuple[list[str], list[float]]:
 
 
 def _resolved(
-    values: Mapping[CampaignKey, Array], pairs: Mapping[str, Pairs], generator: np.random.Generator
+    values: Mapping[CampaignKey, Array],
+    pairs: Mapping[str, CampaignPairs],
+    generator: np.random.Generator,
 ) -> dict[str, str]:
     """Return by claim which differences of medians are beyond chance."""
     return {

@@ -60,7 +60,7 @@ class Window(NamedTuple):
     frames: range
     detections: pd.DataFrame  # in the air, or without depth
     truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
-    differences: Differences
+    differences: StoredDifferences
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
@@ -127,7 +127,7 @@ def windows(
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
         in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
         truth = true_trajectories(twin, frames)
-        parts.append(Window(fraction, name, frames, in_air, truth, Differences(run)))
+        parts.append(Window(fraction, name, frames, in_air, truth, StoredDifferences(run)))
     return parts
 
 
@@ -160,7 +160,9 @@ def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFr
     return pd.DataFrame(rows)
 
 
-def cost(windows: Iterable[Window], tracker: Tracker, repeats: int = 3) -> tuple[float, float]:
+def time_and_memory(
+    windows: Iterable[Window], tracker: Tracker, repeats: int = 3
+) -> tuple[float, float]:
     """Return seconds and the peak of memory in MiB of tracking, in all.
 
     Seconds: the best of some runs.
@@ -324,7 +326,7 @@ def verdicts(
         for name, value in row.items()
     }
     ahead = apart[["alpha", "beta", "jsc"]].mean()
-    costs = {name: cost(windows, tracker) for name, tracker in trackers.items()}
+    costs = {name: time_and_memory(windows, tracker) for name, tracker in trackers.items()}
     seconds, memory = (costs["JPDA"][k] / costs["GNN"][k] for k in (0, 1))
     judged = [
         claims.judge("track-3", pd.Series(small)),
@@ -391,7 +393,7 @@ def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
 
 
 @dataclass(frozen=True)
-class Differences:
+class StoredDifferences:
     """Sums of the differences to the background that were stored with detections.
 
     Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at

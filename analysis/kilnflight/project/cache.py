@@ -119,7 +119,7 @@ class CachedTable:
         with locked(path.with_suffix(".lock")):
             if not (path.is_file() and self.whole()):
                 clear_parts(path)
-                save(path, self.make().to_parquet(index=False))
+                write_resumable(path, self.make().to_parquet(index=False))
         try:
             return pd.read_parquet(path)
         except (OSError, ArrowException) as error:
@@ -127,7 +127,7 @@ class CachedTable:
             raise InputError(f"{path}: cannot be read ({error}). {again}") from error
 
 
-def save(path: Path, content: bytes) -> None:
+def write_resumable(path: Path, content: bytes) -> None:
     """Write a file of a long run whole.
 
     If that fails, an `InputError` says how to go on.
@@ -150,7 +150,7 @@ def write_calibration(path: Path, content: dict[str, object]) -> str:
     """Write a calibration with its hash; return what came out, line by line."""
     content = json.loads(json.dumps(content))
     content["sha256"] = content_hash(content)
-    save(path, (json.dumps(content, indent=1) + "\n").encode())
+    write_resumable(path, (json.dumps(content, indent=1) + "\n").encode())
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
     return "\n".join(f"{name}: {content[name]}" for name in names)
 

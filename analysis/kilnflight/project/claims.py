@@ -24,7 +24,6 @@ from kilnflight.project import paths
 REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 NOT_DECIDABLE = "not decidable"
-OPEN = (-np.inf, np.inf)  # bounds
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, NOT_DECIDABLE)
 
 

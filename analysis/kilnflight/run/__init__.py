@@ -30,7 +30,7 @@ from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
 from kilnflight.flight import Rules
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
-from kilnflight.project.cache import clear_parts, locked, save
+from kilnflight.project.cache import clear_parts, locked, write_resumable
 from kilnflight.project.parallel import Workers
 from kilnflight.recording.frames import ArrayRecording, Attributes, Recording
 from kilnflight.recording.importing import read_manifest
@@ -393,5 +393,5 @@ def publish(results: Results, recording: Recording, folder: Path) -> Path:
     with locked(folder):
         for name, content in contents.items():
             clear_parts(folder / name)
-            save(folder / name, content)
+            write_resumable(folder / name, content)
     return folder / "report.html"

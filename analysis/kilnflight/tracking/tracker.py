@@ -40,7 +40,7 @@ Tracks = npt.NDArray[np.void]
 ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `layout`
 
 
-class Frame(NamedTuple):
+class FrameDetections(NamedTuple):
     """The detections of one frame."""
 
     number: int
@@ -180,7 +180,7 @@ def steps(
     spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
     parts = np.split(np.arange(len(frames)), starts[1:])
     sequence = (
-        Frame(number, span, rows[part], Detected(*(values[part] for values in known)))
+        FrameDetections(number, span, rows[part], Detected(*(values[part] for values in known)))
         for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
     )
 
@@ -220,7 +220,7 @@ def layout(motion: Motion, extra_columns: Sequence[tuple[str, type]] = ()) -> np
 
 
 def follow(
-    frames: Iterable[Frame],
+    frames: Iterable[FrameDetections],
     motion: Motion,
     gate: Gate,
     associate: Associate,
@@ -271,7 +271,7 @@ def follow(
         yield Step(frame.number, frame.rows, predicted, detected, pairs, weights, particle, tracks)
 
 
-def _record(tracks: Tracks, frame: Frame, detection: Integers) -> None:
+def _record(tracks: Tracks, frame: FrameDetections, detection: Integers) -> None:
     """Write the recorded detections into their tracks.
 
     Where a detection has no depth or points, those of the track stay.
