@@ -155,7 +155,7 @@ figures.save("background-unsigned", table, caption=caption, provenance=origin)
 # %%
 f1, note = summary["f1"], f"{frames * len(subsets)} frames, scoring distance 45 px"
 verdicts = detection_claims.background_verdicts(f1, first, traces, note)
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 result = (
     f"{reproduced} of 6 claims reproduced. F1 from {f1.iloc[-1]:.3f} ({f1.index[-1]}) to "
     f"{f1.iloc[0]:.3f} ({f1.index[0]}); published 0.8385 (2-frame difference) to 0.8592 (median)."

@@ -142,7 +142,7 @@ verdicts = study.judge(answers, by_target, 100 if files else by_rate["sampling_h
 
 # %%
 mae = belt_claims.by_model(judged, "mae")
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 result = (
     f"{reproduced} of {len(verdicts)} claims reproduced ({source}); identical acceleration is off "
     f"by {mae['IA'].min():.2f} to {mae['IA'].max():.2f} ms on average, identical velocity by "

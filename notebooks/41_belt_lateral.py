@@ -115,7 +115,7 @@ figures.save("belt-lateral-verdicts", table, caption=caption, provenance=origin)
 judged = lateral[lateral["source"] == source]
 sampling_hz = 100 if files else by_rate["sampling_hz"].max()
 verdicts = study.judge(study.answers(judged), by_target, sampling_hz)
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 iqr = belt_claims.by_model(judged, "iqr")
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (

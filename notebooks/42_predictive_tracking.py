@@ -121,7 +121,7 @@ figures.save("belt16-by-material", by_material, caption=caption, provenance=orig
 # %%
 note = f"{count} spheres of {engine}"
 verdicts = belt_2016.judge_spheres(every, boxes, note, is_installed())
-reproduced = sum(verdict.verdict == claims.REPRODUCED for verdict in verdicts)
+reproduced = claims.count_reproduced(verdicts)
 worse = [
     f"{name} ({row.Tracking:.2f}, {row.Straight:.2f} mm)"
     for name, row in belt_2016.wider_than_straight(boxes).iterrows()
