@@ -111,8 +111,9 @@ summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[F
 picture, ((axes,),) = style.canvas(height_mm=62)
 plots.draw_intervals(axes, summary, "f1_published", "f1_in_pixels")
 caption = (
-    "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: gate of 45 px, with 95 % intervals over "
-    "draws of frames; squares: within a particle's pixels (section 5.1.1); diamonds: published."
+    "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: scoring distance 45 px, with 95 % "
+    "intervals over draws of frames; squares: within a particle's pixels (section 5.1.1); "
+    "diamonds: published."
 )
 table = summary.reset_index()
 figures.save("fig-5-4-background", table, picture=picture, caption=caption, provenance=origin)

@@ -61,8 +61,8 @@ figures.save("tracking-settings", table, caption=caption, provenance=origin)
 measured = tracking.run(windows, trackers)
 table = measured[[*tracking.KEYS, *tracking.MEASURES]]
 caption = (
-    "GNN and JPDA with and without post-processing on windows like those of Table 5.15, gate "
-    f"{tracking.GATE_PX:.0f} px; after Table 5.17."
+    "GNN and JPDA with and without post-processing on windows like those of Table 5.15, "
+    f"scoring distance {tracking.GATE_PX:.0f} px; after Table 5.17."
 )
 figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
