@@ -352,8 +352,9 @@ class KilnRun:
 def make_tables(runs: Sequence[KilnRun], workers: Workers | None = None) -> None:
     """Make all missing tables, with progress.
 
-    Then ``run.table(step)()`` reads one. One process if ``workers`` is None. Those of a cluster
-    detect; the rest is done by ``workers.jobs`` processes here, a recording each.
+    Then ``run.table(step)()`` reads a table. Without ``workers`` one process does everything.
+    Workers of a cluster detect only; ``workers.jobs`` processes on this machine do the later
+    steps, a recording each.
     """
     workers = workers or Workers()
     detect_all([run.detection for run in runs], workers)

@@ -106,7 +106,7 @@ def test_a_mended_notebook_leaves_no_failed_one(notebook, tmp_path):
         ("seed=many", r"parameter seed is 'many', expected int"),
         ("seed=1.5", r"expected int"),
         ("flag=1", r"expected bool"),
-        ("scale=huge", r"scale 'huge' is none of quick, standard, full"),
+        ("scale=huge", r"scale 'huge' is not one of quick, standard, full"),
         ("seed", r"write name=value"),
         ("08.seed=3", r"'08' is no notebook's number \(07\)"),
         ("x7.seed=3", r"'x7' is no notebook's number"),

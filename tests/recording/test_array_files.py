@@ -106,7 +106,7 @@ def test_the_key_chooses_and_is_asked_for(tmp_path):
     ("name", "content", "message"),
     [
         ("gone.tif", None, "FileNotFoundError"),
-        ("photo.jpg", b"jpg", "is none of .h5, .hdf5, .mat"),
+        ("photo.jpg", b"jpg", "is not one of .h5, .hdf5, .mat"),
         ("words.npy", np.array(["a", "b"]), "holds <U1, expected numbers"),
         ("objects.npy", np.array([None]), "cannot be read"),
         ("empty.npy", np.empty(0), "holds no data"),

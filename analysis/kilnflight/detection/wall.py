@@ -131,9 +131,9 @@ class CylinderFit:
         generator, scored = np.random.default_rng(seed), points
         if len(points) > SCORED_POINTS:
             scored = points[generator.choice(len(points), SCORED_POINTS, replace=False)]
-        if (trial := search(scored, self, generator)) is None:
+        if (axis := search(scored, self, generator)) is None:
             raise _no_cylinder("its points are in one line or plane")
-        return self._checked(points, refine(points, trial, self))
+        return self._checked(points, refine(points, axis, self))
 
     def _checked(self, points: Array, axis: Axis) -> Cylinder:
         """Return the cylinder with its quality, or raise an `InputError`."""

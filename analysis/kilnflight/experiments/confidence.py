@@ -309,7 +309,7 @@ def describe_resolved(differences: pd.DataFrame) -> str:
     nothing, theirs = (resolved["true"] == 0).sum(), differences["resolved_with_table_5_15"].sum()
     return (
         f"{len(resolved)} of {len(differences)} differences are resolved ({wrong} with the wrong "
-        f"sign, {nothing} where there is none), {theirs} with Table 5.15's numbers."
+        f"sign, {nothing} without a true one). With as few flights as in Table 5.15 it is {theirs}."
     )
 
 

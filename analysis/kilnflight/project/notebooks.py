@@ -127,7 +127,7 @@ def check_parameters(
                 f"(the default is {default!r})."
             )
     if given.get("scale", SCALES[0]) not in SCALES:
-        raise InputError(f"{stem}: scale {given['scale']!r} is none of {', '.join(SCALES)}.")
+        raise InputError(f"{stem}: scale {given['scale']!r} is not one of {', '.join(SCALES)}.")
 
 
 @contextmanager

@@ -62,7 +62,7 @@ def read_array(path: Path, key: str | None, where: str) -> npt.NDArray[Any]:
     """
     ending = path.suffix.lower()
     if ending not in ARRAYS:
-        raise InputError(f"{where}: {path} is none of {', '.join(sorted(ARRAYS))}.")
+        raise InputError(f"{where}: {path} is not one of {', '.join(sorted(ARRAYS))}; convert it.")
     with _reading(path, where):
         array = ARRAYS[ending](path, key)
     if array.dtype.names is None and array.dtype.kind not in "biuf":

@@ -75,7 +75,7 @@ def postprocess(
     Raises
     ------
     InputError
-        If the table is none of tracks.
+        If the table is not a track table.
     """
     paths = read_paths(tracks, "postprocess: tracks")
     table = write_paths(tracks, paths, paths.names())

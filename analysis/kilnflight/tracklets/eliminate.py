@@ -60,7 +60,7 @@ class Elimination:
         Raises
         ------
         InputError
-            If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`).
+            If the table is not a track table (`kilnflight.tracklets.paths.read_paths`).
         """
         paths = read_paths(tracks, "Elimination: tracks")
         names = paths.names()

@@ -194,7 +194,7 @@ class Joining:
         Raises
         ------
         InputError
-            If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`), or
+            If the table is not a track table (`kilnflight.tracklets.paths.read_paths`), or
             ``differences`` returns no finite numbers.
         """
         paths = read_paths(tracks, "tracks to join")

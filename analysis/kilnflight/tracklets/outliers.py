@@ -62,7 +62,7 @@ class OutlierRemoval:
         Raises
         ------
         InputError
-            If the table is none of tracks (`kilnflight.tracklets.paths.read_paths`).
+            If the table is not a track table (`kilnflight.tracklets.paths.read_paths`).
         """
         paths = read_paths(tracks, "OutlierRemoval: tracks")
         kept = np.zeros(len(paths.rows), dtype=np.bool_)
