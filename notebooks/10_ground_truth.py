@@ -21,10 +21,10 @@ frames = 0  # labelled frames per subset; 0: 2, 10 or 10 by scale
 import numpy as np
 import pandas as pd
 
-from kilnflight import camera
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection, twin_mixture
 from kilnflight.project import figures, paths, style
+from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.twin import scenes, truth
 
 style.use_style()
@@ -85,7 +85,7 @@ figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption,
 # ## Sizes and distances (Figs 3.12 and 5.7)
 
 # %%
-clouds = [camera.calibrate_points(twin.frame(scenes.LABELLED[0]).xyz) for twin in twins.values()]
+clouds = [calibrated_cloud(twin, scenes.LABELLED[0]) for twin in twins.values()]
 near = np.concatenate([k_distances(cloud, 2) for cloud in clouds])  # the first is the point itself
 steps = [(near < 1).mean(), ((near >= 1) & (near < 2)).mean(), (near < 4).mean()]
 radius = labelled["radius_px"].to_numpy()

@@ -23,10 +23,10 @@ seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
-from kilnflight import camera
 from kilnflight import detection as detectors
 from kilnflight.experiments import detection, detection_claims, detection_pictures
 from kilnflight.project import claims, figures, style
+from kilnflight.recording.frames import calibrated_cloud
 
 # %%
 style.use_style()
@@ -43,7 +43,7 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # How far each point's neighbours are; the knee suggests eps (Fig. 2.19).
 
 # %%
-cloud = camera.calibrate_points(subsets[0].recording.frame(subsets[0].frames[0]).xyz)
+cloud = calibrated_cloud(subsets[0].recording, subsets[0].frames[0])
 picture, curves = detection_pictures.draw_k_distances(cloud)
 caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)

@@ -39,8 +39,10 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # The wall is the largest cluster of DBSCAN's first pass, with the true axis beside the fit.
 
 # %%
-clouds = {subset.name: subset.recording.frame(subset.frames[0]).xyz for subset in subsets}
-walls = {name: detection_methods.wall_points(cloud) for name, cloud in clouds.items()}
+walls = {
+    subset.name: detection_methods.wall_points(subset.recording, subset.frames[0])
+    for subset in subsets
+}
 fits = {name: CylinderFit()(wall, seed) for name, wall in walls.items()}
 fit, wall = fits[subsets[0].name], walls[subsets[0].name]
 cylinders = wall_claims.cylinder_table(fits, subsets[0].recording.scene.geometry)

@@ -9,11 +9,13 @@ from kilnflight.camera import (
     PLATE_DISTANCES_MM,
     DepthCalibration,
     calibrate_depth,
+    calibrate_points,
     captured_depths,
     equalize,
     fit_depth_segments,
     inside,
     invert_depth,
+    read_calibration,
     wall_profile,
 )
 from kilnflight.checks import InputError
@@ -33,6 +35,55 @@ def equation_in_plain_code(z):
 def test_calibration_is_the_equation(depths):
     expected = [equation_in_plain_code(z) for z in depths]
     np.testing.assert_allclose(calibrate_depth(depths), expected, atol=1e-6)
+
+
+def test_a_table_of_plates_is_joined_by_straight_lines():
+    calibration = DepthCalibration.from_table([[4000, 3000], [1000, 1500], [2000, 2000]])
+    depths = [500.0, 1000.0, 1500.0, 2000.0, 3000.0, 4000.0, 6000.0]
+    expected = [1250.0, 1500.0, 1750.0, 2000.0, 2500.0, 3000.0, 4000.0]  # by hand
+    np.testing.assert_allclose(calibration(depths), expected)
+
+
+def test_points_stay_on_their_ray_and_without_a_calibration_as_they_are():
+    points = [[100.0, -50.0, 5000.0], [0.0, 0.0, 3000.0]]
+    calibrated = calibrate_points(points, EQUATION_2_4)
+    expected = [[98.76, -49.38, 4938.0], [0.0, 0.0, 2869.28]]
+    np.testing.assert_allclose(calibrated, expected, atol=0.005)
+    np.testing.assert_array_equal(calibrate_points(points, None), points)
+
+
+STATED = {
+    "no calibration": (None, 500.0),
+    "none": ("none", 500.0),
+    "the thesis's": ("zhang-2023", -5418.75),
+    "pairs": ([[0, 0], [1000, 2000]], 1000.0),
+    "a fit": ({"breakpoints_mm": [100.0], "coefficients": [[0, 1], [2, 0]]}, 1000.0),
+}
+
+
+@pytest.mark.parametrize(("stated", "depth"), STATED.values(), ids=STATED)
+def test_a_recording_states_its_depth_calibration(stated, depth):
+    calibration = read_calibration(stated)
+    assert (calibration(500.0) if calibration else 500.0) == pytest.approx(depth)
+
+
+WRONG = {
+    "an unknown word": ("zhang", "expected one of none, zhang-2023"),
+    "a number": (2.4, "expected one of none, zhang-2023"),
+    "a fit without coefficients": ({"breakpoints_mm": []}, "expected one of none"),
+    "one pair": ([[1000, 1010]], "two or more pairs"),
+    "pairs that fall": ([[1000, 1010], [2000, 900]], "growing with the captured"),
+    "a plate twice": ([[1000, 1010], [1000, 1020]], "growing with the captured"),
+    "triples": ([[1, 2, 3], [4, 5, 6]], "depth table"),
+    "NaN": ([[1, 2], [4, np.nan]], "depth table.*not finite"),
+    "text in a fit": ({"breakpoints_mm": [], "coefficients": [["a"]]}, "depth calibration"),
+}
+
+
+@pytest.mark.parametrize(("stated", "message"), WRONG.values(), ids=WRONG)
+def test_what_is_no_depth_calibration_is_refused(stated, message):
+    with pytest.raises(InputError, match=message):
+        read_calibration(stated)
 
 
 def test_the_breakpoints_belong_to_the_middle_segment():

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from kilnflight import background, kiln
-from kilnflight.camera import calibrate_points
+from kilnflight.camera import EQUATION_2_4, calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
@@ -35,7 +35,7 @@ def test_a_view_is_the_frame_without_the_flame(twin):
     np.testing.assert_array_equal(view.gray, frame.gray)
     np.testing.assert_array_equal(view.previous, twin.gray(75))
     np.testing.assert_array_equal(view.pixels, frame.pixels[keep])
-    np.testing.assert_array_equal(view.xyz, calibrate_points(frame.xyz)[keep])
+    np.testing.assert_array_equal(view.xyz, calibrate_points(frame.xyz, EQUATION_2_4)[keep])
     plain = next(iter(MEDIAN(kiln.GrayFrames(twin), [76])))
     np.testing.assert_array_equal(view.foreground, flame.cover(plain))
     assert t == 76

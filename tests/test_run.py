@@ -190,8 +190,8 @@ def test_the_settings_name_what_was_used(stored_flights, tmp_path):
     prepared = run.prepare(stored_flights, tmp_path, options)[0]
     rows = dict(settings(prepared, options, "2"))
     assert rows["threshold of DoG"] == "200 grey values (given)"
-    assert rows["lance's outlet, after Eq. 2.4"].endswith(" mm (as recorded)")
-    assert f"{prepared.exit_point_mm[2]:.1f} mm" in rows["lance's outlet, after Eq. 2.4"]
+    assert rows["lance's outlet, depth calibrated"].endswith(" mm (as recorded)")
+    assert f"{prepared.exit_point_mm[2]:.1f} mm" in rows["lance's outlet, depth calibrated"]
     assert rows["kiln's axis"].startswith("through ")
     assert rows["kiln's radius"] == f"{prepared.wall.radius_mm:.0f} mm"
     assert rows["taken for in the air"] == "up to 800 mm from the axis"

@@ -180,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     argument("--to", type=Path, metavar="FOLDER", help=target)
     threshold = "least response of a keypoint, grey values (default: five times the noise)"
     argument("--threshold", type=float, metavar="GREY", help=threshold)
-    lance = "outlet of the lance, mm as captured, before Eq. 2.4 (default: as recorded)"
+    lance = "outlet of the lance, mm as captured (default: as recorded)"
     argument("--exit-point", metavar="x,y,z", help=lance)
     axis = "largest distance from the kiln's axis of a particle in the air (default: 800)"
     argument("--in-air", type=float, default=800.0, metavar="MM", help=axis)

@@ -2,7 +2,8 @@
 
 The plenoptic camera reports a captured depth. A test plate at 1, 2, ..., 11 m showed that
 it is off by a few decimetres, differently in three ranges. Eq. 2.4 maps captured to true
-depth with one quadratic per range (section 2.1.5, thesis). All depths are in millimetres.
+depth with one quadratic per range (section 2.1.5, thesis). It is that camera's: a recording
+says which calibration its depths need, and none is applied unasked. Depths are in mm.
 
 In an infrared picture a strip of the wall is a trapezoid, narrow where it is far. A
 projective transform makes a rectangle of it, and the mean of each row is the profile along
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -53,6 +55,34 @@ class DepthCalibration:
                 f"{len(self.breakpoints_mm)} breakpoints make {len(self.breakpoints_mm) + 1} "
                 f"segments, but there are {len(self.coefficients)} polynomials."
             )
+        check_finite(np.concatenate([self.breakpoints_mm, *self.coefficients]), "depth calibration")
+
+    @classmethod
+    def from_table(cls, pairs: npt.ArrayLike) -> Self:
+        """Return straight lines between measured depths; the outer ones go on beyond.
+
+        Parameters
+        ----------
+        pairs
+            (n, 2) captured and true depth of n plates, at least two, in mm.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two, or the true depth does not grow with the captured one.
+        """
+        table = check_finite(pairs, "depth table")
+        check_shape(table, (None, 2), "depth table")
+        table = table[np.argsort(table[:, 0], kind="stable")]
+        steps = np.diff(table, axis=0)
+        if len(steps) < 1 or (steps <= 0).any():
+            raise InputError(
+                "depth table: give two or more pairs (captured, true) in mm, the true depth "
+                "growing with the captured one."
+            )
+        slopes = steps[:, 1] / steps[:, 0]
+        lines = np.column_stack([slopes, table[:-1, 1] - slopes * table[:-1, 0]])
+        return cls(tuple(table[1:-1, 0].tolist()), tuple(map(tuple, lines.tolist())))
 
     def segment(self, captured_mm: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return the segment of each captured depth."""
@@ -99,8 +129,42 @@ EQUATION_2_4 = DepthCalibration(
     closed_left=(True, False),
 )
 
+CALIBRATIONS = {"none": None, "zhang-2023": EQUATION_2_4}  # what a recording can name
+
 # The plate stood at 1 m to 11 m; beyond them Eq. 2.4 extrapolates.
 PLATE_DISTANCES_MM = tuple(1000.0 * metre for metre in range(1, 12))
+
+
+def read_calibration(stated: Any) -> DepthCalibration | None:
+    """Return the depth calibration that a recording states.
+
+    Parameters
+    ----------
+    stated
+        None or ``"none"``: depths are true as they are. ``"zhang-2023"``: Eq. 2.4. Pairs of
+        captured and true depth, in mm: see `DepthCalibration.from_table`. A mapping with
+        ``breakpoints_mm`` and ``coefficients``: the fields of `DepthCalibration`.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if stated is None or isinstance(stated, DepthCalibration):
+        return stated
+    if isinstance(stated, str) and stated in CALIBRATIONS:
+        return CALIBRATIONS[stated]
+    if isinstance(stated, list | tuple):
+        return DepthCalibration.from_table(stated)
+    try:
+        breakpoints, rows = stated["breakpoints_mm"], stated["coefficients"]
+        closed = tuple(map(bool, stated.get("closed_left", ())))
+        return DepthCalibration(tuple(breakpoints), tuple(map(tuple, rows)), closed)
+    except (TypeError, KeyError, AttributeError):
+        raise InputError(
+            f"depth_calibration is {stated!r}; expected one of {', '.join(CALIBRATIONS)}, pairs "
+            "[captured, true] in mm, or breakpoints_mm with coefficients."
+        ) from None
 
 
 def calibrate_depth(z: npt.ArrayLike) -> Array:
@@ -225,13 +289,21 @@ def fit_depth_segments(
     return DepthCalibration(frame.breakpoints_mm, tuple(tuple(row) for row in fitted.tolist()))
 
 
-def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
-    """Return points (n, 3) with their depth after Eq. 2.4, in mm.
+def calibrate_points(captured_mm: npt.ArrayLike, calibration: DepthCalibration | None) -> Array:
+    """Return points (n, 3) with their true depth, in mm.
 
     Parameters
     ----------
     captured_mm
         (n, 3) x, y, z in camera coordinates as captured.
+    calibration
+        That of the recording's camera (`Attributes.depth_calibration`); None: depths are
+        true as captured.
+
+    Raises
+    ------
+    InputError
+        If a point is behind the camera, as captured or by the calibration.
 
     Notes
     -----
@@ -248,7 +320,17 @@ def calibrate_points(captured_mm: npt.ArrayLike) -> Array:
             f"captured points: point {int(np.argmin(depth))} has depth {depth.min():g} mm; the "
             "camera sees what is before it (z above 0)."
         )
-    return points * (calibrate_depth(depth) / depth)
+    if calibration is None:
+        return points
+    true = calibration(depth)
+    if not (true > 0).all():
+        k = int(np.argmin(true))
+        raise InputError(
+            f"captured points: the recording's depth calibration makes {true[k, 0]:.0f} mm of "
+            f"{depth[k, 0]:.0f} mm. Each camera has its own: state the one of this camera, or "
+            'depth_calibration = "none".'
+        )
+    return points * (true / depth)
 
 
 def inside(polygon: npt.ArrayLike, row: npt.ArrayLike, col: npt.ArrayLike) -> npt.NDArray[np.bool_]:

@@ -117,11 +117,12 @@ def views(
     """
     frames, model = list(frames), background or Median()
     before, gray = -1, np.empty((0, 0), dtype=np.uint16)
+    calibration = recording.attributes.depth_calibration
     for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
         frame = recording.frame(t)
         beside = t - 1 if t > 0 else min(1, len(recording) - 1)
         previous = gray if beside == before else recording.gray(beside)
-        pixels, xyz = frame.pixels, calibrate_points(frame.xyz)
+        pixels, xyz = frame.pixels, calibrate_points(frame.xyz, calibration)
         if recording.attributes.flame_roi is not None:
             flame = segment_flame(frame.gray, recording.attributes.flame_roi)
             flame.clear(foreground)  # in place: models give every one anew
@@ -304,7 +305,7 @@ class KilnRun:
     detection
         Recording, frames, detector, and the folder of all tables.
     exit_point_mm
-        Outlet of the lance after Eq. 2.4; None: there are no trajectories.
+        Outlet of the lance, its depth calibrated; None: there are no trajectories.
     wall
         The kiln; None: no detection counts as on the wall, and there are no flights.
     in_air

@@ -166,7 +166,7 @@ DETECTIONS = Table(
     Column("gray", float, "1", "mean grey value of the frame within that disc"),
     Column("x", float, "mm", "mean of its points, camera coordinates", missing=True),
     Column("y", float, "mm", "likewise", missing=True),
-    Column("z", float, "mm", "likewise, after Eq. 2.4", missing=True),
+    Column("z", float, "mm", "likewise, depth calibrated", missing=True),
     Column("points", int, "1", "number of its points in space; 0: x, y, z are missing"),
     Column("case", int, "1", "which of the five cases of chapter 3.1 decided it"),
 )

@@ -14,6 +14,7 @@ from PIL import Image
 
 from kilnflight.checks import InputError
 from kilnflight.recording import importing
+from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.recording.importing import import_recording, read_manifest
 from kilnflight.recording.store import open_recording
 
@@ -109,6 +110,7 @@ def test_everything_comes_back(files):
         "lance_mm": (1.0, 2.0, 9000.0),
         "roi": ((0, 0), (24, 0), (24, 32)),
         "flame_roi": (2, 8, 3, 9),
+        "depth_calibration": None,
     }
     for t, number in enumerate(FRAMES):
         gray, grid, labels = files.content(number)
@@ -123,6 +125,39 @@ def test_everything_comes_back(files):
     assert facts["gray"].endswith(" (12 bits)")
     assert facts["labels"] == "4 frames"
     assert [path.name for path in files.target.parent.iterdir()] == ["small.zarr"]
+
+
+CALIBRATIONS = {
+    "none": ("none", 5000.0),
+    "Eq. 2.4": ("zhang-2023", 4938.0),
+    "table": ([[6000, 5000], [4000, 3800]], 4400.0),
+    "fit": ({"breakpoints_mm": [], "coefficients": [[0.5, 100.0]]}, 2600.0),
+}
+
+
+@pytest.mark.parametrize(("stated", "true_mm"), CALIBRATIONS.values(), ids=CALIBRATIONS)
+def test_depths_are_calibrated_as_the_manifest_states(files, stated, true_mm):
+    for frame in FRAMES:  # no text of the default set changes but this one key
+        files.write(frame, grid=np.full((24, 32, 3), (0.0, 500.0, 5000.0), np.float32))
+    if isinstance(stated, dict):
+        files.entries["depth_calibration"] = stated
+    else:
+        files.entries = {"depth_calibration": stated, **files.entries}
+    facts, stored = files.run(), open_recording(files.target)
+    expected = np.tile([0.0, true_mm / 10, true_mm], (24 * 32, 1))
+    np.testing.assert_allclose(calibrated_cloud(stored, 0), expected, rtol=1e-6)
+    lance = stored.attributes.exit_point_mm
+    factor = lance[2] / 9000.0
+    assert lance == pytest.approx((factor, 2 * factor, lance[2]))
+    told = facts.iloc[facts.index.get_loc("depth") + 1]
+    assert told.startswith("taken as true" if true_mm == 5000.0 else f"{true_mm:.0f} and")
+
+
+def test_a_depth_that_the_calibration_puts_behind_the_camera_is_refused(files):
+    near = np.full((24, 32, 3), (0.0, 0.0, 500.0), np.float32)
+    files.write(9, grid=near)
+    files.entries = {"depth_calibration": "zhang-2023", **files.entries}
+    files.fails("recording small, frame 9: .* makes -5419 mm of 500 mm.*state the one of this")
 
 
 @pytest.mark.parametrize("ending", ["csv", "npy"])

@@ -28,7 +28,8 @@ def test_the_text_has_a_fact_a_line(small):
     assert lines[0] == "recording   small"
     assert lines[1] == "frames      5 of 24 x 32 pixels"
     assert lines[3] == "points      0 to 40 per frame, median 20; 2.60 % of the pixels"
-    assert len(lines) == 12
+    assert lines[5].strip() == "taken as true: no depth_calibration is stated"
+    assert len(lines) == 13
 
 
 def metres(f):

@@ -22,7 +22,6 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight import kiln, regression
-from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
@@ -30,10 +29,9 @@ from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
 from kilnflight.experiments import detection, detection_methods
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.flight import straight_on
-from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource, Vector
+from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import Attributes
 from kilnflight.scores.flights import METRES, FlightValues, outcomes
 from kilnflight.tables import AXES, TRAJECTORIES
 from kilnflight.twin import truth
@@ -92,8 +90,8 @@ def _settings(scale: str, seed: int) -> pd.DataFrame:
     subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
-    first = subsets[0].recording.frame(subsets[0].frames[0])
-    wall = CylinderFit()(detection_methods.wall_points(first.xyz), seed)
+    points = detection_methods.wall_points(subsets[0].recording, subsets[0].frames[0])
+    wall = CylinderFit()(points, seed)
     detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
     marked, _ = detection.positions(subsets, detectors, wall)
     known = marked.dropna(subset="z")
@@ -156,15 +154,8 @@ def _run(name: str, scale: str, settings: Settings, seed: int, scenario: str) ->
     stop = min(first + count, len(twin)) if count else len(twin)
     detector, subtracted = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
     frames = DetectionRun(source, first, stop, detector, subtracted, LONG_CHUNK, differences=False)
-    return KilnRun(frames, exit_point(twin.attributes), settings.wall, InAir(settings.in_air_mm))
-
-
-def exit_point(attributes: Attributes) -> Vector | None:
-    """Return the outlet of the lance after Eq. 2.4, mm; None if it is not known."""
-    if attributes.lance_mm is None:
-        return None
-    x, y, z = calibrate_points([attributes.lance_mm])[0].tolist()
-    return x, y, z
+    exit_point, in_air = twin.attributes.exit_point_mm, InAir(settings.in_air_mm)
+    return KilnRun(frames, exit_point, settings.wall, in_air)
 
 
 class Measurement(NamedTuple):

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from kilnflight.background import Median, TwoFrame
 from kilnflight.background.difference import Frames, partner
-from kilnflight.camera import calibrate_points
 from kilnflight.detection import (
     DBSCAN,
     Clusterer,
@@ -24,6 +23,7 @@ from kilnflight.detection import (
     QuasiClusterCenters,
 )
 from kilnflight.detection.combination import Combination, View, second_pass, summarise
+from kilnflight.recording.frames import Recording, calibrated_cloud
 
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
@@ -141,12 +141,9 @@ class _Remembered:
         return self.last[1]
 
 
-def wall_points(xyz: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return the calibrated points of a cloud on the wall.
-
-    These are DBSCAN's largest cluster, first pass.
-    """
-    points = calibrate_points(xyz)
+def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
+    """Return the calibrated points on the wall: DBSCAN's largest cluster, first pass."""
+    points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
 

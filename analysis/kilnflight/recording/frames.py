@@ -3,7 +3,7 @@
 A recording is anything with `attributes`, a length and ``frame(t)``; the twin renders
 its frames on demand, `kilnflight.recording.store.StoredRecording` reads them from disk, and
 the methods cannot tell which one they were given. Pixels are row, col; millimetres
-are x, y, z in camera coordinates as captured, before Eq. 2.4.
+are x, y, z in camera coordinates as captured, before the recording's depth calibration.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.camera import DepthCalibration, calibrate_points, read_calibration
 from kilnflight.checks import InputError, check_positive, check_shape
 
 FRACTIONS = ("wood chip", "confetti", "paper shred", "PE granule", "mixed")
@@ -39,7 +40,7 @@ class Frame:
         (n, 2) int32: row and col of the pixels that have a captured position, each once.
     xyz
         (n, 3) float32: those positions in mm, camera coordinates as captured, that is
-        without Eq. 2.4; always finite.
+        without the depth calibration; always finite.
     labels
         (rows, cols) uint8, classes of Table 5.1, Zhang 2023 (`LABELS`), where known.
     """
@@ -72,6 +73,8 @@ class Attributes:
         Vertices (row, col) of the polygon outside which the optics leave artefacts.
     flame_roi
         (row0, row1, col0, col1) of the burner flame, the ends excluded.
+    depth_calibration
+        What its captured depths, the lance's too, need; None: they are true.
     """
 
     name: str
@@ -83,6 +86,7 @@ class Attributes:
     lance_mm: tuple[float, float, float] | None = None
     roi: tuple[tuple[float, float], ...] | None = None
     flame_roi: tuple[int, int, int, int] | None = None
+    depth_calibration: DepthCalibration | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no recording has, with the name of the recording."""
@@ -120,10 +124,20 @@ class Attributes:
         """Rows and columns of a frame."""
         return self.rows, self.columns
 
+    @property
+    def exit_point_mm(self) -> tuple[float, float, float] | None:
+        """Outlet of the lance, its depth calibrated; None if it is not known."""
+        if self.lance_mm is None:
+            return None
+        x, y, z = calibrate_points([self.lance_mm], self.depth_calibration)[0].tolist()
+        return x, y, z
+
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return the attributes from what JSON or TOML gives; lists become tuples."""
-        return cls(**{key: _tuples(value) for key, value in values.items()})
+        calibration = read_calibration(values.get("depth_calibration"))
+        others = {key: _tuples(value) for key, value in values.items()}
+        return cls(**others | {"depth_calibration": calibration})
 
 
 def _tuples(value: Any) -> Any:
@@ -147,6 +161,11 @@ class Recording(Protocol):
 
         Backgrounds need them by the hundred.
         """
+
+
+def calibrated_cloud(recording: Recording, t: int) -> npt.NDArray[np.float64]:
+    """Return the points (n, 3) of frame ``t`` in mm, their depth calibrated."""
+    return calibrate_points(recording.frame(t).xyz, recording.attributes.depth_calibration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +281,11 @@ def check_frame(frame: Frame, attributes: Attributes) -> Frame:
         )
     check_array(frame.gray, "uint16", size, f"{where}: gray")
     check_cloud(frame.pixels, frame.xyz, size, where)
+    if attributes.depth_calibration is not None:
+        try:
+            calibrate_points(frame.xyz, attributes.depth_calibration)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
     if frame.labels is not None:
         check_array(frame.labels, "uint8", size, f"{where}: labels")
         if frame.labels.size and int(frame.labels.max()) >= len(LABELS):

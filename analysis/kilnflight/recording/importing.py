@@ -9,6 +9,7 @@ A small TOML file, the manifest, says what lies where. Patterns are relative to 
     lance_mm = [-10.0, 240.0, 8950.0]               # outlet: x, y, z
     roi = [[0, 200], [0, 1800], [1535, 1900], [1535, 100]]     # vertices: row, col
     flame_roi = [900, 1200, 850, 1150]              # row0, row1, col0, col1
+    depth_calibration = [[1020, 1000], [2110, 2000]]           # captured, true depth
 
     [gray]                            # 16-bit: TIFF, PNG, MAT, HDF5, NPY, NPZ
     pattern = "gray/frame_{frame:04d}.tif"
@@ -33,7 +34,10 @@ structured NPY by name, in other arrays (n, 5) by position. ``columns = ["v", "u
 "Y", "Z"]`` gives other names in the same order, ``origin = 1`` counts pixels from 1.
 
 Classes of Table 5.1: 0 wall, 1 flame, 2 burning in air, 3 non-burning in air, 4 burning
-on the wall. Coordinates are those of the camera as captured, before Eq. 2.4.
+on the wall. Coordinates, the lance's too, are those of the camera as captured.
+``depth_calibration`` makes true depths of them: pairs of captured and true depth in mm,
+a fit (``breakpoints_mm``, ``coefficients`` in mm, highest power first), ``"zhang-2023"``
+(Eq. 2.4, which holds for that one camera), or ``"none"``, the default.
 
 The ending of a file names its format (`kilnflight.recording.array_files`).
 

@@ -37,7 +37,7 @@ from zarr.codecs import ZstdCodec
 from kilnflight.checks import InputError, check_new
 from kilnflight.recording.frames import Attributes, Frame, Recording, check_frame, check_position
 
-FORMAT = "kilnflight recording 1"
+FORMAT = "kilnflight recording 2"  # 1 did not say which depth calibration it needs
 JOURNAL = "journal.txt"
 POINTS_PER_CHUNK = 65_536
 KINDS = {"gray": "uint16", "pixels": "int32", "xyz": "float32", "labels": "uint8"}

@@ -39,6 +39,11 @@ def summarise(recording: Recording) -> pd.DataFrame:
     depth = float(table["nearest"].min()), float(table["farthest"].max())
     if points.any():
         facts.append(("depth", "{:.0f} to {:.0f} mm, as captured".format(*depth)))
+        if (calibration := attributes.depth_calibration) is None:
+            facts.append(("", "taken as true: no depth_calibration is stated"))
+        else:
+            true = calibration(depth)
+            facts.append(("", f"{true[0]:.0f} and {true[1]:.0f} mm by its depth_calibration"))
     facts.append(("labels", f"{len(labels)} frames"))
     if labels:
         counts = zip(np.sum(labels, axis=0), LABELS, strict=True)

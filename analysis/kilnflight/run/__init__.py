@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -22,7 +22,6 @@ from skimage.util import view_as_blocks
 
 from kilnflight import kiln, tracking
 from kilnflight.association import GNN, Associator
-from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError, check_positive, check_shape
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
@@ -32,7 +31,7 @@ from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
 from kilnflight.project.cache import clear_parts, locked, write_resumable
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import ArrayRecording, Attributes, Recording
+from kilnflight.recording.frames import ArrayRecording, Attributes, Recording, calibrated_cloud
 from kilnflight.recording.importing import read_manifest
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.recording.summary import aligned
@@ -69,8 +68,7 @@ class Options:
     threshold
         Of DoG, grey values.
     exit_point_mm
-        Outlet of the lance: camera coordinates as captured, before Eq. 2.4, as ``lance_mm`` of
-        a manifest.
+        Outlet of the lance: camera coordinates as captured, as ``lance_mm`` of a manifest.
     in_air_mm
         Largest distance from the kiln's axis of what is in the air.
     bright
@@ -216,14 +214,16 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
     threshold = options.threshold or _threshold(recording, notes)
     lance = wall = None
     if recording.per_frame["points"].any():
-        captured = options.exit_point_mm or recording.attributes.lance_mm
-        if captured is None:
+        attributes = recording.attributes
+        if options.exit_point_mm:
+            attributes = replace(attributes, lance_mm=options.exit_point_mm)
+        lance = attributes.exit_point_mm
+        if lance is None:
             raise InputError(
                 f"recording {source.name}: where the lance ends is not known. Give --exit-point "
                 "x,y,z (mm, camera coordinates as captured), or lance_mm in its manifest."
             )
-        x, y, z = calibrate_points([captured])[0].tolist()
-        lance, wall = (x, y, z), _wall(recording, notes)
+        wall = _wall(recording, notes)
     else:
         notes.append(
             "The recording has no depth: tracks are 2D. Trajectories, dwell times, velocities "
@@ -322,7 +322,7 @@ def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
     Sections 3.1 and 3.2 of the thesis. The clouds of the frames are put together, which makes a
     still wall denser than what flies.
     """
-    points = np.concatenate([calibrate_points(recording.frame(t).xyz) for t in frames])
+    points = np.concatenate([calibrated_cloud(recording, t) for t in frames])
     labels = DBSCAN(eps=50.0, min_points=10)(points)  # mm and points of the wall pass, sec. 5.1.3
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")
@@ -357,7 +357,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
         rows.append(("lance's outlet", "not used"))
     else:
         source = "given" if options.exit_point_mm else "as recorded"
-        rows.append(("lance's outlet, after Eq. 2.4", f"{listed(lance, 1)} mm ({source})"))
+        rows.append(("lance's outlet, depth calibrated", f"{listed(lance, 1)} mm ({source})"))
     if wall is None:
         rows.append(("kiln's wall", "not used"))
     else:

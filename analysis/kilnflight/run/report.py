@@ -102,14 +102,15 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
         yield (
             f"{len(flights)} trajectories were fitted, but none starts at the lance: the first "
             f"positions lie {flights['start_mm'].median():.0f} mm from it (median)"
-            f"{way if early else ''}. Is the lance's outlet right (mm, as captured, before Eq. "
-            "2.4)? Dwell times, velocities and ignition are of flights from the lance only."
+            f"{way if early else ''}. Is the lance's outlet right (mm, as captured), and the "
+            "depth_calibration? Dwell times, velocities and ignition are of flights from the "
+            "lance only."
         )
     behind = int((slices["slice_m"] < 0).sum())
     if 2 * behind > len(slices):
         yield (
             f"{behind} of {len(slices)} metres that were passed lie behind the lance. Is its "
-            "outlet right (mm, as captured, before Eq. 2.4)?"
+            "outlet right (mm, as captured), and the depth_calibration?"
         )
     ignited = int((counted["ignition"] == SEEN).sum())
     if ignited and not above_background:

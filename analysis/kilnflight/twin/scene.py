@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.camera import EQUATION_2_4
 from kilnflight.checks import check_positive
 from kilnflight.recording.frames import Attributes, Frame, check_position
 from kilnflight.twin.background import Background, Surroundings
@@ -91,6 +92,7 @@ class Twin:
             lance_mm=tuple(map(float, lance)),  # type: ignore[arg-type]
             roi=roi,
             flame_roi=scene.surroundings.flame_roi,
+            depth_calibration=EQUATION_2_4,
         )
 
     @cached_property
