@@ -18,14 +18,15 @@ def stretched(points, grid):
     return grid * (shifted / np.where(extent > 0, extent, 1.0))
 
 
-def domains(points, grid, dilations):
+def domains(points, grid, dilations, size_rule):
     """Label each point by Eqs 2.32 to 2.35 on a full grid; 0 where its domain is dropped."""
     cell = tuple(np.floor(stretched(points, grid) + 0.5).astype(int).T)
     occupied = np.zeros((grid + 1,) * 3, bool)
     occupied[cell] = True
     labels, _ = ndimage.label(occupied, CUBE)
     sizes = np.bincount(labels.ravel())[1:]
-    occupied = np.isin(labels, 1 + np.flatnonzero(sizes >= sizes.mean()))
+    least = sizes.mean() if size_rule else 0
+    occupied = np.isin(labels, 1 + np.flatnonzero(sizes >= least))
     kept = occupied[cell]
     labels, count = ndimage.label(occupied, CUBE)
     before = done = 0
@@ -37,9 +38,9 @@ def domains(points, grid, dilations):
     return np.where(kept, labels[cell], 0)
 
 
-def check_against_definition(points, grid, dilations):
-    labels = MorphologicalClustering(grid, dilations)(points)
-    plain = domains(points, grid, dilations)
+def check_against_definition(points, grid, dilations, size_rule):
+    labels = MorphologicalClustering(grid, dilations, size_rule)(points)
+    plain = domains(points, grid, dilations, size_rule)
     pairs = {*zip(labels[plain > 0], plain[plain > 0], strict=True)}
     assert len(pairs) == len(set(labels)) == len(set(plain) - {0})
     position = stretched(points, grid)
@@ -54,19 +55,19 @@ def check_against_definition(points, grid, dilations):
 clouds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
-@given(clouds, st.integers(1, 25), st.sampled_from([0, 1, 2, 5, 40, None]))
-@example(np.random.default_rng(3), 25, None)
-def test_clouds_of_balls_and_crumbs(rng, grid, dilations):
+@given(clouds, st.integers(1, 25), st.sampled_from([0, 1, 2, 5, 40, None]), st.booleans())
+@example(np.random.default_rng(3), 25, None, True)
+def test_clouds_of_balls_and_crumbs(rng, grid, dilations, size_rule):
     middles = rng.uniform(0, 100, (6, 3))
     balls = middles[rng.integers(0, 6, 200)] + rng.normal(0, 3, (200, 3))
     points = np.concatenate([balls, rng.uniform(0, 100, (30, 3))])
-    check_against_definition(points * [1, 1, 10], grid, dilations)
+    check_against_definition(points * [1, 1, 10], grid, dilations, size_rule)
 
 
-@given(clouds, st.sampled_from([4, 8, 16]), st.sampled_from([1, 2, None]))
-def test_points_between_cells(rng, grid, dilations):
+@given(clouds, st.sampled_from([4, 8, 16]), st.sampled_from([1, 2, None]), st.booleans())
+def test_points_between_cells(rng, grid, dilations, size_rule):
     points = rng.integers(0, 17, (rng.integers(1, 60), 3)) / 2.0
-    check_against_definition(points, grid, dilations)
+    check_against_definition(points, grid, dilations, size_rule)
 
 
 def rods(*starts):
@@ -93,10 +94,13 @@ def test_dilation_ends_when_the_number_of_domains_stays():
     assert MorphologicalClustering(40, None)(points).max() == 2
 
 
-def test_small_domains_go_to_the_nearest_cluster():
+def test_a_small_domain_is_a_cluster_and_by_the_size_rule_goes_to_the_nearest():
+    """Section 5.1.3 names no size; Eq. 2.35 of the general method does."""
     crumb = np.array([[14.0, 0.0, 0.0]])
     points = np.concatenate([crumb, rods(0, 36)])
-    assert MorphologicalClustering(40)(points).tolist() == [0] + [0] * 5 + [1] * 5
+    assert MorphologicalClustering(40)(points).tolist() == [0] + [1] * 5 + [2] * 5
+    ruled = MorphologicalClustering(40, size_rule=True)(points)
+    assert ruled.tolist() == [0] + [0] * 5 + [1] * 5
 
 
 def test_a_finer_grid_tells_more_apart():

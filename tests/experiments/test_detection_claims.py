@@ -161,12 +161,14 @@ def test_times_are_medians_beside_the_published():
     assert sift[["method", "threshold", "seconds"]].to_numpy().tolist() == [["SIFT", 400, 0.3]]
 
 
-def test_dilations_stand_beside_the_best_published_f1(monkeypatch):
+def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monkeypatch):
     monkeypatch.setattr(detection_claims, "run", counts_of)
-    table = detection_claims.compare_dilations(["V1", "V2"])
-    assert table["dilations"].tolist() == ["none", "once (this work)", "twice", "until unchanged"]
-    assert table["tp"].tolist() == [4] * 4
-    assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 4
+    table = detection_claims.morphology_readings(["V1", "V2"])
+    ends = ["none", "once (this work)", "twice", "until unchanged"]
+    assert table["dilations"].tolist() == 2 * ends
+    assert table["size_rule"].tolist() == 4 * [False] + 4 * [True]
+    assert table["tp"].tolist() == [4] * 8
+    assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 8
 
 
 def test_each_subset_has_its_threshold(monkeypatch):

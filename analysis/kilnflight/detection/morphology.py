@@ -19,11 +19,11 @@ class MorphologicalClustering:
     """Cluster points by dilating a grid of cells (Eqs 2.31 to 2.36).
 
     Each axis of the cloud is stretched to [0, grid] and rounded, halves up (Eqs 2.32, 2.33).
-    The occupied cells make domains, a cell touching its 26 neighbours (Eq. 2.34). Domains
-    of fewer cells than the mean domain are dropped (Eq. 2.35). The rest is dilated by a
-    cube of 3 x 3 x 3 cells; domains that are then connected are one cluster. Each point of
-    a dropped domain takes the cluster of the nearest point of the others, by Euclidean
-    distance in the stretched cloud (Eq. 2.36). So there is no noise.
+    The occupied cells make domains, a cell touching its 26 neighbours (Eq. 2.34), and are
+    dilated by a cube of 3 x 3 x 3 cells; domains that are then connected are one cluster.
+    With the size rule, domains of fewer cells than the mean domain are dropped before
+    (Eq. 2.35); each point of one takes the cluster of the nearest point of the others, by
+    Euclidean distance in the stretched cloud (Eq. 2.36). So there is no noise.
 
     Parameters
     ----------
@@ -32,6 +32,8 @@ class MorphologicalClustering:
     dilations
         How often the grid is dilated; None: until a dilation leaves the number of domains
         as it was.
+    size_rule
+        Whether Eq. 2.35 is applied.
 
     Raises
     ------
@@ -46,9 +48,10 @@ class MorphologicalClustering:
     ``dilations=None``. Of hundreds of domains some always merge, so it leaves a frame a few
     clusters, where Table 5.9 counts 52 to 287 per image. Wang's abstract (the source of the
     method) also names a largest number of iterations, which the thesis does not print. One
-    dilation is the least that the method has. (3) T_s is described after the dilation. There a
-    single point counts 27 cells and the wall sets the mean, so that all but the wall would go.
-    Here it is taken of the grid as it is, where small domains set the mean.
+    dilation is the least that the method has. (3) Eq. 2.35 is part of Wang's general method in
+    2.2.5. Section 5.1.3, which tells what was run on the frames, names grid, dilation, labels
+    and nearest domain, but no size, so the rule is off. Where it is on, T_s is taken of the grid
+    as it is. It is described after the dilation, where the wall sets the mean.
 
     For the combined method, section 5.1.3 removes the wall with R = 100 and takes R = 400
     for the rest. Sources: section 2.2.5 and Table 5.9, thesis.
@@ -56,6 +59,7 @@ class MorphologicalClustering:
 
     grid: int = 150  # cells, best F1 of Table 5.9
     dilations: int | None = 1  # not printed
+    size_rule: bool = False  # section 5.1.3 names none
 
     def __post_init__(self) -> None:
         """Refuse a grid without cells and a negative number of dilations."""
@@ -85,7 +89,8 @@ class MorphologicalClustering:
         cells = np.column_stack(np.unravel_index(occupied, 3 * (grid + 1,)))
         domains = _joined(cells, 1)  # Eq. 2.34
         sizes = np.bincount(domains)
-        large = sizes[domains] * len(sizes) >= len(domains)  # Eq. 2.35
+        large = np.full(len(domains), not self.size_rule)
+        large |= sizes[domains] * len(sizes) >= len(domains)  # Eq. 2.35
         clusters = np.full(len(domains), NOISE)
         clusters[large] = _dilated(cells[large], self.dilations)
         labels = clusters[cell]
@@ -108,7 +113,7 @@ def _joined(cells: npt.NDArray[np.intp], reach: int) -> npt.NDArray[np.int32]:
 
 
 def _dilated(cells: npt.NDArray[np.intp], dilations: int | None) -> npt.NDArray[np.int32]:
-    """Return the cluster of each cell of a large domain after the dilations.
+    """Return the cluster of each cell after the dilations.
 
     Two cells whose steps along every axis are at most 2 k + 1 touch after k dilations, so
     that nothing need be dilated. The edge of the grid changes nothing in this.

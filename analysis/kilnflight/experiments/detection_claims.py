@@ -251,21 +251,26 @@ def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
     return pd.concat([settings[PARAMETERS[family]], table.assign(f1_published=f1)], axis=1)
 
 
+def morphology_readings(subsets: list[Subset], grid: int = 150) -> pd.DataFrame:
+    """Return counts of morphological clustering by number of dilations and size rule.
+
+    ``grid`` is R, by default of the best row of Table 5.9, thesis.
+    """
+    ends = {"none": 0, "once (this work)": 1, "twice": 2, "until unchanged": None}
+    methods = {
+        (name, size_rule): from_cloud(MorphologicalClustering(grid, end, size_rule))
+        for size_rule in (False, True)
+        for name, end in ends.items()
+    }
+    table = sum_counts(run(subsets, methods), ["method"])
+    names = pd.DataFrame(table.pop("method").tolist(), columns=["dilations", "size_rule"])
+    published = claims.published(TABLES["mo"]).set_index("R")["f1"][grid]
+    return pd.concat([names, table.assign(f1_published=published)], axis=1)
+
+
 def cluster_totals(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     """Return the rows of `cluster_table` that sum over all subsets, by family."""
     return {name: table[table["subset"] == "Total"] for name, table in tables.items()}
-
-
-def compare_dilations(subsets: list[Subset]) -> pd.DataFrame:
-    """Return counts of MO with other numbers of ``dilations`` than this work's one.
-
-    R is 150, that of the best row of Table 5.9, whose F1 is ``f1_published``.
-    """
-    ends = {"none": 0, "once (this work)": 1, "twice": 2, "until unchanged": None}
-    methods = {name: from_cloud(MorphologicalClustering(150, end)) for name, end in ends.items()}
-    counts = sum_counts(run(subsets, methods), ["method"]).rename(columns={"method": "dilations"})
-    printed = claims.published("table_5.9").set_index("R")["f1"]
-    return counts.assign(f1_published=printed[150])
 
 
 def analysed_recall(attempts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
