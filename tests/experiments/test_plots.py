@@ -12,17 +12,18 @@ from kilnflight.checks import InputError
 from kilnflight.experiments import plots
 from kilnflight.flight import slices
 from kilnflight.regression import Fit
+from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import Flight, Flights
 
 FIT = Fit(
     (0.0, 100.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
-    ((1.0, 0.0), (0.0, 4905.0), (-9000.0, 4000.0)), 0.2, 0.6, 60,
+    ((1.0, 0.0), (0.0, -4905.0), (-9000.0, 4000.0)), 0.2, 0.6, 60,
 )  # fmt: skip
 FLIGHT = {
     **{"ending": "landed", "ignition": "seen", "t0_s": 0.1, "ignition_s": 0.2, "end_s": 0.6},
     "dwell_s": 0.5,
 }
-TRACK = pd.DataFrame({"y": [200.0, np.nan], "z": [5500.0, np.nan]})
+TRACK = pd.DataFrame({"x": [0.0, np.nan], "y": [0.0, np.nan], "z": [5500.0, np.nan]})
 
 
 def lines(axes):
@@ -148,6 +149,29 @@ def test_open_bounds_run_to_the_edge(axes):
     ends = [segment[:, 1] for segment in axes.collections[0].get_segments()]
     np.testing.assert_allclose(ends, [[2.92, 10.08], [-0.08, 4.08]])
     assert axes.get_ylim() == (0, 10)
+
+
+def test_what_is_lower_in_the_picture_is_drawn_lower():
+    geometry = Geometry()
+    high, low = [300.0, 500.0, 6000.0], [300.0, -500.0, 6000.0]
+    rows, _ = geometry.project(np.array([high, low]))
+    assert rows[0] < rows[1]  # rows count down
+    np.testing.assert_allclose(plots.upright([high, low]), [[6.0, 6.0], [0.3, 0.3], [0.5, -0.5]])
+
+
+def test_a_falling_particle_ends_lower_on_the_drawn_axis(axes):
+    plots.draw_dwell_time(axes, FIT, FLIGHT, TRACK)  # falls by g t^2 / 2
+    assert lines(axes)["end: landed"][0][1] == pytest.approx(-4.905 * 0.5**2)
+    figure = plt.figure()
+    space = figure.add_subplot(projection="3d")
+    plots.draw_curves(space, [FIT], [TRACK.assign(frame=[1, 2], gray=1.0)])
+    up = space.lines[0].get_data_3d()[2]
+    assert up[-1] - up[0] == pytest.approx(-4.905 * 0.5**2)
+    bottom, top = space.get_zlim()
+    assert bottom < top
+    plt.close(figure)
+    page = plots.turning({3: FIT}, TRACK.assign(particle=3, gray=1.0), "falls")
+    assert '"zaxis":{"title":{"text":"up, y (m)"}}' in page
 
 
 def test_curves_start_at_the_lance_and_points_without_depth_are_left_out():

@@ -75,6 +75,15 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     axes.set_ylim(bottom, top)
 
 
+def upright(places_mm: npt.ArrayLike) -> Array:
+    """Return depth, across and up in m, (3, n), of camera coordinates (n, 3) in mm.
+
+    Every picture in space is drawn in these: y of the camera points up, as rows count down.
+    """
+    x, y, z = np.asarray(places_mm, dtype=np.float64).reshape(-1, 3).T / 1000.0
+    return np.stack([z, x, y])
+
+
 def draw_curves(
     axes: Any, fits: Sequence[Fit], tracks: Sequence[pd.DataFrame], gray: bool = False
 ) -> None:
@@ -91,10 +100,10 @@ def draw_curves(
     """
     for k, (fit, track) in enumerate(zip(fits, tracks, strict=True)):
         colour = COLOURS[1 + k % (len(COLOURS) - 1)]
-        x, y, z = fit(np.linspace(fit.t0, fit.last_s, SAMPLES)).T / 1000.0
-        axes.plot(z, x, -y, color=colour, lw=1.4, ls="-")
+        way = upright(fit(np.linspace(fit.t0, fit.last_s, SAMPLES)))
+        axes.plot(*way, color=colour, lw=1.4, ls="-")
         detections = track.dropna(subset="z").sort_values("frame")
-        place = detections[["z", "x", "y"]].to_numpy().T / 1000.0
+        place = upright(detections[["x", "y", "z"]])
         if gray:
             look = {
                 "c": detections["gray"],
@@ -103,13 +112,14 @@ def draw_curves(
                 "vmax": BRIGHTEST,
                 "s": 2,
             }
-            axes.scatter(place[0], place[1], -place[2], **look)
+            axes.scatter(*place, **look)
         else:
-            axes.plot(place[0], place[1], -place[2], color=colour, lw=0.35, ls="-")
+            axes.plot(*place, color=colour, lw=0.35, ls="-")
     if fits:
-        x, y, z = np.asarray(fits[0].exit_point_mm) / 1000.0
-        axes.scatter([z], [x], [-y], marker="x", color="red", s=25, depthshade=False)
-    _label_space(axes, ("depth z (m)", "x (m)", "up, -y (m)"), (-2, -4, -1), -2)
+        lance = upright(fits[0].exit_point_mm)
+        axes.scatter(*lance, marker="x", color="red", s=25, depthshade=False)
+    axes.invert_yaxis()  # or right and left were changed
+    _label_space(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
     axes.set_box_aspect((1.9, 1, 1), zoom=1.25)  # the way is longest in depth
 
 
@@ -184,18 +194,17 @@ def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
 
     lines = []
     for name, fit in fits.items():
-        x, y, z = fit(np.linspace(fit.t0, fit.last_s, SAMPLES)).T / 1000.0
-        way = {"x": z, "y": x, "z": -y, "name": f"{name}"}
-        lines.append(graph.Scatter3d(**way, mode="lines", line={"width": 4}))
+        way = upright(fit(np.linspace(fit.t0, fit.last_s, SAMPLES)))
+        places = dict(zip("xyz", way, strict=True))
+        lines.append(graph.Scatter3d(**places, name=f"{name}", mode="lines", line={"width": 4}))
     detections = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
     look = {"size": 1.5, "color": detections["gray"], "colorscale": "Inferno", "showscale": True}
     look["colorbar"] = {"title": "grey value", "len": 0.6}
-    x, y, z = detections[["x", "y", "z"]].to_numpy().T / 1000.0
-    places = {"x": z, "y": x, "z": -y}
+    places = dict(zip("xyz", upright(detections[["x", "y", "z"]]), strict=True))
     lines.append(graph.Scatter3d(**places, mode="markers", marker=look, name="detections"))
     figure = graph.Figure(lines)
-    scene = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, -y (m)"}
-    scene["aspectmode"] = "data"
+    scene = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, y (m)"}
+    scene |= {"aspectmode": "data", "yaxis_autorange": "reversed"}
     figure.update_layout(
         title=title, scene=scene, height=560, showlegend=False, margin={"l": 0, "r": 0, "b": 0}
     )
@@ -248,20 +257,20 @@ def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.D
     flight
         Its row of `kilnflight.tables.FLIGHTS`.
     track
-        Its detections, for those with depth: ``y``, ``z``.
+        Its detections, for those with depth: ``x``, ``y``, ``z``.
     """
-    places = track[["y", "z"]].dropna().to_numpy(np.float64)
+    places = track[["x", "y", "z"]].dropna().to_numpy(np.float64)
     axes.plot(*_from_the_lance(fit, places).T, ".", color="0.65", ms=2, label="detections")
     lit = flight["t0_s"] + flight["ignition_s"]  # NaN: never
     parts = [(flight["t0_s"], np.fmin(lit, flight["end_s"]), "unlit", "black", 1.0)]
     if lit < flight["end_s"]:
         parts.append((lit, flight["end_s"], "burning", COLOURS[3], 2.6))
     for start, end, name, colour, width in parts:
-        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, SAMPLES))[:, 1:])
+        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, SAMPLES)))
         axes.plot(*way.T, color=colour, lw=width, ls="-", label=name)
     axes.plot(0, 0, **LANCE, label="lance")
     mark = "s" if flight["ending"] == LANDED else "o"
-    last = _from_the_lance(fit, straight_on(fit, flight["end_s"])[:, 1:])
+    last = _from_the_lance(fit, straight_on(fit, flight["end_s"]))
     axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label=f"end: {flight['ending']}")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
     label = f"dwell time {flight['dwell_s']:.2f} s"
@@ -269,9 +278,9 @@ def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.D
 
 
 def _from_the_lance(fit: Fit, places: Array) -> Array:
-    """Return depth and height from the lance (n, 2) in m of y and z in mm."""
-    down, depth = (places - np.array(fit.exit_point_mm)[1:]).T / 1000.0
-    return np.column_stack([-depth, -down])
+    """Return depth and height from the lance (n, 2) in m of camera coordinates in mm."""
+    depth, _, up = upright(places - np.array(fit.exit_point_mm))
+    return np.column_stack([-depth, up])
 
 
 def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
@@ -300,7 +309,7 @@ def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) 
         raise InputError("slices: not every slice up to the farthest; pass those of one flight.")
     time = np.concatenate([[0.0], np.cumsum(lengths / front["velocity_m_s"].to_numpy(np.float64))])
     times = np.linspace(fit.t0, end_s, SAMPLES)
-    depth = _from_the_lance(fit, straight_on(fit, times)[:, 1:])[:, 0]
+    depth = _from_the_lance(fit, straight_on(fit, times))[:, 0]
     axes.plot(times - fit.t0, depth, color="black", lw=1.2, ls="-", label="trajectory")
     axes.plot(0, 0, **LANCE, label="lance", zorder=3)
     axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
