@@ -130,10 +130,13 @@ def test_a_gap_is_predicted_with_its_true_length():
 
 
 @trackers
-def test_every_detection_is_in_one_track_and_no_track_twice_in_a_frame(associator):
+def test_every_detection_is_in_one_track_or_used_and_no_track_twice_in_a_frame(associator):
     for seed in range(3):
         result = track(clutter(seed, per_frame=12), associator)
         assert result["particle"].dtype == np.int64
+        used = result["particle"] == -1  # by a track that was recorded with another one
+        assert used.any() == isinstance(associator, JPDA)
+        result = result[~used]
         assert sorted(result["particle"].unique()) == list(range(result["particle"].nunique()))
         assert not result.duplicated(["frame", "particle"]).any()
         birth = result.groupby("particle")["frame"].min()
@@ -201,7 +204,7 @@ def test_a_gate_of_width_zero_makes_every_detection_its_own_track():
 
 
 def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
-    """The other takes what it wants next, if it beats "missed"; what is left starts a track."""
+    """The other takes what it wants next, if it beats "missed"; what is left was used by both."""
 
     def undecided(pairs):
         n, m = pairs.distance_squared.shape
@@ -213,15 +216,43 @@ def test_of_two_tracks_that_want_one_detection_the_larger_weight_has_it():
     first = pd.DataFrame({"frame": 0, "row": [0.0, 1.0], "col": 0.0})
     second = pd.DataFrame({"frame": 1, "row": [0.0, 1.0, 2.0], "col": 0.0})
     result = track(pd.concat([first, second]), undecided)
-    assert result["particle"].tolist() == [0, 1, 1, 0, 2]
+    assert result["particle"].tolist() == [0, 1, 1, 0, -1]
+    lenient = track(pd.concat([first, second]), undecided, management=Management(used=0.2))
+    assert lenient["particle"].tolist() == [0, 1, 1, 0, 2]
 
 
-def test_probabilities_move_the_filter_but_never_a_position():
-    """JPDA weighs both detections; what is recorded is one of them, as it was detected."""
-    table = together(flight((100, 100), (10, 12)), flight((104, 100), (10, 12)))
-    result = track(table, JPDA())
+def test_a_probabilistic_track_is_recorded_at_the_average_of_its_detections():
+    """Section 5.2.3; by hand: 0.6 and 0.2 of 0.8 weigh 3 to 1, 0.1 and 0.4 weigh 1 to 4."""
+
+    def undecided(pairs):
+        n, m = pairs.distance_squared.shape
+        rows = [[0.2, 0.6, 0.2, 0.0], [0.5, 0.0, 0.1, 0.4]] if (n, m) == (2, 3) else np.eye(n, 4)
+        return np.asarray(rows)[:, : 1 + m]
+
+    first = pd.DataFrame({"frame": 0, "row": [0.0, 8.0], "col": 0.0, "z": 5000.0, "gray": 1.0})
+    second = first.iloc[[0, 0, 0]].assign(frame=1, row=[0.0, 4.0, 14.0], gray=[7.0, 8.0, 9.0])
+    second["z"] = [5000.0, 5400.0, np.nan]
+    table = pd.concat([first, second], ignore_index=True)
+    result = track(table, undecided)
+    # the second track is rather missed (0.5 > 0.4), so it has used nothing; the first, 4.0
+    assert result["particle"].tolist() == [0, 1, 0, -1, 2]
+    np.testing.assert_allclose(result["row"], [0.0, 8.0, 1.0, 4.0, 14.0])
+    np.testing.assert_allclose(result["z"], [5000.0, 5000.0, 5100.0, 5400.0, np.nan])
+    pd.testing.assert_series_equal(result["gray"], table["gray"])
+    surer = track(table, lambda pairs: undecided(pairs) if len(pairs[0]) < 2 else SURER)
+    assert surer["particle"].tolist() == [0, 1, 0, -1, 1]
+    np.testing.assert_allclose(surer["row"], [0.0, 8.0, 1.0, 4.0, 12.0])
+    np.testing.assert_allclose(surer["z"], [5000.0, 5000.0, 5100.0, 5400.0, 5400.0])
+
+
+SURER = np.array([[0.2, 0.6, 0.2, 0.0], [0.3, 0.0, 0.14, 0.56]])
+
+
+@trackers
+def test_what_is_alone_in_its_gate_is_recorded_as_it_was_detected(associator):
+    table = flight((100, 200), (12.34, -7.01), z=5000.0)
+    result = track(table, associator)
     pd.testing.assert_frame_equal(result.drop(columns="particle"), table)
-    assert any(((s.weights > 0.01) & (s.weights < 0.99)).any() for s in steps(table, JPDA()))
 
 
 def test_a_detection_that_several_tracks_share_is_recorded_for_the_likeliest():

@@ -2,8 +2,8 @@
 
 Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves the kiln and
 the belt, every associator and every motion model; within a frame all tracks are one array. What is
-linked is the detections themselves: the filter decides, but no filtered position is ever handed on
-(section 5.2.3).
+linked is the detections themselves: the filter decides, but no filtered position is ever handed on.
+A probabilistic track is recorded where its weighted detections are (section 5.2.3).
 """
 
 from __future__ import annotations
@@ -61,13 +61,16 @@ class Step(NamedTuple):
     detected: Detected
     pairs: Pairs
     weights: Array  # (n, 1 + m)
-    particle: Integers  # (m,), the track each detection went to or started
+    particle: Integers  # (m,), the track each detection went to or started; -1: used, neither
+    owner: Integers  # (m,), the row of ``weights`` of the track recorded with it; -1: none
     tracks: Tracks  # the n tracks after the update, then those that started
 
 
 @dataclass(frozen=True)
 class Management:
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
+
+    And which detections start one: those that no track has used.
 
     Notes
     -----
@@ -77,18 +80,21 @@ class Management:
     the particles that do not burn and all of those that do (section 5.1), so a true track nearly
     always lies above 0.4. Since one miss in the second frame makes 0.5 and another 1/3, it is
     tested from ``visibility_age`` on only. Frames that have no detection at all count like any
-    other.
+    other. ``used``: what moved a track by a tenth of its way or more is in the position that the
+    track is recorded with.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
     invisible: int = 5  # CIC_eps, frames in a row; not printed
     visibility_age: int = 4  # frames of life from which visibility is tested; not printed
+    used: float = 0.1  # weight in some track from which a detection starts none; not printed
 
     def __post_init__(self) -> None:
         """Refuse a share or a number of frames out of range."""
         check_between(self.visibility, 0, 1, "Management: visibility")
         check_count(self.invisible, "Management: invisible", least=0)
         check_count(self.visibility_age, "Management: visibility_age", least=0)
+        check_between(self.used, 0, 1, "Management: used")
 
     def keeps(self, tracks: Tracks, frame: int) -> Booleans:
         """Return whether each track lives on in ``frame``."""
@@ -101,6 +107,7 @@ class Management:
 # detection in case it starts one. `Keeps` says which tracks live on when a frame comes.
 Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
 Keeps = Callable[[Tracks, int], Booleans]
+AVERAGED = ("row", "col", "x", "y", "z")  # where a track is recorded
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
 
@@ -127,9 +134,12 @@ def track(
     Returns
     -------
     table
-        The same rows in the same order, with the same index. Every detection is in exactly
-        one track; one that no other follows is a track of its own. Rows that already have
-        ``particle`` -1 stay so and are left out; any other particle is overwritten.
+        The same rows in the same order, with the same index. A detection that no other
+        follows is a track of its own. With probabilities, a row stands where its track is
+        recorded: row, col, x, y, z are weighted means of the detections in the gate, what else
+        it has is that of the heaviest; those that a track has used so, and did not record,
+        have ``particle`` -1. Rows that come with -1 stay so and are left out; any other particle
+        is overwritten.
 
     Raises
     ------
@@ -140,11 +150,11 @@ def track(
 
     Notes
     -----
-    The thesis does not say which detection a probabilistic track is recorded with. Here it is one
-    whose weight beats the track's "missed". A detection that more probably belongs to some track
-    than to none goes to the track it weighs most for. Otherwise several tracks that share a
-    particle would each call it missed, and it would start one more. Largest weight first; a track
-    or detection that is taken is passed over.
+    "JPDA computes the average coordinates of all detections within the gate as the temporal
+    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). The row of the table that
+    holds it is that of the heaviest detection, if its weight beats the track's "missed". A
+    detection that more probably belongs to some track than to none goes to the track it weighs
+    most for. Largest weight first; a track or detection that is taken is passed over.
 
     Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
     depend on the order of the table. Rows equal in all of these are taken as they stand.
@@ -155,10 +165,36 @@ def track(
         check_columns(detections, ["particle"], TO_TRACK.name)
         left_out = (detections["particle"] == -1).to_numpy(dtype=bool, na_value=False)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    rows = np.flatnonzero(~left_out)
+    rows, shared = np.flatnonzero(~left_out), list[tuple[Integers, Integers, Array]]()
     for step in steps(detections[~left_out], associator, motion, gate, management):
-        particle[rows[step.rows]] = step.particle
-    return detections.assign(particle=particle)
+        here, recorded = rows[step.rows], np.flatnonzero(step.owner >= 0)
+        particle[here] = step.particle
+        shares = step.weights[step.owner[recorded], 1:]
+        several = (shares > 0).sum(axis=1) > 1
+        if several.any():
+            shared.append((here[recorded[several]], here, shares[several]))
+    return _averaged(detections, shared).assign(particle=particle)
+
+
+def _averaged(
+    detections: pd.DataFrame, shared: Sequence[tuple[Integers, Integers, Array]]
+) -> pd.DataFrame:
+    """Return the table with weighted means where tracks share detections.
+
+    Of each frame the rows (n,) that hold a mean, those (m,) it is of, and their weights (n, m).
+    """
+    if not shared:
+        return detections
+    names = [name for name in AVERAGED if name in detections.columns]
+    places = detections[names].to_numpy(np.float64)
+    means = places.copy()
+    for at, rows, weights in shared:
+        known = ~np.isnan(places[rows])
+        with np.errstate(invalid="ignore"):  # unknown in all of them stays unknown
+            means[at] = weights @ np.where(known, places[rows], 0.0) / (weights @ known)
+    table = detections.copy()
+    table[names] = means
+    return table
 
 
 def steps(
@@ -187,7 +223,7 @@ def steps(
     def associate(tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs) -> Any:
         return associator(pairs), {}, {}
 
-    yield from follow(sequence, motion, gate, associate, management.keeps)
+    yield from follow(sequence, motion, gate, associate, management.keeps, used=management.used)
 
 
 def check_parts(motion: Motion, gate: Gate, where: str) -> None:
@@ -226,10 +262,12 @@ def follow(
     associate: Associate,
     keeps: Keeps,
     extra_columns: Sequence[tuple[str, type]] = (),
+    used: float = 1.0,
 ) -> Iterator[Step]:
     """Yield the step of each frame, in the kiln as on the belt.
 
-    Kiln and belt bring ``associate`` and ``keeps``; ``extra_columns`` are those of `layout`.
+    Kiln and belt bring ``associate`` and ``keeps``; ``extra_columns`` are those of `layout`,
+    ``used`` is as in `Management`.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
     tracks, started, span = np.zeros(0, layout(motion, extra_columns)), 0, -1.0
@@ -249,7 +287,9 @@ def follow(
             state, covariance, detected.positions, weights, measurement, noise
         )
         owner = record(weights)
-        taken, alone = np.flatnonzero(owner >= 0), np.flatnonzero(owner < 0)
+        taken = np.flatnonzero(owner >= 0)
+        free = weights[owner[taken], 1:].max(axis=0, initial=0.0) < used
+        alone = np.flatnonzero((owner < 0) & free)
         tracks["row"] = -1
         for name, values in extra.items():
             tracks[name] = values
@@ -265,10 +305,11 @@ def follow(
         for name, values in extra_of_new.items():
             new[name] = values[alone]
         _record(new, frame, alone)
-        particle = np.empty(len(owner), dtype=np.int64)
+        particle = np.full(len(owner), -1)
         particle[taken], particle[alone] = old["particle"], new["particle"]
         tracks, started = np.concatenate([tracks, new]), started + len(new)
-        yield Step(frame.number, frame.rows, predicted, detected, pairs, weights, particle, tracks)
+        what = (predicted, detected, pairs, weights, particle, owner, tracks)
+        yield Step(frame.number, frame.rows, *what)
 
 
 def _record(tracks: Tracks, frame: FrameDetections, detection: Integers) -> None:
