@@ -130,6 +130,10 @@ def cost(one: dict, other: dict, fusion: bool) -> float:
     turns = list(pairwise(v))
     if any(is_outlier(*turn) for turn in turns) or speed(part) <= 1 or correlation(part) <= 0.9:
         return IMPOSSIBLE
+    shown = [u for t in (one, other) for u in velocities(sorted(t.items()))]
+    fastest = max((math.hypot(*u) for u in shown), default=0.0)
+    if not fusion and any(math.hypot(*u) > fastest + 18 for u in v):
+        return IMPOSSIBLE
     deep = [(t, p[2]) for t, p in part if not math.isnan(p[2])]
     steps = [abs((b - a) / (t - s)) for (s, a), (t, b) in pairwise(deep)]
     if any(step >= 1500 for step in steps):

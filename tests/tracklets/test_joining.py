@@ -34,6 +34,11 @@ def line(first, last, col=0.0, step=1, z=np.nan):
     return frame, 5.0 * frame, col, z
 
 
+def ahead(first, last, jump):
+    frame, row, col, z = line(first, last)
+    return frame, row + jump, col, z
+
+
 def number(tracks, step=None):
     return tracked((step or Connection())(tracks))["particle"].nunique()
 
@@ -80,6 +85,9 @@ def test_the_row_with_a_depth_stays(table):
         (line(0, 20), line(8, 10), False),  # one within the other
         (line(0, 9), line(12, 20, col=200.0), False),  # an outlier in the connected part
         (line(0, 9), line(12, 20, col=4.0), True),
+        (line(0, 9), ahead(11, 20, 36.0), True),  # (36 + 2 * 5) / 2 = 5 + 18 px/frame
+        (line(0, 9), ahead(11, 20, 37.0), False),  # 23.5 px/frame, straight ahead
+        (line(0, 9), ahead(23, 30, 300.0), False),  # far apart
         ((np.arange(4), 0.5 * np.arange(4), 0.0), (np.arange(5, 9), 3.0, 0.0), False),  # slow
         (line(0, 9, z=1000.0), line(10, 19, z=2400.0), True),  # Eq. 4.22
         (line(0, 9, z=1000.0), line(10, 19, z=2500.0), False),

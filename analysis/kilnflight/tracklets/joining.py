@@ -28,6 +28,8 @@ from kilnflight.tracklets.paths import (
     Floats,
     Integers,
     Paths,
+    fastest_steps,
+    largest,
     means,
     read_paths,
     turns,
@@ -166,6 +168,7 @@ class Joining:
     overlap: float = np.inf  # common frames of a pair that overlaps in time
     distance: float = np.inf  # px, mean in the common frames; below inf, there must be such
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
+    jump: float = np.inf  # px/frame by which a connected part may exceed both tracklets
     outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
     false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
     costs: Costs = field(default_factory=Costs)
@@ -176,7 +179,7 @@ class Joining:
     def __post_init__(self) -> None:
         """Refuse negative limits and parts of a wrong kind."""
         step = type(self).__name__
-        for name in ("gap", "overlap", "distance", "depth"):
+        for name in ("gap", "overlap", "distance", "depth", "jump"):
             check_limit(getattr(self, name), f"{step}: {name}")
         check_kind(self.costs, Costs, f"{step}: costs")
         check_kind(self.outliers, OutlierRemoval, f"{step}: outliers")
@@ -216,8 +219,7 @@ class Joining:
     def candidates(self, paths: Paths, changed: Bools) -> Pairs:
         """Return the possible pairs that hold a changed tracklet.
 
-        Their cost is without the last term. Eq. 4.18 sets no limit to the distance along the
-        flight, so time alone preselects the pairs.
+        Their cost is without the last term. Time alone preselects the pairs.
         """
         i, k, gap = self._in_time(paths, changed)
         overlap = _overlap(paths, i, k)
@@ -226,7 +228,9 @@ class Joining:
         possible = (gap > 0) | ~apart
         i, k, gap = i[possible], k[possible], gap[possible]
         overlap = _take(overlap, possible)
-        turned, allowed = self._judge(*_connected_parts(paths, i, k, overlap), len(i))
+        fastest = fastest_steps(paths)
+        limit = np.maximum(fastest[i], fastest[k]) + self.jump
+        turned, allowed = self._judge(*_connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
         return _take(Pairs(i, k, cost), allowed)
 
@@ -245,16 +249,21 @@ class Joining:
         return there[i[taken]], there[k[taken]], (first[k] - last[i])[taken]
 
     def _judge(
-        self, names: Integers, frame: Integers, place: Floats, count: int
+        self, names: Integers, frame: Integers, place: Floats, limit: Floats
     ) -> tuple[Floats, Bools]:
-        """Return the first terms of Eq. 4.24 and which parts are allowed."""
-        steps = velocities(frame, place)
+        """Return the first terms of Eq. 4.24 and which parts are allowed.
+
+        ``limit`` is the speed of each pair that no step of its part may exceed, px/frame.
+        """
+        steps, count = velocities(frame, place), len(limit)
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
         part = names[2:][within]
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
         sharp = (angle > self.outliers.angle_deg) & (change > self.outliers.change)
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
+        inside = np.diff(names) == 0
+        allowed &= largest(names[1:][inside], np.hypot(*steps[inside].T), count) <= limit
         allowed &= mean_speed(names, frame, place) > self.false.speed
         allowed &= regularity(names, frame, place) > self.false.regularity
         deep = ~np.isnan(place[:, 2])
@@ -296,13 +305,16 @@ class Connection(Joining):
     Eq. 4.24 are means over the connected part, 0 without a value. Weight d is for the gap and e
     for the overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
     ``differences`` the last term is left out; f belongs to the energies of the thesis, of order
-    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`DualNearest`). (7) Eq. 4.18
-    spares a jump straight ahead, however far, so nothing but the cost limits the length of a
-    connection. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
+    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`DualNearest`). (7) The
+    text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
+    spares a jump straight ahead, however far. So a step of the connected part may be faster than
+    the fastest one of both tracklets by ``jump`` at most, the change of velocity that Eq. 4.18
+    allows. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
     overlap: float = 5.0  # common frames, kn_eps merge, Table 5.16
+    jump: float = 18.0  # px/frame, Delta V_eps, Table 5.16 (see Notes)
 
 
 @dataclass(frozen=True)

@@ -142,6 +142,21 @@ def means(part: Integers, values: Floats, count: int) -> Floats:
     return np.asarray(np.bincount(part, values, minlength=count) / number)
 
 
+def largest(part: Integers, values: Floats, count: int) -> Floats:
+    """Return the largest value of each of ``count`` parts, 0 without any."""
+    found = np.zeros(count)
+    np.maximum.at(found, part, values)
+    return found
+
+
+def fastest_steps(paths: Paths) -> Floats:
+    """Return the largest speed of each tracklet between two points, px/frame; 0 of one point."""
+    names = paths.names()
+    inside = np.diff(names) == 0
+    speed = np.hypot(*velocities(paths.frame, paths.place)[inside].T)
+    return largest(names[1:][inside], speed, len(paths.starts) - 1)
+
+
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track."""
     check_columns(tracks, ("particle",), "tracks")
