@@ -19,6 +19,7 @@ from kilnflight.flight import (
     space_sliced_velocity,
     straight_on,
 )
+from kilnflight.ignition import Ignition
 from kilnflight.tables import FLIGHTS, SLICES
 
 RATE = 330.0
@@ -98,7 +99,8 @@ def test_ignition_may_be_a_rise_above_the_background(polynomials):
     track = detections(fit, ignites_s=0.2)
     track["background"] = track["gray"] - 1000 - 100 * np.sin(track["frame"])
     assert flight_of(track, fit)["ignition"] == "seen"
-    above = Rules(above_background=True)
+    assert flight_of(track.assign(background=1e6), fit)["ignition"] == "none"  # it stays darker
+    above = Rules(ignition=Ignition(above_background=True))
     assert flight_of(track, fit, above)["ignition"] == "none"
     with pytest.raises(InputError, match="background missing"):
         flight_of(track.drop(columns="background"), fit, above)

@@ -66,12 +66,26 @@ def test_bright_from_the_first_detection_on():
 def test_a_background_that_brightens_is_no_ignition():
     behind = np.where(np.arange(60) < 40, 2000.0, 6000.0)
     unlit = course(high=3000.0) + behind
-    assert LOOK(TIME, unlit).time_s == pytest.approx(39.5 / 330)  # as published
-    assert LOOK(TIME, unlit, behind).outcome == "none"
+    assert LOOK(TIME, unlit).time_s == pytest.approx(39.5 / 330)  # of the values as they are
+    above = Ignition(above_background=True)
+    assert above(TIME, unlit, behind).outcome == "none"
     lit = course(high=8000.0) + behind
-    ignited = LOOK(TIME, lit, behind)
+    ignited = above(TIME, lit, behind)
     assert ignited.time_s == pytest.approx(24.5 / 330)
     assert (ignited.before, ignited.after) == pytest.approx((3000, 8000), abs=60)
+
+
+def test_a_silhouette_that_passes_from_dark_to_bright_is_no_ignition():
+    """What burns is brighter than what is behind it; an unlit particle darker than the wall."""
+    behind = np.where(np.arange(60) < 40, 2000.0, 9000.0)
+    silhouette = 0.6 * behind + course(0, 1000.0, 1000.0)
+    assert LOOK(TIME, silhouette).outcome == "seen"  # where the background is not known
+    assert LOOK(TIME, silhouette, behind).outcome == "none"
+    burning = behind + course(high=20_000.0, at=25)
+    assert LOOK(TIME, burning, behind).time_s == pytest.approx(24.5 / 330)
+    assert LOOK(TIME, burning, behind) == LOOK(TIME, burning)  # lit: unchanged
+    with pytest.raises(InputError, match="needs the background's grey values"):
+        Ignition(above_background=True)(TIME, burning)
 
 
 def test_too_few_detections_to_judge():

@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight import background, kiln
+from kilnflight import background, flight, kiln
 from kilnflight.camera import EQUATION_2_4, calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments.tracking import StoredDifferences
+from kilnflight.ignition import Ignition
 from kilnflight.project import paths
 from kilnflight.project.parallel import Workers
 from kilnflight.tables import DETECTIONS
@@ -212,6 +213,6 @@ def test_a_damaged_table_is_refused(run):
 
 def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
     plain = kiln.KilnRun(run)
-    other = replace(plain, rules=replace(plain.rules, above_background=True))
+    other = replace(plain, rules=flight.Rules(ignition=Ignition(above_background=True)))
     changed = {name for name in kiln.KILN_STEPS if plain.table(name).path != other.table(name).path}
     assert changed == {"flights", "slices"}

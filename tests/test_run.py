@@ -336,8 +336,8 @@ def test_ignition_may_be_read_above_the_background(stored_flights, tmp_path):
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
     track = pd.DataFrame({"frame": frame, "particle": 0, "radius_px": 3.0, **places})
     track["row"], track["col"] = 100.0, np.where(frame < 50, 60.0, 150.0)
-    recording = prepared.detection.source.recording()
-    behind = kiln.background_gray(track, recording, range(len(recording)))
+    source = prepared.detection.source
+    behind = kiln.background_gray(track, source, range(len(source.recording())))
     assert len(np.unique(behind)) == 2  # of both places
     track["gray"] = behind + 500.0 + np.sin(7 * frame)
     above = kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist()

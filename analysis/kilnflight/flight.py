@@ -156,7 +156,6 @@ class Rules:
     start: StartsAtLance = field(default_factory=StartsAtLance)
     landing: Landing = field(default_factory=Landing)
     ignition: Ignition = field(default_factory=Ignition)
-    above_background: bool = False  # ignition by the rise above it, of column ``background``
     edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
 
     def __post_init__(self) -> None:
@@ -197,8 +196,8 @@ def flights(
     ----------
     tracks
         Detections with ``particle``; those of -1 and tracks without a fit are left out. A
-        column ``background``, if the rules ask for it, holds the grey value behind each
-        (`kilnflight.detection.combination.mean_gray` of ``Median().backgrounds``).
+        column ``background``, if there is one, holds the grey value behind each
+        (`kilnflight.kiln.background_gray`).
     fits
         By particle; of `kilnflight.regression.fits`.
     wall, in_air
@@ -218,7 +217,7 @@ def flights(
     landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or FieldOfView()
-    columns = (*COLUMNS, "background") if rules.above_background else COLUMNS
+    columns = (*COLUMNS, "background") if rules.ignition.above_background else COLUMNS
     check_columns(tracks, columns, "flights: tracks")
     check_positive(frame_rate_hz, "flights: frame_rate_hz")
     if not fits:
@@ -257,8 +256,8 @@ def _flight(
     if not landed:  # the last detections may have no depth, which the fit does not know of
         end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
-    behind = track["background"].to_numpy() if rules.above_background else np.zeros(len(time))
-    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind[flying])
+    behind = track["background"].to_numpy()[flying] if "background" in track else None
+    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind)
     burning = lit.outcome in (SEEN, BEFORE)
     return {
         "t0_s": float(fit.t0),

@@ -44,7 +44,7 @@ class IgnitionResult(NamedTuple):
         unless "seen".
     before, after
         Grey levels (medians) on both sides of the best step; both the same without one. Above
-        the background, if that was given.
+        the background, if that is what was looked at.
     scatter
         About these levels, as a standard deviation.
     p_value
@@ -71,7 +71,8 @@ class Ignition:
        times the number of places tested (Bonferroni), at most ``significance``;
     2. it is abrupt: it leaves less deviation than the straight line of Theil and Sen;
     3. the levels are ``rise`` standard deviations of the scatter about them apart, and
-       ``share`` of the grey value before.
+       ``share`` of the grey value before;
+    4. where the background is known, the particle is brighter than it afterwards.
 
     Notes
     -----
@@ -79,12 +80,15 @@ class Ignition:
     flash, and a factor on the grey values changes nothing. Ties, as between saturated values,
     count against the rise, which keeps the test valid. The test takes the values of a track as
     exchangeable but for the step; slow changes, which are not, are what 2 is for. With the
-    defaults no track of fewer than 12 detections can be judged. The grey value of a small particle
-    contains much of what is behind it. A particle that flies from before a dark end plate to
-    before a hot wall also brightens abruptly. As published the grey value is taken as it is; with
-    ``background`` the rise above the background is taken. A particle that is alight from its first
-    detection on has no step. It is "before seen" if ``bright`` is given and its first values reach
-    it, else "none". Without a level nothing tells it from a bright unlit one.
+    defaults no track of fewer than 12 detections can be judged. The thesis makes the test for
+    confetti and shreds alone; wood and PE are judged by their optical picture (Fig. 5.17), and a
+    slight rise near the wall is expressly no ignition (5.2.4). The grey value of a small particle
+    contains much of what is behind it. An unlit particle that flies from before a dark end plate
+    to before a hot wall also brightens abruptly, but stays darker than the wall. A burning one is
+    brighter than what is behind it, hence 4. With ``above_background`` the rise above the
+    background is taken. A particle that is alight from its first detection on has no step. It is
+    "before seen" if ``bright`` is given and its first values reach it, else "none". Without a
+    level nothing tells it from a bright unlit one.
     """
 
     significance: float = 0.01  # of a track without a step; not printed
@@ -92,6 +96,7 @@ class Ignition:
     rise: float = 2.0  # standard deviations of the scatter; not printed
     share: float = 0.1  # of the level before; not printed
     bright: float | None = None  # grey value of what burns for sure, e.g. the full scale
+    above_background: bool = False  # the step is of the rise above it; section 5.3.2: as it is
 
     def __post_init__(self) -> None:
         """Refuse parameters out of range."""
@@ -103,7 +108,7 @@ class Ignition:
             check_at_least(self.bright, 0.0, "Ignition: bright")
 
     def __call__(
-        self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike = 0.0
+        self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike | None = None
     ) -> IgnitionResult:
         """Return whether and when the grey values rise.
 
@@ -114,15 +119,19 @@ class Ignition:
         gray
             (n,) grey values, not below 0.
         background
-            (n,) grey values of the background at the same places; levels are then above it.
+            (n,) grey values of the background at the same places; None: not known.
 
         Raises
         ------
         InputError
-            If lengths differ, a value is not finite or below 0, or times do not ascend.
+            If lengths differ, a value is not finite or below 0, times do not ascend, or
+            ``above_background`` is asked for and no background is given.
         """
         time, light = _course(time_s, gray)
-        values = light - _course(time_s, np.broadcast_to(background, light.shape))[1]
+        if background is None and self.above_background:
+            raise InputError("Ignition: above_background needs the background's grey values.")
+        behind = None if background is None else _course(time_s, background)[1]
+        values = light if behind is None or not self.above_background else light - behind
         least = int(self.least_points)
         searched = len(values) - 2 * least + 1
         if searched < 1 or searched > self.significance * math.comb(len(values), len(values) // 2):
@@ -139,6 +148,7 @@ class Ignition:
             p_value <= self.significance
             and deviation < line_deviation(time, values)
             and after - before >= max(self.rise * scatter, self.share * np.median(light[:split]))
+            and (behind is None or np.median(light[split:] - behind[split:]) > 0.0)
         )
         moment = float(time[split - 1] + time[split]) / 2
         if is_step:

@@ -406,8 +406,7 @@ def flights_from(
     if run.wall is None:
         return FLIGHTS.empty()
     recording, table = run.detection.source.recording(), tracked(tracks)
-    if run.rules.above_background:
-        table = table.assign(background=background_gray(table, recording, run.frames))
+    table = table.assign(background=background_gray(table, run.detection.source, run.frames))
     view = flight.FieldOfView(recording.attributes.roi, run.frames)
     rate = run.frame_rate_hz
     return flight.flights(table, fits, run.wall, run.in_air, rate, run.rules, view)
@@ -421,17 +420,23 @@ def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd
 
 
 def background_gray(
-    detections: pd.DataFrame, recording: Recording, frames: range
+    detections: pd.DataFrame, source: Source, frames: range
 ) -> npt.NDArray[np.float64]:
     """Return the kiln's mean grey value (n,) behind each detection's disc.
 
-    The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``. A particle
-    that flies from before a dark end plate to before a hot wall brightens without burning. The
-    thesis reads its grey values as they are (`kilnflight.flight.Rules`).
+    The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``
+    (`kilnflight.ignition.Ignition` says what for).
     """
-    steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
-    picture = np.median([recording.gray(int(t)) for t in steps], axis=0)
+    picture = _empty_kiln(source, frames)
     return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
+
+
+@lru_cache(maxsize=2)
+def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.float64]:
+    """Return the median picture (rows, cols) of a recording; kept, as pictures cost seconds."""
+    steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
+    pictures = [source.recording().gray(t) for t in np.unique(steps).tolist()]
+    return np.median(pictures, axis=0)
 
 
 class KilnStep(NamedTuple):

@@ -264,7 +264,7 @@ def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Return measured and true ignition times of every particle (Figs 5.25 and 5.26)."""
     names = {"measured_ignition_s": "measured_s", "true_ignition_s": "true_s"}
-    first, other = both["as published"].rename(columns=names), both["above background"]
+    first, other = both["as they are"].rename(columns=names), both["above background"]
     times = other["measured_ignition_s"].to_numpy()
     data = first.assign(measured_above_background_s=times, detected=first["track"] >= 0)
     columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "detected"]

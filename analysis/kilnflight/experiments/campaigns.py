@@ -299,8 +299,9 @@ def flights_above_background(results: Results) -> pd.DataFrame:
     for campaign in results.campaigns:
         tables = (of_campaign(table, campaign.key) for table in results.tables[:2])
         tracks, trajectories = (table.drop(columns=KEYS) for table in tables)
-        rules = replace(campaign.run.rules, above_background=True)
-        run = replace(campaign.run, rules=rules)
+        rules = campaign.run.rules
+        above = replace(rules, ignition=replace(rules.ignition, above_background=True))
+        run = replace(campaign.run, rules=above)
         parts[campaign.key] = kiln.flights_from(run, tracks, regression.fits(trajectories))
     return stack(parts)
 

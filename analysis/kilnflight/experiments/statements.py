@@ -338,7 +338,7 @@ def velocity_verdicts(
 def ignition_verdicts(
     results: Results, above_background: Values, generator: np.random.Generator
 ) -> list[claims.Verdict]:
-    """Return the verdicts on ignition, on the reading "as published".
+    """Return the verdicts on ignition, on grey values as they are.
 
     Parameters
     ----------

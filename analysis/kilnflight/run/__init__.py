@@ -235,7 +235,7 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
         source, 0, frames, detector, chunk=chunk(frames), differences=False, folder=parts
     )
     rules = Rules(
-        ignition=Ignition(bright=options.bright), above_background=options.above_background
+        ignition=Ignition(bright=options.bright, above_background=options.above_background)
     )
     return KilnRun(detection, lance, wall, InAir(options.in_air_mm), rules=rules), tuple(notes)
 
@@ -363,7 +363,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
     else:
         axis = f"through {listed(wall.centre_mm, 0)} mm along {listed(wall.direction, 4)}"
         level = "not asked" if bright is None else f"from {bright:g} grey values on (given)"
-        above = "above the background" if rules.above_background else "as they are"
+        above = "above the background" if rules.ignition.above_background else "as they are"
         rows += [
             ("kiln's axis", axis),
             ("kiln's radius", f"{wall.radius_mm:.0f} mm"),

@@ -80,7 +80,7 @@ def collect(
     detections = prepared.detection.detections()
     tracks, trajectories, flights, slices = (prepared.table(step)() for step in KILN_STEPS)
     results = Results(name, frames, detections, tracks, trajectories, flights, slices)
-    notes = (*notes, *doubts(results, prepared.rules.above_background))
+    notes = (*notes, *doubts(results, prepared.rules.ignition.above_background))
     return results._replace(notes=notes, settings=settings)
 
 
@@ -116,9 +116,8 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
     if ignited and not above_background:
         yield (
             f"Ignition was seen in {ignited} of {len(counted)} flights as a step of the grey "
-            "values as they are, as the thesis does. A particle that flies from before a dark part "
-            "of the kiln to before a bright one shows such a step without burning: compare "
-            "--above-background."
+            "values as they are, after which the particle is brighter than the kiln behind it. The "
+            "test is ours, the thesis prints none: compare --above-background."
         )
 
 
