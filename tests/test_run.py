@@ -198,7 +198,7 @@ def test_the_settings_name_what_was_used(stored_flights, tmp_path):
     assert rows["taken for alight when first seen"] == "not asked"
     assert rows["jobs"] == "2"
     placed = dict(settings(prepared, run.Options(None, (1.0, 2.0, 3.0)), "2"))
-    assert placed["lance's outlet, after Eq. 2.4"].endswith(" mm (given)")
+    assert placed["lance's outlet, depth calibrated"].endswith(" mm (given)")
     assert placed["threshold of DoG"].endswith(" (not given, from the noise)")
     bare = dict(settings(replace(prepared, exit_point_mm=None, wall=None), run.Options(), "1"))
     assert bare["threshold of DoG"] == "200 grey values (not given, from the noise)"
@@ -226,7 +226,8 @@ def test_what_is_bright_from_the_start_is_alight_above_a_level_that_the_user_set
     fit = Fit((0.0, 0.0, 6500.0), 0.0, 0, (-0.1, 0.0), (2, 2, 2), LEVEL, 0.05, 0.3, 80)
     frame = np.arange(17, 97)
     places = dict(zip("xyz", fit(frame / 330.0).T, strict=True))
-    track = pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 900.0, **places})
+    track = pd.DataFrame({"frame": frame, "particle": 0, "row": 100.0, "col": 150.0, **places})
+    track["radius_px"] = 3.0
     track["gray"] = 5000.0 + np.sin(7 * frame)
     for prepared, ignitions in ((plain, "none"), (asked, "before seen")):
         assert kiln.flights_from(prepared, track, {0: fit})["ignition"].tolist() == [ignitions]
