@@ -41,6 +41,12 @@ def test_the_claims_are_those_of_the_notebooks(published):
     pd.testing.assert_frame_equal(shown, collected, check_dtype=False)
 
 
+def test_what_is_not_reproduced_says_because_of_what(published):
+    shown = pd.read_csv(published / "claims.csv", keep_default_na=False)
+    hint = "pass because= or truth= to claims.judge, because= to claims.undecidable"
+    assert claims.without_cause(shown) == [], hint
+
+
 def test_the_readme_shows_the_results(published):
     assert site.results_block() in (PROJECT / "README.md").read_text()
 

@@ -74,6 +74,80 @@ def test_strict_limits_exclude_their_end():
     assert claims.judge("bg-3", 0.01).verdict == "reproduced"  # "<= 0.01"
 
 
+def test_a_strict_limit_is_strict_at_its_own_end_only():
+    assert claims.judge("ign-1", 0.0).verdict == "reproduced"  # "0 % ignites" is "< 5 %"
+    assert claims.judge("ign-1", 0.05).verdict == "not reproduced"
+    assert claims.judge("cluster-8", [0.0, 0.49]).verdict == "reproduced"
+    assert claims.judge("otsu-1", 0.9).verdict == "not reproduced"  # "> 0.9"
+
+
+def test_a_verdict_names_its_cause_unless_the_claim_is_reproduced():
+    failed = claims.judge("wall-5", 0.2, because="chain")
+    assert (failed.verdict, failed.because) == ("not reproduced", "chain")
+    assert claims.judge("wall-5", 0.01, because="chain").because == ""
+    assert claims.undecidable("depth-1", "an input", because="twin").because == "twin"
+
+
+@pytest.mark.parametrize(
+    ("truth", "because", "told"),
+    [(0.1, "twin", "fails on the twin's own truth (0.1)"), (0.01, "chain", "holds on")],
+)
+def test_the_truth_tells_whether_the_twin_or_the_chain_is_the_cause(truth, because, told):
+    verdict = claims.judge("ign-1", 0.2, note="our test", truth=truth, because="chain")
+    assert verdict.because == because
+    assert told in verdict.reason
+    assert verdict.reason.endswith("our test")
+
+
+def test_a_cause_that_is_named_holds_where_the_truth_agrees():
+    assert claims.judge("ign-1", 0.2, truth=0.0, because="method").because == "method"
+    assert claims.judge("ign-1", 0.2, truth=0.0).because == "chain"
+
+
+@pytest.mark.parametrize("give", [claims.judge, claims.undecidable])
+def test_an_unknown_cause_is_refused(give):
+    with pytest.raises(InputError, match=r"depth-1.*'weather'.*misprint"):
+        give("depth-1", "no reason", because="weather")
+
+
+def test_a_condition_that_hangs_on_a_bound_of_ours_is_open():
+    verdict = claims.judge("depth-4", {"9 m": True, "10 m": None})
+    assert (verdict.verdict, verdict.because) == ("not decidable", "criterion")
+    assert verdict.measured == "9 m: yes; 10 m: open"
+    assert claims.judge("depth-4", {"9 m": False, "10 m": None}).verdict == "not reproduced"
+
+
+def test_beyond_a_bound_of_ours_the_words_decide(monkeypatch):
+    table = claims.load()
+    table.loc["cluster-2", ["bound", "low", "loose_low"]] = ["ours", 3.0, 1.0]
+    monkeypatch.setattr(claims, "load", lambda: table)
+    verdicts = {value: claims.judge("cluster-2", value) for value in (4.0, 2.0, 0.9)}
+    told = [each.verdict for each in verdicts.values()]
+    assert told == ["reproduced", "not decidable", "not reproduced"]
+    assert verdicts[2.0].because == "criterion"
+    assert verdicts[2.0].criterion.endswith("(a bound of ours)")
+
+
+def test_every_bound_is_printed_or_ours_and_words_allow_more_than_our_bound():
+    table = claims.load()
+    assert set(table["bound"]) <= {"print", "ours"}
+    loose = table[["loose_low", "loose_high"]].notna().any(axis=1)
+    assert (table.loc[loose, "bound"] == "ours").all()
+    low, high = (table[name].fillna(end) for name, end in (("low", -np.inf), ("high", np.inf)))
+    assert (table.loc[loose, "loose_low"].fillna(-np.inf) <= low[loose]).all()
+    assert (table.loc[loose, "loose_high"].fillna(np.inf) >= high[loose]).all()
+
+
+def test_what_is_not_reproduced_and_names_no_cause_is_found():
+    verdicts = [
+        claims.judge("wall-5", 0.2),
+        claims.judge("ign-1", 0.0),
+        claims.judge("depth-3", 900.0, because="misprint"),
+    ]
+    table = claims.collect([claims.verdict_table(verdicts, "02_x")])
+    assert claims.without_cause(table) == ["wall-5"]
+
+
 def test_an_error_that_must_be_small_cannot_be_negative():
     assert claims.judge("depth-2", -900.0).verdict == "not reproduced"
 

@@ -3,8 +3,12 @@
 The tables are kept as printed, misprints included (`kilnflight.experiments.errata` lists those).
 A claim is a sentence of one of the three works turned into something that can fail:
 either a number with bounds (columns ``low`` and ``high`` of claims.csv; an empty one is
-open; they are included unless the expectation says ``<`` or ``>``), or a set of named
-conditions that must all hold.
+open; an end is included unless the expectation says ``<`` or ``>`` of it), or a set of
+named conditions that must all hold.
+
+Column ``bound`` says whose the bound is: ``print`` if the sentence states it, ``ours`` if it
+only says "far more" or "slightly". What lies beyond a bound of ours, but not beyond what the
+words can mean at most (``loose_low``, ``loose_high``), is not decidable.
 """
 
 from __future__ import annotations
@@ -25,6 +29,18 @@ REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
 NOT_DECIDABLE = "not decidable"
 VERDICTS = (REPRODUCED, NOT_REPRODUCED, NOT_DECIDABLE)
+CAUSES = {
+    "method": "the method itself, or a choice in it that no work prints",
+    "twin": "an input of the twin that nobody published",
+    "chain": "true on the twin, lost by detection, tracking or measuring",
+    "criterion": "the words of the claim allow both outcomes; a bound would be ours",
+    "misprint": "what is printed contradicts itself",
+}
+ON_TRUTH = {
+    REPRODUCED: "holds on the twin's own truth",
+    NOT_REPRODUCED: "fails on the twin's own truth",
+    NOT_DECIDABLE: "not decidable on the twin's own truth",
+}
 
 
 @dataclass(frozen=True)
@@ -37,6 +53,7 @@ class Verdict:
     published: str
     reason: str = ""
     criterion: str = ""
+    because: str = ""
 
 
 def published(name: str, *, as_printed: bool = False) -> pd.DataFrame:
@@ -74,22 +91,31 @@ def _claim(claim_id: str) -> pd.Series:
     return pd.Series(claims.loc[claim_id])
 
 
-def _verdict(claim: pd.Series, verdict: str, measured: str, reason: str) -> Verdict:
+def _verdict(
+    claim: pd.Series, verdict: str, measured: str, reason: str, because: str = ""
+) -> Verdict:
     """Return a verdict with what it rests on in one line.
 
-    That is quantity, expectation and bounds.
+    That is quantity, expectation, bounds and whose they are.
     """
     closed = claim[["low", "high"]].notna().all()
     within = f" [{claim['low']:g}, {claim['high']:g}]" if closed else ""
-    criterion = f"{claim['quantity']}: {claim['expect']}{within}"
-    return Verdict(str(claim.name), verdict, measured, claim["claim"], reason, criterion)
+    ours = " (a bound of ours)" if claim["bound"] == "ours" else ""
+    criterion = f"{claim['quantity']}: {claim['expect']}{within}{ours}"
+    cause = "" if verdict == REPRODUCED else because
+    return Verdict(str(claim.name), verdict, measured, claim["claim"], reason, criterion, cause)
+
+
+Measured = npt.ArrayLike | pd.Series | Mapping[str, bool | None]
 
 
 def judge(
     claim_id: str,
-    measured: npt.ArrayLike | pd.Series | Mapping[str, bool],
+    measured: Measured,
     *,
     note: str = "",
+    truth: Measured | None = None,
+    because: str = "",
 ) -> Verdict:
     """Turn a measured value and a claim into a verdict.
 
@@ -101,40 +127,72 @@ def judge(
         For a claim with bounds: a number, or an array or Series (its labels are shown) of
         which every value must lie within them, in the unit of the claim. For any other
         claim: named conditions, for example ``{"spheres 9.1 ms > 4.2 ms": True}``; all must
-        hold.
+        hold. A condition that hangs on a bound of ours is ``None``: if no other condition
+        fails, the claim is not decidable.
     note
         What a reader must know beside the verdict (which source, which reading).
+    truth
+        What the same measure gives on the twin's own truth. A claim that fails on it fails
+        because of the twin; one that holds on it and not as measured, because of the chain.
+    because
+        One of `CAUSES`: why the claim is not reproduced, where ``truth`` does not say it.
+        It is left out of the verdict if the claim is reproduced.
 
     Raises
     ------
     InputError
-        If the claim does not exist, the kind of measurement does not fit it, or a
-        number is not finite.
+        If the claim or the cause does not exist, the kind of measurement does not fit the
+        claim, or a number is not finite.
     """
     claim = _claim(claim_id)
+    _check_cause(claim_id, because)
+    verdict, text = _judged(claim, measured)
+    if truth is not None:
+        on_truth, values = _judged(claim, truth)
+        note = f"{ON_TRUTH[on_truth]} ({values}); {note}".removesuffix("; ")
+        cause = {REPRODUCED: because or "chain", NOT_REPRODUCED: "twin"}
+        because = cause.get(on_truth, "criterion")
+    if verdict == NOT_DECIDABLE:
+        because = "criterion"
+    return _verdict(claim, verdict, text, note, because)
+
+
+def _check_cause(claim_id: str, because: str) -> None:
+    if because and because not in CAUSES:
+        raise InputError(f"claim {claim_id}: because={because!r} is not one of {list(CAUSES)}.")
+
+
+def _judged(claim: pd.Series, measured: Measured) -> tuple[str, str]:
+    """Return the verdict on a measured value, and the value in words."""
     if isinstance(measured, Mapping):
-        agrees, text = _all_hold(claim, measured)
-    else:
-        agrees, text = _within_bounds(claim, measured)
-    return _verdict(claim, REPRODUCED if agrees else NOT_REPRODUCED, text, note)
+        return _all_hold(claim, measured)
+    return _within_bounds(claim, measured)
 
 
-def _all_hold(claim: pd.Series, conditions: Mapping[str, bool]) -> tuple[bool, str]:
+def _all_hold(claim: pd.Series, conditions: Mapping[str, bool | None]) -> tuple[str, str]:
     """Return whether all conditions of a claim hold, and each in words.
 
     The claim is one without bounds.
     """
     if claim[["low", "high"]].notna().any() or not conditions:
         raise InputError(f"claim {claim.name} asks for {claim['expect']!r}: pass the number.")
-    if not all(isinstance(holds, bool | np.bool_) for holds in conditions.values()):
+    answers = list(conditions.values())
+    if not all(holds is None or isinstance(holds, bool | np.bool_) for holds in answers):
         raise InputError(
             f"claim {claim.name}: a condition is neither True nor False: {conditions}."
         )
-    text = "; ".join(f"{name}: {'yes' if holds else 'NO'}" for name, holds in conditions.items())
-    return all(conditions.values()), text
+    word = {True: "yes", False: "NO", None: "open"}
+    parts = (
+        f"{name}: {word[None if holds is None else bool(holds)]}"
+        for name, holds in conditions.items()
+    )
+    failed = any(holds is not None and not holds for holds in answers)
+    open_ = any(holds is None for holds in answers)
+    verdict = NOT_REPRODUCED if failed else NOT_DECIDABLE if open_ else REPRODUCED
+    return verdict, "; ".join(parts)
 
 
-def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tuple[bool, str]:
+def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tuple[str, str]:
     """Return whether all numbers lie within the bounds of a claim, and each in words."""
     bounded = claim[["low", "high"]].notna().any()
     values = pd.Series(np.atleast_1d(np.asarray(measured, dtype=np.float64)))
@@ -143,29 +201,44 @@ def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tup
             f"claim {claim.name} got {measured!r}; pass "
             + ("finite numbers." if bounded else "named conditions (it has no bounds).")
         )
-    # "< 8 %" excludes 8 %, "0.35..0.75" and "<= 0.01" include their ends
-    strict = re.match(r"[<>](?!=)", str(claim["expect"])) is not None
-    low, high = (
-        np.nan_to_num(claim[side], nan=open_end)
-        for side, open_end in (("low", -np.inf), ("high", np.inf))
-    )
-    inside = values.between(low, high, inclusive="neither" if strict else "both")
     names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
     text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
-    return all(inside), text
+    if _inside(claim, values, "low", "high"):
+        return REPRODUCED, text
+    possible = claim["bound"] == "ours" and _inside(claim, values, "loose_low", "loose_high")
+    return NOT_DECIDABLE if possible else NOT_REPRODUCED, text
 
 
-def undecidable(claim_id: str, reason: str, measured: str = "") -> Verdict:
-    """Return the verdict "not decidable" for a claim, with the reason (required)."""
+def _inside(claim: pd.Series, values: pd.Series, lowest: str, highest: str) -> bool:
+    """Return whether values lie between two columns of a claim; empty ones are open.
+
+    "< 8 %" excludes 8 % and not 0 %; "0.35..0.75" and "<= 0.01" include their ends.
+    """
+    strict = re.match(r"[<>](?!=)", str(claim["expect"]))
+    above, below = (strict is not None and strict.group() == sign for sign in "><")
+    low = np.nan_to_num(claim[lowest], nan=-np.inf)
+    high = np.nan_to_num(claim[highest], nan=np.inf)
+    over = values > low if above else values >= low
+    under = values < high if below else values <= high
+    return bool((over & under).all())
+
+
+def undecidable(claim_id: str, reason: str, measured: str = "", because: str = "") -> Verdict:
+    """Return the verdict "not decidable" for a claim, with the reason (required).
+
+    ``because`` is one of `CAUSES`.
+    """
     if not reason.strip():
         raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
-    return _verdict(_claim(claim_id), NOT_DECIDABLE, measured, reason)
+    _check_cause(claim_id, because)
+    return _verdict(_claim(claim_id), NOT_DECIDABLE, measured, reason, because)
 
 
 def fitted(verdict: Verdict, to: str) -> Verdict:
     """Return the verdict on a claim that a calibration aimed at.
 
-    Agreement is then no result: "reproduced" becomes "not decidable". A miss stays a miss.
+    Agreement is then no result: "reproduced" becomes "not decidable", because of the twin.
+    A miss stays a miss.
 
     Parameters
     ----------
@@ -177,7 +250,7 @@ def fitted(verdict: Verdict, to: str) -> Verdict:
     if verdict.verdict != REPRODUCED:
         return verdict
     reason = f"{verdict.reason}; agrees, but {to}".removeprefix("; ")
-    return replace(verdict, verdict=NOT_DECIDABLE, reason=reason)
+    return replace(verdict, verdict=NOT_DECIDABLE, reason=reason, because="twin")
 
 
 def count_reproduced(verdicts: Iterable[Verdict]) -> int:
@@ -210,11 +283,19 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
             )
     waiting = all_claims.loc[~all_claims.index.isin(judged["id"]), "testable_with"]
     undecided = [
-        undecidable(str(claim_id), f"no notebook tests it yet; testable with: {source}")
+        undecidable(
+            str(claim_id), f"no notebook tests it yet; testable with: {source}", because="method"
+        )
         for claim_id, source in waiting.items()
     ]
     table = pd.concat([judged, verdict_table(undecided, "")], ignore_index=True)
     return table.set_index("id").loc[all_claims.index].reset_index().fillna("")
+
+
+def without_cause(table: pd.DataFrame) -> list[str]:
+    """Return the claims that are not reproduced and say no cause; ``table`` from `collect`."""
+    missing = (table["verdict"] != REPRODUCED) & ~table["because"].isin(list(CAUSES))
+    return [str(claim_id) for claim_id in table.loc[missing, "id"]]
 
 
 def count(table: pd.DataFrame) -> dict[str, int]:
