@@ -253,6 +253,7 @@ def flown(stored, stored_flights, tmp_path):
     ]
     names = ["particle", "dwell_s", "ending", "from_lance", "ignition", "ignition_s"]
     table = pd.DataFrame(rows, columns=names).reindex(columns=FLIGHTS.names, fill_value=0.0)
+    table["refused"] = ""
     velocities = pd.DataFrame(
         {"particle": [1, 1, 2], "slice_m": [1.0, 2.0, 1.0], "velocity_m_s": [10.0, 8.0, 12.0]}
     )

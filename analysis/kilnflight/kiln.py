@@ -413,8 +413,8 @@ def flights_from(
 
 
 def slices_from(flights: pd.DataFrame, fits: Mapping[int, regression.Fit]) -> pd.DataFrame:
-    """Return the space-sliced velocities of flights from the lance."""
-    counted = flights[flights["from_lance"]]
+    """Return the space-sliced velocities of flights from the lance that are not refused."""
+    counted = flight.kept(flights[flights["from_lance"]])
     ends = dict(zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True))
     return flight.slices({particle: fits[particle] for particle in ends}, ends)
 

@@ -226,6 +226,7 @@ FLIGHTS = Table(
     Column("ignition_s", float, "s", "after t0_s; NaN unless ignition was seen", missing=True),
     Column("rise_gray", float, "1", "grey values between both levels, 0 without a step"),
     Column("wall_mm", float, "mm", "last distance from the kiln's axis"),
+    Column("refused", str, "1", "why no particle flies so; empty: it counts"),
 )
 
 SLICES = Table(

@@ -70,7 +70,7 @@ def track(particle, speed, start=0, count=40):
 def flight(particle, dwell, from_lance=True, ignition=np.nan):
     row = dict.fromkeys(FLIGHTS.names, 0.0) | {"particle": particle, "dwell_s": dwell}
     row |= {"end_s": 0.3, "ending": "landed", "ignition": "none", "ignition_s": ignition}
-    return row | {"from_lance": from_lance}
+    return row | {"from_lance": from_lance, "refused": ""}
 
 
 def with_cell(table, cell=CELL):

@@ -19,7 +19,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import __version__
-from kilnflight.flight import remaining
+from kilnflight.flight import kept, remaining
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
 from kilnflight.kiln import KILN_STEPS, KilnRun
 from kilnflight.project import style
@@ -30,6 +30,7 @@ from kilnflight.tracklets import tracked
 
 SEED = 0  # of the bootstrap
 BIN_S = 0.1  # sec. 5.3.2
+NAMED = 10  # refused flights of a reason that are named; the table of flights has all
 PAGE = Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>$name</title><style>
 body { font: 16px/1.5 sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -62,11 +63,11 @@ class Results(NamedTuple):
 
     @property
     def counted(self) -> pd.DataFrame:
-        """Return the flights from the lance, which alone count.
+        """Return the flights from the lance that can be: they alone count.
 
-        Section 5.3.1 of the thesis.
+        Section 5.3.1 of the thesis, and `kilnflight.flight.Plausible`.
         """
-        return self.flights[self.flights["from_lance"]]
+        return kept(self.flights[self.flights["from_lance"]])
 
 
 def collect(
@@ -146,13 +147,23 @@ def summary(results: Results) -> pd.DataFrame:
         ("trajectories fitted", str(int(reasons.get("fitted", 0)))),
         *((f"not fitted: {why}", str(n)) for why, n in reasons.items() if why != "fitted"),
         ("flights from the lance", str(len(counted))),
-        ("left out: not from the lance", str(len(results.flights) - len(counted))),
+        ("left out: not from the lance", str(int((~results.flights["from_lance"]).sum()))),
+        *_refused(results.flights[results.flights["from_lance"]]),
         *((f"flights {ending}", str(n)) for ending, n in endings.items()),
         *(_ignited(counted) if len(counted) else ()),
         *_velocities(results),
         *_outliers(results),
     ]
     return pd.DataFrame(rows, columns=["what", "value"])
+
+
+def _refused(from_lance: pd.DataFrame) -> Iterator[Row]:
+    """Yield a row for each reason that refuses flights from the lance, with their names."""
+    refused = from_lance[from_lance["refused"] != ""]
+    for reason, group in refused.groupby("refused"):
+        names = ", ".join(map(str, group["particle"].iloc[:NAMED]))
+        more = ", ..." if len(group) > NAMED else ""
+        yield f"refused: {reason}", f"{len(group)} (particle {names}{more})"
 
 
 def _ignited(counted: pd.DataFrame) -> Iterator[Row]:

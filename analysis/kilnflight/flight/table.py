@@ -1,0 +1,182 @@
+r"""The table of flights: their start, end and dwell time (section 5.3.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from kilnflight.checks import (
+    InputError,
+    check_columns,
+    check_finite,
+    check_limit,
+    check_positive,
+    check_shape,
+    check_whole,
+    known_numbers,
+)
+from kilnflight.detection.wall import Cylinder, InAir
+from kilnflight.flight.criteria import Landing, Plausible, StartsAtLance
+from kilnflight.ignition import BEFORE, SEEN, Ignition
+from kilnflight.regression import Fit
+from kilnflight.tables import FLIGHTS
+
+LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
+COLUMNS = ("frame", "particle", "row", "col", "gray", "x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Methods and parameters that make flights of tracks."""
+
+    start: StartsAtLance = field(default_factory=StartsAtLance)
+    landing: Landing = field(default_factory=Landing)
+    ignition: Ignition = field(default_factory=Ignition)
+    plausible: Plausible = field(default_factory=Plausible)
+    edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
+
+    def __post_init__(self) -> None:
+        """Refuse an invalid margin."""
+        check_limit(self.edge_px, "Rules: edge_px")
+
+
+class FieldOfView(NamedTuple):
+    """The camera's view of a recording; None where it does not matter.
+
+    Attributes
+    ----------
+    roi
+        (m, 2) corners of the region of interest: row, col in px.
+    frames
+        Frames that were searched for particles.
+    """
+
+    roi: npt.ArrayLike | None = None
+    frames: range | None = None
+
+
+def flights(
+    tracks: pd.DataFrame,
+    fits: Mapping[int, Fit],
+    wall: Cylinder,
+    in_air: InAir,
+    frame_rate_hz: float,
+    rules: Rules | None = None,
+    view: FieldOfView | None = None,
+) -> pd.DataFrame:
+    """Return the flights of fitted tracks, one row each.
+
+    The table is `kilnflight.tables.FLIGHTS`. The dwell time runs from t0 to landing, unlit (Fig.
+    5.18 a) or burning (b), or to burning out in the air (c).
+
+    Parameters
+    ----------
+    tracks
+        Detections with ``particle``; those of -1 and tracks without a fit are left out. A
+        column ``background``, if there is one, holds the grey value behind each
+        (`kilnflight.kiln.background_gray`).
+    fits
+        By particle; of `kilnflight.regression.fits`.
+    wall, in_air
+        The kiln and the limit (Table 5.12, section 5.1.4).
+    frame_rate_hz
+        Of the recording.
+    rules
+        None: `Rules` with their defaults.
+    view
+        Region and frames: what ends at their border was lost, not burnt out.
+
+    Notes
+    -----
+    A track that ends in the air ended by burning out only if it burnt. An unlit one left the view
+    or was lost by the tracker ("their actual flight time is longer than computed", appendix A.1).
+    It stays in the table as "lost", its dwell time a lower bound. Ignition is searched up to the
+    landing, since the wall ignites all that land (section 5.1.1).
+    """
+    rules, view = rules or Rules(), view or FieldOfView()
+    columns = (*COLUMNS, "background") if rules.ignition.above_background else COLUMNS
+    check_columns(tracks, columns, "flights: tracks")
+    check_positive(frame_rate_hz, "flights: frame_rate_hz")
+    if not fits:
+        return FLIGHTS.empty()
+    particle = check_whole(tracks["particle"], "flights: particle")
+    positions = pd.Series(np.arange(len(tracks))).groupby(particle).indices
+    missing = [name for name in fits if name not in positions]
+    if missing:
+        raise InputError(f"flights: no track of particle {missing[0]}, which has a fit.")
+    rows = []
+    for name, fit in fits.items():
+        track = tracks.iloc[positions[name]].sort_values("frame", kind="stable")
+        try:
+            row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
+        except InputError as error:
+            raise InputError(f"flights: particle {name}: {error}") from error
+        if row["ending"] == BURNT_OUT and _cut_off(track, frame_rate_hz, rules, view):
+            row["ending"] = LOST
+        rows.append({"particle": name} | row)
+    return FLIGHTS.check(pd.DataFrame(rows)[FLIGHTS.names])
+
+
+def _flight(
+    track: pd.DataFrame,
+    fit: Fit,
+    wall: Cylinder,
+    in_air: InAir,
+    frame_rate_hz: float,
+    rules: Rules,
+) -> dict[str, float | str | bool]:
+    """Return the row of one flight, but for its particle."""
+    places = np.stack([known_numbers(track[axis], f"column {axis}") for axis in "xyz"], axis=1)
+    from_lance, start_mm = rules.start(places, fit)
+    landed, end_s, wall_mm = rules.landing(fit, wall, in_air)
+    time = track["frame"].to_numpy(np.float64) / frame_rate_hz
+    if not landed:  # the last detections may have no depth, which the fit does not know of
+        end_s = max(end_s, float(time[-1]))
+    flying = time <= end_s
+    behind = track["background"].to_numpy()[flying] if "background" in track else None
+    lit = rules.ignition(time[flying], track["gray"].to_numpy()[flying], behind)
+    burning = lit.outcome in (SEEN, BEFORE)
+    return {
+        "t0_s": float(fit.t0),
+        "first_s": min(float(fit.first_s), float(time[0])),
+        "last_s": max(float(fit.last_s), float(time[-1])),
+        "end_s": end_s,
+        "dwell_s": end_s - float(fit.t0),
+        "ending": LANDED if landed else BURNT_OUT if burning else LOST,
+        "from_lance": from_lance,
+        "start_mm": start_mm,
+        "ignition": lit.outcome,
+        "ignition_s": lit.time_s - float(fit.t0),
+        # 0 where nothing can be said
+        "rise_gray": 0.0 if math.isnan(lit.before) else lit.after - lit.before,
+        "wall_mm": wall_mm,
+        "refused": rules.plausible(fit, end_s, wall, in_air),
+    }
+
+
+def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: FieldOfView) -> bool:
+    """Return whether a flight ends at the border of view or recording."""
+    if view.frames is not None:
+        last = (view.frames.stop - 1) / frame_rate_hz
+        if track["frame"].iloc[-1] / frame_rate_hz + rules.landing.beyond_s > last:
+            return True
+    if view.roi is None:
+        return False
+    corners = check_finite(view.roi, "flights: roi")
+    check_shape(corners, (None, 2), "flights: roi")
+    place = track[["row", "col"]].to_numpy(np.float64)[-1].tolist()
+    inside = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
+    return bool(inside < rules.edge_px)
+
+
+def kept(flights: pd.DataFrame) -> pd.DataFrame:
+    """Return the flights that are not refused (`Plausible`), from the lance or not."""
+    check_columns(flights, ("refused",), "kept: flights")
+    return flights[flights["refused"] == ""]

@@ -1,0 +1,121 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from kilnflight.checks import InputError
+from kilnflight.flight import remaining, slices, space_sliced_velocity
+from kilnflight.tables import SLICES
+
+SPEEDS = st.floats(3_000.0, 20_000.0)  # mm/s
+
+
+def in_plain_code(fit, slice_m, samples=400_001):
+    """First times at which each slice is reached, by looking everywhere."""
+    time = np.linspace(fit.t0, fit.last_s, samples)
+    gone = fit.exit_point_mm[2] - fit(time)[:, 2]
+    marks = 1000 * slice_m * np.arange(1, 8)
+    return [time[np.argmax(gone >= far)] for far in marks if (gone >= far).any()][:6]
+
+
+@settings(deadline=None)
+@given(SPEEDS, st.floats(-5.0, 5.0), st.floats(0.3, 2.0))
+def test_the_velocity_of_a_straight_flight_is_its_speed(polynomials, speed, start, slice_m):
+    fit = polynomials(((0.0, 0.0), (100.0, 4900.0), (-speed, 0.0)), start, start, start + 0.4)
+    table = space_sliced_velocity(fit, slice_m)
+    assert list(table["slice_m"]) == [slice_m * n for n in range(1, int(6.5 / slice_m) + 1)]
+    passed = table[table["reached"]]
+    np.testing.assert_allclose(passed["velocity_m_s"], speed / 1000, rtol=1e-6)
+    far = min(0.0004 * speed, 6.5) / slice_m
+    assert len(passed) in (int(far - 1e-9), int(far + 1e-9))
+    assert table.loc[~table["reached"], "velocity_m_s"].isna().all()
+
+
+@settings(deadline=None)
+@given(SPEEDS, st.floats(-30_000.0, 30_000.0), st.floats(-60_000.0, 60_000.0))
+def test_the_times_are_those_that_looking_everywhere_finds(polynomials, speed, bend, third):
+    fit = polynomials(((), (), (-speed, bend, third)))
+    table = space_sliced_velocity(fit)
+    expected = in_plain_code(fit, 1.0, 4001)
+    reached = table.loc[table["reached"] & (table["slice_m"] > 0), "end_s"].to_numpy()
+    assert len(reached) - len(expected) in (0, 1)  # a turn between two samples may be missed
+    assert (np.abs(reached[: len(expected)] - expected) <= 1.01e-4).all()
+
+
+@settings(deadline=None)
+@given(SPEEDS, st.floats(-9_000.0, 9_000.0), st.floats(-100.0, 100.0))
+def test_a_shift_in_time_and_other_detections_change_nothing(polynomials, speed, bend, shift):
+    fit = polynomials(((), (), (-speed, bend)))
+    later = replace(fit, t0=shift, first_s=shift + 0.1, last_s=shift + 0.4)
+    one, other = space_sliced_velocity(fit), space_sliced_velocity(later)
+    if (one["reached"] == other["reached"]).all():  # else a turn within rounding of a mark
+        np.testing.assert_allclose(one["velocity_m_s"], other["velocity_m_s"], rtol=1e-6)
+        np.testing.assert_allclose(one["end_s"] + shift, other["end_s"], atol=1e-9)
+
+
+def test_a_flight_that_turns_passes_each_slice_once(polynomials):
+    turning = polynomials(((), (), (-10_000.0, 20_000.0)), last_s=0.5)  # farthest: 1.25 m
+    table = space_sliced_velocity(turning)
+    assert list(table["reached"]) == [True] + 5 * [False]
+    assert table["velocity_m_s"][0] == pytest.approx(1 / (0.25 - np.sqrt(0.0125)))
+
+
+def test_what_flies_behind_the_lance_has_negative_velocities(polynomials):
+    backwards = polynomials(((), (), (5_000.0, 0.0)), last_s=0.5)
+    table = space_sliced_velocity(backwards)
+    assert list(table["slice_m"]) == [-2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert list(table["reached"]) == 2 * [True] + 6 * [False]
+    np.testing.assert_allclose(table["velocity_m_s"][:2], -5.0)
+
+
+def test_only_what_was_observed_counts(polynomials):
+    fit = polynomials(((), (), (-10_000.0,)), last_s=0.25)
+    assert space_sliced_velocity(fit)["reached"].sum() == 2
+    assert space_sliced_velocity(fit, until_s=0.15)["reached"].sum() == 1
+    assert space_sliced_velocity(fit, until_s=9.0)["reached"].sum() == 2
+    slow = polynomials(((), (), (0.0, 0.0)))
+    assert not space_sliced_velocity(slow)["reached"].any()
+
+
+def test_a_slice_that_was_passed_before_the_first_detection_is_refused(polynomials):
+    fit = polynomials(((), (), (-10_000.0,)), first_s=0.15, last_s=0.35)
+    table = space_sliced_velocity(fit)
+    assert list(table["reached"]) == 3 * [True] + 3 * [False]
+    assert list(table["observed"]) == [False, True, True, False, False, False]
+
+
+def test_many_flights_and_who_remains(polynomials):
+    fits = {
+        4: polynomials(((), (), (-10_000.0,)), last_s=0.35),
+        9: polynomials(((), (), (-5_000.0,))),
+        2: polynomials(((), (), (3_000.0,))),  # backwards
+    }
+    table = slices(fits)
+    assert list(table["particle"]) == [4, 4, 4, 9, 9, 2]
+    left = remaining(table, 4).set_index("slice_m")
+    assert dict(left["number"]) == {-1.0: 1, 1.0: 2, 2.0: 2, 3.0: 1}
+    assert dict(left["share"]) == {-1.0: 0.25, 1.0: 0.5, 2.0: 0.5, 3.0: 0.25}
+    assert left["median_m_s"][1.0] == pytest.approx(7.5)
+    assert len(slices(fits, {4: 0.15, 9: 9.0})) == 4
+
+
+def test_no_flights_pass_no_slices():
+    assert list(slices({}).columns) == SLICES.names
+    assert len(remaining(slices({}), 0)) == 0
+
+
+def test_what_cannot_be_sliced_is_refused(polynomials):
+    fit = polynomials(((), (), (-10_000.0,)))
+    for bad, message in ((0.0, "slice_m"), (-1.0, "slice_m"), (1e-4, "take longer ones")):
+        with pytest.raises(InputError, match=message):
+            space_sliced_velocity(fit, bad)
+    with pytest.raises(InputError, match="until_s is NaN"):
+        space_sliced_velocity(fit, until_s=float("nan"))
+    with pytest.raises(InputError, match=r"leaves the lance at 0\.5"):
+        space_sliced_velocity(replace(fit, t0=0.5))
+    with pytest.raises(InputError, match="not finite"):
+        space_sliced_velocity(polynomials(((), (), (np.nan,))))
+    with pytest.raises(InputError, match="2 particles in a slice, but 1 counted"):
+        remaining(slices({0: fit, 1: fit}), 1)
