@@ -119,6 +119,10 @@ def test_the_tables_have_the_agreed_columns(smoke):
         assert len(table), name
 
 
+def test_no_saved_table_holds_an_impossible_number(smoke):
+    assert figures.absurdities(smoke / "figures") == []
+
+
 def test_every_model_has_a_row_for_every_data_set(smoke):
     for name, models in (("arrival", 6), ("lateral", 7)):
         table = pd.read_csv(smoke / "figures" / f"belt-{name}.csv")

@@ -34,6 +34,10 @@ def test_every_picture_has_its_table_and_the_gallery_shows_it(published):
     assert (published / "README.md").read_text() == figures.gallery(published)
 
 
+def test_no_table_holds_an_impossible_number(published):
+    assert figures.absurdities(published) == []
+
+
 def test_the_claims_are_those_of_the_notebooks(published):
     tables = [pd.read_csv(path) for path in figures.concluded(published).values()]
     collected = claims.collect(tables)

@@ -13,6 +13,8 @@ from kilnflight.tables import (
     TRAJECTORIES,
     Column,
     Table,
+    bound_of,
+    impossible,
 )
 
 TABLES = [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES, FLIGHTS, SLICES]
@@ -66,3 +68,59 @@ def test_a_column_of_truth_values_holds_nothing_else():
     assert len(truths.check(pd.DataFrame({"from_lance": [True, False]}))) == 2
     with pytest.raises(InputError, match=r"column from_lance holds .*expected bool"):
         truths.check(pd.DataFrame({"from_lance": [0, 1]}))
+
+
+@pytest.mark.parametrize(
+    ("column", "possible", "absurd"),
+    [
+        ("measured_m_s", 13.5, 1_063_640.0),  # once saved in fig-5-21-velocity.csv
+        ("velocity 3-4 m (m/s)", -2.0, 379.9),
+        ("velocity_m_s", 31.9, -31.0),
+        ("lateral_mm_s", -4000.0, 5001.0),
+        ("dwell_s", 1.4, -0.001),
+        ("dwell longest (s)", 5.9, 15.1),
+        ("ignition_s", 0.0, -0.06),
+        ("ignition median (s)", 0.3, 15.1),
+        ("depth_true_mm", 0.0, -5419.0),
+        ("expected_z", 4971.0, -1.0),
+        ("radius_mm", 772.0, 2001.0),
+        ("radius_mm", 700.0, -1.0),
+        ("precision", 1.0, 1.01),
+        ("recall_published", 0.0, -0.01),
+        ("f1", 0.5, 2.0),
+        ("jsc", 0.5, -0.1),
+        ("jsc_theta", 0.5, 1.1),
+        ("ignited (%)", 100.0, 100.1),
+        ("touching_percent", 0.0, -1.0),
+        ("tp", 0.0, -1.0),
+        ("dwell_s_n", 400.0, -1.0),
+        ("gray", 65_535.0, 65_536.0),
+        ("velocity_m_s_bias", -40.0, 63.0),
+        ("f1_gain", -1.0, 1.1),
+        ("rmse_mm", 317.0, -1.0),
+        ("velocity_m_s_spread", 7.0, -0.1),
+        ("precision_low", 0.2, -0.1),
+    ],
+)
+def test_a_column_has_its_physical_bound(column, possible, absurd):
+    table = pd.DataFrame({column: [possible, np.nan, possible], "name": "a"})
+    assert impossible(table) == []
+    (sentence,) = impossible(pd.concat([table, table.assign(**{column: absurd})]))
+    assert sentence.startswith(f"column {column}: 3 of 6 outside ")
+    assert sentence.endswith(f"worst {absurd:g}")
+
+
+def test_the_table_says_what_a_column_without_a_unit_is():
+    medians = pd.DataFrame({"outcome": ["velocity 3-4 m (m/s)"], "estimate": [2091.0]})
+    assert impossible(medians) == []
+    assert len(impossible(medians, "velocity-medians")) == 1
+    steps = pd.DataFrame({"dwell_s_low": [-0.1], "dwell_s_bias": [-0.08], "dwell_s_high": [0.0]})
+    assert impossible(steps, "fig-accuracy-steps") == []
+
+
+def test_every_column_with_a_unit_has_a_bound_and_words_have_none():
+    units = ["mm", "mm_s", "m_s", "s", "ms", "m", "px", "k", "deg", "hz", "mib", "percent"]
+    assert [unit for unit in units if bound_of(f"quantity_{unit}") is None] == []
+    assert bound_of("threshold") is None
+    assert impossible(pd.DataFrame({"dwell_s": ["-1"], "covers": [True]})) == []
+    assert impossible(pd.DataFrame()) == []

@@ -92,6 +92,25 @@ def test_a_saved_figure_shows_itself_with_its_caption():
     assert "<table" in save("table-1")._repr_html_()
 
 
+def test_an_impossible_number_is_refused_unless_the_caption_says_why():
+    table = pd.DataFrame({"fraction": ["a", "b"], "measured_m_s": [1_063_640.0, 5.0]})
+    message = r"figure fig-1: column measured_m_s: 1 of 2 outside -30 to 32 m/s .* worst 1.06"
+    with pytest.raises(InputError, match=message):
+        save(table=table)
+    assert not list(paths.figures().glob("fig-1*"))
+    save(table=table, caption="Velocities. Impossible values stand here to show what is refused.")
+    assert (paths.figures() / "fig-1.csv").is_file()
+
+
+def test_saved_tables_are_looked_through_for_what_cannot_be():
+    save("fig-1")
+    save("fig-2", caption="Impossible values stand here.", table=pd.DataFrame({"dwell_s": [-1.0]}))
+    assert figures.absurdities() == []
+    (paths.figures() / "by-hand.csv").write_text("dwell_s,f1\n0.3,0.5\n0.4,1.5\n")
+    (found,) = figures.absurdities()
+    assert found.startswith("by-hand.csv: column f1: 1 of 2 outside 0 to 1")
+
+
 def test_open_figures_are_closed():
     before = plt.get_fignums()
     save(picture=drawn())

@@ -37,6 +37,7 @@ from kilnflight.checks import InputError
 from kilnflight.project import claims, paths
 from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.style import style, table_picture
+from kilnflight.tables import impossible
 
 PNG_DPI = 300
 DRAFT_DPI = 150  # of a smoke run
@@ -47,6 +48,7 @@ LARGEST_PNG = 300_000  # bytes
 REDUCTIONS = ((1.0, 64, 192), (0.8, 64, 192), (0.64, 64, 64), (0.5, 32, 32), (0.4, 16, 0))
 TABLE_REDUCTIONS = ((1.0, 16, 0), (0.8, 16, 0))  # text
 YEAR = 2026  # of the release
+IMPOSSIBLE = "Impossible values"  # begins the sentence of a caption that says why they stand
 ENTRY = Template(Path(__file__).with_name("gallery_entry.md").read_text("utf-8"))
 # What a result depends on: the commit that last touched any of these made the figure.
 SOURCES = ("analysis", "notebooks", "data/reference", "pyproject.toml", "requirements.lock")
@@ -135,7 +137,9 @@ def save(
         The data behind the picture, units in the column names; an empty cell means
         "does not apply", infinities are refused.
     caption
-        What the figure shows, in whole sentences; the first one is the title.
+        What the figure shows, in whole sentences; the first one is the title. A table that has
+        to hold numbers outside their physical bound (`kilnflight.tables.BOUNDS`) says why in a
+        sentence that begins with "Impossible values".
     provenance
         From `trace`.
     picture
@@ -145,7 +149,8 @@ def save(
     ------
     InputError
         If the id is not lower-case words joined by hyphens, the caption is empty, or
-        the table has no columns or holds an infinity. Nothing is written then.
+        the table has no columns, holds an infinity or an impossible number. Nothing is written
+        then.
     """
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", identifier):
         raise InputError(f"figure id {identifier!r}: use lower-case words joined by hyphens.")
@@ -153,6 +158,11 @@ def save(
         raise InputError(f"figure {identifier}: it has no caption; write what it shows.")
     if not len(table.columns) or np.isinf(table.select_dtypes("number").to_numpy(float)).any():
         raise InputError(f"figure {identifier}: its table has no columns or holds an infinity.")
+    if IMPOSSIBLE not in caption and (absurd := impossible(table, identifier)):
+        raise InputError(
+            f"figure {identifier}: {'; '.join(absurd)}. Refuse what cannot be where it is made, "
+            f"or say in the caption why it stands: '{IMPOSSIBLE} ...'."
+        )
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     drawn = picture if picture is not None else table_picture(table)
@@ -283,6 +293,21 @@ def entries(folder: Path | None = None) -> list[Entry]:
             provenance = json.loads(texts["Provenance"])
             saved.append(Entry(path.stem, texts["Description"], provenance))
     return saved
+
+
+def absurdities(folder: Path | None = None) -> list[str]:
+    """Return what is impossible in the saved tables of a folder (`kilnflight.tables.BOUNDS`).
+
+    Tables whose caption says why it stands there are left out.
+    """
+    folder = folder or paths.figures()
+    excused = {entry.identifier for entry in entries(folder) if IMPOSSIBLE in entry.caption}
+    tables = [path for path in sorted(folder.glob("*.csv")) if path.stem not in excused]
+    return [
+        f"{path.name}: {sentence}"
+        for path in tables
+        for sentence in impossible(pd.read_csv(path), path.stem)
+    ]
 
 
 def concluded(folder: Path | None = None) -> dict[str, Path]:
