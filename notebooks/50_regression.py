@@ -20,7 +20,7 @@ jobs = 2  # processes
 import numpy as np
 from IPython.display import HTML
 
-from kilnflight.experiments import campaigns, confidence, flight_pictures, plots, statements
+from kilnflight.experiments import campaigns, confidence, flight_pictures, space, statements
 from kilnflight.project import figures, style
 
 # %%
@@ -92,7 +92,7 @@ figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, pr
 
 # %%
 fits, tracks = campaigns.fits_from_lance(tables, keys[-1], 25)
-HTML(plots.turning(fits, tracks, f"{keys[-1][0]}, 4.5 bar: {len(fits)} trajectories"))
+HTML(space.turning(fits, tracks, f"{keys[-1][0]}, 4.5 bar: {len(fits)} trajectories"))
 
 # %% [markdown]
 # ## Verdicts

@@ -1,9 +1,7 @@
-"""Plots of flights: what is marked lies where the definition says, nothing from a network."""
+"""Plots of flights: what is marked lies where the definition says."""
 
-import re
 from itertools import pairwise
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +10,6 @@ from kilnflight.checks import InputError
 from kilnflight.experiments import plots
 from kilnflight.flight import slices
 from kilnflight.regression import Fit
-from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import Flight, Flights
 
 FIT = Fit(
@@ -121,15 +118,6 @@ def test_simulated_flights_are_coloured_as_far_as_they_fly(axes, by_sample):
     assert len(fewer.get_segments()) == 3
 
 
-CURVE = Fit(
-    (0.0, 0.0, 6500.0), 0.1, 0, (0.0, 0.1), (2, 2, 2),
-    ((1.0, 0.0), (0.0, -4.9), (-9000.0, 0.0)), 0.2, 0.5, 60,
-)  # fmt: skip
-GRAY_TRACK = pd.DataFrame(
-    {"particle": 3, "frame": [60, 70], "x": 0.0, "y": 1.0, "z": [5600.0, np.nan], "gray": 900.0}
-)
-
-
 def test_boxes_stand_side_by_side_with_their_numbers(axes):
     groups = {
         "true": [np.array([1.0, 2, 3]), np.empty(0)],
@@ -151,47 +139,9 @@ def test_open_bounds_run_to_the_edge(axes):
     assert axes.get_ylim() == (0, 10)
 
 
-def test_what_is_lower_in_the_picture_is_drawn_lower():
-    geometry = Geometry()
-    high, low = [300.0, 500.0, 6000.0], [300.0, -500.0, 6000.0]
-    rows, _ = geometry.project(np.array([high, low]))
-    assert rows[0] < rows[1]  # rows count down
-    np.testing.assert_allclose(plots.upright([high, low]), [[6.0, 6.0], [0.3, 0.3], [0.5, -0.5]])
-
-
-def test_a_falling_particle_ends_lower_on_the_drawn_axis(axes):
+def test_a_falling_particle_ends_lower_from_the_side(axes):
     plots.draw_dwell_time(axes, FIT, FLIGHT, TRACK)  # falls by g t^2 / 2
     assert lines(axes)["end: landed"][0][1] == pytest.approx(-4.905 * 0.5**2)
-    figure = plt.figure()
-    space = figure.add_subplot(projection="3d")
-    plots.draw_curves(space, [FIT], [TRACK.assign(frame=[1, 2], gray=1.0)])
-    up = space.lines[0].get_data_3d()[2]
-    assert up[-1] - up[0] == pytest.approx(-4.905 * 0.5**2)
-    bottom, top = space.get_zlim()
-    assert bottom < top
-    plt.close(figure)
-    page = plots.turning({3: FIT}, TRACK.assign(particle=3, gray=1.0), "falls")
-    assert '"zaxis":{"title":{"text":"up, y (m)"}}' in page
-
-
-def test_curves_start_at_the_lance_and_points_without_depth_are_left_out():
-    figure = plt.figure()
-    axes = figure.add_subplot(projection="3d")
-    plots.draw_curves(axes, [CURVE], [GRAY_TRACK])
-    depth, across, _ = axes.lines[0].get_data_3d()
-    assert (depth[0], across[0]) == (pytest.approx(6.5), pytest.approx(0.0))
-    assert len(axes.lines[1].get_data_3d()[0]) == 1
-    plt.close(figure)
-
-
-def test_the_view_that_turns_needs_no_network():
-    page = plots.turning({3: CURVE}, GRAY_TRACK, "confetti")
-    assert "Plotly.newPlot" in page
-    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)
-
-
-def test_no_trajectory_gives_an_empty_view():
-    assert "Plotly.newPlot" in plots.turning({}, GRAY_TRACK.head(0), "none")
 
 
 def test_grouped_bars_stand_side_by_side(axes):

@@ -21,6 +21,7 @@ from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.detection_claims import PARAMETERS, TABLES
 from kilnflight.experiments.plots import draw_bars
+from kilnflight.experiments.space import upright
 from kilnflight.experiments.wall_claims import published_radius_mm
 from kilnflight.project import claims
 from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
@@ -110,21 +111,23 @@ def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     The distance is that to the axis.
     """
     picture, (panels,) = canvas(1, 2, width_mm=PAGE_MM, height_mm=75)
-    panels[0].plot(points[:, 0], points[:, 1], ",", color="black")
     distance = cylinder.distance_to_axis(points, fit)
-    panels[1].plot(points[:, 2] / 1000, distance, ",", color="black")
+    depth, across, up = upright(points)
+    panels[0].plot(across, up, ",", color="black")
+    panels[1].plot(depth, distance, ",", color="black")
     around = np.linspace(0, 2 * np.pi, 200)
     reach = (points[:, 2].mean() - fit.centre_mm[2]) / fit.direction[2]
     middle = np.array(fit.centre_mm) + reach * np.array(fit.direction)
-    ring = middle[:2, None] + fit.radius_mm * np.array([np.cos(around), np.sin(around)])
-    panels[0].plot(*ring, "-", color=COLOURS[1], label=f"fit, {fit.radius_mm:.0f} mm")
-    panels[0].set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+    ring = np.array([np.cos(around), np.sin(around), np.zeros(len(around))]).T
+    _, across, up = upright(middle + fit.radius_mm * ring)
+    panels[0].plot(across, up, "-", color=COLOURS[1], label=f"fit, {fit.radius_mm:.0f} mm")
+    panels[0].set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal")
     panels[0].legend(loc="upper right")
     levels = {"fit": (fit.radius_mm, "-"), "true": (Geometry().kiln_radius_mm, ":")}
     levels["published"] = (published_radius_mm(), "--")
     for text, (level, line) in levels.items():
         panels[1].axhline(level, color=COLOURS[1], ls=line, label=f"{text}, {level:.0f} mm")
-    panels[1].set(xlabel="z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))
+    panels[1].set(xlabel="depth z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))
     panels[1].legend(loc="lower left")
     return picture
 

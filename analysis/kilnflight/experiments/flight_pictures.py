@@ -23,15 +23,14 @@ from kilnflight.experiments.campaigns import (
 )
 from kilnflight.experiments.confidence import Values
 from kilnflight.experiments.plots import (
-    draw_curves,
     draw_dwell_time,
-    draw_flown_paths,
     draw_from_the_side,
     draw_grouped_boxes,
     draw_published,
     draw_space_slices,
     examples,
 )
+from kilnflight.experiments.space import draw_curves, draw_flown_paths
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas, draw_boxes
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, box, ignition_histogram
