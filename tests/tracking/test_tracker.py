@@ -260,6 +260,9 @@ def test_a_detection_that_several_tracks_share_is_recorded_for_the_likeliest():
     assert tracking.record(shared).tolist() == [0]
     doubtful = np.array([[0.8, 0.2], [0.75, 0.25]])  # 0.45: of none, rather
     assert tracking.record(doubtful).tolist() == [-1]
+    together = np.array([[0.4, 0.25, 0.35]])  # neither beats "missed", both do (Eq. 4.10)
+    assert tracking.record(together).tolist() == [-1, 0]
+    assert tracking.record(np.array([[0.5, 0.25, 0.25]])).tolist() == [-1, -1]
     taken = np.array([[0.1, 0.5, 0.4], [0.9, 0.0, 0.1]])  # its track has a likelier one
     assert tracking.record(taken).tolist() == [0, -1]
 

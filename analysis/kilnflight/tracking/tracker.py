@@ -151,8 +151,9 @@ def track(
     Notes
     -----
     "JPDA computes the average coordinates of all detections within the gate as the temporal
-    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). The row of the table that
-    holds it is that of the heaviest detection, if its weight beats the track's "missed". A
+    track locations" (section 5.2.3; "a weighted position", Fig. 2.22). So a track is there if all
+    its detections together outweigh "missed" (Eq. 4.10). The row of the table that holds its
+    place is that of its heaviest detection, or of another one that alone beats "missed". A
     detection that more probably belongs to some track than to none goes to the track it weighs
     most for. Largest weight first; a track or detection that is taken is passed over.
 
@@ -372,7 +373,9 @@ def record(weights: Array) -> Integers:
         return owner
     first = pairs.argmax(axis=0) == np.arange(len(pairs))[:, None]
     likely = (pairs.sum(axis=0) > 0.5) & first
-    tracks, detections = np.nonzero(likely | (pairs > weights[:, :1]))
+    heaviest = pairs.argmax(axis=1)[:, None] == np.arange(pairs.shape[1])
+    there = heaviest & (pairs.sum(axis=1, keepdims=True) > weights[:, :1])
+    tracks, detections = np.nonzero(likely | there | (pairs > weights[:, :1]))
     order = np.argsort(-pairs[tracks, detections], kind="stable")
     for i, j in zip(tracks[order].tolist(), detections[order].tolist(), strict=True):
         if free[i] and owner[j] < 0:
