@@ -35,13 +35,19 @@ from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import read_dem
 from kilnflight.belt.tracker import Followed
+from kilnflight.experiments import belt_intervals
 from kilnflight.experiments.belt_claims import (
     DATA_SETS,
     Answer,
+    Order,
     arrival_answers,
     arrival_notes,
+    arrival_orders,
+    compared,
+    differences,
     lateral_answers,
     lateral_notes,
+    lateral_orders,
 )
 from kilnflight.project import claims
 
@@ -350,9 +356,12 @@ class Study:
     models: tuple[str, str, str]  # compared models, how to read their boxes, figure
     measure: str  # of its claims: mae or iqr
     deviations: Deviations
-    answers: Answers
+    answers: Callable[[Any], dict[str, Answer]]
     notes: Callable[[pd.DataFrame, str], dict[str, str]]
     shapes: tuple[str, ...]  # claims on how each shape moves, which the friction model assumes
+    orders: Callable[[], list[Order]]
+    resampled: Deviations  # those that are resampled
+    carried: bool = False  # whether states carried to the start of the phase are a second reading
 
     @property
     def captions(self) -> dict[str, str]:
@@ -405,16 +414,46 @@ class Study:
         by_target = vary_target(authors or ours, targets, *arguments)
         return by_target.round(6), vary_rate(ours, every, *arguments).round(6)
 
+    def answer(
+        self, observed: Mapping[Key, Observed], source: str, scale: str, seed: int
+    ) -> tuple[dict[str, Answer], pd.DataFrame]:
+        """Return the answers by the tracks of a source, and the differences that decide.
+
+        Both measures count, and on arrivals both readings: the last observation as it is, and
+        carried on to the start of the phase.
+        """
+        parts = {name: part for (where, name), part in observed.items() if where == source}
+        readings = {"": parts}
+        if self.carried:
+            moved = {name: belt_intervals.carried(part, PHASE) for name, part in parts.items()}
+            readings["carried"] = moved
+        tables, samples = {}, {}
+        evaluation = Evaluation(draws=min(DRAWS[scale], belt_intervals.DRAWS))
+        replicates = belt_intervals.REPLICATES[scale]
+        for reading, each in readings.items():
+            keyed = {(source, name): part for name, part in each.items()}
+            by_draw = compare_models(keyed, PHASE, evaluation, self.resampled, seed)
+            tables[reading] = over_draws(by_draw)
+            samples[reading] = belt_intervals.resample(
+                each, PHASE, self.resampled, replicates, seed
+            )
+        values = compared(tables, samples)
+        return self.answers(values), differences(values, self.orders())
+
     def judge(
         self, answers: Mapping[str, Answer], by_target: pd.DataFrame, sampling_hz: float
     ) -> list[claims.Verdict]:
         """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`."""
         source = by_target["source"].iloc[0]
         notes = self.notes(by_target, f"decided by {source} at {sampling_hz:.0f} Hz")
-        verdicts = {id: claims.judge(id, answer, note=notes[id]) for id, answer in answers.items()}
+        because = "method" if source == AUTHORS else "twin"  # on the authors' own tracks
+        verdicts = {
+            id: claims.judge(id, answer, note=notes[id], because=because)
+            for id, answer in answers.items()
+        }
         if source == OWN and not is_installed():
             reason = "depends on how each shape moves, which our friction simulation only assumes"
-            verdicts |= {id: claims.undecidable(id, reason) for id in self.shapes}
+            verdicts |= {id: claims.undecidable(id, reason, because="twin") for id in self.shapes}
         return list(verdicts.values())
 
 
@@ -427,6 +466,9 @@ ARRIVAL = Study(
     arrival_answers,
     arrival_notes,
     ("belt20-3",),
+    arrival_orders,
+    arrival_deviations,
+    carried=True,
 )
 LATERAL = Study(
     "lateral position",
@@ -441,4 +483,6 @@ LATERAL = Study(
     lateral_answers,
     lateral_notes,
     ("belt20-8", "belt20-10"),
+    lateral_orders,
+    belt_intervals.with_isolated,
 )

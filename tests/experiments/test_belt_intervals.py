@@ -1,0 +1,147 @@
+"""Which model is better: by both measures, beyond chance."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.belt import PredictionPhase
+from kilnflight.belt.phase import Observed
+from kilnflight.experiments import belt_intervals
+from kilnflight.experiments.belt_claims import (
+    arrival_answers,
+    compared,
+    differences,
+    lateral_answers,
+    lateral_orders,
+)
+from kilnflight.experiments.belt_intervals import agree, carried, resample
+from kilnflight.project import claims
+
+PHASE = PredictionPhase()
+PLACES = {"Straight": 3.0, "CV-CV": 1.0, "CA-CA": 0.9, "LV-DSC": 0.92, "IA-CV": 1.0}
+PLACES |= {"IA-CA": 0.95, "IA-Ratio": 0.5}
+
+
+def observed(count=400):
+    """Particles at rest: the deviations are made up."""
+    table = pd.DataFrame({"particle": range(count), "y": 0.0})
+    return Observed(table, table, {})
+
+
+def fixed(**columns):
+    """Return a function of deviations with these values for each particle that is evaluated."""
+
+    def deviations(part, phase, calibration):
+        for name, values in columns.items():
+            yield name, np.asarray(values)[~calibration]
+
+    return deviations
+
+
+def test_a_constant_bias_counts_for_the_mean_and_not_for_the_spread():
+    noise = np.random.default_rng(0).normal(0, 1, 400)
+    samples = resample({"spheres": observed()}, PHASE, fixed(A=noise, B=noise + 5), 50, 0)
+    assert samples["iqr"]["A"].to_numpy() == pytest.approx(samples["iqr"]["B"].to_numpy())
+    assert (samples["mae"]["B"] > samples["mae"]["A"] + 3).all()
+
+
+def test_a_difference_is_beyond_chance_or_open():
+    """B is A for other particles, C twice as wide: A < C, and A and B are the same."""
+    a = np.random.default_rng(1).normal(0, 1, 400)
+    b = np.random.default_rng(2).permutation(a)
+    samples = resample({"spheres": observed()}, PHASE, fixed(A=a, B=b, C=2 * b), 200, 0)
+    table = pd.DataFrame(
+        [("spheres", name, samples["mae"][name].mean(), 1.0) for name in "ABC"],
+        columns=["data_set", "model", "mae", "iqr"],
+    )
+    values = compared({"": table}, {"": samples})
+    assert values.less("spheres", ("A",), ("C",)) == [True, True]
+    assert values.less("spheres", ("C",), ("A",)) == [False, False]
+    assert values.less("spheres", ("A",), ("B",)) == [None, None]
+
+
+def test_replicates_do_not_depend_on_their_number_of_others():
+    deviations = fixed(A=np.random.default_rng(1).normal(0, 1, 400))
+    few, same = (resample({"s": observed()}, PHASE, deviations, 30, 7) for _ in range(2))
+    pd.testing.assert_frame_equal(few["mae"], same["mae"])
+
+
+@pytest.mark.parametrize(
+    ("answers", "together"),
+    [
+        ([True, True], True),
+        ([False, False], False),
+        ([True, False], None),
+        ([True, None], None),
+        ([None, None], None),
+    ],
+)
+def test_measures_decide_only_where_they_agree(answers, together):
+    assert agree(answers) is together
+
+
+def places(name="spheres", **changes):
+    rows = [(name, model, value, value) for model, value in (PLACES | changes).items()]
+    return pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"])
+
+
+def test_where_the_measures_differ_a_claim_depends_on_the_measure():
+    table = places()
+    table.loc[table["model"] == "IA-Ratio", "iqr"] = 2.0  # best by MAE, not by IQR
+    verdict = claims.judge("belt20-10", lateral_answers(table)["belt20-10"])
+    assert (verdict.verdict, verdict.because) == ("not decidable", "criterion")
+
+
+@pytest.mark.parametrize(("banned", "holds"), [(0.95, True), (0.85, None), (0.5, False)])
+def test_a_small_gain_is_neither_an_improvement_nor_none(banned, holds):
+    answer = lateral_answers(places(**{"LV-DSC": banned}))["belt20-9"]
+    assert list(answer.values()) == [holds]
+
+
+@pytest.mark.parametrize(("better", "holds"), [(1, False), (2, True), (3, False)])
+def test_two_of_three_are_exactly_two(better, holds):
+    sets = ("spheres", "cuboids", "cylinders")
+    tables = [
+        places(name, **{"CA-CA": 0.9 if number < better else 1.1})
+        for number, name in enumerate(sets)
+    ]
+    assert list(lateral_answers(pd.concat(tables))["belt20-8"].values()) == [holds]
+
+
+def test_the_bias_decides_belt20_2_and_the_spread_does_not():
+    rows = [("spheres", name, 1.0, 1.0) for name in ("IV", "CVBC", "CA", "CALV", "IA")]
+    rows.append(("spheres", "CV", 4.0, 0.1))
+    table = pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"])
+    assert list(arrival_answers(table)["belt20-2"].values()) == [True]
+
+
+def test_the_differences_are_those_of_the_orders():
+    table = differences(compared({"": places()}), lateral_orders())
+    straight = table.query("id == 'belt20-7' and measure == 'MAE'")
+    assert straight["excess"].tolist() == pytest.approx([2.0])  # 3.0 above the next, 1.0
+    assert set(table["data_set"]) == {"spheres"}
+
+
+def test_a_state_is_carried_to_the_start_by_its_own_acceleration():
+    """From x = 613 mm at 1000 mm/s: 10 ms without acceleration; at 2000 mm/s^2 a bit less."""
+    columns = {"particle": [0, 1, 2], "time_s": 0.0, "x": 613.0, "y": 90.0}
+    columns |= {"velocity_x_mm_s": [1000.0, 1000.0, 100.0], "velocity_y_mm_s": 20.0}
+    columns |= {"acceleration_x_mm_s2": [0.0, 2000.0, -5000.0], "acceleration_y_mm_s2": 0.0}
+    last = pd.DataFrame(columns)
+    moved = carried(Observed(last, last, {}), PHASE).last
+    assert PHASE.start_mm == 623.0
+    assert moved["x"].tolist() == pytest.approx([623.0, 623.0, 613.0])
+    assert moved["time_s"].tolist() == pytest.approx([0.01, (np.sqrt(1.04) - 1) / 2, 0.0])
+    assert moved["y"].iloc[0] == pytest.approx(90.2)
+    assert moved["velocity_x_mm_s"].iloc[1] == pytest.approx(1000 * np.sqrt(1.04))
+
+
+def test_the_isolated_combination_is_beside_those_of_the_figure(monkeypatch):
+    monkeypatch.setattr(belt_intervals, "lateral_deviations", fixed(A=np.zeros(3)))
+    monkeypatch.setattr(
+        belt_intervals, "predictions", lambda *_: iter([(belt_intervals.ISOLATED, 0, np.ones(3))])
+    )
+    names = [
+        name for name, _ in belt_intervals.with_isolated(observed(3), PHASE, np.zeros(3, bool))
+    ]
+    assert names == ["A", "CA-CADSC"]
