@@ -6,14 +6,21 @@ import pytest
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments import grid_search, post_processing, tracking
+from kilnflight.experiments import (
+    grid_search,
+    post_processing,
+    tracking,
+    tracking_scores,
+)
 from kilnflight.experiments.grid_search import Grid
+from kilnflight.experiments.tracking_scores import ALL, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.project import claims
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
 
 FRAMES = range(30)
+LANCE = Lance(row=160.0, col=20.0, depth_mm=6000.0)
 
 
 class Flat:
@@ -34,11 +41,11 @@ def window():
     seen = truth.drop(columns="particle")[truth["frame"] % 10 != 5].assign(points=40)
     clutter = seen.iloc[::9].assign(row=lambda t: t["row"] + 90.0)
     seen = pd.concat([seen, clutter], ignore_index=True).sort_values("frame", ignore_index=True)
-    return tracking.Window("confetti", "made up", FRAMES, seen, truth, Flat())
+    return tracking.Window("confetti", "made up", FRAMES, seen, truth, Flat(), LANCE)
 
 
 def test_post_processing_and_truth_make_it_better(window):
-    table = tracking.run([window], {"GNN": track})
+    table = tracking.run([window], {"GNN": track}, [ALL])
     before, after = (table.set_index("postprocessing").loc[name] for name in ("without", "with"))
     assert after["beta"] > before["beta"]
     assert after["alpha"] > 0.85
@@ -48,7 +55,7 @@ def test_each_part_is_replaced_by_the_truth(window):
     owner = tracking.true_particles(window.detections, window.truth)
     assert set(owner) == {-1, 7, 8}
     assert (owner == -1).sum() == 6
-    table = tracking.ablate([window], {"GNN": track})
+    table = tracking.ablate([window], {"GNN": track}, ALL)
     unprocessed = table[table["postprocessing"] == "without"].set_index(["input", "tracker"])
     assert unprocessed.loc[("true positions", "GNN"), "alpha"] == pytest.approx(1.0)
     links = unprocessed.loc[("detections", "links by the truth")]
@@ -126,7 +133,7 @@ def test_variants_are_steps_and_the_first_is_as_printed(window):
     assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
     assert table.loc["as printed", "alpha"] == steps["alpha"].iloc[-1]
     without = tracklets.postprocess(track(window.detections))  # no differences, no texture
-    measures = tracking.measure_tracks(window.truth, without)
+    measures = tracking_scores.measure_tracks(window.truth, without)
     assert table.loc["no texture", "alpha"] == measures["alpha"]
 
 
@@ -147,40 +154,11 @@ def test_the_texture_that_tells_most_comes_first(window):
     assert set(verdicts) == {"track-7", "track-8"}
 
 
-def test_windows_and_measures_stand_beside_the_printed_ones(window):
-    table = tracking.window_table([window]).iloc[0]
-    assert (table["trajectories"], table["trajectories_published"]) == (2, 37)
-    measured = tracking.run([window], {"GNN": track, "JPDA": track})
-    cells = tracking.beside_table_5_17(measured)
-    assert len(cells) == 2 * 2 * 4
-    assert cells["published"].between(0, 1).all()
-    assert (tracking.gains(cells).xs("beta", level="measure") > 0).all()
-
-
 def test_tracks_of_each_stage_stand_beside_the_truth(window):
     tables = tracking.tracks_by_stage([window], {"GNN": track})["confetti"]
     assert list(tables) == ["truth", "GNN without steps", "GNN with steps"]
     assert tables["truth"] is window.truth
     assert tables["GNN without steps"].equals(track(window.detections))
-
-
-def test_measures_after_post_processing_have_a_column_for_each_tracker():
-    rows = [("a", "GNN", "with", 0.5), ("a", "GNN", "without", 0.1), ("a", "JPDA", "with", 0.6)]
-    cells = pd.DataFrame(rows, columns=[*tracking.KEYS, "recomputed"]).assign(measure="alpha")
-    after = tracking.after_postprocessing(cells)
-    assert after.loc[("a", "alpha")].to_dict() == {"GNN": 0.5, "JPDA": 0.6}
-
-
-def test_a_smoke_run_leaves_claims_about_four_fractions_undecided(window):
-    chip = window._replace(fraction="wood chip")
-    measured = tracking.run([window, chip], {"GNN": track, "JPDA": track})
-    cells = tracking.beside_table_5_17(measured)
-    trackers = {"GNN": track, "JPDA": track}
-    verdicts = tracking.verdicts(cells, [window, chip], trackers)
-    found = {verdict.id: verdict.verdict for verdict in verdicts}
-    assert sorted(found) == [f"track-{k}" for k in range(1, 7)]
-    assert found["track-3"] == claims.REPRODUCED  # both are the same tracker here
-    assert {found[f"track-{k}"] for k in (1, 2, 5)} == {claims.NOT_DECIDABLE}
 
 
 def test_the_defaults_are_the_printed_values_in_their_order():

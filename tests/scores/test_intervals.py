@@ -1,15 +1,19 @@
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from kilnflight.checks import InputError
+from kilnflight.scores import score_tracks
 from kilnflight.scores.intervals import (
     Bootstrap,
+    TrackBootstrap,
     difference_of_medians,
     difference_of_shares,
     share,
@@ -160,3 +164,47 @@ def test_the_same_particles_have_the_same_interval_whatever_was_asked_before():
     alone = DRAW(np.median, [dwell_times()], generator)
     DRAW(difference_of_medians, [dwell_times(), dwell_times(1)], generator)
     assert DRAW(np.median, [dwell_times()], generator) == alone
+
+
+def scored(paired, false=0, length=10):
+    """Score as many true tracks, of which some are followed, beside false tracks."""
+    spans = [np.arange(length) + 2 * length * k for k in range(12 + false)]
+    parts = [
+        pd.DataFrame({"frame": span, "particle": k, "row": 0.0, "col": 0.0})
+        for k, span in enumerate(spans)
+    ]
+    truth, wrong = pd.concat(parts[:12]), pd.concat([*parts[:paired], *parts[12:]])
+    return score_tracks(truth, wrong, gate=5.0)
+
+
+def test_what_is_drawn_again_are_true_trajectories_and_false_tracks():
+    bootstrap = TrackBootstrap(draws=4000)
+    perfect = bootstrap(scored(12), 1, [1, 1])
+    assert (perfect == 1).all()
+    half = bootstrap(scored(6), 1, [1, 1])
+    # the share of those that are followed among twelve that are drawn is binomial
+    assert half[:, 0].std() == pytest.approx(math.sqrt(0.25 / 12), rel=0.05)
+    assert np.allclose(half, half[:, :1])  # no false track: all four are that share
+    spurious = bootstrap(scored(12, false=4), 1, [1, 1])
+    assert (spurious[:, 0] == 1).all()  # alpha is blind to them
+    times = (1 / spurious[:, 3] - 1) * 12  # how many false tracks were drawn: Poisson's law
+    assert (times.mean(), times.var()) == (pytest.approx(4, rel=0.05), pytest.approx(4, rel=0.1))
+
+
+def test_two_scores_of_one_truth_are_drawn_together():
+    bootstrap = TrackBootstrap()
+    six, ten = (bootstrap(scored(count), 1, [1, count]) for count in (6, 10))
+    apart = (ten - six)[:, 0]
+    assert apart.min() >= 0  # whatever is drawn, ten of the same follow at least as many
+    again = bootstrap(scored(6), 1, [1, 6])
+    assert (again == six).all()
+    assert bootstrap.interval(1 / 3, apart, (12, 12)).resolves()
+    assert bootstrap.interval(1 / 3, apart, (12, 5)).low == -math.inf
+
+
+def test_no_truth_cannot_be_drawn():
+    score = replace(scored(6), true_tracks=scored(6).true_tracks[:0])
+    with pytest.raises(InputError, match="no true trajectory"):
+        TrackBootstrap()(score, 1, [1, 1])
+    with pytest.raises(InputError, match="TrackBootstrap: draws"):
+        TrackBootstrap(draws=0)

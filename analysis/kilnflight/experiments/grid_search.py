@@ -23,7 +23,8 @@ from tqdm import tqdm
 from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.tracking import MEASURES, Tracker, Window, measure_tracks, run
+from kilnflight.experiments.tracking import MEASURES, Tracker, Window, run
+from kilnflight.experiments.tracking_scores import ALL, measure_tracks
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -261,7 +262,7 @@ def score(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.Data
     parts = []
     for window, (name, tracker) in product(windows, trackers.items()):
         try:
-            parts.append(run([window], {name: tracker}).assign(note=""))
+            parts.append(run([window], {name: tracker}, [ALL]).assign(note=""))
         except InputError as error:
             row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
             parts.append(pd.DataFrame([row, row]).assign(postprocessing=["without", "with"]))

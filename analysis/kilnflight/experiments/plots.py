@@ -261,26 +261,31 @@ def draw_from_the_side(
 
 
 def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw values without and with a treatment, ours above the published ones.
+    """Draw values without and with a treatment in two readings, and the published ones below.
 
     Parameters
     ----------
     axes
         To draw on.
     table
-        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed``
-        and ``published``.
+        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed`` with
+        ``low`` and ``high``, ``all_tracks`` and ``published``.
     """
-    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing")
-    wide = wide[["recomputed", "published"]].iloc[::-1]
-    for source, color, shift in (("recomputed", "black", 0.15), ("published", COLOURS[1], -0.15)):
+    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
+    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "D", 0.0)}
+    places["published"] = (COLOURS[1], "s", -0.25)
+    names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
+    for source, (color, marker, shift) in places.items():
         looks = {
-            stage: {"marker": "o", "color": color, "mfc": face, "label": f"{source}, {stage}"}
+            stage: {"marker": marker, "color": color, "mfc": face, "ms": 3}
+            | {"label": f"{names[source]}, {stage}"}
             for stage, face in (("without", "white"), ("with", color))
         }
         _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
-    names = [f"{fraction}, {tracker}" for fraction, tracker in wide.index]
-    axes.set_yticks(range(len(wide)), names)
+    for stage, shift in (("without", 0.33), ("with", 0.25)):
+        place = np.arange(len(wide)) + shift
+        axes.hlines(place, wide["low"][stage], wide["high"][stage], color="black", lw=0.4)
+    axes.set_yticks(range(len(wide)), [f"{name}, {tracker}" for name, tracker in wide.index])
 
 
 def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:

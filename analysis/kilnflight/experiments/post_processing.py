@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments.tracking import MEASURES, Tables, Window, measure_tracks
+from kilnflight.experiments.tracking import MEASURES, Tables, Window
+from kilnflight.experiments.tracking_scores import measure_tracks
 from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining

@@ -29,25 +29,32 @@ from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import Settings
 from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.tracking_scores import (
+    FROM_LANCE,
+    GATE_PX,
+    MEASURES,
+    READINGS,
+    Lance,
+    Scored,
+    measures_of,
+    row_of,
+    score_reading,
+    scored,
+)
 from kilnflight.kiln import TILE, DetectionRun
-from kilnflight.project import claims, style
+from kilnflight.project import style
 from kilnflight.project.parallel import Workers
-from kilnflight.scores import score_tracks
 from kilnflight.scores.detections import pair
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
 
-# The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
-GATE_PX = 10.0
 MARGIN = 150  # frames between a window and those for settings: no shared background
 # Frames of a window and of those for settings, by scale; 0: as long as Table 5.15's.
 LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
+FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
-MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
-KEYS = ["fraction", "tracker", "postprocessing"]
-SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
-SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
+STAGES = ("without", "with")  # post-processing
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
 Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
 
@@ -61,6 +68,7 @@ class Window(NamedTuple):
     detections: pd.DataFrame  # in the air, or without depth
     truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
     differences: StoredDifferences
+    lance: Lance | None = None  # needed for the reading `FROM_LANCE`
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
@@ -127,37 +135,77 @@ def windows(
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
         in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
         truth = true_trajectories(twin, frames)
-        parts.append(Window(fraction, name, frames, in_air, truth, StoredDifferences(run)))
+        differences, lance = StoredDifferences(run), lance_of(twin)
+        parts.append(Window(fraction, name, frames, in_air, truth, differences, lance))
     return parts
 
 
-def measure_tracks(truth: pd.DataFrame, tracks: pd.DataFrame) -> dict[str, float]:
-    """Return the four measures, JSC in its narrower wording, and counts of tracks.
-
-    The wording is the thesis's.
-    """
-    score = score_tracks(truth, tracks, GATE_PX)
-    row = {name: float(getattr(score, name)) for name in MEASURES}
-    names = ("jsc_spurious_only", "tp_tracks", "fn_tracks", "fp_tracks")
-    return row | {name: float(getattr(score, name)) for name in names}
+def lance_of(twin: Twin) -> Lance:
+    """Return where the lance of a recording is, as a person would mark it once."""
+    attributes = twin.attributes
+    if attributes.exit_point_mm is None:
+        raise InputError(f"{attributes.name}: the lance's exit is not known.")
+    row, col = twin.scene.geometry.lance_pixel
+    return Lance(float(row), float(col), float(attributes.exit_point_mm[2]))
 
 
-def run(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
+def cells(
+    windows: Iterable[Window], trackers: Mapping[str, Tracker], readings: Sequence[str] = READINGS
+) -> Iterator[tuple[Scored, float]]:
+    """Yield every cell of Table 5.17 in some readings, and the seconds of its stage."""
+    for window, (number, (name, tracker)) in product(windows, enumerate(trackers.items(), 1)):
+        place = FRACTION_NUMBERS[window.fraction]
+        for stage, tracks, seconds in track_and_postprocess(window, tracker):
+            for reading in readings:
+                score = score_reading(reading, window.truth, tracks, window.lance)
+                seed = (place, number, 1 + STAGES.index(stage))
+                yield scored((window.fraction, name, stage, reading), score, seed), seconds
+
+
+def run(
+    windows: Iterable[Window], trackers: Mapping[str, Tracker], readings: Sequence[str] = READINGS
+) -> pd.DataFrame:
     """Return measures by tracker and window, without and with post-processing.
 
     Returns
     -------
     DataFrame
-        ``fraction``, ``tracker``, ``postprocessing``, the columns of `measure_tracks`, and
-        ``seconds``: of the tracking, or of the post-processing after it.
+        ``fraction``, ``tracker``, ``postprocessing``, ``reading``, the columns of
+        `tracking_scores.row_of`, and ``seconds``: of the tracking, or of the post-processing
+        after it.
+    """
+    rows = [
+        row_of(cell) | {"seconds": seconds} for cell, seconds in cells(windows, trackers, readings)
+    ]
+    return pd.DataFrame(rows)
+
+
+def mean_measures(
+    windows: Iterable[Window],
+    tracker: Tracker,
+    reading: str = FROM_LANCE,
+    stage: str = "with",
+) -> dict[str, float]:
+    """Return a tracker's four measures as means over windows: what settings are chosen by.
+
+    Parameters
+    ----------
+    windows
+        Of which those without a true trajectory in the reading are left out.
+    tracker
+        A candidate: a tracker in some setting. What it refuses (`InputError`) is passed on.
+    reading
+        One of `tracking_scores.READINGS`.
+    stage
+        "with" or "without" post-processing, which is not run for the latter.
     """
     rows = []
     for window in windows:
-        for name, tracker in trackers.items():
-            for stage, table, seconds in track_and_postprocess(window, tracker):
-                row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
-                rows.append(row | measure_tracks(window.truth, table) | {"seconds": seconds})
-    return pd.DataFrame(rows)
+        stages = track_and_postprocess(window, tracker)
+        tracks = next(table for name, table, _ in stages if name == stage)
+        rows.append(measures_of(score_reading(reading, window.truth, tracks, window.lance)))
+    mean = pd.DataFrame(rows)[list(MEASURES)].mean()
+    return {name: float(mean[name]) for name in MEASURES}
 
 
 def time_and_memory(
@@ -220,7 +268,9 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
     return owner
 
 
-def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
+def ablate(
+    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = FROM_LANCE
+) -> pd.DataFrame:
     """Return the measures with one part after the other replaced by the truth.
 
     Returns
@@ -246,123 +296,14 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
     for name, tables in inputs.items():
         pairs = zip(windows, tables, strict=True)
         replaced = [window._replace(detections=table) for window, table in pairs]
-        parts.append(run(replaced, trackers).assign(input=name))
+        parts.append(run(replaced, trackers, [reading]).assign(input=name))
     rows = [
         {"fraction": window.fraction, "input": "detections", "tracker": "links by the truth"}
-        | {"postprocessing": "without"}
-        | measure_tracks(window.truth, table)
+        | {"postprocessing": "without", "reading": reading}
+        | measures_of(score_reading(reading, window.truth, table, window.lance))
         for window, table in zip(windows, linked, strict=True)
     ]
     return pd.concat([*parts, pd.DataFrame(rows)], ignore_index=True)
-
-
-def window_table(windows: Sequence[Window]) -> pd.DataFrame:
-    """Return frames, trajectories, positions and detections of windows.
-
-    Beside Table 5.15.
-    """
-    printed = claims.published("table_5.15")
-    amount = printed["amount_of_trajectories"].set_axis(printed["fraction"].str.lower())
-    rows = [
-        {
-            "fraction": window.fraction,
-            "first_frame": window.frames.start,
-            "frames": len(window.frames),
-            "trajectories": window.truth["particle"].nunique(),
-            "positions": len(window.truth),
-            "detections": len(window.detections),
-            "trajectories_published": amount[window.fraction.lower()],
-        }
-        for window in windows
-    ]
-    return pd.DataFrame(rows)
-
-
-def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return measures of `tracking.run` (``recomputed``) beside Table 5.17's."""
-    printed = claims.published("table_5.17")
-    printed = printed.assign(
-        fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
-    )
-    names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
-    cells = measured.melt(KEYS, list(MEASURES), "measure", "recomputed")
-    return cells.merge(printed.rename(columns=names)[[*KEYS, "measure", "published"]])
-
-
-def gains(cells: pd.DataFrame) -> pd.Series:
-    """Return each measure's rise by post-processing, from `beside_table_5_17`."""
-    wide = _stages(cells)
-    return wide["with"] - wide["without"]
-
-
-def after_postprocessing(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return measures with post-processing by fraction and measure; columns: trackers."""
-    return _stages(cells)["with"].unstack("tracker")
-
-
-def _stages(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return measures by fraction, tracker, measure; columns "with" and "without"."""
-    keys = ["fraction", "tracker", "measure"]
-    return cells.pivot(index=keys, columns="postprocessing", values="recomputed")
-
-
-def verdicts(
-    cells: pd.DataFrame, windows: Sequence[Window], trackers: Mapping[str, Tracker]
-) -> list[claims.Verdict]:
-    """Return the verdicts on the claims of section 5.2.3.
-
-    Parameters
-    ----------
-    cells
-        Of `beside_table_5_17`.
-    windows, trackers
-        GNN and JPDA are run again on the windows for their cost.
-    """
-    after = after_postprocessing(cells)
-    apart = (after["JPDA"] - after["GNN"]).unstack("measure")
-    small = {
-        f"{fraction} {name}": abs(value)
-        for fraction, row in apart[["alpha", "beta"]].iterrows()
-        for name, value in row.items()
-    }
-    ahead = apart[["alpha", "beta", "jsc"]].mean()
-    costs = {name: time_and_memory(windows, tracker) for name, tracker in trackers.items()}
-    seconds, memory = (costs["JPDA"][k] / costs["GNN"][k] for k in (0, 1))
-    judged = [
-        claims.judge("track-3", pd.Series(small)),
-        claims.judge("track-4", float(ahead.mean()), note="mean of alpha, beta and JSC"),
-        claims.judge("track-6", seconds, note=f"time; peak of memory {memory:.2f} times"),
-    ]
-    note = "of windows with as many trajectories as Table 5.15"
-    for name, conditions in _conditions(cells).items():
-        if len(windows) == 4:
-            judged.append(claims.judge(name, conditions, note=note))
-        else:
-            judged.append(claims.undecidable(name, "a smoke run has two of four fractions"))
-    return judged
-
-
-def _conditions(cells: pd.DataFrame) -> dict[str, dict[str, bool]]:
-    """Return by claim the conditions that need all four fractions.
-
-    From `beside_table_5_17`.
-    """
-    wide, gain = _stages(cells), gains(cells)
-    first = wide["without"].unstack("measure")[["alpha", "beta"]].max(axis="columns")
-    rest = first.drop("wood chip", level="fraction")
-    highest = first.groupby("fraction").max().idxmax()
-    ranks = wide["with"].xs("alpha", level="measure").groupby("fraction").mean()
-    return {
-        "track-1": {f"{(gain > 0).sum()} of {len(gain)} cells rise": bool((gain > 0).all())},
-        "track-2": {
-            f"highest {highest}": highest == "wood chip",
-            f"others at most {rest.max():.2f} <= 0.43": bool(rest.max() <= 0.43),
-        },
-        "track-5": {
-            f"lowest {ranks.idxmin()} {ranks.min():.2f}": ranks.idxmin() == "confetti",
-            f"highest {ranks.idxmax()} {ranks.max():.2f}": ranks.idxmax() == "wood chip",
-        },
-    }
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Confidence intervals of medians and shares of groups of particles.
+"""Confidence intervals of medians and shares of particles, and of the measures of tracks.
 
 Medians and their differences: bootstrap over particles. Shares: Wilson's interval, and
 Newcombe's of a difference, because a bootstrap of "none of 40 ignited" has no width.
@@ -21,6 +21,7 @@ import numpy.typing as npt
 from scipy.stats import binomtest
 
 from kilnflight.checks import InputError, check_count, check_finite, check_inside
+from kilnflight.scores.tracks import TrackScore
 
 Array = npt.NDArray[np.float64]
 Statistic = Callable[..., Array]
@@ -167,3 +168,68 @@ def difference_of_shares(
     down = math.hypot(minuend.estimate - minuend.low, subtrahend.high - subtrahend.estimate)
     up = math.hypot(minuend.high - minuend.estimate, subtrahend.estimate - subtrahend.low)
     return Interval(estimate, max(estimate - down, -1.0), min(estimate + up, 1.0), numbers)
+
+
+@dataclass(frozen=True)
+class TrackBootstrap:
+    """Draw the measures of tracks again: alpha, beta, JSC, JSC_theta.
+
+    Drawn are true trajectories, each with what its partner saves and spoils: as many as there
+    are, with replacement. Each false track comes up as often as Poisson's law of mean 1 says, so
+    that their number varies too. The pairing is not repeated.
+
+    Notes
+    -----
+    Scores of one window hold the same true trajectories in the same order. Drawn with the same
+    ``seed`` they get the same ones: their difference is paired. False tracks of two trackers are
+    not the same; give each its own ``false_seed``. A share of 0 or 1 keeps no width. A window is
+    one stretch of one recording: how other stretches would differ is in no interval.
+    """
+
+    level: float = 0.95
+    draws: int = 2000
+    least: int = 6  # true trajectories, as of `Bootstrap`; with fewer anything is possible
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range."""
+        check_inside(self.level, 0, 1, "TrackBootstrap: level")
+        check_count(self.draws, "TrackBootstrap: draws")
+        check_count(self.least, "TrackBootstrap: least")
+
+    def __call__(
+        self, score: TrackScore, seed: int | Sequence[int], false_seed: int | Sequence[int]
+    ) -> Array:
+        """Return the measures of each draw, (draws, 4).
+
+        Raises
+        ------
+        InputError
+            If there is no true trajectory, so that alpha is 0 / 0.
+        """
+        count = len(score.true_tracks)
+        if count == 0:
+            raise InputError("TrackBootstrap: no true trajectory to draw; alpha would be 0 / 0.")
+        columns = ["length", "gain", "tp", "fp", "paired"]
+        true = score.true_tracks[columns].to_numpy(np.float64)
+        false = score.false_tracks[["length", "positions"]].to_numpy(np.float64)
+        generator = np.random.default_rng(seed)
+        times = generator.multinomial(count, np.full(count, 1 / count), self.draws)
+        length, gain, tp, fp, paired = (times @ true).T
+        again = np.random.default_rng(false_seed).poisson(1.0, (self.draws, len(false)))
+        beyond, positions = (again @ false).T
+        return np.column_stack(
+            [
+                gain / length,
+                gain / (length + beyond),
+                tp / (length + fp + positions),
+                paired / (count + again.sum(axis=1)),
+            ]
+        )
+
+    def interval(self, estimate: float, values: Array, numbers: tuple[int, ...]) -> Interval:
+        """Return the percentiles of draws of a measure, or of a difference of measures."""
+        if min(numbers) < self.least:
+            return Interval(estimate, -math.inf, math.inf, numbers)
+        tail = (1 - self.level) / 2
+        low, high = np.quantile(values, [tail, 1 - tail])
+        return Interval(estimate, float(low), float(high), numbers)

@@ -43,6 +43,12 @@ class TrackScore:
     pairs
         One row per pair, by true particle: ``truth``, ``candidate`` (particles) and
         ``distance`` (Eq. 5.2, in units of the gate's).
+    true_tracks
+        One row per true track: ``length`` in frames, ``gain`` (what its partner saves, in gates),
+        ``tp``, ``fp`` (positions of its partner) and ``paired``. All measures are sums over them
+        and `false_tracks`.
+    false_tracks
+        One row per candidate without a partner: ``length`` in frames and ``positions``.
     """
 
     alpha: float
@@ -55,6 +61,8 @@ class TrackScore:
     fn_tracks: int
     fp_tracks: int
     pairs: pd.DataFrame
+    true_tracks: pd.DataFrame
+    false_tracks: pd.DataFrame
 
     @property
     def jsc(self) -> float:
@@ -141,10 +149,11 @@ def score_tracks(
     better = worth[row, col] > 0
     row, col = row[better], col[better]
     lengths = np.array([track.length for track in true])
-    spurious = [track for k, track in enumerate(other) if k not in set(col.tolist())]
-    of_spurious = sum(len(track.frames) for track in spurious)
-    length, total = int(lengths.sum()), float(gain[row, col].sum())
-    tp = int(matched[row, col].sum())
+    units = _true_tracks(lengths, (row, col), gain, matched, false)
+    taken = set(col.tolist())
+    spurious = _false_tracks([track for k, track in enumerate(other) if k not in taken])
+    of_spurious = int(spurious["positions"].sum())
+    length, total, tp = int(lengths.sum()), float(gain[row, col].sum()), int(units["tp"].sum())
     pairs = {
         "truth": np.array([track.particle for track in true], dtype=np.int64)[row],
         "candidate": np.array([track.particle for track in other], dtype=np.int64)[col],
@@ -152,16 +161,40 @@ def score_tracks(
     }
     return TrackScore(
         alpha=total / length,
-        beta=total / (length + sum(track.length for track in spurious)),
+        beta=total / (length + int(spurious["length"].sum())),
         tp=tp,
         fn=length - tp,
-        fp=int(false[row, col].sum()) + of_spurious,
+        fp=int(units["fp"].sum()) + of_spurious,
         fp_spurious_only=of_spurious,
         tp_tracks=len(row),
         fn_tracks=len(true) - len(row),
         fp_tracks=len(spurious),
         pairs=pd.DataFrame(pairs).sort_values("truth", ignore_index=True),
+        true_tracks=units,
+        false_tracks=spurious,
     )
+
+
+def _true_tracks(
+    lengths: Integers,
+    pairs: tuple[Integers, Integers],
+    gain: Array,
+    matched: Integers,
+    false: Integers,
+) -> pd.DataFrame:
+    """Return what each true track adds to the sums of the measures."""
+    table = pd.DataFrame({"length": lengths, "gain": 0.0, "tp": 0, "fp": 0, "paired": False})
+    row = pairs[0]
+    table.loc[row, "gain"] = gain[pairs]
+    table.loc[row, "tp"], table.loc[row, "fp"] = matched[pairs], false[pairs]
+    table.loc[row, "paired"] = True
+    return table
+
+
+def _false_tracks(tracks: Sequence[Track]) -> pd.DataFrame:
+    """Return what each track without a partner adds to the sums of the measures."""
+    sizes = [(track.length, len(track.frames)) for track in tracks]
+    return pd.DataFrame(sizes, columns=["length", "positions"], dtype=np.int64)
 
 
 def _axes(columns: Sequence[str]) -> tuple[str, ...]:
