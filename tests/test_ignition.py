@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu, norm, theilslopes
 
 from kilnflight.checks import InputError
-from kilnflight.ignition import EXACT, Ignition, best_step, line_deviation, rank_sum_p
+from kilnflight.ignition import EXACT, Ignition, LitTrace, best_step, line_deviation, rank_sum_p
 
 TIME = np.arange(60) / 330
 LOOK = Ignition()
@@ -203,3 +203,57 @@ def test_the_line_is_that_of_theil_and_sen():
     slope, offset = theilslopes(values, time, method="joint")[:2]
     expected = np.abs(values - slope * time - offset).sum()
     assert line_deviation(time, values) == pytest.approx(expected)
+
+
+TRACE = LitTrace()
+BEHIND = np.linspace(1000.0, 9000.0, 60)  # from a dark end plate to a hot wall
+
+
+def outcome(gray, look=TRACE):
+    return look(TIME, gray, BEHIND).outcome
+
+
+def test_a_trace_that_turns_lighter_than_the_kiln_lights_up():
+    gray = np.where(np.arange(60) < 25, 0.8, 1.5) * BEHIND
+    lit = TRACE(TIME, gray, BEHIND)
+    assert lit.outcome == "seen"
+    assert lit.time_s == pytest.approx(24.5 / 330)
+    assert lit.before < 0 < lit.after
+
+
+def test_a_silhouette_does_not_light_up_wherever_it_passes():
+    """What is unlit takes away light, and never more than all of it (5.2.2)."""
+    for share in (0.0, 0.5, 0.99):
+        assert outcome(share * BEHIND) == "none"
+        assert np.abs(share * BEHIND - BEHIND).max() <= BEHIND.max()
+
+
+def test_a_slight_rise_near_the_wall_is_no_ignition():
+    """Section 5.2.4: brightness "only slightly increases when close to the inner wall"."""
+    assert outcome(np.where(np.arange(60) < 50, 0.9, 1.08) * BEHIND) == "none"
+
+
+def test_the_second_reading_asks_for_more_than_a_silhouette_can_take():
+    twice = LitTrace(1.0)
+    rising = np.where(np.arange(60) < 25, 0.8, 1.9) * BEHIND
+    assert (outcome(rising), outcome(rising, twice)) == ("seen", "none")
+    burning = np.where(np.arange(60) < 25, 0.8, 2.5) * BEHIND
+    assert outcome(burning, twice) == "seen"
+
+
+@pytest.mark.parametrize("at", [0, 1, 30, 58, 59])
+def test_a_flash_does_not_light_a_trace_up(at):
+    assert outcome(np.where(np.arange(60) == at, 9.0, 0.8) * BEHIND) == "none"
+
+
+def test_a_trace_that_is_light_all_the_way_turned_so_nowhere():
+    assert outcome(1.5 * BEHIND) == "before seen"
+    assert outcome(np.where(np.arange(60) < 30, 1.5, 0.8) * BEHIND) == "before seen"
+
+
+def test_short_traces_and_wrong_ones():
+    assert TRACE(TIME[:5], BEHIND[:5], BEHIND[:5]).outcome == "too few points"
+    with pytest.raises(InputError, match="5 times, but 4"):
+        TRACE(TIME[:5], BEHIND[:5], BEHIND[:4])
+    with pytest.raises(InputError, match="share"):
+        LitTrace(-0.1)

@@ -113,14 +113,6 @@ def test_velocities_are_judged_and_what_was_fitted_is_no_result(values):
     assert judged["vel-2"] != claims.REPRODUCED
 
 
-def test_ignition_is_judged_on_the_published_reading(values):
-    verdicts = statements.ignition_verdicts(results(values), values, np.random.default_rng(0))
-    assert list(by_id(verdicts)) == ["ign-1", "ign-2", "ign-3", "ign-4"]
-    assert "wood chip 4.5 bar 0" in verdicts[0].measured
-    assert "confetti 4.5" in verdicts[3].reason  # whether shares differ beyond chance
-    assert "above the background: wood chip 4.5 bar 0 %" in verdicts[0].reason
-
-
 def test_nothing_is_decided_with_too_few_flights(values):
     few = results(values, statements.LEAST_FLIGHTS - 1)
     judged = by_id(statements.dwell_verdicts(few, np.random.default_rng(0)))

@@ -75,8 +75,8 @@ def test_strict_limits_exclude_their_end():
 
 
 def test_a_strict_limit_is_strict_at_its_own_end_only():
-    assert claims.judge("ign-1", 0.0).verdict == "reproduced"  # "0 % ignites" is "< 5 %"
-    assert claims.judge("ign-1", 0.05).verdict == "not reproduced"
+    assert claims.judge("wall-5", 0.0).verdict == "reproduced"  # 0 % is "less than 8 %"
+    assert claims.judge("wall-5", 0.08).verdict == "not reproduced"
     assert claims.judge("cluster-8", [0.0, 0.49]).verdict == "reproduced"
     assert claims.judge("otsu-1", 0.9).verdict == "not reproduced"  # "> 0.9"
 
@@ -93,7 +93,7 @@ def test_a_verdict_names_its_cause_unless_the_claim_is_reproduced():
     [(0.1, "twin", "fails on the twin's own truth (0.1)"), (0.01, "chain", "holds on")],
 )
 def test_the_truth_tells_whether_the_twin_or_the_chain_is_the_cause(truth, because, told):
-    verdict = claims.judge("ign-1", 0.2, note="our test", truth=truth, because="chain")
+    verdict = claims.judge("wall-5", 0.2, note="our test", truth=truth, because="chain")
     assert verdict.because == because
     assert told in verdict.reason
     assert verdict.reason.endswith("our test")

@@ -21,7 +21,6 @@ from kilnflight.experiments.campaigns import (
     Campaign,
     Measurement,
     Results,
-    campaign_keys,
     of_campaign,
     rows_by_campaign,
     stack,
@@ -243,32 +242,6 @@ def _cases(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
     """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
     landed = ignition_s.notna().map({False: CASES[0], True: CASES[1]})
     return ending.where(ending != LANDED, landed)
-
-
-def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return where ignition was detected and time errors by grey values and campaign.
-
-    ``both``: `compare_campaigns` by the grey values that ignition is read from.
-    """
-    rows = [
-        {"gray_values": name} | dict(zip(KEYS, key, strict=True)) | errors(of_campaign(table, key))
-        for name, table in both.items()
-        for key in campaign_keys(table)
-    ]
-    columns = ["gray_values", *KEYS, "detected_particles"]
-    columns += ["lit", "lit_detected", "unlit", "unlit_detected"]
-    columns += ["ignition_s_n", "ignition_s_bias", "ignition_s_spread"]
-    return pd.DataFrame(rows).reindex(columns=columns)
-
-
-def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return measured and true ignition times of every particle (Figs 5.25 and 5.26)."""
-    names = {"measured_ignition_s": "measured_s", "true_ignition_s": "true_s"}
-    first, other = both["as they are"].rename(columns=names), both["above background"]
-    times = other["measured_ignition_s"].to_numpy()
-    data = first.assign(measured_above_background_s=times, detected=first["track"] >= 0)
-    columns = ["particle", "measured_s", "true_s", "measured_above_background_s", "detected"]
-    return data[[*KEYS, *columns]]
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:

@@ -12,7 +12,7 @@ particle burns (`kilnflight.ignition.Ignition.bright`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
@@ -288,22 +288,6 @@ def flight_values(
     dwell, ignition = (counted[name].to_numpy(np.float64) for name in ("dwell_s", "ignition_s"))
     velocity = wide.to_numpy(np.float64)
     return FlightValues(dwell, velocity, ignition, np.array(reached, np.float64) / 1000.0)
-
-
-def flights_above_background(results: Results) -> pd.DataFrame:
-    """Return the flights with ignition read from grey values above the background.
-
-    `kilnflight.kiln.background_gray` defines it; it uses only pictures, no truth.
-    """
-    parts = {}
-    for campaign in results.campaigns:
-        tables = (of_campaign(table, campaign.key) for table in results.tables[:2])
-        tracks, trajectories = (table.drop(columns=KEYS) for table in tables)
-        rules = campaign.run.rules
-        above = replace(rules, ignition=replace(rules.ignition, above_background=True))
-        run = replace(campaign.run, rules=above)
-        parts[campaign.key] = kiln.flights_from(run, tracks, regression.fits(trajectories))
-    return stack(parts)
 
 
 def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:

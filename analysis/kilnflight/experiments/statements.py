@@ -335,58 +335,6 @@ def velocity_verdicts(
     return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
 
 
-def ignition_verdicts(
-    results: Results, above_background: Values, generator: np.random.Generator
-) -> list[claims.Verdict]:
-    """Return the verdicts on ignition, on grey values as they are.
-
-    Parameters
-    ----------
-    results
-        The campaigns, with the grey values as they are.
-    above_background
-        Values by the other reading, which the note states.
-    generator
-        Of the bootstrap.
-    """
-    values, (names, bars) = results.measured, _axes(results.measured)
-    papers = [name for name in PAPERS if name in names]
-    share, middle = (by_pressure(values, name) for name in ("ignited (%)", "ignition median (s)"))
-    never = {f"{name} {bar} bar": share[bar][name] / 100 for name, bar in values}
-    never = {key: part for key, part in never.items() if not key.startswith(PAPERS)}
-    published = beside_published(values, values, ["ignited"])
-    published = published[published["outcome"].isin(["ignited (%)", "ignited < 0.1 s (%)"])]
-    evidence: Evidence = {"ign-1": pd.Series(never)}
-    for claim, name in (("ign-2", "confetti"), ("ign-3", "paper shred")):
-        evidence[claim] = conditions(published, (name, 4.5)) | conditions(published, (name, 5.0))
-    evidence["ign-4"] = _paper_conditions(share, middle)
-    pairs = [(("paper shred", bar), ("confetti", bar)) for bar in bars]
-    pairs += [((name, 5.0), (name, 4.5)) for name in papers]
-    times = {key: each.ignition_s for key, each in values.items()}
-    shares = in_words(group_differences(times, pairs, generator, shares=True), "shares")
-    medians = in_words(group_differences(times, pairs, generator), "median times")
-    other = by_pressure(above_background, "ignited (%)")
-    texts = [f"{name} {bar} bar {other[bar][name]:.0f} %" for name, bar in values]
-    note = f"grey values as they are; above the background: {', '.join(texts)}"
-    verdicts = judge_all(results.tables, evidence, note, {"ign-4": f"{shares}; {medians}"})
-    fit = "the twin was fitted to the share of confetti at 4.5 bar"
-    return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in verdicts]
-
-
-def _paper_conditions(share: pd.DataFrame, middle: pd.DataFrame) -> dict[str, bool]:
-    """Return claims on papers; shares and median times by fraction and pressure."""
-    conditions = {}
-    for bar in share.columns:
-        often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
-        conditions[f"shreds more often at {bar} bar"] = bool(often.iloc[1] > often.iloc[0])
-        conditions[f"shreds earlier at {bar} bar"] = bool(early.iloc[1] < early.iloc[0])
-    for name in (name for name in PAPERS if name in share.index):
-        fewer, later = (table.loc[name] for table in (share, middle))
-        conditions[f"{name}: fewer at 5 bar"] = bool(fewer.iloc[-1] < fewer.iloc[0])
-        conditions[f"{name}: later at 5 bar"] = bool(later.iloc[-1] > later.iloc[0])
-    return conditions
-
-
 def regression_verdicts(
     tables: Measurement,
     table: pd.DataFrame,
