@@ -42,7 +42,7 @@ from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
 from kilnflight.tracking.tracker import track
-from kilnflight.tracklets import postprocess, tracked
+from kilnflight.tracklets import Cutting, postprocess, tracked
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import cached_scene
 
@@ -312,6 +312,8 @@ class KilnRun:
         Which detections are in the air.
     tracker
         Makes one track of each particle's detections.
+    cutting
+        Cuts tracks at steps that no particle makes.
     regression
         How three polynomials are fitted to a track.
     rules
@@ -323,6 +325,7 @@ class KilnRun:
     wall: Cylinder | None = None
     in_air: InAir = field(default_factory=InAir)
     tracker: GNN = field(default_factory=GNN)
+    cutting: Cutting = field(default_factory=Cutting)
     regression: Regression = field(default_factory=Regression)
     rules: flight.Rules = field(default_factory=flight.Rules)
 
@@ -379,7 +382,7 @@ def _track(run: KilnRun) -> pd.DataFrame:
     if run.wall is not None:
         on_wall = run.in_air.on_wall(table[["x", "y", "z"]], run.wall)
         table = table[~on_wall].reset_index(drop=True)
-    return postprocess(track(table, run.tracker))
+    return run.cutting(postprocess(track(table, run.tracker)), run.frame_rate_hz)
 
 
 def _regress(run: KilnRun) -> pd.DataFrame:
@@ -448,7 +451,7 @@ class KilnStep(NamedTuple):
 
 
 KILN_STEPS = {
-    "tracks": KilnStep(_track, ("detections",), ("wall", "in_air", "tracker")),
+    "tracks": KilnStep(_track, ("detections",), ("wall", "in_air", "tracker", "cutting")),
     "trajectories": KilnStep(_regress, ("tracks",), ("exit_point_mm", "regression")),
     "flights": KilnStep(_fly, ("tracks", "trajectories"), ("rules",)),
     "slices": KilnStep(_slice, ("trajectories", "flights"), ()),

@@ -6,7 +6,15 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.flight import BEHIND, LEAVES, TOO_FAST, Plausible, kept, straight_on
+from kilnflight.flight import (
+    BEHIND,
+    LEAVES,
+    TOO_FAST,
+    Plausible,
+    StartsAtLance,
+    kept,
+    straight_on,
+)
 
 WALL = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 772.0)
 LIMIT = InAir(800.0)
@@ -65,6 +73,38 @@ def test_kept_flights_are_those_without_a_reason():
     assert kept(table[:0]).empty
     with pytest.raises(InputError, match="refused"):
         kept(table[["particle"]])
+
+
+@pytest.mark.parametrize(
+    ("across", "gone", "starts"),
+    [
+        (0.0, 0.0, True),
+        (0.0, 990.0, True),
+        (0.0, 1010.0, False),  # the first slice was not observed
+        (700.0, 900.0, True),  # a shred on its way to the side wall
+        (900.0, 0.0, False),  # at the lance's depth, but far to the side
+        (340.0, 0.0, True),  # 0.7 * 438 mm + 38 mm: the depth may be wrong by two RMSE
+        (350.0, 0.0, False),
+        (0.0, -430.0, True),
+        (0.0, -450.0, False),  # farther behind the lance than a depth scatters
+    ],
+)
+@pytest.mark.parametrize("angle", [0.0, 2.0])
+def test_a_start_is_judged_across_as_well_as_in_depth(polynomials, across, gone, starts, angle):
+    fit = polynomials(((0.0,), (0.0,), (-8000.0,)))
+    place = [across * np.cos(angle), across * np.sin(angle), 6500.0 - gone]
+    decided, distance = StartsAtLance()(np.tile(place, (3, 1)), fit)
+    assert decided == starts
+    assert distance == pytest.approx(np.hypot(across, gone))
+
+
+def test_the_scatter_of_a_start_is_a_parameter(polynomials):
+    fit = polynomials(((0.0,), (0.0,), (-8000.0,)))
+    aside = np.array([[400.0, 0.0, 6500.0]])
+    assert not StartsAtLance()(aside, fit)[0]
+    assert StartsAtLance(across_scatter_mm=100.0)(aside, fit)[0]
+    assert StartsAtLance(depth_scatter_mm=600.0)(aside, fit)[0]
+    assert StartsAtLance(slope=1.0)(aside, fit)[0]
 
 
 def test_past_the_last_detection_a_flight_goes_straight_on(polynomials):

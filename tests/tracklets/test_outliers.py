@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.tracklets import OutlierRemoval
+from kilnflight.tracklets import Cutting, OutlierRemoval
 from kilnflight.tracklets.paths import turns
 
 T = np.arange(10)
@@ -94,3 +94,88 @@ def test_no_angle_at_all_is_a_limit(table):
     """Every change of direction counts then; without a change of speed it is still none."""
     tracks = table((T[:6], 5.0 * T[:6], 0.1 * T[:6]))
     pd.testing.assert_frame_equal(OutlierRemoval(angle_deg=0, change=1)(tracks), tracks)
+
+
+def flight(speed_z=-8.0, speed_x=2.0, count=30, start=0, z=6000.0, x=0.0):
+    """A straight flight of mm a millisecond, seen 330 times a second."""
+    frame = start + np.arange(count)
+    t = 1000 * (frame - start) / 330
+    places = {"x": x + speed_x * t, "y": 100.0, "z": z + speed_z * t}
+    return pd.DataFrame({"frame": frame, "particle": 0, "row": 500.0, "col": 3.0 * t, **places})
+
+
+def parts(tracks, **limits):
+    """The frames of each track after cutting."""
+    table = Cutting(**limits)(tracks, 330.0)
+    assert list(table["frame"]) == list(tracks["frame"])
+    return [list(part["frame"]) for name, part in table.groupby("particle") if name >= 0]
+
+
+def joined(*flights):
+    return pd.concat(flights, ignore_index=True)
+
+
+def test_a_track_is_cut_at_a_step_that_no_particle_makes():
+    whole = flight()
+    assert parts(whole) == [list(range(30))]
+    fast = flight(speed_z=-31.0)  # below twice the lance's air
+    assert parts(fast) == [list(range(30))]
+    aside = joined(flight(count=12), flight(start=12, count=18, x=400.0, z=5700.0))
+    assert parts(aside) == [list(range(12)), list(range(12, 30))]  # 300 mm aside in 3 ms
+    later = joined(flight(count=12), flight(start=22, count=18, x=400.0, z=5700.0))
+    assert parts(later) == [[*range(12), *range(22, 40)]]  # in 33 ms it may
+    assert parts(later, fastest_m_s=5.0) == [list(range(12)), list(range(22, 40))]
+
+
+def test_a_jump_of_three_metres_in_depth_is_a_step_and_one_wrong_depth_is_none():
+    sight = flight(speed_z=0.0, speed_x=0.0)
+    jumps = sight.assign(z=np.where(sight["frame"] < 14, 6000.0, 3000.0))
+    assert parts(jumps) == [list(range(14)), list(range(14, 30))]
+    spike = sight.assign(z=np.where(sight["frame"] == 14, 3000.0, 6000.0))
+    assert parts(spike) == [list(range(30))]
+    scatter = sight.assign(z=6000 + 219 * np.random.default_rng(1).normal(size=30))
+    assert parts(scatter) == [list(range(30))]
+    assert len(parts(jumps, depth_mm=4000.0)) == 1
+
+
+def test_an_error_of_the_depth_moves_a_place_along_its_line_of_sight_and_is_no_step_across():
+    track = flight(speed_x=0.0, speed_z=0.0, x=600.0)
+    far = 1 + 0.1 * (track["frame"] % 2)
+    assert parts(track.assign(x=600 * far, y=100 * far, z=6000 * far)) == [list(range(30))]
+
+
+def test_short_parts_are_in_no_track_and_what_has_no_depth_stays_with_what_came_before():
+    short = joined(flight(count=2), flight(start=2, x=400.0))
+    assert parts(short) == [list(range(2, 32))]
+    assert parts(short, least=2) == [[0, 1], list(range(2, 32))]
+    aside = joined(flight(count=12), flight(start=12, count=18, x=700.0))
+    aside.loc[10:13, ["x", "y", "z"]] = np.nan
+    assert parts(aside) == [list(range(14)), list(range(14, 30))]
+
+
+def test_without_places_in_space_and_without_steps_nothing_changes(table):
+    other = flight(start=3).assign(particle=7)
+    for tracks in (joined(other, flight()), flight().drop(columns="x"), flight()[:0], flight()[:1]):
+        assert Cutting()(tracks, 330.0) is tracks
+    blind = flight().assign(x=np.nan, y=np.nan, z=np.nan)
+    assert Cutting()(blind, 330.0) is blind
+    behind = flight(z=-100.0)
+    assert Cutting()(behind, 330.0) is behind
+
+
+def test_cutting_again_changes_nothing_and_the_order_of_rows_does_not_matter():
+    tracks = joined(flight(count=12), flight(start=12, count=18, x=500.0))
+    tracks = joined(tracks, flight(start=5, x=-300.0).assign(particle=1))
+    cut = Cutting()(tracks, 330.0)
+    assert cut["particle"].nunique() == 3
+    assert Cutting()(cut, 330.0) is cut
+    mixed = tracks.sample(frac=1.0, random_state=2)
+    pd.testing.assert_frame_equal(Cutting()(mixed, 330.0).sort_index(), cut)
+
+
+@pytest.mark.parametrize("field", ["fastest_m_s", "across_mm", "depth_mm", "window", "least"])
+def test_what_is_no_limit_of_a_step_is_refused(field):
+    with pytest.raises(InputError, match=f"Cutting: {field}"):
+        Cutting(**{field: -1})
+    with pytest.raises(InputError, match="frame_rate_hz"):
+        Cutting()(flight(), 0.0)

@@ -34,22 +34,33 @@ class StartsAtLance:
 
     Notes
     -----
-    The thesis prints no criterion. Here the median distance of the first positions with depth from
-    the exit point is within one slice of Eq. 5.8, so that the first slice was observed. The
-    regression's t0 is not the earliest of its range, where the polynomials found no way back to
-    the lance. The latest of the range, at the first detection, is where it lies if a particle was
-    detected from the exit on. The median of three bears one wrong depth. And it leaves the exit
-    towards the camera. Polynomials that start backwards and swing round behind the lance have
-    found an exit that the particle did not take.
+    The thesis prints no criterion; particles are "probably not captured" until several frames
+    after the lance (sec. 4.3). Here the medians of the first positions with depth decide, which
+    bear one wrong depth. In depth they lie within one slice of Eq. 5.8, so that the first slice
+    was observed, and not farther behind the lance than depths scatter. Across they lie within a
+    cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1), so the cone goes from
+    the exit to the wall, 700 mm away, in the first metre. It is wider by what the depth and the
+    pixels scatter. A pixel's error in mm grows with the depth, and Table 5.18 has both for the
+    depths of a kiln: 219 mm along the line of sight, 18.77 mm across.
+
+    The regression's t0 is not the earliest of its range, where the polynomials found no way back
+    to the lance. The latest of the range, at the first detection, is where it lies if a particle
+    was detected from the exit on. And it leaves the exit towards the camera. Polynomials that
+    start backwards and swing round behind the lance have found an exit that the particle did not
+    take.
     """
 
-    within_mm: float = 1000.0  # one slice; not printed
+    within_mm: float = 1000.0  # mm, in depth: one slice; not printed
+    slope: float = 0.7  # across by depth: the wall's 700 mm in a metre, secs 2.1.1 and 5.3.1; ours
+    depth_scatter_mm: float = 438.0  # mm, two RMSE in depth (Table 5.18)
+    across_scatter_mm: float = 38.0  # mm, two RMSE across (Table 5.18)
     points: int = 3  # first positions with depth; not printed
     at_bound: bool = False  # whether a t0 at the early end of its range counts
 
     def __post_init__(self) -> None:
         """Refuse parameters out of range."""
-        check_limit(self.within_mm, "StartsAtLance: within_mm")
+        for name in ("within_mm", "slope", "depth_scatter_mm", "across_scatter_mm"):
+            check_limit(getattr(self, name), f"StartsAtLance: {name}")
         check_count(self.points, "StartsAtLance: points")
 
     def __call__(self, places_mm: Array, fit: Fit) -> tuple[bool, float]:
@@ -57,10 +68,15 @@ class StartsAtLance:
         known = places_mm[~np.isnan(places_mm).any(axis=1)][: self.points]
         if not len(known):
             raise InputError("StartsAtLance: a fitted track has no position with depth.")
-        distance = float(np.median(np.linalg.norm(known - fit.exit_point_mm, axis=1)))
+        apart = known - fit.exit_point_mm
+        distance = float(np.median(np.linalg.norm(apart, axis=1)))
+        gone = -float(np.median(apart[:, 2]))
+        across = float(np.median(np.hypot(apart[:, 0], apart[:, 1])))
+        cone = self.slope * (gone + self.depth_scatter_mm) + self.across_scatter_mm
+        near = -self.depth_scatter_mm <= gone <= self.within_mm and across <= cone
         forwards = float(fit.velocity(np.array([fit.t0]))[0, 2]) < 0
         inside = self.at_bound or fit.t0_at_bound >= 0
-        return distance <= self.within_mm and inside and forwards, distance
+        return near and inside and forwards, distance
 
 
 def straight_on(fit: Fit, time_s: npt.ArrayLike) -> Array:

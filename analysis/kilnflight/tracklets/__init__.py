@@ -18,7 +18,8 @@ A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), an
 are carried through. Every row comes back, in its place. The rows of eliminated tracklets, outliers
 and merged duplicates get particle -1; `tracked` leaves them out. Particles are numbered from 0 by
 first frame, then first position. Each step alone, applied to what it returns, changes nothing. The
-whole, applied again, may, as later steps make tracks that are new to the earlier ones.
+whole, applied again, may, as later steps make tracks that are new to the earlier ones. `Cutting`
+is no step of the thesis; `kilnflight.kiln` cuts after the last one, before the regression.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +37,7 @@ from kilnflight.tracklets.joining import (
     Pairs,
     listed,
 )
-from kilnflight.tracklets.outliers import OutlierRemoval
+from kilnflight.tracklets.outliers import Cutting, OutlierRemoval
 from kilnflight.tracklets.paths import read_paths, tracked, write_paths
 from kilnflight.tracklets.texture import Differences, LevelEdge, energies
 
@@ -88,6 +89,7 @@ __all__ = [
     "STEPS",
     "Connection",
     "Costs",
+    "Cutting",
     "Differences",
     "DualNearest",
     "Elimination",

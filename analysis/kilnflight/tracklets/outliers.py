@@ -1,6 +1,6 @@
-"""Removal of detections that make a tracklet turn and jump.
+"""Removal of detections that make a tracklet turn and jump, and cuts at impossible steps.
 
-Section 4.2.2 of the thesis.
+Sections 4.2.2 and 4.2.3 of the thesis.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import check_limit
+from kilnflight.checks import check_count, check_limit, check_positive
 from kilnflight.tracklets.paths import (
     LOST,
     Floats,
@@ -91,3 +91,81 @@ class OutlierRemoval:
         """Return whether velocities (n, 2) change as in Eq. 4.18."""
         angle, change = turns(before, after)
         return np.asarray((angle > self.angle_deg) & (change > self.change))
+
+
+@dataclass(frozen=True)
+class Cutting:
+    """Cut tracks where they make a step that no particle makes.
+
+    Called with a track table and the frame rate, it returns the table with each part as a track
+    of its own, and particle -1 for parts of fewer than ``least`` detections.
+
+    Notes
+    -----
+    The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not printed
+    and ours. No particle is faster than `kilnflight.flight.Plausible` lets it be, and places
+    scatter by their RMSE (Table 5.18). Across, directions are compared at the nearer of both
+    depths, as an error of the depth moves a place along its line of sight. In depth, which
+    scatters by decimetres a frame, it takes the medians of ``window`` detections before and
+    after: one wrong depth is no step. Detections without depth are not judged, as a step in
+    pixels has no length; they stay with those before them.
+    """
+
+    fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
+    across_mm: float = 56.0  # mm, three RMSE across, 18.77 mm (Table 5.18)
+    depth_mm: float = 657.0  # mm, three RMSE in depth, 219 mm (Table 5.18)
+    window: int = 5  # detections on each side, at least half of them; ours
+    least: int = 3  # detections of a part: more than D_eps of Table 5.16
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range."""
+        for name in ("fastest_m_s", "across_mm", "depth_mm"):
+            check_limit(getattr(self, name), f"Cutting: {name}")
+        for name in ("window", "least"):
+            check_count(getattr(self, name), f"Cutting: {name}")
+
+    def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
+        """Return the table with cut tracks; as it is without places in space.
+
+        Raises
+        ------
+        InputError
+            If the table is not a track table, or the frame rate is not above 0.
+        """
+        check_positive(frame_rate_hz, "Cutting: frame_rate_hz")
+        paths = read_paths(tracks, "Cutting: tracks")
+        cuts = np.zeros(len(paths.rows), dtype=np.int64)
+        if paths.place.shape[1] == 5:
+            for left in np.split(np.arange(len(cuts)), paths.starts[1:-1]):
+                known = left[np.isfinite(paths.place[left, 2:]).all(axis=1)]
+                if len(known) > 1:
+                    time = paths.frame[known] / frame_rate_hz
+                    cuts[known[1:]] = self.steps(time, paths.place[known][:, [3, 4, 2]])
+        if not cuts.any():
+            return tracks
+        names = paths.names() + np.cumsum(cuts)
+        number = np.bincount(names)
+        return write_paths(tracks, paths, np.where(number[names] < self.least, LOST, names))
+
+    def steps(self, time_s: Floats, places_mm: Floats) -> npt.NDArray[np.bool_]:
+        """Return which steps (n - 1,) of one track from place to place no particle makes."""
+        depth = places_mm[:, 2]
+        ahead = np.where(depth > 0, depth, np.nan)
+        sight = places_mm[:, :2] / ahead[:, None]
+        across = np.hypot(*np.diff(sight, axis=0).T) * np.minimum(ahead[1:], ahead[:-1])
+        flown = 1000 * self.fastest_m_s * np.diff(time_s)
+        return np.asarray((across > flown + self.across_mm) | self._jumps(time_s, depth))
+
+    def _jumps(self, time: Floats, depth: Floats) -> npt.NDArray[np.bool_]:
+        """Return which steps (n - 1,) are jumps in depth: the largest of each run."""
+        excess = np.full(len(depth) - 1, -np.inf)
+        few = (self.window + 1) // 2
+        for k in range(few, len(depth) - few + 1):
+            before, after = slice(max(k - self.window, 0), k), slice(k, k + self.window)
+            jump = abs(np.median(depth[after]) - np.median(depth[before]))
+            flown = 1000 * self.fastest_m_s * (time[after].mean() - time[before].mean())
+            excess[k - 1] = jump - flown - self.depth_mm
+        jumps, size = excess > 0, np.abs(np.diff(depth))
+        runs = np.split(np.arange(len(jumps)), np.flatnonzero(np.diff(jumps)) + 1)
+        largest = [run[np.argmax(size[run])] for run in runs if len(run) and jumps[run[0]]]
+        return np.isin(np.arange(len(jumps)), largest)
