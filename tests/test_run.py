@@ -9,6 +9,7 @@ import pytest
 
 from kilnflight import kiln, run
 from kilnflight.__main__ import _point, main
+from kilnflight.checks import InputError
 from kilnflight.flight import Rules
 from kilnflight.recording.frames import Frame
 from kilnflight.recording.store import open_recording, write_recording
@@ -278,6 +279,33 @@ def test_the_summary_counts_flights_from_the_lance(flown, stored):
     assert page == run.page(flown, stored)
 
 
+def test_the_summary_names_refused_flights_by_reason(flown, stored):
+    assert not [what for what in summary(flown)["what"] if "refused:" in what]
+    refused = ["turns back behind the lance", "", "leaves the kiln"]  # 3 is not from the lance
+    slices = flown.slices[flown.slices["particle"] == 2]  # as the chain has it
+    results = flown._replace(flights=flown.flights.assign(refused=refused), slices=slices)
+    value = summary(results).set_index("what")["value"]
+    assert value["refused: turns back behind the lance"] == "1 (particle 1)"
+    assert "refused: leaves the kiln" not in value.index
+    assert value["flights from the lance"] == "1"
+    assert value["dwell time, median"] == "0.700 s"
+    many = pd.concat([results.flights.head(1).assign(particle=k) for k in range(12)])
+    none = slices.head(0)
+    table = summary(flown._replace(flights=many, slices=none)).set_index("what")["value"]
+    assert table["refused: turns back behind the lance"].endswith(" 8, 9, ...)")
+    page = run.page(results, stored)
+    assert "refused: turns back behind the lance" in page
+
+
+def test_the_velocity_of_the_air_is_the_users(stored_flights, tmp_path):
+    slow = run.Options(200.0, air_m_s=5.0)
+    prepared = run.prepare(stored_flights, tmp_path, slow)[0]
+    assert prepared.rules.plausible.fastest_m_s == prepared.cutting.fastest_m_s == 10.0
+    assert dict(settings(prepared, slow, "1"))["refused as too fast"] == "above 10 m/s"
+    with pytest.raises(InputError, match="air_m_s"):
+        run.Options(air_m_s=0.0)
+
+
 def test_the_summary_names_what_to_doubt(flown):
     table = flown.trajectories.head(3).assign(particle=[1, 2, 3], rmse_z_mm=[200.0, 1400.0, 9e9])
     slices = flown.slices.assign(observed=[True, False, True], velocity_m_s=[10.0, -99.0, 12.0])
@@ -297,8 +325,8 @@ def test_notes_say_what_is_missing_and_what_may_deceive(flown):
     assert not list(doubts(flown, above_background=True))
     dark = flown._replace(flights=flown.flights.assign(ignition="none"))
     assert not list(doubts(dark))
-    behind = dark._replace(slices=flown.slices.assign(slice_m=[-1.0, -2.0, 1.0]))
-    assert next(doubts(behind)).startswith("2 of 3 metres")
+    wild = dark._replace(flights=dark.flights.assign(refused="faster than the air"))
+    assert next(doubts(wild)).startswith("2 of 2 flights from the lance are refused")
     lost = flown._replace(tracks=flown.tracks.assign(particle=-1))
     assert re.match(r"No tracks: of \d+ detections \d+ are in the air", next(doubts(lost)))
     empty = lost._replace(tracks=lost.tracks.head(0), detections=lost.detections.head(0))

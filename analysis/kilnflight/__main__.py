@@ -108,7 +108,7 @@ def _run(options: argparse.Namespace) -> None:
     from kilnflight.project.parallel import Workers
 
     lance = _point(options.exit_point) if options.exit_point else None
-    rules = options.in_air, options.bright, options.above_background
+    rules = options.in_air, options.bright, options.above_background, options.air
     workers = Workers(options.jobs, options.scheduler, into_logs=True)
     run.run(options.folder, options.to, run.Options(options.threshold, lance, *rules), workers)
 
@@ -188,6 +188,8 @@ def _parser() -> argparse.ArgumentParser:
     argument("--bright", type=float, metavar="GREY", help=burning)
     above = "find ignition above the background (default: in the grey values as they are)"
     argument("--above-background", action="store_true", help=above)
+    air = "velocity of the lance's air; what is over twice as fast is refused (default: 16)"
+    argument("--air", type=float, default=16.0, metavar="M/S", help=air)
     argument("--jobs", type=int, default=1, help="processes side by side (default: 1)")
     argument("--scheduler", metavar="ADDRESS", help="Dask cluster that detects in their place")
 

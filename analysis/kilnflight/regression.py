@@ -120,8 +120,10 @@ class Regression:
     Called with times (n,) in s, places (n, 3) in mm and the lance's outlet (3,) in mm, it returns a
     `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear problem (convex
     under a robust loss), so t0 is the one unknown left. (2) The range of t0 and its first guess
-    come from three random points, `draws` times; the minimum is the one downhill of the guess. At
-    the earliest t0 of the range the track does not lead back to the exit. (3) From the lowest
+    come from three random points, `draws` times. Section 4.3 has a trust region, which goes
+    downhill from its start. So the minimum is the one downhill of the guess, on a grid of t0, and
+    not the deepest of the range. At the earliest t0 of the range the track does not lead back to
+    the exit. (3) From the lowest
     orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more gets it. This
     ends when none falls by 1 %. (4) An order leaves n - (k + 1) > 0 degrees of freedom. (5) No
     weights of the axes are printed; `scale_mm` states them. Measures are as printed.

@@ -45,6 +45,21 @@ def test_the_cost_of_every_order_is_that_of_its_own_fit(flight, seed):
         np.testing.assert_allclose(solution.costs, squares, rtol=1e-9)
 
 
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize(("first", "valley"), [(-0.1, -0.2), (-0.35, -0.2), (-0.7, -0.8)])
+def test_the_minimum_is_the_one_downhill_of_the_first_guess(first, valley, robust):
+    """Sec. 4.3: a trust region from a start; this parabola passes the exit at two times."""
+    time, limits = np.linspace(0, 1, 12), np.array([-1.2, -0.01])
+    up_and_back, straight = (time + 0.2) * (time + 0.8), 0.001 * (time + 0.8)  # -0.8 is deeper
+    places = 100 * np.stack([straight, 0 * time, up_and_back])
+    solve = trajectory_solver(time, places, 2, limits, first, robust)
+    solution = solve((1, 1, 2))
+    assert solution.start == pytest.approx(valley, abs=0.01)
+    deepest = trajectory_solver(time, places, 2, limits, -0.8, robust)((1, 1, 2))
+    assert deepest.costs.sum() < 1e-9
+    assert (solution.costs.sum() > 1e-6) == (valley > -0.5)
+
+
 @given(st.floats(-1e3, 1e3), st.booleans())
 def test_the_losses_are_those_of_scipy(left, robust):
     peer = least_squares(

@@ -178,6 +178,11 @@ class Plausible:
         for name in ("factor", "behind_mm", "beyond_mm"):
             check_limit(getattr(self, name), f"Plausible: {name}")
 
+    @property
+    def fastest_m_s(self) -> float:
+        """Return the largest velocity that a flight may have."""
+        return self.factor * self.air_m_s
+
     def __call__(self, fit: Fit, end_s: float, wall: Cylinder, in_air: InAir) -> str:
         """Return why the flight is refused, or an empty text."""
         count = max(2, math.ceil((end_s - fit.t0) / STEP_S) + 1)
@@ -188,6 +193,6 @@ class Plausible:
         reasons = {
             LEAVES: (outside > self.beyond_mm) | (places[:, 2] < 0),
             BEHIND: places[:, 2] - fit.exit_point_mm[2] > self.behind_mm,
-            TOO_FAST: speed > self.factor * self.air_m_s,
+            TOO_FAST: speed > self.fastest_m_s,
         }
         return next((reason for reason, where in reasons.items() if where.any()), "")

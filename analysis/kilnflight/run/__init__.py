@@ -26,7 +26,7 @@ from kilnflight.checks import InputError, check_positive, check_shape
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
-from kilnflight.flight import Rules
+from kilnflight.flight import Plausible, Rules
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
 from kilnflight.project.cache import clear_parts, locked, write_resumable
@@ -36,7 +36,7 @@ from kilnflight.recording.importing import read_manifest
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.recording.summary import aligned
 from kilnflight.run.report import Results, Row, collect, listed, page, plot_tracks, summary
-from kilnflight.tracklets import postprocess
+from kilnflight.tracklets import Cutting, postprocess
 
 __all__ = ["Options", "detect", "fitted_wall", "open", "plot_tracks", "run", "track"]
 
@@ -79,6 +79,10 @@ class Options:
     above_background
         Whether ignition is a step of the grey values above those of the background, and not as
         they are (`kilnflight.kiln.background_gray`).
+    air_m_s
+        Velocity of the air at the lance's outlet; default: the thesis's at 5 bar (sec. 2.1.1).
+        Flights faster than twice as much are refused (`kilnflight.flight.Plausible`), and tracks
+        cut where they are (`kilnflight.tracklets.Cutting`).
     """
 
     threshold: float | None = None
@@ -86,10 +90,11 @@ class Options:
     in_air_mm: float = 800.0  # sec. 5.1.4
     bright: float | None = None
     above_background: bool = False
+    air_m_s: float = Plausible().air_m_s
 
     def __post_init__(self) -> None:
         """Refuse options that are not above 0."""
-        for name in ("threshold", "in_air_mm", "bright"):
+        for name in ("threshold", "in_air_mm", "bright", "air_m_s"):
             if getattr(self, name) is not None:
                 check_positive(getattr(self, name), name)
 
@@ -234,10 +239,14 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
     detection = DetectionRun(
         source, 0, frames, detector, chunk=chunk(frames), differences=False, folder=parts
     )
+    plausible = Plausible(options.air_m_s)
     rules = Rules(
-        ignition=Ignition(bright=options.bright, above_background=options.above_background)
+        ignition=Ignition(bright=options.bright, above_background=options.above_background),
+        plausible=plausible,
     )
-    return KilnRun(detection, lance, wall, InAir(options.in_air_mm), rules=rules), tuple(notes)
+    in_air, cutting = InAir(options.in_air_mm), Cutting(plausible.fastest_m_s)
+    run = KilnRun(detection, lance, wall, in_air, cutting=cutting, rules=rules)
+    return run, tuple(notes)
 
 
 def chunk(frames: int) -> int:
@@ -370,6 +379,7 @@ def settings(prepared: KilnRun, options: Options, jobs: str) -> tuple[Row, ...]:
             ("taken for in the air", f"up to {prepared.in_air.threshold_mm:g} mm from the axis"),
             ("taken for alight when first seen", level),
             ("ignition", f"a step of the grey values {above}"),
+            ("refused as too fast", f"above {rules.plausible.fastest_m_s:g} m/s"),
         ]
     rows.append(("post-processing of tracks", "without the texture term of Eq. 4.24"))
     return (*rows, ("jobs", jobs))

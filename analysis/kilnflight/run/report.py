@@ -87,7 +87,7 @@ def collect(
 
 def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
     """Yield notes on missing or doubtful results."""
-    flights, counted, slices = results.flights, results.counted, results.slices
+    flights, counted = results.flights, results.counted
     if results.detections.empty:
         yield "Nothing was detected: a lower --threshold may find more."
     elif tracked(results.tracks).empty:
@@ -96,7 +96,8 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
             "air or without depth, and none of these follow each other. Do --threshold, --in-air "
             "and the kiln's wall fit the recording?"
         )
-    if len(flights) and counted.empty:
+    from_lance = flights[flights["from_lance"]]
+    if len(flights) and from_lance.empty:
         fitted = results.trajectories["particle"].isin(flights["particle"])
         early = int((results.trajectories.loc[fitted, "t0_at_bound"] < 0).sum())
         way = f"; of {early} no way back to it was found (t0 is the earliest that was searched)"
@@ -107,11 +108,12 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
             "depth_calibration? Dwell times, velocities and ignition are of flights from the "
             "lance only."
         )
-    behind = int((slices["slice_m"] < 0).sum())
-    if 2 * behind > len(slices):
+    refused = len(from_lance) - len(counted)
+    if 2 * refused > len(from_lance):
         yield (
-            f"{behind} of {len(slices)} metres that were passed lie behind the lance. Is its "
-            "outlet right (mm, as captured), and the depth_calibration?"
+            f"{refused} of {len(from_lance)} flights from the lance are refused, as no particle "
+            "flies so (the summary has the reasons, the table of flights all of them). Is the "
+            "lance's outlet right (mm, as captured), and the depth_calibration, and --air?"
         )
     ignited = int((counted["ignition"] == SEEN).sum())
     if ignited and not above_background:
@@ -208,7 +210,7 @@ def _velocities(results: Results) -> Iterator[Row]:
 def _outliers(results: Results) -> Iterator[Row]:
     """Yield the rows of outliers in depth and velocity.
 
-    No flight is left out for it. The thesis sets no limit either.
+    They are of the flights that count; which are refused stands above.
     """
     slices, fits = results.slices, results.trajectories.dropna(subset=["rmse_z_mm"])
     fits = fits[fits["particle"].isin(results.counted["particle"])]
