@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 import tifffile
 
+import kilnflight
 from kilnflight.__main__ import main
 from kilnflight.checks import InputError
 from kilnflight.recording.store import open_recording, write_recording
@@ -182,6 +183,28 @@ def test_a_file_that_is_no_table_is_one_line(tmp_path, capsys):
     assert main(["track", str(tmp_path / "d.csv"), str(tmp_path / "t.csv")]) == 1
     assert "is no CSV table" in capsys.readouterr().err
     assert not (tmp_path / "t.csv").exists()
+
+
+def test_a_table_named_parquet_is_parquet(small, tmp_path, capsys):
+    write_recording(small, tmp_path / "a")
+    table, tracks = tmp_path / "d.parquet", tmp_path / "t.parquet"
+    assert main(["detect", str(tmp_path / "a"), str(table), "--threshold", "300"]) == 0
+    detections = pd.read_parquet(table)
+    assert main(["detect", str(tmp_path / "a"), str(tmp_path / "d.csv"), "--threshold", "300"]) == 0
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "d.csv"), detections, check_dtype=False)
+    assert main(["track", str(table), str(tracks), "--raw"]) == 0
+    assert len(pd.read_parquet(tracks)) == len(detections)
+    for name in ("d.xlsx", "d.json"):
+        assert main(["detect", str(tmp_path / "a"), str(tmp_path / name)]) == 1
+        assert f"{name}: name a table .csv or .parquet." in capsys.readouterr().err
+        assert not (tmp_path / name).exists()
+
+
+def test_without_a_threshold_it_is_that_of_python(small, tmp_path):
+    write_recording(small, tmp_path / "a")
+    assert main(["detect", str(tmp_path / "a"), str(tmp_path / "d.csv")]) == 0
+    table = kilnflight.detect(kilnflight.open(tmp_path / "a"))
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "d.csv"), table, check_dtype=False)
 
 
 @pytest.mark.parametrize("form", ["csv", "challenge", "napari", "trackmate", "trackpy"])

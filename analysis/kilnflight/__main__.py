@@ -7,9 +7,12 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kilnflight.checks import InputError, check_target
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMATS = ("csv", "challenge", "napari", "trackmate", "trackpy")
 
@@ -66,9 +69,10 @@ def _detect(options: argparse.Namespace) -> None:
     from kilnflight.recording.store import open_recording
 
     check_target(options.table)
+    parquet = _is_parquet(options.table)
     recording = open_recording(options.folder)
     table = run.detect(recording, options.threshold, progress=True)
-    write_whole(options.table, table.to_csv(index=False).encode())
+    write_whole(options.table, table.to_parquet() if parquet else _csv(table))
     where = f"{len(recording)} frames of {recording.attributes.name}: {options.table}"
     print(f"{len(table)} detections in {where}")
 
@@ -83,24 +87,44 @@ def _track(options: argparse.Namespace) -> None:
     from kilnflight.tracklets import tracked
 
     check_target(options.tracks)
+    to_parquet = options.format == "csv" and _is_parquet(options.tracks)
+    parquet = _is_parquet(options.detections)
     try:
-        detections = pd.read_csv(options.detections)
+        detections = (pd.read_parquet if parquet else pd.read_csv)(options.detections)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
+        kind = "Parquet" if parquet else "CSV"
         raise InputError(
-            f"{options.detections}: is no CSV table ({reason}). Give one that kilnflight detect "
+            f"{options.detections}: is no {kind} table ({reason}). Give one that kilnflight detect "
             "wrote, or with the columns frame, row, col."
         ) from error
     if detections.empty:  # a CSV without rows has columns of no kind
         detections = detections.astype(int)
     tracks = run.track(detections, JPDA() if options.jpda else GNN(), options.raw)
     if options.format == "csv":
-        write_whole(options.tracks, tracks.to_csv(index=False).encode())
+        write_whole(options.tracks, tracks.to_parquet() if to_parquet else _csv(tracks))
     else:
         getattr(track_files, f"write_{options.format}")(tracks, options.tracks)
     linked = tracked(tracks)
     counts = f"{linked['particle'].nunique()} tracks with {len(linked)} of {len(tracks)}"
     print(f"{counts} detections: {options.tracks}")
+
+
+def _is_parquet(path: Path) -> bool:
+    """Return whether a table is Parquet by its name, or CSV.
+
+    Examples
+    --------
+    >>> _is_parquet(Path("found.parquet"))
+    True
+    """
+    if path.suffix.lower() not in ("", ".csv", ".txt", ".parquet"):
+        raise InputError(f"{path}: name a table .csv or .parquet.")
+    return path.suffix.lower() == ".parquet"
+
+
+def _csv(table: pd.DataFrame) -> bytes:
+    return table.to_csv(index=False).encode()
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -195,13 +219,12 @@ def _parser() -> argparse.ArgumentParser:
 
     argument = add("detect", _detect, "detect particles in a recording")
     argument("folder", type=Path, metavar="RECORDING", help=recording)
-    argument("table", type=Path, metavar="CSV", help="table of detections to write")
-    threshold = "least response of a keypoint, grey values (the command run suggests one)"
-    argument("--threshold", type=float, metavar="GREY", required=True, help=threshold)
+    argument("table", type=Path, metavar="TABLE", help="detections to write: .csv or .parquet")
+    argument("--threshold", type=float, metavar="GREY", help=threshold)
 
     argument = add("track", _track, "link detections to tracks")
     detections = "table of detections: frame, row, col (px); z (mm), points if known"
-    argument("detections", type=Path, metavar="CSV", help=detections)
+    argument("detections", type=Path, metavar="TABLE", help=detections)
     argument("tracks", type=Path, metavar="FILE", help="tracks to write")
     argument("--jpda", action="store_true", help="associate by JPDA instead of GNN; slower")
     raw = "leave out post-processing, which without images has no texture term"

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.background import MODELS, Adaptive, Mean, Median, RunningGaussian, TwoFrame
+from kilnflight.background import (
+    MODELS,
+    Adaptive,
+    Mean,
+    Median,
+    RunningGaussian,
+    StopsAtZero,
+    TwoFrame,
+)
 from kilnflight.checks import InputError
 from kilnflight.project import claims
 
@@ -227,3 +235,31 @@ def test_a_list_of_frames_is_a_stack():
     np.testing.assert_array_equal(
         list(TwoFrame()(list(stack), range(9))), list(TwoFrame()(stack, range(9)))
     )
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.float64])
+@pytest.mark.parametrize("model", [Mean(), Median(), Adaptive()], ids=repr)
+def test_a_difference_that_stops_at_zero_keeps_what_is_brighter_and_no_more(model, dtype):
+    stack, indices = noise(90, dtype=dtype), [0, 40, 41, 89]
+    every = zip(indices, model.backgrounds(stack, indices), model(stack, indices), strict=True)
+    for (t, image, absolute), cut in zip(every, StopsAtZero(model)(stack, indices), strict=True):
+        brighter = stack[t] > image
+        np.testing.assert_array_equal(cut[brighter], absolute[brighter])
+        assert (cut[~brighter] == 0).all()
+        assert cut.dtype == np.float32
+
+
+def test_a_dark_particle_is_deleted_where_differences_stop_at_zero():
+    """Section 3.1, case 4: deleted "depending on the applied background model"."""
+    stack = np.full((20, 3, 8), 2000, np.uint16)
+    stack[10, 1, 2], stack[10, 1, 5] = 500, 3500
+    (absolute,) = Median()(stack, [10])
+    (cut,) = StopsAtZero(Median())(stack, [10])
+    assert absolute[1, [2, 5]].tolist() == [1500, 1500]
+    assert cut[1, [2, 5]].tolist() == [0, 1500]
+
+
+@pytest.mark.parametrize("model", [MODELS[0], MODELS[1], MODELS[5]], ids=repr)
+def test_equations_with_bars_do_not_stop_at_zero(model):
+    with pytest.raises(InputError, match="absolute difference"):
+        StopsAtZero(model)

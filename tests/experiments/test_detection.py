@@ -61,6 +61,22 @@ def test_the_first_call_which_may_compile_is_not_timed(subset):
     assert len(table) == len(subset.frames)
 
 
+def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
+    """Section 3.3 calls the threshold a diameter; Eq. 3.4 compares it with a distance."""
+    middle = np.array(subset.recording.attributes.size) / 2
+    here = subset.particles[subset.particles["frame"] == 75]
+    off = np.hypot(here["row"] - middle[0], here["col"] - middle[1])
+    alone = subset._replace(frames=(75,), particles=here.loc[[off.idxmin()]])
+    row, col, label = alone.particles.iloc[0][["row", "col", "label"]]
+    methods = {gap: lambda _, gap=gap: np.array([[row + gap, col]]) for gap in (22, 30, 46)}
+    table = detection.run([alone], methods, MEDIAN)
+    assert table["tp"].tolist() == [1, 1, 0]
+    assert table["tp_near"].tolist() == table[f"tp_{label}_near"].tolist() == [1, 0, 0]
+    assert table[f"fn_{label}_near"].tolist() == [0, 1, 1]
+    total = detection.sum_counts(table, ["method"])
+    assert total["f1_diameter_45_px"].tolist() == [1, 0, 0]
+
+
 def test_detectors_of_each_kind_are_methods(subset):
     methods = {
         "picture": detection_methods.from_foreground(DoG(1500.0)),
@@ -118,7 +134,8 @@ def attempts(**true_positives):
         for t in range(4)
     ]
     table = pd.DataFrame(rows).assign(seconds=0.1)
-    return table.join(table[["tp", "fp", "fn"]].add_suffix("_pixels"))
+    counts = table[["tp", "fp", "fn"]]
+    return table.join(counts.add_suffix("_pixels")).join(counts.add_suffix("_near"))
 
 
 def test_the_parameter_of_a_subset_is_best_on_the_others():
@@ -128,31 +145,8 @@ def test_the_parameter_of_a_subset_is_best_on_the_others():
         detection.leave_one_out(table[table["subset"] == "V1"])
 
 
-def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
-    table = attempts(one=(5, 5, 5), other=(8, 8, 8))
-    draws = detection.resampled_f1(table, np.random.default_rng(0), draws=50)
-    assert draws.shape == (50, 2)
-    assert draws["one"].to_numpy() == pytest.approx(2 * 5 / 15)
-    again = detection.resampled_f1(table, np.random.default_rng(0), draws=50)
-    pd.testing.assert_frame_equal(draws, again)
-    with pytest.raises(InputError, match="lacks a frame"):
-        detection.resampled_f1(table.iloc[1:], np.random.default_rng(0))
-
-
 def test_thresholds_ascend():
     assert list(detection_methods.THRESHOLDS) == sorted(set(detection_methods.THRESHOLDS))
-
-
-def test_unsigned_differences_keep_what_is_brighter(subset):
-    stack = kiln.GrayFrames(subset.recording)
-    for model in (background.TwoFrame(), background.Median(window=20)):
-        absolute = next(iter(model(stack, [76])))
-        cut = next(iter(detection_methods.Unsigned(model)(stack, [76])))
-        brighter = cut > 0
-        np.testing.assert_array_equal(cut[brighter], absolute[brighter])
-        assert (cut[~brighter] == 0).all()
-        assert brighter.any()
-        assert not brighter.all()
 
 
 def test_one_call_for_all_thresholds_is_the_detector_at_each():

@@ -21,7 +21,9 @@ def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
         table = counts.assign(subset="Total", fn=counts["fn"] + misses)
         tables.append(table.join(rates(table["tp"], table["fp"], table["fn"])))
     verdicts = wall_claims.wall_verdicts(cylinders, 720.0, *tables)
-    assert {verdict.verdict for verdict in verdicts} == {claims.REPRODUCED}
+    undecided = [verdict.id for verdict in verdicts if verdict.verdict != claims.REPRODUCED]
+    assert undecided == ["wall-2"]  # how far off the printed 760 mm one may be is ours to say
+    assert verdicts[1].measured == "+10 mm"
     assert verdicts[2].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.971"
 
 

@@ -17,7 +17,9 @@ model              equation          default                                    
 
 The foreground is the absolute difference of frame and background, as Eqs 2.5, 2.6 and
 2.10 have it. Dark particles before a bright wall count as bright ones before a dark
-wall. It is float32, in grey values; its value for a frame does not depend on which other
+wall. For mean, median and adaptive learning no difference is printed, and section 3.1 says
+that dark particles may be lost. `StopsAtZero` is that reading; the thesis decides for neither.
+The foreground is float32, in grey values; its value for a frame does not depend on which other
 frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """
@@ -25,7 +27,13 @@ frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also ha
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-from kilnflight.background.difference import Foreground, Frames, ThreeFrame, TwoFrame
+from kilnflight.background.difference import (
+    Foreground,
+    Frames,
+    StopsAtZero,
+    ThreeFrame,
+    TwoFrame,
+)
 from kilnflight.background.recursive import Adaptive, RunningGaussian
 from kilnflight.background.static import Mean, Median
 
@@ -54,6 +62,7 @@ __all__ = [
     "Mean",
     "Median",
     "RunningGaussian",
+    "StopsAtZero",
     "ThreeFrame",
     "TwoFrame",
 ]

@@ -135,6 +135,13 @@ def difference(frame: Image, background: Image) -> Foreground:
     return np.asarray(apart, dtype=np.float32)
 
 
+def excess(frame: Image, background: Image) -> Foreground:
+    """Return by how much a frame exceeds a background, elsewhere 0, as float32."""
+    kind = np.result_type(frame, background, np.float32)  # exact for both
+    over = np.subtract(frame, background, dtype=kind)
+    return np.maximum(over, 0, out=over).astype(np.float32, copy=False)
+
+
 def partner(index: int, step: int, length: int) -> int:
     """Return the frame ``step`` frames away, or as far the other way.
 
@@ -229,6 +236,49 @@ class WindowModel(ABC):
         held = HeldFrames(frames, self.window + self._room)
         return held, self._backgrounds(held, check_indices(indices, held.length))
 
+    def brighter(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
+        """Yield by how much each requested frame exceeds its background, elsewhere 0.
+
+        Arguments and errors are those of a call.
+        """
+        held, backgrounds = self._prepared(frames, indices)
+        return (excess(held[t], image) for t, image in backgrounds)
+
     @abstractmethod
     def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Iterator[tuple[int, Image]]:
         """Yield each index with its background, valid until the next."""
+
+
+@dataclass(frozen=True)
+class StopsAtZero:
+    """Subtract a background and stop at zero: what is darker than it vanishes.
+
+    The other reading of section 2.2.1. Bars of an absolute value stand in Eqs 2.5, 2.6 and
+    2.10; for mean, median and adaptive learning no difference is printed. "Dark particles might
+    be deleted" by the subtraction "depending on the applied background model" (section 3.1,
+    case 4), which an absolute difference does not do.
+
+    Parameters
+    ----------
+    model
+        `Mean`, `Median` or `Adaptive`.
+
+    Raises
+    ------
+    InputError
+        If the equation of the model is printed with bars.
+    """
+
+    model: WindowModel
+
+    def __post_init__(self) -> None:
+        """Refuse a model whose equation has bars."""
+        if not isinstance(self.model, WindowModel):
+            raise InputError(
+                f"StopsAtZero: {self.model!r} is printed as an absolute difference (Eqs 2.5, 2.6, "
+                "2.10). Pass Mean, Median or Adaptive."
+            )
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
+        """Yield each requested frame's foreground; arguments as of `Mean`."""
+        return self.model.brighter(frames, indices)

@@ -1,7 +1,7 @@
 """Detection experiment: methods on labelled frames, counted as in section 3.3.
 
 labelled frames -> views x methods (`detection_methods`) -> one row per frame and method
-    -> summed counts, rates, recall by class, best parameter, intervals
+    -> summed counts, rates, recall by class, best parameter
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ from kilnflight.experiments.detection_methods import THRESHOLDS, Method, from_th
 from kilnflight.project import claims
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
-from kilnflight.scores.detections import particle_centroids
+from kilnflight.scores.detections import GATE_PX, NEAR_GATE_PX, FrameScore, particle_centroids
 from kilnflight.twin import scenes, truth
 from kilnflight.twin.scene import Twin
 
 COUNTS = ("tp", "fp", "fn")
+# Two readings of the 45 px (`kilnflight.scores.detections`): the largest distance, or a diameter.
+GATES = {"": GATE_PX, "_near": NEAR_GATE_PX}
 WARM_UP_POINTS = 2000  # of the untimed first call
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
@@ -105,7 +107,8 @@ def run(
         One row per frame and method: ``subset``, ``frame``, ``method``; ``tp``, ``fp``,
         ``fn`` by the gate of 45 px (section 3.3) and ``tp_pixels``, ``fp_pixels``,
         ``fn_pixels`` within the pixels of a particle (5.1.1); ``tp_2``, ``fn_2`` ... by
-        class; ``seconds``, of compiled code: every method is called once before.
+        class; all but those in pixels also with ``_near``, where 45 px are a diameter;
+        ``seconds``, of compiled code: every method is called once before.
     """
     rows: list[dict[str, Any]] = []
     for subset in subsets:
@@ -136,15 +139,21 @@ def _frame_rows(
         spots = method(view)[:, :2]
         seconds = time.perf_counter() - begin
         row = {"subset": subset.name, "frame": t, "method": name, "seconds": seconds}
-        scored = score_detections(place, spots, roi=roi)
         within = score_in_pixels(image, centroids, spots, roi)
-        row |= {count: getattr(scored, count) for count in COUNTS}
         row |= {f"{count}_pixels": getattr(within, count) for count in COUNTS}
-        for kind in truth.CLASSES:
-            row[f"tp_{kind}"] = int((label[scored.pairs[:, 0]] == kind).sum())
-            row[f"fn_{kind}"] = int((label[scored.missed] == kind).sum())
+        for suffix, gate in GATES.items():
+            counts = _counted(score_detections(place, spots, gate, roi), label)
+            row |= {name + suffix: count for name, count in counts.items()}
         rows.append(row)
     return rows
+
+
+def _counted(scored: FrameScore, label: npt.NDArray[np.integer]) -> dict[str, int]:
+    counts = {count: getattr(scored, count) for count in COUNTS}
+    for kind in truth.CLASSES:
+        counts[f"tp_{kind}"] = int((label[scored.pairs[:, 0]] == kind).sum())
+        counts[f"fn_{kind}"] = int((label[scored.missed] == kind).sum())
+    return counts
 
 
 def subset_views(
@@ -233,14 +242,19 @@ def sum_counts(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     DataFrame
         ``by``, ``tp``, ``fp``, ``fn``, ``precision``, ``recall``, ``f1`` by the gate of 45 px
         (section 3.3); the median ``seconds_per_image``, which one frame that a busy machine
-        delayed does not move; and ``f1_in_pixels`` by the pixels of a particle (5.1.1).
+        delayed does not move; ``f1_in_pixels`` by the pixels of a particle (5.1.1); and
+        ``f1_diameter_45_px``, where 45 px are a diameter.
     """
     groups = table.groupby(by, sort=False)
     counts = groups[list(COUNTS)].sum().reset_index()
-    inside = groups[[f"{count}_pixels" for count in COUNTS]].sum()
+    inside, near = (
+        rates(*groups[[count + kind for count in COUNTS]].sum().to_numpy().T)["f1"].to_numpy()
+        for kind in ("_pixels", "_near")
+    )
     shares = rates(*(counts[count] for count in COUNTS)).assign(
         seconds_per_image=groups["seconds"].median().to_numpy(),
-        f1_in_pixels=rates(*inside.to_numpy().T)["f1"].to_numpy(),
+        f1_in_pixels=inside,
+        f1_diameter_45_px=near,
     )
     return pd.concat([counts, shares], axis=1)
 
@@ -262,35 +276,6 @@ def sum_with_unlit(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     unlit = class_recall(table, by).query("label == 3")[[*by, "recall"]]
     unlit = unlit.rename(columns={"recall": "recall_non_burning"})
     return sum_counts(table, by).drop(columns="seconds_per_image").merge(unlit)
-
-
-def f1_with_intervals(
-    table: pd.DataFrame, published: pd.Series, seed: int
-) -> tuple[pd.DataFrame, pd.Series]:
-    """Return each method's F1 with its 95 % interval, and how often it is first.
-
-    Parameters
-    ----------
-    table
-        Of `run`; every method on the same frames.
-    published
-        F1 by method; those that are missing are NaN.
-    seed
-        Of the draws of frames, see `resampled_f1`.
-
-    Returns
-    -------
-    f1 : DataFrame
-        By ``method``: ``f1``, ``f1_low``, ``f1_high``, ``f1_in_pixels``, ``f1_published``.
-    first : Series
-        By method: the share of the draws in which its F1 is the largest.
-    """
-    total = sum_counts(table, ["method"]).set_index("method")
-    draws = resampled_f1(table, np.random.default_rng(seed))
-    low, high = draws[total.index].quantile([0.025, 0.975]).to_numpy()
-    f1 = total[["f1"]].assign(f1_low=low, f1_high=high, f1_in_pixels=total["f1_in_pixels"])
-    first = draws.idxmax(axis=1).value_counts(normalize=True)
-    return f1.assign(f1_published=published), first.reindex(total.index, fill_value=0.0)
 
 
 def precision_by_case(
@@ -336,34 +321,6 @@ def class_recall(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         recall = counts["tp"] / (counts["tp"] + counts["fn"])  # NaN where none is marked
         parts.append(counts.assign(recall=recall, kind=kind).reset_index())
     return pd.concat(parts, ignore_index=True)
-
-
-def resampled_f1(
-    table: pd.DataFrame, generator: np.random.Generator, draws: int = 2000
-) -> pd.DataFrame:
-    """Return each method's F1 over draws of frames with replacement, by subset.
-
-    Parameters
-    ----------
-    table
-        Of `run`; every method on the same frames.
-    generator
-        Of the draws; all methods see the same draws, so that differences are paired.
-
-    Returns
-    -------
-    DataFrame
-        (draws, methods), a column per method.
-    """
-    wide = table.pivot(index=["subset", "frame"], columns="method", values=["tp", "fp", "fn"])
-    if wide.isna().to_numpy().any():
-        raise InputError("resampled_f1: a method lacks a frame; give all methods all frames.")
-    position = wide.reset_index().groupby("subset", sort=False).indices
-    picked = np.concatenate(
-        [generator.choice(rows, (draws, len(rows))) for rows in position.values()], axis=1
-    )
-    tp, fp, fn = (wide[name].to_numpy()[picked].sum(axis=1) for name in ("tp", "fp", "fn"))
-    return pd.DataFrame(2 * tp / np.maximum(2 * tp + fp + fn, 1), columns=wide["tp"].columns)
 
 
 def positions(
@@ -413,6 +370,7 @@ def classification_table(
     spots: pd.DataFrame,
     thresholds: Mapping[str, float],
     roi: Polygon | None,
+    gate: float = GATE_PX,
 ) -> pd.DataFrame:
     """Return how well spots are classified as in the air (Tables 5.13 and 5.14).
 
@@ -426,6 +384,8 @@ def classification_table(
         By name: up to which distance in mm a spot is in the air.
     roi
         Polygon (row, col) outside which nothing counts.
+    gate
+        Largest distance in px between a particle and its detection.
 
     Returns
     -------
@@ -436,7 +396,8 @@ def classification_table(
     rows, frames = [], marked.groupby(["subset", "frame"], sort=False)
     for (name, level), ((subset, frame), particles) in product(thresholds.items(), frames):
         detections = spots[(spots["subset"] == subset) & (spots["frame"] == frame)]
-        score = score_detections(particles[["row", "col"]], detections[["row", "col"]], roi=roi)
+        places = particles[["row", "col"]]
+        score = score_detections(places, detections[["row", "col"]], gate, roi)
         flying = (particles["label"] != 4) & particles["distance_mm"].notna()
         row = {"threshold": name, "threshold_mm": level, "subset": str(subset)}
         rows.append(row | count_in_air(score, flying, detections["distance_mm"] <= level))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.background import Median, TwoFrame
-from kilnflight.background.difference import Frames, partner
 from kilnflight.detection import (
     DBSCAN,
     Clusterer,
@@ -146,28 +143,3 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
     points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
-
-
-@dataclass(frozen=True)
-class Unsigned:
-    """Subtract a background as unsigned integers: pixels darker than it become 0.
-
-    Not in the thesis, which prints absolute differences (Eqs 2.5 and 2.10). Subtraction of
-    16-bit images in MATLAB, which it used, stops at 0, and an absolute value taken afterwards
-    changes nothing; this shows what that would do.
-    """
-
-    model: TwoFrame | Median
-
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
-        """Yield the foreground (rows, cols) of each requested frame."""
-        indices = list(indices)
-        behind: Iterable[npt.NDArray[Any]]
-        if isinstance(self.model, TwoFrame):
-            step = self.model.interval
-            behind = (frames[partner(t, -step, len(frames))] for t in indices)
-        else:
-            behind = self.model.backgrounds(frames, indices)
-        for t, background in zip(indices, behind, strict=True):
-            difference = np.asarray(frames[t], dtype=np.float32) - background
-            yield np.maximum(difference, 0.0).astype(np.float32, copy=False)

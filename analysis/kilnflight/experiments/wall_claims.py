@@ -72,15 +72,18 @@ def wall_verdicts(
     )
     radius = cylinders.set_index("subset")["radius_mm"]
     off = radius / cylinders["radius_true_mm"].to_numpy() - 1
+    inside = f"{crossing_mm - radius.iloc[0]:+.0f} mm"
+    why = "the printed 760 mm belong to a radius of 772 mm; how far off ours may be is nowhere said"
     f1, lower = exact["f1"]["crossing_plus_40"], measured["f1"]["crossing_plus_40"]
-    conditions = {f"{lower:.4f} < {f1:.4f}": lower < f1, "at least 0.8": lower >= 0.8}
+    below = {f"{lower:.4f} < {f1:.4f}": bool(lower < f1)}
     missed = 1 - exact["recall"]["crossing_plus_40"]
     printed = f"with 800 mm F1 {exact['f1']['printed_800']:.3f}"
     note = f"crossing + 40 mm = {crossing_mm + 40:.0f} mm; {printed}"
+    frame = "one frame of each subset, against the true 700 mm"
     return [
-        claims.judge("wall-1", off, note="one frame of each subset, against the true 700 mm"),
-        claims.judge("wall-2", crossing_mm - radius.iloc[0], note=f"crossing {crossing_mm:.0f} mm"),
-        claims.judge("wall-3", f1, note=note),
-        claims.judge("wall-4", conditions, note=note),
-        claims.judge("wall-5", missed, note=note),
+        claims.judge("wall-1", off, note=frame, because="twin"),
+        claims.undecidable("wall-2", why, inside, because="criterion"),
+        claims.judge("wall-3", f1, note=note, because="twin"),
+        claims.judge("wall-4", below, note=note, because="twin"),
+        claims.judge("wall-5", missed, note=note, because="twin"),
     ]

@@ -2,6 +2,11 @@
 
 Both criteria of the thesis: within 45 px by the Hungarian method (section 3.3), and within
 the pixels of a labelled particle (section 5.1.1).
+
+The 45 px have two readings. Section 3.3 takes particles of up to 15 px in radius, enlarges the
+diameter 1.5 times, and calls the result a "gating threshold (diameter)": 2 x 15 x 1.5 = 45, so
+that nothing is left to be enlarged. A detection would then lie within 22.5 px (`NEAR_GATE_PX`).
+Eq. 3.4 however compares that threshold with the distance of two centres: 45 px (`GATE_PX`).
 """
 
 from __future__ import annotations
@@ -21,7 +26,8 @@ from kilnflight.checks import InputError, check_columns, check_finite, check_pos
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Labels = npt.NDArray[np.integer]
-GATE_PX = 45.0  # three times the largest radius of 15 px, sec. 3.3
+GATE_PX = 45.0  # d_epsilon of Eq. 3.4, a distance
+NEAR_GATE_PX = GATE_PX / 2  # the same as a diameter, as sec. 3.3 calls it
 
 
 def rates(
@@ -125,7 +131,8 @@ def score_detections(
     truth, detected
         (n, 2) and (m, 2) row, col of the particles and detections of one frame.
     gate
-        Largest distance of a pair in px; a pair at the gate counts (Eq. 3.4).
+        Largest distance of a pair in px; a pair at the gate counts (Eq. 3.4). Where the 45 px
+        are a diameter: `NEAR_GATE_PX`.
     roi
         (k, 2) corners row, col; only what lies inside takes part.
 

@@ -1,0 +1,298 @@
+"""Verdicts on the detection claims of sections 5.1.2 and 5.1.3.
+
+A rank or a difference is decided by the sums over all frames. How often it holds when frames are
+drawn anew, or the interval of the difference, stands beside it. Times are of our own programs
+and decide nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+
+from kilnflight.experiments.detection import class_recall, sum_counts, with_total
+from kilnflight.experiments.detection_claims import (
+    PARAMETERS,
+    TABLES,
+    analysed_recall,
+    cluster_table,
+    cluster_totals,
+)
+from kilnflight.experiments.detection_intervals import (
+    interval,
+    resampled_rates,
+    share,
+    subset_f1,
+    subset_recall,
+)
+from kilnflight.project import claims
+from kilnflight.twin import truth
+
+# Otsu's row is no prediction: the light of the twin was fitted to it.
+FITTED = "the picture was fitted to Otsu's row (notebook 13)"
+OUR_TIME = "a time of our own program; the thesis's was another"
+ABOUT = {"half": ((0.45, 0.55), (0.35, 0.65)), "0.6": ((0.55, 0.65), (0.5, 0.7))}  # bounds of ours
+
+
+def about(value: float, words: str) -> bool | None:
+    """Return whether a value is what a sentence calls "about" so much.
+
+    None if the words may mean it, but our bound (`ABOUT`, to one printed digit) does not.
+    """
+    (low, high), (lowest, highest) = ABOUT[words]
+    return True if low <= value <= high else None if lowest <= value <= highest else False
+
+
+def background_verdicts(
+    attempts: pd.DataFrame, traces: Mapping[str, float], seed: int, note: str
+) -> list[claims.Verdict]:
+    """Return the verdicts on the claims of section 5.1.2.
+
+    Parameters
+    ----------
+    attempts
+        Of `compare_backgrounds`, in one reading of the differences.
+    traces
+        Of `background_traces`; without them bg-6 is left out.
+    seed
+        Of the draws of frames.
+    note
+        How many frames, and which scoring distance.
+    """
+    by_model = attempts.assign(method=attempts["model"])
+    f1 = sum_counts(by_model, ["method"]).set_index("method")["f1"]
+    draws = resampled_rates(by_model, seed)["f1"]
+    best, last = f1.idxmax(), f1.idxmin()
+    static, moving = ["Mean", "Median"], ["TwoFrame", "ThreeFrame"]
+    above = f1[static].min() - f1[moving].max()
+    of_draws = draws[static].min(axis=1) - draws[moving].max(axis=1)
+    apart = draws["Median"] - draws["Mean"]
+    behind = draws.max(axis=1) - draws["Adaptive"]
+    first_in, last_in = share(draws.idxmax(axis=1) == best), share(draws.idxmin(axis=1) == last)
+    verdicts = [
+        ("bg-1", {f"first is {best}": best == "Median"}, f"first {first_in}"),
+        ("bg-2", {f"last is {last}": last == "TwoFrame"}, f"last {last_in}"),
+        ("bg-3", abs(f1["Median"] - f1["Mean"]), f"median less mean {interval(apart)}"),
+        ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
+        ("bg-5", {f"lead {above:+.4f} > 0": bool(above > 0)}, interval(of_draws)),
+    ]
+    judged = [
+        claims.judge(claim, measured, note=f"{note}; {sure}", because="twin")
+        for claim, measured, sure in verdicts
+    ]
+    if not traces:
+        return judged
+    kept = {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]}
+    measure = "root mean square from the scene without particles, in grey values"
+    return [*judged, claims.judge("bg-6", kept, note=measure, because="twin")]
+
+
+def picture_verdicts(
+    attempts: pd.DataFrame, times: pd.DataFrame, seed: int, note: str
+) -> list[claims.Verdict]:
+    """Return the verdicts on Otsu and SIFT (section 5.1.3).
+
+    Parameters
+    ----------
+    attempts
+        Otsu and SIFT with the chosen thresholds, of `compare_pictures`.
+    times
+        Of `time_table`; without rows sift-4 is left out.
+    seed
+        Of the draws of frames.
+    note
+        How many frames, and which scoring distance.
+    """
+    tables = dict(iter(attempts.groupby("method")))
+    otsu, sift = (with_total(tables[name], ["subset"]) for name in ("Otsu", "SIFT"))
+    otsu, sift = otsu.set_index("subset"), sift.set_index("subset")
+    subsets = otsu.index.drop("Total")
+    gain = (draws := resampled_rates(attempts, seed)["f1"])["SIFT"] - draws["Otsu"]
+    ahead = f"{sift['f1']['Total']:.4f} > {otsu['f1']['Total']:.4f}"
+    last, last_of_sift = (table.loc[subsets, "f1"].idxmin() for table in (otsu, sift))
+    fifth = sift["f1"]["V5"] - otsu["f1"]["V5"]
+    v5 = {f"last is {last_of_sift}": last_of_sift == "V5", f"V5 {fifth:+.3f} > 0": fifth > 0}
+    v5_last = share(subset_f1(attempts, "SIFT", seed).idxmin(axis=1) == "V5")
+    precision = claims.judge("otsu-1", otsu.loc[subsets, "precision"], note=note, because="twin")
+    rank = claims.judge("otsu-4", {f"last is {last}": last == "V5"}, note=note, because="twin")
+    first = {ahead: sift["f1"]["Total"] > otsu["f1"]["Total"]}
+    verdicts = [
+        claims.fitted(precision, FITTED),
+        claims.fitted(rank, FITTED),
+        claims.judge("sift-1", first, note=f"{note}; lead {interval(gain)}", because="twin"),
+        claims.judge("sift-3", v5, note=f"{note}; V5 last {v5_last}", because="twin"),
+        *_unlit_verdicts(attempts, seed, note),
+    ]
+    if len(times):
+        seconds = times.set_index("threshold")["measured_s"]
+        ratio = f"{seconds[400] / seconds[1000]:.4g}"
+        verdicts.append(claims.undecidable("sift-4", OUR_TIME, ratio, because="method"))
+    return sorted(verdicts, key=lambda verdict: verdict.id)
+
+
+def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims.Verdict]:
+    """Return the verdicts on which particles Otsu and SIFT find (Figs 5.5 and 5.6)."""
+    recall = class_recall(attempts, ["method", "subset"])
+    by_class = recall.pivot(index="subset", columns=["method", "label"], values="recall")
+    burning, unlit, more = (by_class[key] for key in (("Otsu", 2), ("Otsu", 3), ("SIFT", 3)))
+    less = {f"{name} {unlit[name]:.2f} < {burning[name]:.2f}": bool(unlit[name] < burning[name])
+            for name in unlit.index}  # fmt: skip
+    less["V4 lowest"] = bool(unlit["V4"] == unlit.min())
+    v4 = share(subset_recall(attempts, "Otsu", 3, seed).idxmin(axis=1) == "V4")
+    mean = subset_recall(attempts, "SIFT", 3, seed).mean(axis=1)
+    half = {
+        f"mean of the subsets {more.mean():.2f} about 0.5": about(more.mean(), "half"),
+        f"above Otsu's {unlit.mean():.2f}": bool(more.mean() > unlit.mean()),
+    }
+    by_subset = ", ".join(f"{name} {value:.2f}" for name, value in more.items())
+    bound = "about 0.5 is 0.45 to 0.55, at most 0.35 to 0.65: bounds of ours"
+    reason = f"{note}; mean {interval(mean)}; {by_subset}; {bound}"
+    return [
+        claims.judge("otsu-2", burning, note=note, because="twin"),
+        claims.judge(
+            "otsu-3", less, note=f"{note}; V4 lowest {v4}; although {FITTED}", because="twin"
+        ),
+        claims.judge("sift-2", half, note=reason, because="twin"),
+    ]
+
+
+def cluster_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
+    """Return the verdicts on the clusterers (section 5.1.3).
+
+    Parameters
+    ----------
+    attempts
+        Of `compare_clusterers`.
+    note
+        How many frames, and which scoring distance.
+    """
+    tables = {family: cluster_table(attempts, family) for family in TABLES}
+    totals = cluster_totals(tables)
+    dbscan, mo, qcc = (totals[family].set_index(PARAMETERS[family]) for family in TABLES)
+    by_points = dbscan.groupby(level="minPts")
+    eps = {f"minPts {n}: FP falls": fp.is_monotonic_decreasing for n, fp in by_points["fp"]}
+    eps |= {f"minPts {n}: FN rises": fn.is_monotonic_increasing for n, fn in by_points["fn"]}
+    of_eps = dbscan["f1"].groupby(level="minPts").agg(np.ptp).mean()
+    of_points = dbscan["f1"].groupby(level="epsilon_mm").agg(np.ptp)[[30, 50, 70]].mean()
+    seconds = dbscan["seconds_per_image"]
+    slower = f"{seconds[(6, 50)] / seconds[(6, 10)]:.4g}"
+    grows = {name: mo[name].is_monotonic_increasing for name in ("tp", "fp")}
+    more_time = mo["seconds_per_image"].iloc[-1] / mo["seconds_per_image"].iloc[0]
+    times = f"our time grows {more_time:.1f} times from R 100 to 500 and decides nothing"
+    by_alpha = qcc["fp"].groupby(level="alpha")
+    alphas = {f"alpha {n}: FP falls with K": fp.is_monotonic_decreasing for n, fp in by_alpha}
+    recall, precision = (
+        qcc[name].unstack("alpha").diff(axis=1)[0.2] for name in ("recall", "precision")
+    )
+    for k in (20, 25, 30):
+        alphas[f"K {k}: recall up with alpha"] = bool(recall[k] > 0)
+        alphas[f"K {k}: precision down"] = bool(precision[k] < 0)
+    effect = f"{note}; mean range of F1"
+    return [
+        claims.judge("cluster-1", eps, note=note, because="twin"),
+        claims.judge("cluster-2", of_eps / of_points, note=effect, because="twin"),
+        claims.undecidable("cluster-3", OUR_TIME, slower, because="method"),
+        claims.judge("cluster-4", grows, note=f"{note}; {times}", because="method"),
+        claims.judge("cluster-5", alphas, note=note, because="twin"),
+        *_class_verdicts(attempts, note),
+    ]
+
+
+def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
+    """Return the verdicts on which classes the clusterers detect."""
+    # Fig. 5.9: MO finds all "except for V4"
+    printed = attempts[(attempts["family"] != "mo") | (attempts["subset"] != "V4")]
+    burning = analysed_recall(printed, ["family"]).query("label == 2").set_index("family")["recall"]
+    pooled = analysed_recall(attempts, ["family"])
+    by_class = pooled.pivot(index="family", columns="label", values="recall")
+    most = {
+        f"{truth.CLASSES[k]}: {by_class[k].round(2).to_dict()}": by_class[k].idxmax() == "qcc"
+        for k in (3, 4)
+    }
+    walls = analysed_recall(attempts, ["family", "subset"]).query("label == 4")
+    half = walls.query("family == 'dbscan'").set_index("subset")["recall"].filter(["V1", "V4"])
+    pool = f"{note}; all subsets, MO without V4 as printed"
+    return [
+        claims.judge("cluster-7", burning, note=pool, because="twin"),
+        claims.judge("cluster-8", half, note=note, because="twin"),
+        claims.judge("cluster-9", most, note=note, because="twin"),
+    ]
+
+
+def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims.Verdict]:
+    """Return the verdicts on Table 5.11.
+
+    The sentences on gains speak of averages, so means over the three combinations of a 2D
+    detector decide.
+
+    Parameters
+    ----------
+    attempts
+        Of `compare_methods`; without the clouds alone cluster-6 is left out.
+    seed
+        Of the draws of frames.
+    note
+        How many frames, and which scoring distance.
+    """
+    rates = sum_counts(attempts, ["method"]).set_index("method")[["precision", "recall", "f1"]]
+    draws = resampled_rates(attempts, seed)
+    f1, best = rates["f1"], str(rates["f1"].idxmax())
+    first = share(draws["f1"].idxmax(axis=1) == best)
+    ranked = {f"first is {best}": best == "Combi SIFT+DBSCAN"}
+    verdicts = [
+        *_gain_verdicts(rates, draws, f"{note}; mean of three combinations"),
+        claims.judge("combi-2", ranked, note=f"{note}; first {first}", because="twin"),
+    ]
+    verdicts.sort(key=lambda verdict: verdict.id)
+    clouds = f1[f1.index.str.startswith("3D")]
+    if clouds.empty:
+        return verdicts
+    lower = f1[["2D-OTSU", "2D-SIFT"]].min()
+    below = {f"{name} {value:.3f} about 0.6": about(value, "0.6") for name, value in clouds.items()}
+    below |= {f"{name} below {lower:.3f}": bool(value < lower) for name, value in clouds.items()}
+    bound = "about 0.6 is 0.55 to 0.65, at most 0.5 to 0.7: bounds of ours"
+    return [claims.judge("cluster-6", below, note=f"{note}; {bound}", because="twin"), *verdicts]
+
+
+def _gain_verdicts(
+    rates: pd.DataFrame, draws: Mapping[str, pd.DataFrame], note: str
+) -> list[claims.Verdict]:
+    """Return the verdicts on what combinations gain on their 2D detector."""
+    gains, of_draws = mean_gains(rates.T).T, {name: mean_gains(draws[name]) for name in draws}
+    otsu, sift = (gains.loc[name].astype(float).to_dict() for name in ("OTSU", "SIFT"))
+    much = {
+        f"recall {otsu['recall']:+.3f} > 0": otsu["recall"] > 0,
+        f"precision {otsu['precision']:+.3f} < 0": otsu["precision"] < 0,
+        "falls by less than recall rises": abs(otsu["precision"]) < otsu["recall"],
+    }
+    both = {f"{name} {sift[name]:+.3f} > 0": sift[name] > 0 for name in ("precision", "recall")}
+    spread = [", ".join(f"{name} {interval(of_draws[name][detector])}" for name in draws)
+              for detector in ("OTSU", "SIFT")]  # fmt: skip
+    mean = ", ".join(f"{name} {interval(of_draws['f1'][name])}" for name in gains.index)
+    return [
+        claims.judge("combi-1", gains["f1"], note=f"{note}; {mean}", because="twin"),
+        claims.judge("combi-3", much, note=f"{note}; {spread[0]}", because="twin"),
+        claims.judge("combi-4", both, note=f"{note}; {spread[1]}", because="twin"),
+    ]
+
+
+def mean_gains(rates: pd.DataFrame) -> pd.DataFrame:
+    """Return what combinations gain on their own 2D detector, mean of the three.
+
+    Parameters
+    ----------
+    rates
+        A rate in columns by method of Table 5.11; a row each.
+
+    Returns
+    -------
+    DataFrame
+        Columns OTSU and SIFT.
+    """
+    parts = {
+        name: rates.filter(regex=rf"^Combi {name}\+").mean(axis=1) - rates[f"2D-{name}"]
+        for name in ("OTSU", "SIFT")
+    }
+    return pd.DataFrame(parts)

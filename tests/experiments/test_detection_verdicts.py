@@ -1,0 +1,178 @@
+from itertools import product
+
+import pandas as pd
+import pytest
+
+from kilnflight.experiments import detection_claims
+from kilnflight.experiments import detection_verdicts as verdicts_of
+from kilnflight.project import claims
+
+SUBSETS = ("V1", "V2", "V3", "V4", "V5")
+
+
+def counted(rows):
+    table = pd.DataFrame(rows).assign(frame=0, seconds=0.1)
+    counts = table[["tp", "fp", "fn"]]
+    return table.join(counts.add_suffix("_pixels")).join(counts.add_suffix("_near"))
+
+
+def outcomes(verdicts):
+    return {verdict.id: verdict.verdict for verdict in verdicts}
+
+
+def reproduced(verdicts):
+    return {name for name, verdict in outcomes(verdicts).items() if verdict == claims.REPRODUCED}
+
+
+def backgrounds(**correct):
+    """Return 1000 particles for each background, so many of them detected."""
+    rows = [
+        {"model": model, "subset": subset, "tp": tp, "fp": 1000 - tp, "fn": 1000 - tp}
+        for model, tp in correct.items()
+        for subset in ("V1", "V2")
+    ]
+    return counted(rows)
+
+
+def test_backgrounds_are_ranked_by_f1():
+    f1 = {"Median": 900, "Mean": 895, "Adaptive": 889, "ThreeFrame": 400, "TwoFrame": 300}
+    traces = {"Mean": 5.0, "Median": 6.0}
+    verdicts = verdicts_of.background_verdicts(backgrounds(**f1), traces, 0, "a frame")
+    assert reproduced(verdicts) == {"bg-1", "bg-2", "bg-3", "bg-5"}
+    assert verdicts[0].reason == "a frame; first in 100% of the draws of frames"
+    assert verdicts[4].reason == "a frame; 95 % [+0.495, +0.495]"
+    alone = verdicts_of.background_verdicts(backgrounds(**f1), {}, 0, "a frame")
+    assert [verdict.id for verdict in alone] == ["bg-1", "bg-2", "bg-3", "bg-4", "bg-5"]
+
+
+def pictures(otsu, sift, v5=(600, 700)):
+    """Return 1000 particles of a class each; shares of class 3 that are detected, by subset."""
+    rows = []
+    for method, unlit, fifth in (("Otsu", otsu, v5[0]), ("SIFT", sift, v5[1])):
+        for subset, share in zip(SUBSETS, unlit, strict=True):
+            tp = fifth if subset == "V5" else 950
+            row = {"method": method, "subset": subset, "tp": tp, "fp": 10, "fn": 1000 - tp}
+            for kind, found in ((2, 0.99), (3, share), (4, 0.9)):
+                row |= {f"tp_{kind}": round(1000 * found), f"fn_{kind}": round(1000 * (1 - found))}
+            rows.append(row)
+    return counted(rows)
+
+
+TIMES = pd.DataFrame({"threshold": [400, 1000], "measured_s": [2.0, 1.0]})
+
+
+def test_otsu_agrees_only_as_far_as_it_was_fitted_and_our_time_decides_nothing():
+    table = pictures((0.2, 0.2, 0.2, 0.1, 0.3), (0.5, 0.5, 0.5, 0.4, 0.55))
+    verdicts = verdicts_of.picture_verdicts(table, TIMES, 0, "a frame")
+    assert [v.id for v in verdicts] == [f"otsu-{n}" for n in range(1, 5)] + [
+        f"sift-{n}" for n in range(1, 5)
+    ]
+    assert reproduced(verdicts) == {"otsu-2", "otsu-3", "sift-1", "sift-2", "sift-3"}
+    assert {v.id for v in verdicts if v.because == "method"} == {"sift-4"}
+
+
+@pytest.mark.parametrize(
+    ("sift", "verdict"),
+    [
+        ((0.9, 0.1, 0.5, 0.5, 0.5), claims.REPRODUCED),  # the sentence speaks of the average
+        ((0.6, 0.6, 0.6, 0.6, 0.6), claims.NOT_DECIDABLE),
+        ((0.8, 0.7, 0.8, 0.6, 0.8), claims.NOT_REPRODUCED),
+    ],
+)
+def test_about_half_on_average_is_a_bound_of_ours(sift, verdict):
+    table = pictures((0.2, 0.2, 0.2, 0.1, 0.3), sift)
+    assert outcomes(verdicts_of.picture_verdicts(table, TIMES, 0, ""))["sift-2"] == verdict
+
+
+def test_unlit_particles_are_missed_most_where_the_thesis_misses_all():
+    table = pictures((0.2, 0.1, 0.2, 0.15, 0.3), (0.5,) * 5)
+    verdicts = {v.id: v for v in verdicts_of.picture_verdicts(table, TIMES.iloc[:0], 0, "")}
+    assert "sift-4" not in verdicts
+    assert "V4 lowest: NO" in verdicts["otsu-3"].measured
+    assert "V4 lowest in 0% of the draws" in verdicts["otsu-3"].reason
+
+
+def cloud_attempts():
+    """Return a frame of two subsets with every published setting; ten particles of each class."""
+    rows = [
+        {
+            "family": family,
+            "row": row,
+            "subset": subset,
+            "tp": 20,
+            "fp": 50 - 2 * row,
+            "fn": 10 + row,
+        }
+        for family, table in detection_claims.TABLES.items()
+        for subset, row in product(("V1", "V4"), claims.published(table).index)
+    ]
+    table = counted(rows)
+    for label, tp in ((2, 10), (3, 6), (4, 4)):
+        table[f"tp_{label}"], table[f"fn_{label}"] = tp, 10 - tp
+    return table
+
+
+def test_clusterers_that_are_alike_reproduce_no_difference():
+    verdicts = verdicts_of.cluster_verdicts(cloud_attempts(), "a frame")
+    found = reproduced(verdicts)
+    assert "cluster-1" in found  # FP falls and FN rises with the row
+    assert "cluster-4" not in found
+    assert {"cluster-7", "cluster-8"} <= found  # all of class 2, 0.4 of class 4
+    by_id = {verdict.id: verdict for verdict in verdicts}
+    assert by_id["cluster-8"].measured == "V1 0.4, V4 0.4"
+    assert by_id["cluster-3"].verdict == claims.NOT_DECIDABLE
+
+
+def test_mo_may_miss_what_burns_in_v4_as_printed():
+    table = cloud_attempts()
+    v4 = (table["family"] == "mo") & (table["subset"] == "V4")
+    table.loc[v4, ["tp_2", "fn_2"]] = [0, 10]
+    assert "cluster-7" in reproduced(verdicts_of.cluster_verdicts(table, ""))
+    table.loc[table["family"] == "dbscan", ["tp_2", "fn_2"]] = [0, 10]
+    assert "cluster-7" not in reproduced(verdicts_of.cluster_verdicts(table, ""))
+
+
+def methods(changes, clouds=600):
+    """Return Table 5.11 of a frame: what each combination changes of 1000 TP and 100 FP."""
+    rows = [{"method": f"2D-{name}", "tp": 700, "fp": 100, "fn": 300} for name in ("OTSU", "SIFT")]
+    for pair, (tp, fp) in changes.items():
+        rows.append({"method": f"Combi {pair}", "tp": 700 + tp, "fp": 100 + fp, "fn": 300 - tp})
+    names = ("DBSCAN", "MO-based", "QCC") if clouds else ()
+    for name in names:
+        row = {"method": f"3D-{name} Clustering", "tp": clouds, "fp": 1000 - clouds}
+        rows.append(row | {"fn": 1000 - clouds})
+    return counted(rows).assign(subset="V1")
+
+
+def pairs(otsu, sift):
+    names = ("DBSCAN", "MO", "QCC")
+    return {f"OTSU+{name}": otsu[k] for k, name in enumerate(names)} | {
+        f"SIFT+{name}": sift[k] for k, name in enumerate(names)
+    }
+
+
+def test_gains_are_averages_over_the_three_combinations():
+    """One of three may lose (section 5.1.3: "on average")."""
+    changes = pairs([(100, 20), (-30, 0), (100, 20)], [(120, -20), (-10, -20), (50, -20)])
+    verdicts = verdicts_of.combination_verdicts(methods(changes), 0, "a frame")
+    names = ["cluster-6", "combi-1", "combi-2", "combi-3", "combi-4"]
+    assert [verdict.id for verdict in verdicts] == names
+    assert reproduced(verdicts) == set(names)
+
+
+def test_means_that_fall_fail_and_a_fall_larger_than_the_rise_is_not_slight():
+    changes = pairs([(20, 300)] * 3, [(-20, 10)] * 3)
+    verdicts = verdicts_of.combination_verdicts(methods(changes, clouds=0), 0, "a frame")
+    assert outcomes(verdicts) == dict.fromkeys(
+        ("combi-1", "combi-2", "combi-3", "combi-4"), claims.NOT_REPRODUCED
+    )
+    assert {verdict.because for verdict in verdicts} == {"twin"}
+
+
+@pytest.mark.parametrize(
+    ("clouds", "verdict"),
+    [(600, claims.REPRODUCED), (660, claims.NOT_DECIDABLE), (400, claims.NOT_REPRODUCED)],
+)
+def test_the_clouds_alone_are_about_0_6_as_printed(clouds, verdict):
+    table = methods(pairs([(0, 0)] * 3, [(0, 0)] * 3), clouds)
+    assert outcomes(verdicts_of.combination_verdicts(table, 0, ""))["cluster-6"] == verdict
