@@ -3,11 +3,11 @@
 #
 # **Published** (thesis, sections 4.3 and 5.2.4, Figs 4.22 to 4.24, 5.16, Table 5.18). Tracks in
 # space scatter too much in depth for statistics. Each is fitted with three polynomials in time
-# that pass the lance's exit at one moment. RMSE in depth is far above the others, MAPE is lowest
+# that pass the lance's outlet at one moment. RMSE in depth is far above the others, MAPE is lowest
 # there, and orders above 6 bring nothing.
 #
 # **Here.** All tracks of the twin's eight campaigns after post-processing, positions as detected.
-# The exit of the lance is known, as it was to the authors. Orders and t0 are chosen as section
+# The outlet of the lance is known, as it was to the authors. Orders and t0 are chosen as section
 # 4.3 describes. On the twin the true trajectory is known too; how far the fit is from it is in
 # notebook 56.
 

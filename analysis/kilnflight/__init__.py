@@ -23,7 +23,7 @@ detection        Otsu, DoG; DBSCAN, MO, QCC; combined 2D+3D detector; the wall
 association      gated pairs -> weights: NN, GNN, PDA, exact JPDA
 tracking         detections -> tracks: predict, gate, associate, update
 tracklets        tracklets -> trajectories, chapter 4.2
-regression       trajectories -> polynomials through the lance's exit, chapter 4.3
+regression       trajectories -> polynomials through the lance's outlet, chapter 4.3
 flight           trajectories -> flights: dwell time, velocity by metre, section 5.3
 ignition         when a particle ignites
 scores           detections, tracks and flights against the truth, with intervals

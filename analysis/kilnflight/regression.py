@@ -1,4 +1,4 @@
-"""Trajectories: polynomials through the lance's exit at one t0 (sec. 4.3).
+"""Trajectories: polynomials through the lance's outlet at one t0 (sec. 4.3).
 
     tracks -> `regress_all` -> `kilnflight.tables.TRAJECTORIES` -> `fits`
 

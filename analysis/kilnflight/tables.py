@@ -195,11 +195,11 @@ TRAJECTORIES = Table(
     Column("points", int, "1", "number of its detections with depth"),
     Column("first_s", float, "s", "time of the first of them", missing=True),
     Column("last_s", float, "s", "time of the last of them", missing=True),
-    Column("t0_s", float, "s", "time at the lance's exit", missing=True),
+    Column("t0_s", float, "s", "time at the lance's outlet", missing=True),
     Column("t0_earliest_s", float, "s", "where the range of t0 begins", missing=True),
     Column("t0_latest_s", float, "s", "where the range of t0 ends", missing=True),
     Column("t0_at_bound", int, "1", "-1: t0 is the earliest, 1: the latest, 0: between"),
-    *_per_axis("exit_{}", float, "mm", "the lance's exit"),
+    *_per_axis("exit_{}", float, "mm", "the lance's outlet"),
     *_per_axis("order_{}", int, "1", "order of the polynomial, 0: none"),
     *(
         column

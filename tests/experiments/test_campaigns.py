@@ -138,5 +138,5 @@ def test_each_order_is_measured_on_the_same_tracks_those_too_short_left_out():
 
 def test_orders_need_the_exit_of_the_lance():
     _, results = results_of_orders(exit_point=None)
-    with pytest.raises(InputError, match="the lance's exit is not known"):
+    with pytest.raises(InputError, match="the lance's outlet is not known"):
         campaigns.measures_by_order(results)

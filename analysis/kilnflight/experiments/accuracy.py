@@ -418,6 +418,6 @@ def _true_places(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame, axes: 
 def fit_tracks(run: KilnRun, table: pd.DataFrame) -> dict[int, regression.Fit]:
     """Return the trajectories by track of a table that did not come from the chain."""
     if run.exit_point_mm is None:
-        raise InputError(f"{run.detection.source.name}: the lance's exit is not known.")
+        raise InputError(f"{run.detection.source.name}: the lance's outlet is not known.")
     rate, method = run.frame_rate_hz, run.regression
     return regression.fits(regression.regress_all(tracked(table), run.exit_point_mm, rate, method))

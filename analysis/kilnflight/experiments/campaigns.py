@@ -364,7 +364,7 @@ def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
         fits, tracks = fits_from_lance(results.tables, campaign.key, most)
         rate, exit_point = campaign.run.frame_rate_hz, campaign.run.exit_point_mm
         if exit_point is None:
-            raise InputError(f"{campaign.key}: the lance's exit is not known.")
+            raise InputError(f"{campaign.key}: the lance's outlet is not known.")
         methods = {order: regression.Regression(lowest=order, highest=order) for order in orders}
         long = [k for k, fit in fits.items() if fit.points >= methods[orders[-1]].fewest]
         for particle, order in product(long, orders):

@@ -144,7 +144,7 @@ def lance_of(twin: Twin) -> Lance:
     """Return where the lance of a recording is, as a person would mark it once."""
     attributes = twin.attributes
     if attributes.exit_point_mm is None:
-        raise InputError(f"{attributes.name}: the lance's exit is not known.")
+        raise InputError(f"{attributes.name}: the lance's outlet is not known.")
     row, col = twin.scene.geometry.lance_pixel
     return Lance(float(row), float(col), float(attributes.exit_point_mm[2]))
 

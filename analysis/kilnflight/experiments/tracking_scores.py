@@ -30,7 +30,7 @@ READINGS = (ALL, FROM_LANCE)
 
 
 class Lance(NamedTuple):
-    """Where the exit of the lance is: in the picture (px), and its depth (mm)."""
+    """Where the outlet of the lance is: in the picture (px), and its depth (mm)."""
 
     row: float
     col: float
@@ -76,7 +76,7 @@ class FromLance:
         tracks
             ``frame``, ``particle``, ``row``, ``col``; ``z`` in mm, NaN where there is no depth.
         lance
-            Exit of the lance; without a number the picture cannot be judged.
+            Outlet of the lance; without a number the picture cannot be judged.
         """
         check_columns(tracks, ["frame", "particle", "row", "col", "z"], "FromLance: tracks")
         if not np.isfinite(lance).all():

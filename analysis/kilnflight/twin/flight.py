@@ -203,7 +203,7 @@ def launch(
 
 
 def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
-    """Return the velocity in m/s at the lance's exit, before its spread, (n,).
+    """Return the velocity in m/s at the lance's outlet, before its spread, (n,).
 
     From rest over the length of the lance, against wall friction and solids friction.
     """
