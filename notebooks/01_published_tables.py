@@ -82,7 +82,8 @@ equation[["quantity", "printed", "recomputed"]]
 cell = checks[(checks["where"] == "Table 5.10, K=30, alpha=0.1") & (checks["quantity"] == "f1")]
 printed, exact, agrees = cell[["printed", "recomputed", "agrees"]].iloc[0]
 conditions = {f"printed {printed} is the recomputed {exact:.4f}": bool(agrees)}
-verdicts = [claims.judge("cluster-10", conditions, note="recomputed from the printed counts")]
+note = "recomputed from the printed counts"
+verdicts = [claims.judge("cluster-10", conditions, note=note, because="misprint")]
 depends = int(wrong["consequence"].str.match("yes|in part").sum())
 result = (
     f"{len(checks)} printed values recomputed; {len(wrong)} disagree, "

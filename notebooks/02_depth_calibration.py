@@ -120,20 +120,22 @@ figures.save("fig-2-15-plate-depth", plates, picture=picture, caption=caption, p
 # %%
 bias = plates["published_mm"] - 1000.0 * metres
 bias.index = [f"{m:.0f} m" for m in metres]
+scatter = "the scatter is an input here, set to the words of the text"
 exact = "from Eq. 2.4 alone: captured minus true depth, the nearer solution"
 other = camera.captured_depths(3000.0)[0] - 3000.0
 far = {f"{m}: {abs(b):.0f} mm": abs(b) < bias["8 m"] for m, b in bias.loc["9 m":].items()}
 
 # %%
 verdicts = [
-    claims.undecidable("depth-1", "the scatter is an input here, set to the words of the text"),
+    claims.undecidable("depth-1", scatter, because="twin"),
     claims.judge(
         "depth-2",
         bias.loc["3 m":"5 m"].abs(),
-        note=f"{exact}; the other one at 3 m is {other:.0f} mm off",
+        note=f"{exact}; the other one at 3 m is {other:.0f} mm off; equation and sentence differ",
+        because="misprint",
     ),
-    claims.judge("depth-3", bias.loc["6 m":"8 m"], note=exact),
-    claims.judge("depth-4", far, note=f"{exact}; at 8 m it is {bias['8 m']:.0f} mm"),
+    claims.judge("depth-3", bias.loc["6 m":"8 m"], note=exact, because="misprint"),
+    claims.judge("depth-4", far, note=f"{exact}; at 8 m {bias['8 m']:.0f} mm", because="misprint"),
 ]
 result = (
     f"Eq. 2.4 jumps by {published.jumps()[0]:.0f} mm at 3 m and reverses the order of depths "

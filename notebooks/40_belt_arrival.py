@@ -1,5 +1,8 @@
 # %% [markdown]
 # # When a particle leaves the sorting belt
+#
+# The 2020 paper compares six models of when a particle leaves the belt; we run them on the authors'
+# tracks and on our own simulated sorter.
 
 # %% tags=["hide-input"]
 import numpy as np

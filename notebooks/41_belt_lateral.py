@@ -1,5 +1,8 @@
 # %% [markdown]
 # # Where a particle leaves the sorting belt
+#
+# The 2020 paper compares seven models of where across the belt a particle leaves; we run them on
+# the authors' tracks and on our own simulated sorter.
 
 # %% tags=["hide-input"]
 import pandas as pd

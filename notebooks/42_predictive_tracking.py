@@ -1,5 +1,8 @@
 # %% [markdown]
 # # Predictive tracking of particles on a belt
+#
+# The 2016 paper tracks spheres on the belt, from exact positions and from images, and predicts
+# where and when they leave; we do the same with our own simulated sorter.
 
 # %% tags=["hide-input"]
 from IPython.display import Markdown

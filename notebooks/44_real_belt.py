@@ -1,5 +1,8 @@
 # %% [markdown]
 # # The tracker and the models on a real sorting belt
+#
+# The authors published positions measured on their real sorter, and no result on them; we track
+# them at each recording's own velocity and apply the models of 2020.
 
 # %% tags=["hide-input"]
 from itertools import product

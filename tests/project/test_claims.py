@@ -32,7 +32,8 @@ def test_every_claim_has_an_id_of_its_own_and_says_what_is_expected():
     [
         (200.0, "reproduced"),
         ([200.0, 450.0], "reproduced"),
-        ([300.0, 450.1], "not reproduced"),
+        ([300.0, 450.1], "not decidable"),
+        ([300.0, 500.1], "not reproduced"),
         (-300.0, "not reproduced"),
     ],
 )

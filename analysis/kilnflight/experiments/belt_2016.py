@@ -383,7 +383,7 @@ def judge_materials(parts: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFra
     rows = []
     for (source, material), table in parts.items():
         for claim, answer in tracking_answers(table).items():
-            verdict = claims.judge(claim, answer)
+            verdict = claims.judge(claim, answer, because="twin")
             holds = "yes" if verdict.verdict == claims.REPRODUCED else "no"
             of_images = claim in ("belt16-3", "belt16-5")
             where = "own pictures, 200 frames/s" if of_images else source
@@ -419,9 +419,34 @@ def judge_spheres(
         "belt16-5": "; interquartile range and median",
     }
     answers = tracking_answers(every[every["material"] == "spheres"])
-    verdicts = [claims.judge(id, answers[id], note=note + text) for id, text in details.items()]
+    verdicts = {
+        id: claims.judge(id, answers[id], note=note + text, because="twin")
+        for id, text in details.items()
+    }
     if fitted:
         aim = "friction and slide were fitted to how fast the authors' spheres move, both along "
         aim += "the belt and across it"
-        verdicts[1], verdicts[3] = (claims.fitted(verdicts[k], aim) for k in (1, 3))
-    return verdicts
+        for id in ("belt16-1", "belt16-2", "belt16-4"):
+            verdicts[id] = claims.fitted(verdicts[id], aim)
+    for id, (cause, reason) in _unsettled(every).items():
+        if verdicts[id].verdict == claims.REPRODUCED:
+            measured = verdicts[id].measured
+            verdicts[id] = claims.undecidable(id, f"{note}; {reason}", measured, because=cause)
+    return list(verdicts.values())
+
+
+def _unsettled(every: pd.DataFrame) -> dict[str, tuple[str, str]]:
+    """Return why agreement with a claim on images settles nothing: cause and reason.
+
+    "Very accurate" says nothing of the tracker where a straight prediction passes as well. The bias
+    from images hangs on settings of the filter and of the corners that nobody printed.
+    """
+    straight = every.query("material == 'spheres' and data == 'images' and approach == @STRAIGHT")
+    share = float((straight["lateral_mm"].abs() < 1.5).mean()) if len(straight) else 0.0
+    settings = "agrees, but the half on the bias changes with the filter's settings and with "
+    settings += "corners off by 1 px, which are not printed; the half on the spread does not"
+    unsettled = {"belt16-5": ("method", settings)}
+    if share > 0.75:
+        reason = f"agrees, but so does a straight prediction from images ({100 * share:.1f} %)"
+        unsettled["belt16-3"] = ("criterion", reason)
+    return unsettled

@@ -298,7 +298,9 @@ def describe_changes(by_rate: pd.DataFrame, answers: Answers) -> str:
         table = by_rate[by_rate["sampling_hz"] == rate]
         for data_set, part in (("", table), *table.groupby("data_set")):
             for claim, answer in answers(part).items():
-                verdict_of[claim, str(data_set)] = claims.judge(claim, answer).verdict
+                verdict_of[claim, str(data_set)] = claims.judge(
+                    claim, answer, because="method"
+                ).verdict
     changed = sorted(
         key for key, verdict in verdicts[slowest].items() if verdict != verdicts[fastest][key]
     )
@@ -339,7 +341,8 @@ def verdicts_by_source(
     rows = []
     for (source, rate), table in pd.concat([others, by_rate]).groupby(["source", "sampling_hz"]):
         for claim, answer in answers(table).items():
-            verdict = claims.judge(claim, answer)
+            because = "twin" if source == OWN else "method"
+            verdict = claims.judge(claim, answer, because=because)
             rows.append((source, rate, claim, verdict.verdict, verdict.measured))
     return pd.DataFrame(rows, columns=["source", "sampling_hz", "id", "verdict", "measured"])
 
