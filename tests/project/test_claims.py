@@ -101,8 +101,8 @@ def test_the_truth_tells_whether_the_twin_or_the_chain_is_the_cause(truth, becau
 
 
 def test_a_cause_that_is_named_holds_where_the_truth_agrees():
-    assert claims.judge("ign-1", 0.2, truth=0.0, because="method").because == "method"
-    assert claims.judge("ign-1", 0.2, truth=0.0).because == "chain"
+    assert claims.judge("wall-5", 0.2, truth=0.0, because="method").because == "method"
+    assert claims.judge("wall-5", 0.2, truth=0.0).because == "chain"
 
 
 @pytest.mark.parametrize("give", [claims.judge, claims.undecidable])
@@ -142,7 +142,7 @@ def test_every_bound_is_printed_or_ours_and_words_allow_more_than_our_bound():
 def test_what_is_not_reproduced_and_names_no_cause_is_found():
     verdicts = [
         claims.judge("wall-5", 0.2),
-        claims.judge("ign-1", 0.0),
+        claims.judge("otsu-1", 0.95),
         claims.judge("depth-3", 900.0, because="misprint"),
     ]
     table = claims.collect([claims.verdict_table(verdicts, "02_x")])
