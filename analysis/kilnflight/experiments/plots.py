@@ -284,7 +284,9 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
         _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
     for stage, shift in (("without", 0.33), ("with", 0.25)):
         place = np.arange(len(wide)) + shift
-        axes.hlines(place, wide["low"][stage], wide["high"][stage], color="black", lw=0.4)
+        known = wide["recomputed"][stage].notna()
+        ends = (wide[end][stage][known] for end in ("low", "high"))
+        axes.hlines(place[known], *ends, color="black", lw=0.4)
     axes.set_yticks(range(len(wide)), [f"{name}, {tracker}" for name, tracker in wide.index])
 
 

@@ -150,10 +150,16 @@ def lance_of(twin: Twin) -> Lance:
 
 
 def cells(
-    windows: Iterable[Window], trackers: Mapping[str, Tracker], readings: Sequence[str] = READINGS
+    windows: Iterable[Window],
+    trackers: Mapping[str, Tracker],
+    readings: Sequence[str] = READINGS,
+    first: int = 1,
 ) -> Iterator[tuple[Scored, float]]:
-    """Yield every cell of Table 5.17 in some readings, and the seconds of its stage."""
-    for window, (number, (name, tracker)) in product(windows, enumerate(trackers.items(), 1)):
+    """Yield every cell of Table 5.17 in some readings, and the seconds of its stage.
+
+    The first tracker has the number ``first`` among the seeds of intervals.
+    """
+    for window, (number, (name, tracker)) in product(windows, enumerate(trackers.items(), first)):
         place = FRACTION_NUMBERS[window.fraction]
         for stage, tracks, seconds in track_and_postprocess(window, tracker):
             for reading in readings:

@@ -1,0 +1,93 @@
+"""Peers and ours in both readings on made-up windows."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.experiments import tracker_ranks
+from kilnflight.experiments.tracking import Window
+from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
+
+LANCE = Lance(row=500.0, col=900.0, depth_mm=6500.0)
+
+
+class Flat:
+    shape = (1536, 2048)
+
+    def __call__(self, first, last, top, left, bottom, right):
+        return np.ones((bottom - top, right - left)) * (last - first + 1)
+
+
+def window_of(fraction):
+    """Twelve trajectories from the lance and twelve from elsewhere, at the same times."""
+    frame = np.arange(12 * 30)
+    frame = frame[frame % 30 < 20]
+    here = pd.DataFrame({"frame": frame, "particle": frame // 30, "row": 500.0})
+    here = here.assign(col=900.0 + 20.0 * (frame % 30), x=0.0, y=0.0, z=6500.0)
+    there = here.assign(row=1200.0, particle=here["particle"] + 12)
+    truth = pd.concat([here, there]).sort_values("frame", ignore_index=True)
+    seen = truth.drop(columns="particle")
+    return Window(fraction, "made up", range(360), seen, truth, Flat(), LANCE)
+
+
+def from_lance(seen):
+    """Follow what comes from the lance."""
+    return seen.assign(particle=(seen["frame"] // 30).where(seen["row"] < 1000, -1))
+
+
+def everything(seen):
+    return seen.assign(particle=seen["frame"] // 30 + 12 * (seen["row"] > 1000))
+
+
+def half(seen):
+    """Follow every other trajectory."""
+    return everything(seen).assign(
+        particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1)
+    )
+
+
+def refuses(seen):
+    if seen["frame"].max() < 1000:
+        raise InputError("too dense.")
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    windows = [window_of("wood chip"), window_of("confetti")]
+    trackers = {"GNN, ours": half, "A": everything, "B": from_lance, "C": refuses}
+    scores, cells = tracker_ranks.score(windows, trackers)
+    return scores, tracker_ranks.ahead_of_ours(scores, cells)
+
+
+def test_every_tracker_has_both_readings(ranked):
+    scores, _ = ranked
+    assert scores.groupby(["fraction", "tracker"]).size().eq(4).all()
+    assert scores.loc[scores["tracker"] == "C", "beta"].isna().all()
+    assert scores.loc[scores["tracker"] == "C", "note"].eq("not run: too dense.").all()
+    plain = scores[scores["postprocessing"] == "without"].set_index(["tracker", "reading"])
+    assert plain.loc[("B", FROM_LANCE), "beta"].tolist() == [1.0, 1.0]
+    assert plain.loc[("B", ALL), "beta"].tolist() == [0.5, 0.5]
+
+
+def test_ranks_are_by_the_mean_and_beside_our_best(ranked):
+    ranks = ranked[1].set_index(["reading", "postprocessing", "tracker"])
+    assert "C" not in ranks.index.get_level_values("tracker")
+    assert ranks["ours"].eq("GNN, ours").all()
+    ahead = ranks.loc[(FROM_LANCE, "without", "B")]
+    assert (ahead["beta"], ahead["beta_minus_ours"]) == (1.0, 0.5)
+    assert 0.2 < ahead["difference_low"] < 0.5 < ahead["difference_high"] < 0.8
+    even = ranks.loc[(ALL, "without", "B")]
+    assert even["difference_low"] < even["beta_minus_ours"] == 0 < even["difference_high"]
+
+
+def test_the_description_names_all_and_who_did_not_run(ranked):
+    text = tracker_ranks.describe(ranked[1], ranked[0])
+    assert "from the lance, without post-processing: A 1.000 (+0.500, " in text
+    assert text.endswith("Not run on every window: C.")
+
+
+def test_nobody_of_ours_is_no_rank(ranked):
+    scores, cells = tracker_ranks.score([window_of("confetti")], {"A": everything})
+    assert tracker_ranks.ahead_of_ours(scores, cells).empty
+    assert len(tracker_ranks.draw(ranked[0]).axes) == 4
