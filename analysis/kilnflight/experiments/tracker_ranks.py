@@ -50,12 +50,12 @@ def score(
         try:
             part = list(cells([window], {name: tracker}, first=number))
         except InputError as error:
-            row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
-            both = product(STAGES, READINGS)
-            rows += [row | {"postprocessing": stage, "reading": read} for stage, read in both]
+            for stage, reading in product(STAGES, READINGS):
+                row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
+                rows.append({**row, "reading": reading, "note": f"not run: {error}"})
             continue
         found += [cell for cell, _ in part]
-        rows += [row_of(cell) | {"seconds": seconds, "note": ""} for cell, seconds in part]
+        rows += [{**row_of(cell), "seconds": seconds, "note": ""} for cell, seconds in part]
     return pd.DataFrame(rows).reindex(columns=COLUMNS), found
 
 
