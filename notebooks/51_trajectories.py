@@ -34,7 +34,8 @@ results = campaigns.results(scale, seed, jobs)
 count = campaigns.count_tracks(results)
 caption = (
     "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
-    "after post-processing, and tracks that start at the lance."
+    "after post-processing, tracks that start at the lance, and how many of these are refused, as "
+    "no particle flies like their trajectories in space (notebook 50 says why)."
 )
 figures.save("campaign-tracks", count, caption=caption, provenance=origin)
 
@@ -54,7 +55,7 @@ for campaign in results.campaigns:
 names = list(dict.fromkeys(name for name, _ in sums))
 captions = {
     name: f"{name.capitalize()}s at each pressure: sum of the differences of {pictures} "
-    f"neighbouring frames, and all trajectories from the lance; after Fig. A.{k + 1}."
+    f"neighbouring frames, and trajectories from the lance but the refused; after Fig. A.{k + 1}."
     for k, name in enumerate(names)
 }
 drawn = {name: plots.draw_sums_and_tracks(name, sums, by_campaign) for name in names}
@@ -83,5 +84,8 @@ saved[-1]
 
 # %%
 parts = [f"{row.fraction} {row.pressure_bar} bar {row.from_lance}" for row in count.itertuples()]
-result = f"Trajectories from the lance: {', '.join(parts)}."
+result = (
+    f"Trajectories from the lance: {', '.join(parts)}. Of these {count['refused'].sum()} are "
+    "refused and not drawn."
+)
 figures.conclude(result, [], origin)

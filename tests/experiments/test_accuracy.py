@@ -7,7 +7,7 @@ import pytest
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import accuracy, campaigns
 from kilnflight.experiments.accuracy import FlightTables, compare, errors
-from kilnflight.experiments.campaigns import Measurement, Settings
+from kilnflight.experiments.campaigns import Settings
 from kilnflight.experiments.tracking import true_particles
 
 LEARNED = Settings(300.0, Cylinder((0.0, 400.0, 7000.0), (0.0, 0.0, 1.0), 700.0), 740.0)
@@ -32,6 +32,8 @@ FLIGHTS = pd.DataFrame(
         "ignition_s": [0.15, np.nan, 0.3, np.nan],
         "first_s": [0.0, 0.0, 0.0, 0.0],
         "last_s": [0.3, 0.2, 0.5, 0.1],
+        "t0_s": [-0.01, 0.0, 0.0, 0.0],
+        "refused": ["", "", "", ""],
     }
 )
 SLICES = pd.DataFrame({"particle": [1, 3], "slice_m": [1.0, 1.0], "velocity_m_s": [5.5, 9.0]})
@@ -46,22 +48,14 @@ def test_the_longest_track_of_a_particle_counts_and_false_flights_come_last():
     assert both["true_dwell_s"].notna().tolist() == [True, True, True, False]
 
 
-def test_endings_stand_by_the_true_ones_and_nothing_is_left_out():
-    key = {"fraction": "chip", "pressure_bar": 4.5}
-    both = compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE).assign(**key)
-    tables = Measurement(None, None, FLIGHTS.assign(**key), None)
-    data = accuracy.flights_and_particles(tables, both)
-    assert data["true_s"].notna().sum() == 3
-    assert data["measured_s"].notna().sum() == 3  # all flights from the lance
-    endings = accuracy.ending_table(data).set_index("true").drop(columns=list(key))
-    assert endings.index.tolist() == ["burnt out", "landed unlit", accuracy.NOT_WHOLE]
-    assert endings.loc["burnt out"].to_dict() == {
-        **{"landed unlit": 0, "landed burning": 1, "burnt out": 0, "lost": 0},
-        "not measured": 0,
-    }
-    assert endings.loc["landed unlit", "not measured"] == 2
-    assert endings.loc[accuracy.NOT_WHOLE, "lost"] == 2  # a shorter track and a false flight
-    assert endings.drop(index=accuracy.NOT_WHOLE).to_numpy().sum() == 3
+def test_lost_flights_have_no_dwell_time_and_refused_ones_are_not_there():
+    alive = FLIGHTS.assign(ending=["lost", "landed", "lost", "lost"])
+    both = compare(FlightTables(alive, SLICES, OWNERS), TRUE)
+    assert both["track"].tolist() == [1, -1, -1, 3]  # the longest, although it was lost
+    assert both["measured_dwell_s"].isna().all()
+    refused = FLIGHTS.assign(refused=["leaves the kiln", "", "faster than the air", ""])
+    both = compare(FlightTables(refused, SLICES, OWNERS), TRUE)
+    assert both["track"].tolist() == [2, -1, -1]
 
 
 def test_errors_are_those_of_measurable_particles():

@@ -94,6 +94,32 @@ def test_only_flights_from_the_lance_count_and_slices_behind_it_do_not():
     np.testing.assert_allclose(values.reached_m, [1.5, 2.4], rtol=1e-3)
 
 
+def test_only_complete_flights_have_a_dwell_time_and_refused_ones_do_not_count():
+    one = FLOWN.assign(ending=["lost", "burnt out", "landed"], last_s=[0.25, 0.4, 9.0])
+    values = campaigns.flight_values(FITTED, one, SLICED)
+    assert values.dwell_s.tolist() == [0.4]
+    assert values.censored_s.tolist() == [0.25]  # last detected 0.25 s after it left, at t0 = 0
+    assert len(values.ignition_s) == len(values.reached_m) == 2
+    refused = one.assign(refused=["", "turns back behind the lance", ""])
+    values = campaigns.flight_values(FITTED, refused, SLICED)
+    assert (len(values.dwell_s), len(values.censored_s), len(values.velocity_m_s)) == (0, 1, 1)
+
+
+@pytest.mark.parametrize(
+    "flown",
+    [FLOWN.assign(from_lance=False), FLOWN.assign(refused="leaves the kiln"), FLOWN.head(0)],
+)
+def test_without_a_flight_that_counts_there_are_no_values(flown):
+    tables = Measurement(*map(with_cell, (track(1, 5.0), FITTED, flown, SLICED)))
+    values = campaigns.values_by_campaign(tables, [CELL, ("PE granule", 5.0)])
+    assert [len(each.reached_m) for each in values.values()] == [0, 0]
+    assert campaigns.outcome_table(values).iloc[:, 3:].isna().all(axis=None)
+    assert campaigns.from_lance(tables, "tracks").empty
+    assert campaigns.fits_from_lance(tables, CELL, 5)[0] == {}
+    (row,) = campaigns.fit_outcomes(tables).to_dict("records")
+    assert row["from_lance"] - row["refused"] == 0
+
+
 def measured(cells):
     parts = [FITTED, FLOWN, SLICED]
     tables = [pd.concat([with_cell(one, cell) for cell in cells]) for one in parts]

@@ -83,8 +83,9 @@ def values():
 
 
 def results(values, flights=statements.LEAST_FLIGHTS):
-    rows = [(*key, k, True) for key in KEYS for k in range(flights)]
-    table = pd.DataFrame(rows, columns=["fraction", "pressure_bar", "particle", "from_lance"])
+    rows = [(*key, k, True, "", "landed") for key in KEYS for k in range(flights)]
+    columns = ["fraction", "pressure_bar", "particle", "from_lance", "refused", "ending"]
+    table = pd.DataFrame(rows, columns=columns)
     return Results([], Measurement(None, None, table, None), values, values)
 
 
@@ -92,47 +93,28 @@ def by_id(verdicts):
     return {each.id: each.verdict for each in verdicts}
 
 
-def test_dwell_times_as_published_are_reproduced(values):
-    verdicts = statements.dwell_verdicts(results(values), np.random.default_rng(0))
-    judged = by_id(verdicts)
-    assert list(judged) == ["dwell-1", "dwell-2", "dwell-3", "dwell-4"]
-    assert judged["dwell-2"] == judged["dwell-3"] == claims.REPRODUCED
-    reason = next(each.reason for each in verdicts if each.id == "dwell-2")
-    assert "wood chip 4.5 < confetti 4.5" in reason
-    slow = values | {("wood chip", 5.0): values["PE granule", 4.5]}
-    judged = by_id(statements.dwell_verdicts(results(slow), np.random.default_rng(0)))
-    assert judged["dwell-2"] == claims.NOT_REPRODUCED
-
-
-def test_velocities_are_judged_and_what_was_fitted_is_no_result(values):
-    published = statements.beside_published(values, values, ["velocity", "remaining", "landed"])
-    verdicts = statements.velocity_verdicts(results(values), published, np.random.default_rng(0))
-    judged = by_id(verdicts)
-    assert set(judged) == {f"vel-{k}" for k in range(1, 7)}
-    assert judged["vel-1"] == claims.REPRODUCED
-    assert judged["vel-2"] != claims.REPRODUCED
-
-
-def test_nothing_is_decided_with_too_few_flights(values):
-    few = results(values, statements.LEAST_FLIGHTS - 1)
-    judged = by_id(statements.dwell_verdicts(few, np.random.default_rng(0)))
-    assert set(judged.values()) == {claims.NOT_DECIDABLE}
-
-
 def test_a_claim_about_eight_cells_is_not_decided_on_one(values):
-    tables = results(values).tables
-    flights = campaigns.of_campaign(tables.flights, ("confetti", 4.5))
-    (verdict,) = statements.judge_all(tables._replace(flights=flights), {"dwell-1": 0.4})
+    flights = campaigns.of_campaign(results(values).tables.flights, ("confetti", 4.5))
+    (verdict,) = statements.judge_all(flights, {"dwell-1": 0.4})
     assert verdict.verdict == claims.NOT_DECIDABLE
     assert "eight campaigns" in verdict.reason
 
 
 def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict(values):
-    tables, given = results(values).tables, {"dwell-1": 0.4, "dwell-2": {"first": True}}
-    plain = statements.judge_all(tables, given, "a note")
-    noted = statements.judge_all(tables, given, "a note", {"dwell-2": "medians resolved: none"})
+    flights, given = results(values).tables.flights, {"dwell-1": 0.4, "dwell-2": {"first": True}}
+    plain = statements.judge_all(flights, given, "a note")
+    noted = statements.judge_all(flights, given, "a note", {"dwell-2": "medians resolved: none"})
     assert [each.verdict for each in noted] == [each.verdict for each in plain]
     assert [each.reason for each in noted] == ["a note", "a note; medians resolved: none"]
+
+
+def test_the_truth_tells_the_twins_failures_from_the_chains(values):
+    flights, given = results(values).tables.flights, {"dwell-1": 0.2, "dwell-2": {"first": False}}
+    true = {"dwell-1": 0.4, "dwell-2": {"first": False}}
+    judged = statements.judge_all(flights, given, truth=true)
+    assert [each.because for each in judged] == ["chain", "twin"]
+    (unknown,) = statements.judge_all(flights, {"dwell-1": 0.2}, truth={"dwell-1": np.nan})
+    assert (unknown.verdict, unknown.because) == (claims.NOT_REPRODUCED, "")
 
 
 def test_printed_numbers_stand_beside_truth_and_measurement(values):
@@ -143,10 +125,15 @@ def test_printed_numbers_stand_beside_truth_and_measurement(values):
 
 
 def test_a_printed_number_holds_within_its_bounds_or_its_unit():
-    rows = [("velocity 0-1 m (m/s)", 7.4, 7.4, 7.8), ("remaining 1 m (%)", 90.0, 100.0, 89.0)]
-    table = pd.DataFrame(rows, columns=["outcome", "low", "high", "measured"])
+    rows = [
+        ("velocity 0-1 m (m/s)", 7.4, 7.4, 7.8, 8.2),  # the unit is 0.5 m/s: ours
+        ("remaining 1 m (%)", 90.0, 100.0, 89.0, 95.0),  # bounds are printed
+    ]
+    table = pd.DataFrame(rows, columns=["outcome", "low", "high", "measured", "true"])
     table = table.assign(fraction="confetti", pressure_bar=4.5)
-    assert list(statements.conditions(table, ("confetti", 4.5)).values()) == [True, False]
+    cell = ("confetti", 4.5)
+    assert list(statements.conditions(table, cell).values()) == [True, False]
+    assert list(statements.conditions(table, cell, "true").values()) == [None, True]
     nothing = {"nothing measured": False}
     assert statements.conditions(table, ("PE granule", 4.5)) == nothing
 

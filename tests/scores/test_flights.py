@@ -78,3 +78,53 @@ def test_along_the_way_every_campaign_has_five_velocities_and_five_shares():
     share = rows[rows["quantity"] == "remaining"].set_index("distance_m")["value"]
     np.testing.assert_allclose(share.loc[[1.0, 2.0, 3.0]], [75, 50, 25])
     assert set(rows.loc[rows["quantity"] == "velocity", "distance_m"]) == {0.5, 1.5, 2.5, 3.5, 4.5}
+
+
+def by_hand(complete, lost):
+    """Kaplan and Meier's product, written out: at each landing, of those still followed."""
+    share, curve = 1.0, [1.0]
+    for time in sorted({*complete, *lost}):
+        followed = sum(each >= time for each in (*complete, *lost))
+        share *= 1 - sum(each == time for each in complete) / followed
+        curve.append(share)
+    return curve
+
+
+@pytest.mark.parametrize(
+    ("complete", "lost"),
+    [
+        ([0.2, 0.3, 0.3, 0.5], []),
+        ([0.2, 0.3, 0.3, 0.5], [0.25, 0.3, 0.6]),
+        ([0.2], [0.1, 0.2]),
+        ([], [0.1, 0.2]),
+        (np.linspace(0.1, 1.0, 10).tolist(), [0.15, 0.15, 0.55]),
+    ],
+)
+def test_the_share_still_flying_is_kaplan_and_meiers_product(complete, lost):
+    values = EMPTY._replace(dwell_s=np.array(complete), censored_s=np.array(lost))
+    table = flight_scores.still_flying(values)
+    np.testing.assert_allclose(table["flying"], by_hand(complete, lost))
+    assert table["time_s"].tolist() == [0.0, *sorted({*complete, *lost})]
+    known = table.dropna()
+    assert (known["low"] <= known["flying"]).all()
+    assert (known["flying"] <= known["high"]).all()
+    assert (len(known) > 0) == (len(complete) >= flight_scores.LEAST)
+
+
+def test_a_lost_flight_lasts_longer_than_it_was_seen():
+    short = np.array([0.2, 0.3, 0.4])
+    complete = EMPTY._replace(dwell_s=short)
+    assert flight_scores.censored_median(complete)[0] == 0.3
+    lost = complete._replace(censored_s=np.full(2, 0.35))
+    assert flight_scores.censored_median(lost)[0] == 0.4  # as complete ones: 0.35
+    all_lost = EMPTY._replace(censored_s=np.array([0.2, 0.4]))
+    assert np.isnan(flight_scores.censored_median(all_lost)).all()
+    assert flight_scores.still_flying(all_lost)["flying"].tolist() == [1.0, 1.0, 1.0]
+    assert flight_scores.still_flying(EMPTY).empty
+
+
+def test_the_interval_of_the_median_is_where_the_bounds_of_the_curve_cross_a_half():
+    values = EMPTY._replace(dwell_s=np.linspace(0.01, 1.0, 100))
+    median, low, high = flight_scores.censored_median(values)
+    assert median == pytest.approx(0.5)
+    assert 0.35 < low < median < high < 0.65

@@ -21,6 +21,7 @@ from kilnflight.experiments.campaigns import (
     Campaign,
     Measurement,
     Results,
+    counted_flights,
     of_campaign,
     rows_by_campaign,
     stack,
@@ -101,8 +102,9 @@ def true_flights(campaign: Campaign) -> pd.DataFrame:
 def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
     """Return measured beside true, a row per particle whose whole flight is recorded.
 
-    Of several tracks of a particle the longest in time counts. False flights, which start at
-    the lance and belong to no particle, come last, without truth. ``true``: of `true_flights`.
+    Refused flights are left out, and lost ones have no dwell time. Of several tracks of a
+    particle the longest in time counts. False flights, which start at the lance and belong to
+    no particle, come last, without truth. ``true``: of `true_flights`.
 
     Returns
     -------
@@ -126,16 +128,22 @@ def compare(measured: FlightTables, true: pd.DataFrame) -> pd.DataFrame:
 
 
 def _from_lance(measured: FlightTables) -> pd.DataFrame:
-    """Return the flights from the lance, with ``track`` and true ``particle``.
+    """Return the `counted_flights`, with ``track`` and true ``particle``.
 
-    ``longest``: the longest track in time of a particle; -1 is no particle.
+    ``longest``: the longest track in time of a particle; -1 is no particle. Lost flights have
+    no ``dwell_s``.
     """
-    flights = measured.flights[measured.flights["from_lance"]]
+    flights = _complete_only(counted_flights(measured.flights))
     particle = flights["particle"].map(measured.particles).fillna(-1).astype(np.int64)
     length = (flights["last_s"] - flights["first_s"]).sort_values(kind="stable")
     last = ~particle.loc[length.index].duplicated(keep="last")
     flights = flights.rename(columns={"particle": "track"})
     return flights.assign(particle=particle, longest=last & (particle >= 0))
+
+
+def _complete_only(flights: pd.DataFrame) -> pd.DataFrame:
+    """Return flights without the dwell times of lost ones."""
+    return flights.assign(dwell_s=flights["dwell_s"].mask(flights["ending"] == LOST))
 
 
 def compare_campaigns(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
@@ -185,63 +193,6 @@ def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd
         measured = measured[["particle", "slice_m", "measured_m_s"]]
         parts[campaign.key] = measured.merge(true, how="outer", on=["particle", "slice_m"])
     return stack(parts)
-
-
-def flights_and_particles(tables: Measurement, both: pd.DataFrame) -> pd.DataFrame:
-    """Return all flights from the lance and whole true flights, matches side by side.
-
-    Parameters
-    ----------
-    tables
-        The campaigns.
-    both
-        `compare_campaigns`.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``track``, ``measured_s`` (dwell time), ``ending``,
-        ``ignition_s``; ``particle`` (-1: of no whole flight), ``true_s``, ``true_ending``,
-        ``true_ignition_s``; empty where there is none.
-    """
-    flights = tables.flights[tables.flights["from_lance"]]
-    flights = flights.rename(columns={"particle": "track", "dwell_s": "measured_s"})
-    true = both.rename(columns={"true_dwell_s": "true_s"})
-    data = flights[[*KEYS, "track", "measured_s", "ending", "ignition_s"]].merge(
-        true[[*KEYS, "track", "particle", "true_s", "true_ending", "true_ignition_s"]],
-        how="outer",
-        on=[*KEYS, "track"],
-    )
-    return data.fillna({"particle": -1}).astype({"particle": int})
-
-
-def ending_table(data: pd.DataFrame) -> pd.DataFrame:
-    """Return how flights from the lance end by how they truly do (Fig. 5.18).
-
-    Parameters
-    ----------
-    data
-        `flights_and_particles`.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``pressure_bar``, ``true`` (`NOT_WHOLE` for false flights, further tracks of
-        a particle and those that the recording cuts); ``landed unlit``, ``landed burning``,
-        ``burnt out`` and ``lost`` as measured, and ``not measured``.
-    """
-    measured = _cases(data["ending"], data["ignition_s"]).fillna(NOT_MEASURED)
-    true = _cases(data["true_ending"], data["true_ignition_s"])
-    true = true.where(data["particle"] >= 0, NOT_WHOLE).rename("true")
-    table = pd.crosstab([data["fraction"], data["pressure_bar"], true], measured)
-    columns = [*CASES, LOST, NOT_MEASURED]
-    return table.reindex(columns=columns, fill_value=0).rename_axis(columns=None).reset_index()
-
-
-def _cases(ending: pd.Series, ignition_s: pd.Series) -> pd.Series:
-    """Return `CASES` of endings, by whether a particle burnt; other endings stay."""
-    landed = ignition_s.notna().map({False: CASES[0], True: CASES[1]})
-    return ending.where(ending != LANDED, landed)
 
 
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
@@ -301,8 +252,9 @@ def _budget(campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame
     fits = regression.fits(trajectories.drop(columns=KEYS))
     true, rows = true_flights(campaign), []
     for step, tables in replace_steps(campaign, tracks, fits):
-        number = int(tables.flights["from_lance"].sum())
-        rows.append({"replaced_step": step, **errors(compare(tables, true)), "flights": number})
+        number, counted = int(tables.flights["from_lance"].sum()), counted_flights(tables.flights)
+        row = {"replaced_step": step, **errors(compare(tables, true)), "flights": len(counted)}
+        rows.append(row | {"refused": number - len(counted)})
     return pd.DataFrame(rows)
 
 
@@ -327,6 +279,7 @@ def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
         ours, real = (quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true))
         text["campaign dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
         text["false flights"] = f"{row['false_flights']:.0f} of {row['flights']:.0f}"
+        text["refused"] = f"{row['refused']:.0f}"
         text["ignition detected, rightly"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"
         text["detected of the unlit"] = f"{row['unlit_detected']:.0f} of {row['unlit']:.0f}"
         rows[key] = text

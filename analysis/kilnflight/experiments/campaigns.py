@@ -28,7 +28,7 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
 from kilnflight.experiments import detection, detection_methods
 from kilnflight.experiments.detection import BACKGROUNDS
-from kilnflight.flight import straight_on
+from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, Landing, kept, straight_on
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
@@ -44,6 +44,7 @@ KEYS = ["fraction", "pressure_bar"]
 # First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
 # lasts 100 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
+REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 
@@ -200,14 +201,16 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
     return table[(table["fraction"] == key[0]) & (table["pressure_bar"] == key[1])]
 
 
-def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
-    """Return the rows of a table that belong to flights from the lance.
+def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
+    """Return the flights that count: from the lance (Fig. 4.21) and not refused."""
+    return kept(flights[flights["from_lance"]])
 
-    Fig. 4.21 of the thesis.
-    """
+
+def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
+    """Return the rows of a table that belong to the `counted_flights`."""
     keys = [*KEYS, "particle"]
     table: pd.DataFrame = getattr(tables, step)
-    return table.merge(tables.flights.loc[tables.flights["from_lance"], keys], on=keys)
+    return table.merge(counted_flights(tables.flights)[keys], on=keys)
 
 
 class Results(NamedTuple):
@@ -227,7 +230,8 @@ def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
     recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
     tables, workers = measure_campaigns(recorded, Workers(jobs)), Workers(jobs)
     workers(true_positions, recorded, [len(each.frames) for each in recorded], "truth")
-    return Results(recorded, tables, values_by_campaign(tables), true_values(recorded))
+    measured = values_by_campaign(tables, [each.key for each in recorded])
+    return Results(recorded, tables, measured, true_values(recorded))
 
 
 def twin_of(campaign: Campaign) -> Twin:
@@ -259,24 +263,44 @@ def true_values(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues
     }
 
 
-def values_by_campaign(tables: Measurement) -> dict[CampaignKey, FlightValues]:
-    """Return the `flight_values` of each campaign."""
+def followed_values(campaign: Campaign, beyond_s: float = Landing().beyond_s) -> FlightValues:
+    """Return the values of whole true flights as far as a person could follow them.
+
+    The truth treated as the measurement: a flight is complete if it is landed or burnt out
+    within ``beyond_s`` after it was last visible in the region, else censored when last visible.
+    What nobody could follow (`true_positions`) is left out.
+    """
+    twin, whole = twin_of(campaign), whole_flights(campaign)
+    rate, life = twin.scene.frame_rate_hz, twin.life
+    visible = true_positions(campaign).groupby("particle")["frame"].max()
+    last = life.table["particle"].map(visible).to_numpy(np.float64) / rate - life.release_s
+    whole &= np.isfinite(last) & (last > 0)
+    values = truth.true_flight_values(life.flights.only(whole))
+    ended = ~np.isin(life.flights.end[whole], truth.NO_DWELL)
+    end, last = life.flights.end_s[whole], last[whole]
+    complete = ended & (end - last <= beyond_s)
+    return values._replace(dwell_s=end[complete], censored_s=np.fmin(last, end)[~complete])
+
+
+def values_by_campaign(
+    tables: Measurement, keys: Sequence[CampaignKey] | None = None
+) -> dict[CampaignKey, FlightValues]:
+    """Return the `flight_values` of each campaign; ``keys``: of these, also without flights."""
     return {
         key: flight_values(*(of_campaign(table, key) for table in tables[1:]))
-        for key in campaign_keys(tables.tracks)
+        for key in keys or campaign_keys(tables.tracks)
     }
 
 
 def flight_values(
     trajectories: pd.DataFrame, flights: pd.DataFrame, slices: pd.DataFrame
 ) -> FlightValues:
-    """Return dwell times, velocities by metre, ignition and reach.
+    """Return dwell times, velocities by metre, ignition and reach of the `counted_flights`.
 
-    All are of the flights from the lance.
-    Dwell times of lost flights are included, as in the thesis (appendix A.1); they are lower
-    bounds. Slices behind the lance are not.
+    Only complete flights, landed or burnt out, have a dwell time (section 5.3.1, appendix A.1).
+    Lost ones are censored when last detected. Slices behind the lance are left out.
     """
-    counted = flights[flights["from_lance"]]
+    counted = counted_flights(flights)
     wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
     wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
     fits = regression.fits(trajectories[TRAJECTORIES.names])
@@ -285,9 +309,12 @@ def flight_values(
         fits[particle].exit_point_mm[2] - straight_on(fits[particle], end)[0, 2]
         for particle, end in ends
     ]
-    dwell, ignition = (counted[name].to_numpy(np.float64) for name in ("dwell_s", "ignition_s"))
-    velocity = wide.to_numpy(np.float64)
-    return FlightValues(dwell, velocity, ignition, np.array(reached, np.float64) / 1000.0)
+    lost = counted["ending"] == LOST
+    dwell, ignition = counted.loc[~lost, "dwell_s"], counted["ignition_s"]
+    seen = (counted["last_s"] - counted["t0_s"])[lost]
+    times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
+    far = np.array(reached, np.float64) / 1000.0
+    return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2])
 
 
 def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
@@ -311,18 +338,24 @@ def by_source(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.D
 
 
 def count_tracks(results: Results) -> pd.DataFrame:
-    """Return length, detections in the air, tracks and lance flights, by campaign."""
+    """Return length, detections in the air, tracks and lance flights, by campaign.
+
+    ``from_lance`` with the ``refused``; those are in no other number about flights.
+    """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
         tracks = of_campaign(results.tables.tracks, campaign.key)
         linked, frames = tracks[tracks["particle"] >= 0], len(campaign.frames)
+        flights = of_campaign(results.tables.flights, campaign.key)
+        starting = flights[flights["from_lance"]]
         rows[campaign.key] = {
             "frames": frames,
             "seconds": frames / campaign.run.frame_rate_hz,
             "detections_in_air": len(tracks),
             "tracked": len(linked),
             "tracks": linked["particle"].nunique(),
-            "from_lance": of_campaign(results.tables.flights, campaign.key)["from_lance"].sum(),
+            "from_lance": len(starting),
+            "refused": len(starting) - len(kept(starting)),
         }
     return rows_by_campaign(rows)
 
@@ -342,14 +375,18 @@ def fit_outcomes(tables: Measurement) -> pd.DataFrame:
     """Return how many tracks were fitted, or why not, by campaign.
 
     ``t0_earliest`` and ``t0_at_first_detection``: t0 lies at that end of its range;
-    ``from_lance``: trajectories that start at the lance.
+    ``from_lance``: trajectories that start at the lance; of these ``refused``, and why.
     """
     table = tables.trajectories
     count = table.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
     bounds = table[table["outcome"] == "fitted"].groupby(KEYS)["t0_at_bound"]
     count["t0_earliest"] = bounds.agg(lambda at: (at < 0).sum())
     count["t0_at_first_detection"] = bounds.agg(lambda at: (at > 0).sum())
-    count["from_lance"] = tables.flights.groupby(KEYS)["from_lance"].sum()
+    starting = tables.flights[tables.flights["from_lance"]]
+    count["from_lance"] = starting.groupby(KEYS).size()
+    count["refused"] = starting[starting["refused"] != ""].groupby(KEYS).size()
+    for reason in REASONS:
+        count[f"refused: {reason}"] = starting[starting["refused"] == reason].groupby(KEYS).size()
     return count.fillna(0).astype(int).reset_index()
 
 

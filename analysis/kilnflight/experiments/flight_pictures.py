@@ -31,6 +31,7 @@ from kilnflight.experiments.plots import (
     examples,
 )
 from kilnflight.experiments.space import draw_curves, draw_flown_paths
+from kilnflight.flight import kept
 from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas, draw_boxes
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, box, ignition_histogram
@@ -103,27 +104,22 @@ def draw_velocity_boxes(
     return picture
 
 
-def draw_dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
-    """Draw box plots of dwell times by fraction, a panel for each pressure.
+def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey]) -> Figure:
+    """Draw box plots of dwell times by fraction, a panel for each pressure that was measured.
 
     Parameters
     ----------
-    data
-        ``fraction``, ``pressure_bar``, ``track`` (-1: not measured), ``true_s``, ``measured_s``.
+    sources
+        By their names; of complete flights.
     keys
         The campaigns.
     """
     names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
-    panels = max(len(bars), 2)
-    picture, grid = canvas(1, panels, width_mm=PAGE_MM, height_mm=80, sharey=True)
-    for axes, bar in zip(grid[0], bars, strict=False):
-        parts = [of_campaign(data, (name, bar)) for name in names]
+    picture, grid = canvas(1, len(bars), width_mm=PAGE_MM, height_mm=80, sharey=True)
+    for axes, bar in zip(grid[0], bars, strict=True):
         groups = {
-            "true": [part["true_s"].to_numpy() for part in parts],
-            "true, of those measured": [
-                part["true_s"][part["track"] >= 0].to_numpy() for part in parts
-            ],
-            "measured": [part["measured_s"].to_numpy() for part in parts],
+            source: [values[name, bar].dwell_s for name in names]
+            for source, values in sources.items()
         }
         draw_grouped_boxes(axes, groups, names)
         axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
@@ -133,10 +129,47 @@ def draw_dwell_boxes(data: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
     return picture
 
 
+def draw_still_flying(curves: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
+    """Draw the share that still flies by time: a column per fraction, a row per pressure.
+
+    The orange bar marks where the text has all medians at 4.5 bar.
+
+    Parameters
+    ----------
+    curves
+        `kilnflight.experiments.dwell.curves`; the last source has its interval shaded.
+    keys
+        The campaigns.
+    """
+    names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
+    sources = list(dict.fromkeys(curves["source"]))
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 20 + 42 * len(bars)}
+    picture, grid = canvas(len(bars), len(names), **size, sharex=True, sharey=True)
+    for axes, (bar, name) in zip(grid.flat, product(bars, names), strict=True):
+        rows = of_campaign(curves, (name, bar)).set_index("source")
+        for k, source in enumerate(sources):
+            part = rows[rows.index == source]
+            look = {"color": COLOURS[k], "ls": (":", "--", "-")[k], "lw": 1.1}
+            axes.step(part["time_s"], part["flying"], where="post", label=source, **look)
+        if sources:
+            part = part.dropna()
+            shade = {"color": COLOURS[len(sources) - 1], "alpha": 0.2, "lw": 0, "step": "post"}
+            axes.fill_between(part["time_s"], part["low"], part["high"], **shade)
+        if bar == 4.5:
+            axes.hlines(0.5, 0.3, 0.5, color=COLOURS[1], lw=3, ls="-", label="published medians")
+        axes.set(title=f"{name}, {bar} bar", xlim=(0, 1.2), ylim=(0, 1.03))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("share still flying")
+    for axes in grid[-1]:
+        axes.set_xlabel("time from the lance (s)")
+    picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return picture
+
+
 def draw_dwell_cases(tables: Measurement) -> tuple[Figure, pd.DataFrame]:
     """Draw the cases of Fig. 5.18 on measured `examples`; return their flights too."""
     picture, grid = canvas(1, 3, width_mm=PAGE_MM, height_mm=62, sharey=True)
-    flights = examples(tables.flights)
+    flights = examples(kept(tables.flights))
     handles: dict[str, Artist] = {}
     for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
         title = f"({letter}) {case}"
@@ -335,7 +368,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     table
         `kilnflight.experiments.statements.along_the_way`; published bounds become broad bars.
     versions
-        First the dotted, then the solid version.
+        First the dotted, then the solid version, then a dashed one, if any.
     """
     names = [name for name in FRACTIONS if (table["fraction"] == name).any()]
     quantities = sorted(table["quantity"].unique(), reverse=True)
@@ -348,7 +381,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
         looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
         for bar, (colour, mark, aside) in looks.items():
             rows = panel[panel["pressure_bar"] == bar].set_index("version")
-            for version, line in zip(versions, (":", "-"), strict=True):
+            for version, line in zip(versions, (":", "-", "--"), strict=False):
                 part = rows[rows.index == version]
                 look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}
                 axes.plot(part["distance_m"], part["value"], marker=mark, lw=1, ms=2.5, **look)

@@ -346,7 +346,7 @@ def _never(counts: Mapping[CampaignKey, tuple[int, int]]) -> dict[str, bool | No
     }
 
 
-def _paper_claims(values: Values) -> dict[str, dict[str, bool]]:
+def _paper_claims(values: Values) -> dict[str, dict[str, bool | None]]:
     """Return what ign-2 to ign-4 ask for."""
     printed = beside_published(values, values, ["ignited"])
     printed = printed[printed["outcome"].isin(["ignited (%)", "ignited < 0.1 s (%)"])]
@@ -358,9 +358,9 @@ def _paper_claims(values: Values) -> dict[str, dict[str, bool]]:
     return asked | {"ign-4": _paper_conditions(share, middle)}
 
 
-def _paper_conditions(share: pd.DataFrame, middle: pd.DataFrame) -> dict[str, bool]:
+def _paper_conditions(share: pd.DataFrame, middle: pd.DataFrame) -> dict[str, bool | None]:
     """Return claims on papers; shares and median times by fraction and pressure."""
-    conditions = {}
+    conditions: dict[str, bool | None] = {}
     for bar in share.columns:
         often, early = (table[bar].reindex(PAPERS) for table in (share, middle))
         conditions[f"shreds more often at {bar} bar"] = bool(often.iloc[1] > often.iloc[0])

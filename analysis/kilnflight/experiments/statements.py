@@ -19,13 +19,10 @@ import pandas as pd
 from kilnflight.experiments.campaigns import (
     KEYS,
     CampaignKey,
-    Measurement,
-    Results,
-    from_lance,
     of_campaign,
     outcome_table,
 )
-from kilnflight.experiments.confidence import Array, Values, group_differences, in_words
+from kilnflight.experiments.confidence import Values
 from kilnflight.project import claims
 from kilnflight.scores.flights import along, place_of
 from kilnflight.twin import truth
@@ -56,11 +53,8 @@ OUTCOMES = {
 }
 LEAST_FLIGHTS = 6  # in a campaign; nothing is decided about fewer
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
-SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction at 4.5 bar
-SENTENCES |= {"vel-4": "paper shred", "vel-5": "PE granule"}
-
-CampaignPairs = Sequence[tuple[CampaignKey, CampaignKey]]
-Evidence = dict[str, float | pd.Series | Mapping[str, bool]]
+Measured = float | pd.Series | Mapping[str, bool | None]
+Evidence = dict[str, Measured]
 
 
 def outcome_of(row: pd.Series) -> str:
@@ -207,26 +201,41 @@ def beside_published(measured: Values, true: Values, quantities: Sequence[str]) 
     return rows.drop(columns="use").assign(**answers, use=rows["use"])
 
 
-def conditions(published: pd.DataFrame, key: CampaignKey) -> dict[str, bool]:
-    """Return whether the measurement agrees with each printed number of a campaign.
+def conditions(
+    published: pd.DataFrame, key: CampaignKey, source: str = "measured"
+) -> dict[str, bool | None]:
+    """Return whether a source agrees with each printed number of a campaign.
 
-    Within the printed bounds; where one number is printed, within the unit of `LEAST_UNIT`.
+    Within the printed bounds. Where one number is printed, the unit of `LEAST_UNIT` is a bound
+    of ours: within it the number agrees, from two units on it does not, and between it is open
+    (None).
+
+    Parameters
+    ----------
+    published
+        Of `beside_published`.
+    key
+        Fraction and pressure.
+    source
+        "measured" or "true".
     """
     rows = of_campaign(published, key)
-    units = misfits(rows, rows["measured"])
-    agreement: dict[str, bool] = {}
+    units = misfits(rows, rows[source])
+    agreement: dict[str, bool | None] = {}
     for row, off in zip(rows.to_dict("records"), units, strict=True):
-        allowed = 1.0 if row["low"] == row["high"] else 0.0
-        value = f"{row['measured']:.3g} [{row['low']:g}, {row['high']:g}]"
-        agreement[f"{row['outcome']} at {key[1]} bar {value}"] = bool(off <= allowed)
+        one = row["low"] == row["high"]
+        value = f"{row[source]:.3g} [{row['low']:g}, {row['high']:g}]"
+        holds = None if one and 1.0 < off < 2.0 else bool(off <= float(one))
+        agreement[f"{row['outcome']} at {key[1]} bar {value}"] = holds
     return agreement or {"nothing measured": False}
 
 
 def judge_all(
-    tables: Measurement,
-    values: Mapping[str, float | pd.Series | Mapping[str, bool]],
+    flights: pd.DataFrame,
+    values: Mapping[str, Measured],
     note: str = "",
     resolved: Mapping[str, str] | None = None,
+    truth: Mapping[str, Measured] | None = None,
 ) -> list[claims.Verdict]:
     """Return verdicts on claims about all eight campaigns.
 
@@ -234,8 +243,8 @@ def judge_all(
 
     Parameters
     ----------
-    tables
-        The campaigns.
+    flights
+        Flights of the campaigns: those that the claims are about.
     values
         By claim: what `kilnflight.project.claims.judge` asks for.
     note
@@ -243,16 +252,28 @@ def judge_all(
     resolved
         By claim: which differences are beyond chance (`confidence.in_words`). It stands in the
         reason; the verdict is that of the criterion, on the numbers as they are.
+    truth
+        By claim: the same of the twin's own truth, which tells the twin's failures from the
+        chain's.
     """
-    counted = tables.flights[tables.flights["from_lance"]].groupby(KEYS).size()
+    counted = flights.groupby(KEYS).size()
     missing = len(FRACTIONS) * len(PRESSURES_BAR) - int((counted >= LEAST_FLIGHTS).sum())
     if missing:
         reason = (
-            f"fewer than {LEAST_FLIGHTS} flights in {missing} of the eight campaigns at this scale"
+            f"fewer than {LEAST_FLIGHTS} flights that count in {missing} of the eight campaigns"
         )
-        return [claims.undecidable(name, reason) for name in values]
+        return [claims.undecidable(name, reason, because="chain") for name in values]
     notes = {name: "; ".join(filter(None, [note, (resolved or {}).get(name)])) for name in values}
-    return [claims.judge(name, value, note=notes[name]) for name, value in values.items()]
+    known = {name: value for name, value in (truth or {}).items() if _known(value)}
+    return [
+        claims.judge(name, value, note=notes[name], truth=known.get(name))
+        for name, value in values.items()
+    ]
+
+
+def _known(value: Measured) -> bool:
+    """Return whether a value can be judged: named conditions, or finite numbers."""
+    return isinstance(value, Mapping) or bool(np.isfinite(np.asarray(value, np.float64)).all())
 
 
 def by_pressure(values: Values, outcome: str) -> pd.DataFrame:
@@ -260,133 +281,6 @@ def by_pressure(values: Values, outcome: str) -> pd.DataFrame:
     return outcome_table(values).set_index(KEYS)[outcome].unstack()
 
 
-def dwell_verdicts(results: Results, generator: np.random.Generator) -> list[claims.Verdict]:
-    """Return the verdicts on dwell times (section 5.3.1)."""
-    values, (names, bars) = results.measured, _axes(results.measured)
-    median = by_pressure(values, "dwell median (s)")
-    order = {bar: median[bar].dropna().sort_values().index.tolist() for bar in bars}
-    ranks = {f"{bar} bar: {order[bar][:1]}": order[bar][:1] == ["wood chip"] for bar in bars}
-    longest = order[bars[0]][-1:]
-    shorter = (median[bars[-1]] / median[bars[0]])[names[-1]]
-    granules = {f"longest at 4.5 bar: {longest}": longest == ["PE granule"]}
-    granules[f"{names[-1]} at 5 bar {shorter:.2f} of that"] = bool(shorter < 0.9)
-    numbers, most = outcome_table(values).set_index(KEYS), {}
-    for name, limits in zip(names, ["0.3-0.4", "> 0.4", "> 0.4", "0.3-0.4"], strict=False):
-        share = numbers[f"dwell {limits} s (%)"].get((name, 5.0), np.nan)
-        most[f"{name} {limits} s {share:.0f} %"] = bool(share > 50)
-
-    others, last = [name for name in names if name != "wood chip"], ("PE granule", 4.5)
-    first = [(("wood chip", bar), (name, bar)) for bar in bars for name in others]
-    longer = [(last, (name, 4.5)) for name in names if name != "PE granule"]
-    pairs = {"dwell-2": first, "dwell-3": [*longer, (last, ("PE granule", 5.0))]}
-    times = {key: each.dwell_s for key, each in values.items()}
-    evidence: Evidence = {
-        "dwell-1": median[bars[0]],
-        "dwell-2": ranks,
-        "dwell-3": granules,
-        "dwell-4": most,
-    }
-    note = (
-        "lost flights count with the time they were seen; much shorter: by over a tenth, a reading"
-    )
-    return judge_all(results.tables, evidence, note, _resolved(times, pairs, generator))
-
-
-def _axes(values: Values) -> tuple[list[str], list[float]]:
+def fractions_and_pressures(values: Values) -> tuple[list[str], list[float]]:
     """Return the fractions in their order, and the pressures from low to high."""
     return list(dict.fromkeys(name for name, _ in values)), sorted({bar for _, bar in values})
-
-
-def _resolved(
-    values: Mapping[CampaignKey, Array],
-    pairs: Mapping[str, CampaignPairs],
-    generator: np.random.Generator,
-) -> dict[str, str]:
-    """Return by claim which differences of medians are beyond chance."""
-    return {
-        claim: in_words(group_differences(values, each, generator), "medians")
-        for claim, each in pairs.items()
-    }
-
-
-def velocity_verdicts(
-    results: Results, published: pd.DataFrame, generator: np.random.Generator
-) -> list[claims.Verdict]:
-    """Return the verdicts on velocities; ``published`` from `beside_published`."""
-    names, bars = _axes(results.measured)
-    median = by_pressure(results.measured, "velocity 0-1 m (m/s)")
-    order = {}
-    for bar in bars:
-        speed = median[bar].reindex([*HEAVY, *names])
-        heavy, light = speed.iloc[:2].min(), speed.drop(list(HEAVY)).max()
-        order[f"{bar} bar: heavy {heavy:.1f}, papers {light:.1f} m/s"] = bool(heavy > light)
-    ratio = (median[bars[-1]] / median[bars[0]]).rename("ratio")
-    papers = [name for name in names if name not in HEAVY]
-    pairs = {
-        "vel-1": [((a, bar), (b, bar)) for bar in bars for a in HEAVY for b in papers],
-        "vel-6": [((name, 5.0), (name, 4.5)) for name in names],
-    }
-    speeds = {key: each.velocity_m_s[:, 0] for key, each in results.measured.items()}
-    evidence: Evidence = {"vel-1": order, "vel-6": ratio}
-    evidence |= {claim: conditions(published, (name, 4.5)) for claim, name in SENTENCES.items()}
-    note = "medians measured on the twin; bounds of the printed sentences"
-    verdicts = judge_all(results.tables, evidence, note, _resolved(speeds, pairs, generator))
-    fit = "the twin's flights were fitted to this campaign"
-    return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
-
-
-def regression_verdicts(
-    tables: Measurement,
-    table: pd.DataFrame,
-    by_order: pd.DataFrame,
-    generator: np.random.Generator,
-) -> list[claims.Verdict]:
-    """Return the verdicts on the regression.
-
-    Parameters
-    ----------
-    tables
-        The campaigns.
-    table
-        `confidence.regression_table`.
-    by_order
-        Medians of the measures by ``order`` and ``axis``.
-    generator
-        Of the bootstrap.
-    """
-    names = list(dict.fromkeys(table["fraction"]))
-    wide = table.pivot(index="fraction", columns="axis").reindex(names)
-    rmse, mape, r2 = wide["rmse_mm"], wide["mape_percent"], wide["r2"]
-    ratio = (rmse["z"] / np.fmax(rmse["x"], rmse["y"])).rename("ratio")
-    lowest, least = {}, {}
-    for name in names:
-        lowest[f"{name} z {mape.z[name]:.3g} %"] = bool(mape.z[name] == mape.loc[name].min())
-        least[f"{name} z {r2.z[name]:.2g}"] = bool(r2.z[name] == r2.loc[name].min())
-    worst = r2["z"].dropna().sort_values().index[:1].tolist()
-    least[f"lowest of all: {worst}"] = worst == ["paper shred"]
-    pairs = [((name, "z"), (name, axis)) for name in names for axis in "xy"]
-    worse = [(("paper shred", "z"), (name, "z")) for name in names if name != "paper shred"]
-    compared = {"fit-2": ("mape_{}_percent", pairs), "fit-3": ("r2_{}", pairs + worse)}
-    resolved = {}
-    for claim, (column, each) in compared.items():
-        groups = _by_axis(tables, column)
-        resolved[claim] = in_words(group_differences(groups, each, generator), "medians")
-    evidence: Evidence = {"fit-1": ratio, "fit-2": lowest, "fit-3": least}
-    evidence["fit-4"] = order_gain(by_order)
-    note = "trajectories from the lance; the scatter of the depth is an input"
-    return judge_all(tables, evidence, note, resolved)
-
-
-def _by_axis(tables: Measurement, column: str) -> dict[tuple[str, object], Array]:
-    """Return a measure of the trajectories from the lance by fraction and axis."""
-    return {
-        (str(name), axis): part[column.format(axis)].to_numpy()
-        for name, part in from_lance(tables, "trajectories").groupby("fraction")
-        for axis in "xyz"
-    }
-
-
-def order_gain(by_order: pd.DataFrame) -> float:
-    """Return the rise of mean adjusted R2 from order 6 to order 7; NaN if unknown."""
-    mean = by_order.groupby("order")["r2_adjusted"].mean()
-    return float(mean.get(7, float("nan")) - mean.get(6, float("nan")))

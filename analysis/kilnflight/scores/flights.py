@@ -6,11 +6,13 @@ in depth from the lance.
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy import stats
 
 from kilnflight.checks import InputError, check_positive
 
@@ -18,15 +20,67 @@ Array = npt.NDArray[np.float64]
 
 METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
 LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the last one
+NO_TIMES: Array = np.empty(0)
+LEAST = 6  # flights with an interval, as in `kilnflight.scores.intervals.Bootstrap`
 
 
 class FlightValues(NamedTuple):
-    """Values of the counted particles; NaN for what did not happen."""
+    """Values of the counted particles; NaN for what did not happen.
 
-    dwell_s: Array  # (k,): of those that have a dwell time
+    A dwell time ends "by landing or complete burning out" (section 5.3.1 of the thesis), and of
+    what is "not fully tracked" the flight "cannot be analyzed" (A.1). So lost flights have none:
+    they are censored, known to last at least as long as they were seen.
+    """
+
+    dwell_s: Array  # (k,): of complete flights
     velocity_m_s: Array  # (n, 5): mean within each metre (Eq. 5.8)
     ignition_s: Array  # (n,): from the lance
     reached_m: Array  # (n,): how far from the lance the flight ends
+    censored_s: Array = NO_TIMES  # (m,): how long lost flights were seen
+
+
+def still_flying(flight_values: FlightValues) -> pd.DataFrame:
+    """Return the share of particles that still fly by time (Kaplan and Meier 1958).
+
+    Lost flights count as flying until they were last seen, and no longer: `scipy.stats.ecdf`.
+
+    Returns
+    -------
+    DataFrame
+        ``time_s``: 0, then each time at which a flight ends or is lost; ``flying`` after it,
+        ``low`` and ``high``: its 95 % interval (log-log; NaN where that has none, and of fewer
+        than `LEAST` complete flights). No rows without flights.
+    """
+    complete, lost = flight_values.dwell_s, flight_values.censored_s
+    columns = ["time_s", "flying", "low", "high"]
+    if not len(complete) + len(lost):
+        return pd.DataFrame(columns=columns, dtype=np.float64)
+    curve = stats.ecdf(stats.CensoredData(uncensored=complete, right=lost)).sf
+    with warnings.catch_warnings():  # no interval before the first and after the last landing
+        warnings.simplefilter("ignore", RuntimeWarning)
+        around = curve.confidence_interval(0.95, method="log-log")
+    low, high = (np.asarray(getattr(around, side).probabilities) for side in ("low", "high"))
+    if len(complete) < LEAST:
+        low, high = np.full((2, len(curve.quantiles)), np.nan)
+    values = (curve.quantiles, curve.probabilities, low, high)
+    table = pd.DataFrame(dict(zip(columns, values, strict=True)))
+    start = pd.DataFrame([[0.0, 1.0, np.nan, np.nan]], columns=columns)
+    return pd.concat([start, table], ignore_index=True)
+
+
+def censored_median(flight_values: FlightValues) -> tuple[float, float, float]:
+    """Return the median dwell time with lost flights censored, and its 95 % interval.
+
+    The first time at which at most half still fly in `still_flying`; of the interval, in its
+    upper and lower bound (Brookmeyer and Crowley 1982). NaN where the curve ends before.
+    """
+    table = still_flying(flight_values)
+    times = table["time_s"].to_numpy()
+    crossed = [
+        times[table[name].to_numpy() <= 0.5 + 1e-12][:1] for name in ("flying", "low", "high")
+    ]
+    median, low, high = (float(each[0]) if len(each) else np.nan for each in crossed)
+    return median, low, high
 
 
 def remaining(velocity_m_s: Array) -> Array:

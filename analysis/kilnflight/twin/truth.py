@@ -214,8 +214,11 @@ def dwell_times(flights: Flights) -> Array:
 
 
 def true_flight_values(flights: Flights) -> FlightValues:
-    """Return the true values of the flights, particle by particle."""
-    reached = flights.end_position_m[:, 0]
+    """Return the true values of the flights, particle by particle.
+
+    What leaves the kiln or still flies is lost at the end of its flight.
+    """
+    reached, lost = flights.end_position_m[:, 0], flights.end_s[np.isin(flights.end, NO_DWELL)]
     return FlightValues(
-        dwell_times(flights), metre_velocities(flights), flights.ignition_s, reached
+        dwell_times(flights), metre_velocities(flights), flights.ignition_s, reached, lost
     )

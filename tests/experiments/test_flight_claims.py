@@ -1,0 +1,97 @@
+"""Verdicts on flights, from results made by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.experiments import flight_claims, statements
+from kilnflight.experiments.campaigns import Measurement, Results
+from kilnflight.project import claims
+from kilnflight.scores.flights import FlightValues
+from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.scenes import PRESSURES_BAR
+
+KEYS = [(name, bar) for name in FRACTIONS for bar in PRESSURES_BAR]
+# seconds of dwell time, as the thesis has them at 4.5 bar
+DWELL = {"wood chip": 0.30, "confetti": 0.42, "paper shred": 0.45, "PE granule": 0.48}
+SPEED = {"wood chip": 13.5, "confetti": 7.4, "paper shred": 5.2, "PE granule": 9.0}
+SCENE = np.random.default_rng(0)
+
+
+def flights(name, bar, shorter=0.75, count=20):
+    """Particles that all do the same; PE granules are quicker at 5 bar."""
+    less = shorter if (name, bar) == ("PE granule", 5.0) else 1.0
+    velocity = np.full((count, 5), SPEED[name])
+    dwell = np.full(count, DWELL[name] * less)
+    return FlightValues(dwell, velocity, np.full(count, np.nan), np.full(count, 3.0))
+
+
+def every(**kinds):
+    return {key: flights(*key, **kinds) for key in KEYS}
+
+
+def results(measured, true=None, ending="landed", count=statements.LEAST_FLIGHTS, refused=""):
+    rows = [(*key, k, True, refused, ending) for key in KEYS for k in range(count)]
+    columns = ["fraction", "pressure_bar", "particle", "from_lance", "refused", "ending"]
+    tables = Measurement(None, None, pd.DataFrame(rows, columns=columns), None)
+    return Results([], tables, measured, measured if true is None else true)
+
+
+def dwell(*args, **kinds):
+    judged = flight_claims.dwell_verdicts(results(*args, **kinds), SCENE)
+    return {each.id: each for each in judged}
+
+
+def velocity(*args, **kinds):
+    made = results(*args, **kinds)
+    quantities = ["velocity", "remaining", "landed"]
+    published = statements.beside_published(made.measured, made.true, quantities)
+    judged = flight_claims.velocity_verdicts(made, published, SCENE)
+    return {each.id: each for each in judged}
+
+
+def test_dwell_times_as_published_are_reproduced():
+    judged = dwell(every())
+    assert list(judged) == ["dwell-1", "dwell-2", "dwell-3", "dwell-4"]
+    assert judged["dwell-2"].verdict == judged["dwell-3"].verdict == claims.REPRODUCED
+    assert "wood chip 4.5 < confetti 4.5" in judged["dwell-2"].reason
+
+
+def test_what_fails_as_measured_only_is_the_chains_what_fails_on_the_truth_the_twins():
+    slow = every() | {("wood chip", 5.0): flights("PE granule", 4.5)}
+    for measured, true, cause in ((slow, every(), "chain"), (slow, slow, "twin")):
+        verdict = dwell(measured, true)["dwell-2"]
+        assert (verdict.verdict, verdict.because) == (claims.NOT_REPRODUCED, cause)
+
+
+def test_shorter_by_less_than_our_tenth_is_open_and_longer_is_not_shorter():
+    for shorter, verdict, because in (
+        (0.95, claims.NOT_DECIDABLE, "criterion"),
+        (1.05, claims.NOT_REPRODUCED, "twin"),
+    ):
+        judged = dwell(every(shorter=shorter))["dwell-3"]
+        assert (judged.verdict, judged.because) == (verdict, because)
+
+
+@pytest.mark.parametrize("few", [{"ending": "lost"}, {"count": 5}, {"refused": "leaves the kiln"}])
+def test_without_complete_flights_nothing_about_dwell_is_decided(few):
+    judged = dwell(every(), **few)
+    assert {each.verdict for each in judged.values()} == {claims.NOT_DECIDABLE}
+    assert {each.because for each in judged.values()} == {"chain"}
+
+
+def test_lost_flights_have_velocities_and_refused_ones_decide_nothing():
+    assert velocity(every(), ending="lost")["vel-1"].verdict == claims.REPRODUCED
+    judged = velocity(every(), refused="leaves the kiln")
+    assert {each.verdict for each in judged.values()} == {claims.NOT_DECIDABLE}
+
+
+def test_velocities_are_judged_beside_the_truth_and_what_was_fitted_is_no_result():
+    judged = velocity(every())
+    assert set(judged) == {f"vel-{k}" for k in range(1, 7)}
+    assert judged["vel-1"].verdict == claims.REPRODUCED
+    assert judged["vel-2"].verdict != claims.REPRODUCED
+    swapped = {(a, b): flights({"wood chip": "confetti"}.get(a, a), b) for a, b in KEYS}
+    swapped |= {("confetti", bar): flights("wood chip", bar) for bar in PRESSURES_BAR}
+    assert velocity(swapped, every())["vel-1"].because == "chain"
+    assert velocity(swapped)["vel-1"].because == "twin"
