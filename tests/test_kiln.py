@@ -216,3 +216,17 @@ def test_a_rule_of_flights_leaves_earlier_tables_alone(run):
     other = replace(plain, rules=flight.Rules(ignition=Ignition(above_background=True)))
     changed = {name for name in kiln.KILN_STEPS if plain.table(name).path != other.table(name).path}
     assert changed == {"flights", "slices"}
+
+
+def test_only_flights_from_the_lance_that_are_not_refused_have_velocities(polynomials):
+    fit = polynomials(((0.0,), (0.0,), (-8000.0,)))  # 3.0 m
+    table = pd.DataFrame(
+        {
+            "particle": [1, 2, 3],
+            "from_lance": [True, True, False],
+            "refused": ["", "faster than the air", ""],
+            "end_s": 0.4,
+        }
+    )
+    passed = kiln.slices_from(table, dict.fromkeys((1, 2, 3), fit))
+    assert passed["particle"].tolist() == [1, 1, 1]

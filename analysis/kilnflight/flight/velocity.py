@@ -53,10 +53,11 @@ def space_sliced_velocity(
     returns change nothing, so V_n is positive for every slice in front of the lance. The thesis
     shows negative velocities, "reverse motions towards the lance", and says no more; here they are
     those of slices -1, -2, ... behind the lance, V_n = -slice / (t_n - t_(n+1)), of trajectories
-    that go backwards from the exit point. (3) What the polynomials pass between t_0 and the first
-    detection counts, as published. A flight first detected beyond a slice has in it the velocity
-    that its polynomials need from the lance to there (``observed``). (4) The distance is the
-    difference of depths, not the path.
+    that go backwards from the exit point. A flight that does so by more than the depth scatters is
+    refused (`kilnflight.flight.Plausible`), so flights that count have none. (3) What the
+    polynomials pass between t_0 and the first detection counts, as published. A flight first
+    detected beyond a slice has in it the velocity that its polynomials need from the lance to there
+    (``observed``). (4) The distance is the difference of depths, not the path.
     """
     check_positive(slice_m, "space_sliced_velocity: slice_m")
     if math.isnan(until_s):
