@@ -7,9 +7,10 @@
 #
 # **Here.** trackpy, laptrack and Stone Soup (GNN and JPDA) get the same detections of the four
 # windows at 4.5 bar and the same measures. The settings of every tracker, ours too, are found by
-# one rule on other windows of the same campaigns. The largest mean beta without post-processing
-# decides, since no peer has post-processing. Each is then scored as it is, and with our
-# post-processing after it. Ours alone look at depth and size. No claim rests on this.
+# one rule on other frames of the same campaigns, in the same number of trials. What decides is what
+# is reported: the mean beta after our post-processing, of the tracks from the lance. Each is then
+# scored as it is, and with our post-processing after it. Ours alone look at depth and size. No
+# claim rests on this.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
@@ -19,7 +20,7 @@ jobs = 2  # processes of the detection
 # %%
 from itertools import product
 
-from kilnflight.experiments import campaigns, grid_search, plots, tracking
+from kilnflight.experiments import campaigns, grid_search, plots, tracking, tuning
 from kilnflight.experiments import other_trackers as peers
 from kilnflight.project import figures, style
 
@@ -31,39 +32,33 @@ print(f"peers that are not installed and left out: {', '.join(missing) or 'none'
 # %%
 learned = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, learned, seed, jobs=jobs)
-tuning_windows = tracking.windows(scale, learned, seed, for_settings=True, jobs=jobs)
 number = ", ".join(f"{window.fraction} {len(window.frames)}" for window in windows)
-print(f"frames: {number}; settings on {len(tuning_windows[0].frames)} others each")
+print(f"frames: {number}; settings on {tuning.LENGTHS[scale]} others each")
 
 # %% [markdown]
 # ## What is tried
 #
 # The gate (px, or standard deviations of the filter) and how many frames a particle may be
 # missed. Then the noise of the acceleration, the step over a gap (laptrack), or whether trackpy
-# predicts. Each parameter has a grid of values. A small part of the grid is tried first, then the
-# neighbours of the best setting, until none is better. So the best is interior or at an end of
-# the grid, and the table says which. The table is saved so that users of a tracker can judge its
-# settings.
-
-# %%
-grids = grid_search.all_grids()
-
-# %% [markdown]
+# predicts. Each parameter has a grid of values. Eight settings are tried first, then the
+# neighbours of the best ones, until each tracker has had its trials. The table is saved so that
+# users of a tracker can judge its settings.
+#
 # Joint probabilities of Stone Soup take long where many gates overlap. A window in which more
-# than 20 tracks share detections is refused, and such a setting is never chosen. The same rule is
-# used on the first 40 frames of each window only.
+# than 20 tracks share detections is refused, and such a setting is never chosen. Its trials are on
+# the first 40 frames of each stretch only.
 
 # %%
-if scale == "quick":
-    tuning_windows = [grid_search.first_frames(window, 4) for window in tuning_windows]
-tried = grid_search.grid_search(tuning_windows, grids)
-best = grid_search.chosen_trackers(tried, grids)
+tried = tuning.tried_settings(scale, grid_search.all_grids(), seed, jobs)
+best = tuning.chosen_trackers(tried)
+picture = tuning.draw_curves(tried)
 caption = (
-    "Settings that were tried, with the mean measures without post-processing on windows that are "
-    "not scored (frames: their length). The largest beta is chosen; at_end names its parameters "
-    "that are at an end of the grid (empty: all are interior)."
+    "All settings that were tried, the same number for each tracker, with mean measures after "
+    "post-processing, tracks from the lance, on frames that are not reported (frames: of each "
+    "stretch). Line: the largest at each value; circle: chosen. at_end names the chosen one's "
+    "parameters at an end of the grid, untried how many of its neighbours were not tried."
 )
-figures.save("peers-settings", tried, caption=caption, provenance=origin)
+figures.save("peers-settings", tried, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The same detections, the same measures
@@ -99,9 +94,5 @@ figures.save("fig-peers", scores[columns], picture=picture, caption=caption, pro
 # ## Result
 
 # %%
-ends = tried[tried["at_end"] != ""]
-at_end = "; ".join(ends["tracker"] + " " + ends["setting"] + " (" + ends["at_end"] + ")")
-result = (
-    f"{grid_search.describe_leaders(scores)} Settings at an end of the grid: {at_end or 'none'}."
-)
+result = f"{grid_search.describe_leaders(scores)} Chosen: {tuning.describe_chosen(tried)}."
 figures.conclude(result, [], origin)

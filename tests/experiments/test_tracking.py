@@ -6,13 +6,7 @@ import pytest
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments import (
-    grid_search,
-    post_processing,
-    tracking,
-    tracking_scores,
-)
-from kilnflight.experiments.grid_search import Grid
+from kilnflight.experiments import post_processing, tracking, tracking_scores
 from kilnflight.experiments.tracking_scores import ALL, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.project import claims
@@ -87,32 +81,14 @@ def test_windows_with_and_without_a_track(window):
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
-def test_settings_are_found_where_nothing_is_scored(fraction):
+def test_scored_are_frames_of_the_window_of_table_5_15(fraction):
     twin = TwinSource(f"{fraction.replace(' ', '-').lower()}-4.5-bar").recording()
     window = tracking_window(twin)
     assert tracking.scored_frames(twin, "full") == window
-    for scale in tracking.LENGTHS:
-        part, other = tracking.scored_frames(twin, scale), tracking.settings_frames(twin, scale)
+    for scale, length in tracking.LENGTHS.items():
+        part = tracking.scored_frames(twin, scale)
         assert set(part) <= set(window)
-        assert not set(other) & set(
-            range(window.start - tracking.MARGIN, window.stop + tracking.MARGIN)
-        )
-        assert 0 <= other.start < other.stop <= len(twin)
-        if tracking.LENGTHS[scale][0]:
-            assert len(part) == tracking.LENGTHS[scale][0]
-
-
-def test_the_setting_with_the_largest_beta_is_chosen(window):
-    def blind(seen):
-        return seen.assign(particle=np.arange(len(seen)))
-
-    way = {"way": (0.0, 1.0)}
-    one = Grid(lambda way: (blind, track)[int(way)], way, way)
-    trackers = {"one": one, "two": Grid(lambda way: blind, way, way)}
-    tried = grid_search.grid_search([window], trackers)
-    best = tried[tried["chosen"]].set_index("tracker")["setting"]
-    assert best.to_dict() == {"one": "way 1", "two": "way 0"}
-    assert grid_search.chosen_trackers(tried, trackers)["one"] is track
+        assert len(part) == (length or len(window))
 
 
 def test_each_step_is_measured_and_its_tracks_are_returned(window):
@@ -127,7 +103,9 @@ def test_each_step_is_measured_and_its_tracks_are_returned(window):
 
 def test_variants_are_steps_and_the_first_is_as_printed(window):
     variants = {"none": (), **post_processing.variants()}
-    table = post_processing.compare_variants([window], variants).set_index("variant")
+    table = post_processing.compare_variants([window], variants)
+    table = table[(table["reading"] == ALL) & (table["fraction"] == "confetti")]
+    table = table.set_index("variant")
     assert list(table.index) == list(variants)
     steps, _ = post_processing.compare_steps([window])
     assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
@@ -148,10 +126,27 @@ def test_the_texture_that_tells_most_comes_first(window):
     assert first["with_track"] == tracklets.energies(streaks[3])[first["masks"]]
     assert first["f"] == tracklets.energies(empty[0])[first["masks"]]
     assert first["ratio_10"] == pytest.approx(first["ratio"] * 1.6 / 4)
-    variants = pd.DataFrame({"variant": ["as printed", "Hungarian"], "alpha": [0.5, 0.6]})
-    verdicts = {verdict.id: verdict for verdict in post_processing.verdicts(variants, table)}
-    assert verdicts["track-7"].verdict == claims.NOT_REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict", "because"),
+    [
+        (0.01, 0.05, claims.NOT_REPRODUCED, "method"),
+        (-0.05, -0.01, claims.REPRODUCED, ""),
+        (-0.05, 0.01, claims.NOT_DECIDABLE, "criterion"),
+    ],
+)
+def test_the_interval_decides_between_the_methods_of_fig_4_14(low, high, verdict, because):
+    """`low` and `high` are of the Hungarian method's gain, so dual nearest leads below 0."""
+    row = {"variant": "Hungarian", "fraction": "mean of fractions", "reading": "from the lance"}
+    row |= {"alpha_gain": (low + high) / 2, "alpha_low": low, "alpha_high": high}
+    texture = pd.DataFrame({"masks": ["LE", "EE"], "ratio": [8.0, 2.0]})
+    judged = post_processing.verdicts(pd.DataFrame([row]), texture)
+    verdicts = {one.id: one for one in judged}
     assert set(verdicts) == {"track-7", "track-8"}
+    assert verdicts["track-7"].verdict == verdict
+    assert verdicts["track-7"].because == because
+    assert "print: one made-up instance" in verdicts["track-7"].reason
 
 
 def test_tracks_of_each_stage_stand_beside_the_truth(window):

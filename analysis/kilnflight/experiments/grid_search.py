@@ -1,11 +1,10 @@
-"""Grid search for settings of trackers: same objective, same rule for all.
+"""Grid search for settings of trackers: same objective, same rule, same effort for all.
 
-A setting is scored by its mean beta (Eq. 5.5, `kilnflight.scores.tracks`) over the fractions,
-without post-processing: beta charges false tracks, and the published trackers have no
-post-processing. Every parameter has a grid of values, in steps of about the same ratio. A small
-part of the grid is tried in full; then the neighbours of the best setting, until none is better.
-The table says whether the best setting is at an end of the grid: there, a wider grid may hold a
-better one.
+Every parameter has a grid of values, in steps of about the same ratio. A small part of the grid is
+tried in full; then the neighbours of the best setting whose neighbours are not all tried yet, until
+every tracker has had the same number of trials. The table says whether the best setting is at an
+end of the grid, where a wider grid may hold a better one, and how many of its neighbours were not
+tried. What is compared is `kilnflight.experiments.tuning`'s affair.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from time import perf_counter
 
 import numpy as np
 import pandas as pd
@@ -23,8 +21,8 @@ from tqdm import tqdm
 from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.tracking import MEASURES, Tracker, Window, run
-from kilnflight.experiments.tracking_scores import ALL, measure_tracks
+from kilnflight.experiments.tracking import Tracker, Window, run
+from kilnflight.experiments.tracking_scores import ALL
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -33,10 +31,15 @@ from kilnflight.tracking.tracker import Management, track
 GATES = (0.7, 1.0, 1.4, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # standard deviations
 NOISES = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # px/frame^1.5
 DISTANCES_PX = (2.5, 3.5, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
-SLOW, SLOW_FRAMES = ("JPDA, Stone Soup",), 40  # tried on so many frames of each window
-MISSED_FRAMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # in a row; the windows have 100
+MISSED_FRAMES = (0, 1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # in a row
+FILTERED = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
+# Eight settings for each tracker; of those with a filter the same ones.
+FILTERED_START = {"gate": (2.0, 4.0), "noise": (0.5, 2.0), "missed_frames": (3, 8)}
+# Ends that no grid can go beyond: no fewer frames than none; trackpy predicts or does not.
+NATURAL = {"missed_frames": (0.0,), "predicted": (0.0, 1.0)}
 
 Setting = tuple[float, ...]
+Worth = Callable[[Tracker], Mapping[str, object]]  # beta, NaN if refused, and what else to keep
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,12 @@ class Grid:
     def at_end(self, setting: Setting) -> str:
         """Return the parameters that are at an end of their values, "" for none.
 
-        A parameter whose start has all values, such as yes and no, has no ends.
+        The ends of `NATURAL` are none.
         """
         names = [
             name
             for (name, values), value in zip(self.parameters.items(), setting, strict=True)
-            if value in (values[0], values[-1]) and set(self.start[name]) != set(values)
+            if value in (values[0], values[-1]) and value not in NATURAL.get(name, ())
         ]
         return ", ".join(names)
 
@@ -92,8 +95,6 @@ class Grid:
 
 def kilnflight_grids() -> dict[str, Grid]:
     """Return the grids of GNN and JPDA."""
-    values = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
-    start = {"gate": (2.0, 3.0, 4.0, 6.0), "noise": (0.5, 1.0, 2.0), "missed_frames": (3, 5, 8, 12)}
 
     def build(associator: Associator, gate: float, noise: float, missed_frames: float) -> Tracker:
         return partial(
@@ -106,34 +107,33 @@ def kilnflight_grids() -> dict[str, Grid]:
 
     associators: dict[str, Associator] = {"GNN": GNN(), "JPDA": JPDA()}
     return {
-        name: Grid(partial(build, associator), values, start)
+        name: Grid(partial(build, associator), FILTERED, FILTERED_START)
         for name, associator in associators.items()
     }
 
 
 def peer_grids() -> dict[str, Grid]:
     """Return the grids of trackpy, laptrack and Stone Soup, installed together."""
-    filtered = {"gate": GATES, "noise": NOISES, "missed_frames": MISSED_FRAMES}
     return {
         "trackpy": Grid(
             lambda step, missed, predicted: peers.Trackpy(step, int(missed), bool(predicted)),
             {"step": DISTANCES_PX, "missed_frames": MISSED_FRAMES, "predicted": (0, 1)},
-            {"step": (15.0, 20.0), "missed_frames": (2, 5), "predicted": (0, 1)},
+            {"step": (15.0, 30.0), "missed_frames": (3, 8), "predicted": (0, 1)},
         ),
         "laptrack": Grid(
             lambda step, gap, missed_frames: peers.LapTrack(step, gap, int(missed_frames)),
             {"step": DISTANCES_PX, "gap": DISTANCES_PX, "missed_frames": MISSED_FRAMES},
-            {"step": (20.0, 40.0), "gap": (20.0, 40.0), "missed_frames": (2, 5)},
+            {"step": (15.0, 30.0), "gap": (15.0, 30.0), "missed_frames": (3, 8)},
         ),
         "GNN, Stone Soup": Grid(
             lambda gate, noise, missed_frames: peers.StoneSoupGNN(gate, noise, int(missed_frames)),
-            filtered,
-            {"gate": (3.0, 4.0), "noise": (1.0,), "missed_frames": (3, 5)},
+            FILTERED,
+            FILTERED_START,
         ),
         "JPDA, Stone Soup": Grid(
             lambda gate, noise, missed_frames: peers.StoneSoupJPDA(gate, noise, int(missed_frames)),
-            filtered,
-            {"gate": (2.0, 3.0), "noise": (1.0,), "missed_frames": (1, 2)},
+            FILTERED,
+            FILTERED_START,
         ),
     }
 
@@ -147,79 +147,59 @@ def all_grids() -> dict[str, Grid]:
     return grids | {name: grid for name, grid in theirs if package.get(name, name) in installed}
 
 
-def grid_search(windows: Iterable[Window], grids: Mapping[str, Grid]) -> pd.DataFrame:
-    """Return what each tracker's settings give; the best of each tracker is chosen.
+def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
+    """Return what a tracker's settings are worth; the one of largest beta is chosen.
 
     Parameters
     ----------
-    windows
-        Frames that no result is taken from (`tracking.windows`, ``for_settings``).
-    grids
-        By tracker.
+    name
+        Of the tracker.
+    grid
+        Its settings.
+    worth
+        What a tracker in some setting is worth; what refuses has a NaN for ``beta``.
+    trials
+        How many settings are tried; fewer only if the grid has no more.
 
     Returns
     -------
     DataFrame
-        ``tracker``, ``setting``, the four measures without post-processing, averaged over the
-        windows, ``seconds`` in all, ``chosen``, ``at_end`` (of the chosen: its parameters at an
-        end of their values, "" if it is interior), ``note`` and ``frames``. A tracker that refuses
-        a window (an `InputError`) has no measures for that setting, and the note says why. The
-        first `SLOW_FRAMES` of each window must do for the trackers of `SLOW`.
+        ``tracker``, ``setting`` in words, a column per parameter, what ``worth`` returns,
+        ``chosen``, and of the chosen one ``at_end`` (its parameters at an end of their values, ""
+        if it is interior) and ``untried`` (its neighbours that were not tried; 0 for all others).
 
     Raises
     ------
     InputError
-        If there is no window, or every setting of a tracker refuses one.
+        If every setting is refused.
 
     Notes
     -----
     Of settings of equal worth the first is chosen.
     """
-    windows = list(windows)
-    if not windows:
-        raise InputError("grid_search: no windows to try settings on.")
-    short, parts = [first_frames(window, SLOW_FRAMES) for window in windows], []
-    for name, grid in grids.items():
-        tried = short if name in SLOW else windows
-        parts.append(_search(tried, name, grid).assign(frames=len(tried[0].frames)))
-    names = ["tracker", "setting", *MEASURES, "seconds", "chosen", "at_end", "note", "frames"]
-    return pd.concat(parts, ignore_index=True)[names] if parts else pd.DataFrame(columns=names)
-
-
-def _search(windows: list[Window], name: str, grid: Grid) -> pd.DataFrame:
-    """Try the start, then the neighbours of the best until none is better."""
     rows: dict[Setting, dict[str, object]] = {}
     ahead = list(product(*(grid.start[parameter] for parameter in grid.parameters)))
     with tqdm(desc=name, unit="setting", disable=None) as bar:
         while ahead:
-            for setting in ahead:
-                row = {"tracker": name, "setting": grid.text(setting)}
-                rows[setting] = row | _mean_measures(windows, grid.build(*setting))
+            for setting in ahead[: trials - len(rows)]:
+                parameters = dict(zip(grid.parameters, setting, strict=True))
+                row = {"tracker": name, "setting": grid.text(setting), **parameters}
+                rows[setting] = row | dict(worth(grid.build(*setting)))
                 bar.update()
             table = pd.DataFrame(rows.values())
             if table["beta"].isna().all():
-                raise InputError(
-                    f"grid_search: {name} refuses every setting: {table['note'].iloc[0]}"
-                )
-            best = int(table["beta"].argmax())
-            setting = list(rows)[best]
-            ahead = [neighbor for neighbor in grid.neighbors(setting) if neighbor not in rows]
-    chosen = np.arange(len(table)) == best
-    return table.assign(chosen=chosen, at_end=np.where(chosen, grid.at_end(setting), ""))
-
-
-def _mean_measures(windows: list[Window], tracker: Tracker) -> dict[str, object]:
-    """Return means over windows, seconds of tracking, and why there are none."""
-    begin = perf_counter()
-    try:
-        tracks = [tracker(window.detections) for window in windows]
-    except InputError as error:
-        nothing = dict.fromkeys(MEASURES, np.nan)
-        return {**nothing, "seconds": perf_counter() - begin, "note": f"not run: {error}"}
-    seconds = perf_counter() - begin
-    pairs = zip(windows, tracks, strict=True)
-    table = pd.DataFrame([measure_tracks(window.truth, rows) for window, rows in pairs])
-    return {**table[list(MEASURES)].mean(), "seconds": seconds, "note": ""}
+                raise InputError(f"search: {name} refuses every setting: {table['note'].iloc[0]}")
+            ranks = np.argsort(-table["beta"].to_numpy(), kind="stable")  # NaN last
+            ranked = [list(rows)[k] for k in ranks]
+            around = ([n for n in grid.neighbors(best) if n not in rows] for best in ranked)
+            ahead = next(filter(None, around), []) if len(rows) < trials else []
+    chosen = np.arange(len(table)) == ranks[0]
+    untried = sum(neighbor not in rows for neighbor in grid.neighbors(ranked[0]))
+    return table.assign(
+        chosen=chosen,
+        at_end=np.where(chosen, grid.at_end(ranked[0]), ""),
+        untried=np.where(chosen, untried, 0),
+    )
 
 
 def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str, Tracker]:
@@ -231,20 +211,6 @@ def chosen_trackers(table: pd.DataFrame, grids: Mapping[str, Grid]) -> dict[str,
         chosen = next(setting for setting in settings if grid.text(setting) == row.setting)
         trackers[str(row.tracker)] = grid.build(*chosen)
     return trackers
-
-
-def chosen_settings(table: pd.DataFrame) -> pd.DataFrame:
-    """Return each tracker's chosen setting, its alpha and beta, and the betas of all.
-
-    Returns
-    -------
-    DataFrame
-        ``tracker``, ``setting``, ``alpha``, ``beta``; ``beta_min``, ``beta_median`` and
-        ``beta_max`` of all settings in the table of `grid_search`.
-    """
-    spread = table.groupby("tracker")["beta"].agg(["min", "median", "max"]).add_prefix("beta_")
-    best = table[table["chosen"]].set_index("tracker")[["setting", "alpha", "beta"]]
-    return best.join(spread).reset_index()
 
 
 def first_frames(window: Window, frames: int) -> Window:

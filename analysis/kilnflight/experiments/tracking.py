@@ -3,7 +3,7 @@
     window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
 
 The trackers run on the windows of Table 5.15. Settings that the thesis does not print are found
-on other frames of the same campaigns (`settings_frames`), which share no frame with those.
+on other frames of the same campaigns (`kilnflight.experiments.tuning`).
 """
 
 from __future__ import annotations
@@ -50,8 +50,7 @@ from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
 
 MARGIN = 150  # frames between a window and those for settings: no shared background
-# Frames of a window and of those for settings, by scale; 0: as long as Table 5.15's.
-LENGTHS = {"quick": (12, 12), "standard": (48, 24), "full": (0, 100)}
+LENGTHS = {"quick": 12, "standard": 48, "full": 0}  # frames; 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 STAGES = ("without", "with")  # post-processing
@@ -90,26 +89,10 @@ def busiest_frames(twin: Twin, within: range, length: int) -> range:
 def scored_frames(twin: Twin, scale: str) -> range:
     """Return the window of Table 5.15, or the busiest part of it."""
     window = tracking_window(twin)
-    return busiest_frames(twin, window, LENGTHS[scale][0] or len(window))
+    return busiest_frames(twin, window, LENGTHS[scale] or len(window))
 
 
-def settings_frames(twin: Twin, scale: str) -> range:
-    """Return the busiest part of another window, to find settings in.
-
-    A window like that of Table 5.15.
-    Like: as long, with as near to as many particles as Table 5.15 counts, and far away.
-    """
-    window = tracking_window(twin)
-    before = range(0, window.start - MARGIN - len(window) + 1, 10)
-    after = range(window.stop + MARGIN, len(twin) - len(window) + 1, 10)
-    starts, count = [*before, *after], WINDOWS[str(twin.scene.fraction)][0]
-    start = starts[int(np.abs(flying_particles(twin, starts, len(window)) - count).argmin())]
-    return busiest_frames(twin, range(start, start + len(window)), LENGTHS[scale][1])
-
-
-def windows(
-    scale: str, settings: Settings, seed: int = 0, *, for_settings: bool = False, jobs: int = 1
-) -> list[Window]:
+def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
@@ -120,8 +103,6 @@ def windows(
         Threshold and wall, from the labelled frames.
     seed
         Of the scenes.
-    for_settings
-        Return the frames in which settings are found in place of those that are scored.
     jobs
         Processes.
     """
@@ -130,7 +111,7 @@ def windows(
         name = campaign_name(fraction, 4.5)
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
-        frames = (settings_frames if for_settings else scored_frames)(twin, scale)
+        frames = scored_frames(twin, scale)
         detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
         run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
         in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
