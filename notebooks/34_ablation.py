@@ -17,7 +17,6 @@ jobs = 2  # processes of the detection
 
 # %%
 from kilnflight.experiments import campaigns, jpda_ablation, tracking, tuning
-from kilnflight.experiments.tracking_scores import FROM_LANCE
 from kilnflight.project import figures, style
 
 style.use_style()
@@ -94,6 +93,6 @@ result = (
     f"{alpha['right detections only, GNN']:.2f} with the detections that are right, "
     f"{alpha['detections, GNN']:.2f} with all, {alpha['detections, GNN + steps']:.2f} after the "
     f"steps. Links by the truth: {alpha['detections, links by the truth']:.2f}. "
-    f"{jpda_ablation.describe(exchanged, FROM_LANCE)} No claim is tested."
+    f"{jpda_ablation.describe(exchanged)} No claim is tested."
 )
 figures.conclude(result, [], origin)

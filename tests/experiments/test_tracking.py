@@ -139,7 +139,7 @@ def test_the_texture_that_tells_most_comes_first(window):
 def test_the_interval_decides_between_the_methods_of_fig_4_14(low, high, verdict, because):
     """`low` and `high` are of the Hungarian method's gain, so dual nearest leads below 0."""
     row = {"variant": "Hungarian", "fraction": "mean of fractions", "reading": "from the lance"}
-    row |= {"alpha_gain": (low + high) / 2, "alpha_low": low, "alpha_high": high}
+    row |= {"alpha_gain": (low + high) / 2, "alpha_gain_low": low, "alpha_gain_high": high}
     texture = pd.DataFrame({"masks": ["LE", "EE"], "ratio": [8.0, 2.0]})
     judged = post_processing.verdicts(pd.DataFrame([row]), texture)
     verdicts = {one.id: one for one in judged}

@@ -157,14 +157,18 @@ def test_gains_are_paired_and_lie_in_their_intervals(window):
     assert set(table["reading"]) == {ALL, FROM_LANCE}
     whole = table[(table["fraction"] == paired_gains.MEAN) & (table["reading"] == ALL)]
     rows = whole.set_index("variant")
-    assert rows.loc["same", ["alpha_gain", "alpha_low", "alpha_high"]].tolist() == [0.0, 0.0, 0.0]
+    assert rows.loc["same", ["alpha_gain", "alpha_gain_low", "alpha_gain_high"]].tolist() == [
+        0.0,
+        0.0,
+        0.0,
+    ]
     lost = rows.loc["worse"]
     assert lost["alpha_gain"] == pytest.approx(lost["alpha"] - rows.loc["right", "alpha"])
-    assert lost["alpha_low"] <= lost["alpha_gain"] <= lost["alpha_high"] < 0
+    assert lost["alpha_gain_low"] <= lost["alpha_gain"] <= lost["alpha_gain_high"] < 0
     assert lost["true_tracks"] == 8
     lance = table[(table["fraction"] == "confetti") & (table["reading"] == FROM_LANCE)]
     assert (lance["true_tracks"] == 4).all()  # too few for an interval
-    assert lance.set_index("variant").loc["worse", "alpha_low"] == -1.0
+    assert lance.set_index("variant").loc["worse", "alpha_gain_low"] == -1.0
 
 
 def test_the_ablation_is_drawn_and_told(window):
@@ -173,4 +177,4 @@ def test_the_ablation_is_drawn_and_told(window):
         warnings.simplefilter("error")
         table = jpda_ablation.ablate([window], jpda_ablation.variants(jpda, gnn))
     assert len(jpda_ablation.draw(table).axes) == 2
-    assert "GNN has" in jpda_ablation.describe(table, FROM_LANCE)
+    assert "GNN has" in jpda_ablation.describe(table)

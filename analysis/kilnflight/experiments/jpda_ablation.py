@@ -20,6 +20,7 @@ from kilnflight import tracklets
 from kilnflight.association import GNN, JPDA, PDA, Associator, Pairs, one_hot
 from kilnflight.experiments.paired_gains import MEAN, compare
 from kilnflight.experiments.tracking import Tracker, Window
+from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE
 from kilnflight.project import style
 from kilnflight.tracking.tracker import AVERAGED, record, track
 
@@ -112,7 +113,7 @@ def draw(table: pd.DataFrame) -> Figure:
     for axes, reading in zip(panels, readings, strict=True):
         part = _means(table, reading)
         for shift, measure, face in ((-0.15, "alpha", "black"), (0.15, "beta", "white")):
-            low, high = (part[f"{measure}_{end}"] for end in ("low", "high"))
+            low, high = (part[f"{measure}_gain_{end}"] for end in ("low", "high"))
             gain, at = part[f"{measure}_gain"], np.arange(len(part)) + shift
             axes.plot([low, high], [at, at], "-", color="0.4", lw=0.8)
             axes.plot(gain, at, "o", color="black", mfc=face, ms=4, label=measure)
@@ -130,16 +131,20 @@ def _means(table: pd.DataFrame, reading: str) -> pd.DataFrame:
     return table[rows & (table["variant"] != "JPDA")]
 
 
-def describe(table: pd.DataFrame, reading: str) -> str:
-    """Describe in a sentence what GNN gains and which exchanged parts matter."""
+def describe(table: pd.DataFrame) -> str:
+    """Describe in a sentence what GNN gains and which exchanged parts matter.
+
+    Of the tracks from the lance; of all, where no true one starts there (a smoke run).
+    """
+    reading = FROM_LANCE if FROM_LANCE in set(table["reading"]) else ALL
     gains = _means(table, reading).set_index("variant")
     parts = gains.drop(index=["GNN", SAME_SETTING])
     whole, same = gains.loc["GNN"], float(gains["beta_gain"][SAME_SETTING])
-    matter = parts[(parts["beta_low"] > 0) | (parts["beta_high"] < 0)]
+    matter = parts[(parts["beta_gain_low"] > 0) | (parts["beta_gain_high"] < 0)]
     named = "; ".join(f"{name} {row['beta_gain']:+.3f}" for name, row in matter.iterrows())
     return (
-        f"Beta, {reading} tracks: GNN has {whole['beta_gain']:+.3f} against JPDA "
-        f"({whole['beta_low']:+.3f} to {whole['beta_high']:+.3f}), in JPDA's setting "
+        f"Beta of tracks ({reading}): GNN has {whole['beta_gain']:+.3f} against JPDA "
+        f"({whole['beta_gain_low']:+.3f} to {whole['beta_gain_high']:+.3f}), in JPDA's setting "
         f"{same:+.3f}. Exchanged alone, these parts of "
         f"JPDA change its beta beyond the interval: {named or 'none'}."
     )

@@ -42,8 +42,8 @@ def compare(
     DataFrame
         ``variant``, ``reading``, ``fraction`` (`MEAN`: of all), ``true_tracks``, the four
         measures, and for alpha and beta the gain over the first variant with its 95 % interval
-        (``_gain``, ``_low``, ``_high``), bootstrap over true tracks. A fraction without a true
-        track in a reading is left out of it.
+        (``_gain``, ``_gain_low``, ``_gain_high``), bootstrap over true tracks. A fraction
+        without a true track in a reading is left out of it.
     """
     cells: dict[tuple[str, str], list[Scored]] = {}
     for place, window in enumerate(windows):
@@ -73,7 +73,7 @@ def _row(pairs: Sequence[tuple[Scored, Scored]]) -> dict[str, object]:
     for measure in GAINS:
         one = gain(pairs, measure)
         ends = one.estimate, *np.clip([one.low, one.high], -1.0, 1.0)
-        names = (f"{measure}_gain", f"{measure}_low", f"{measure}_high")
+        names = (f"{measure}_gain", f"{measure}_gain_low", f"{measure}_gain_high")
         row |= dict(zip(names, ends, strict=True))
     return row
 

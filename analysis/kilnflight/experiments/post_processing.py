@@ -24,6 +24,7 @@ from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining
 
 BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
+LOW, HIGH = "alpha_gain_low", "alpha_gain_high"
 SPAN = 11  # frames that such a box sums
 Array = npt.NDArray[np.float64]
 Steps = Sequence[tracklets.Step]
@@ -220,16 +221,16 @@ def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:
     rows = measures[(measures["variant"] == "Hungarian") & (measures["fraction"] == MEAN)]
     by_reading = rows.set_index("reading")
     parts = [
-        f"{name}: {-row['alpha_gain']:+.4f} ({-row['alpha_high']:+.4f} to {-row['alpha_low']:+.4f})"
+        f"{name}: {-row['alpha_gain']:+.4f} ({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})"
         for name, row in by_reading.iterrows()
     ]
     told = f"mean alpha, dual nearest minus Hungarian, {'; '.join(parts)}"
     lance = by_reading.loc[FROM_LANCE if FROM_LANCE in by_reading.index else ALL]
     note = "print: one made-up instance; ours: mean alpha and its interval, bootstrap over tracks"
-    if lance["alpha_low"] <= 0.0 <= lance["alpha_high"]:
+    if lance[LOW] <= 0.0 <= lance[HIGH]:
         reason = f"the interval of the difference holds 0; {note}"
         return claims.undecidable("track-7", reason, told, because="criterion")
-    better = {told: bool(lance["alpha_high"] < 0.0)}
+    better = {told: bool(lance[HIGH] < 0.0)}
     return claims.judge("track-7", better, note=note, because="method")
 
 
