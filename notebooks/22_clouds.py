@@ -30,6 +30,7 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 # %%
 from kilnflight import detection as detectors
 from kilnflight.experiments import (
+    cloud_pictures,
     detection,
     detection_claims,
     detection_pictures,
@@ -47,6 +48,39 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 images = frames * len(subsets)
 print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+
+# %% [markdown]
+# ## A cloud in space
+#
+# What the camera delivers (Fig. 2.12): a tube of points, the kiln, and the particles in it. Only
+# some pixels have a depth. See how few points a single particle has, and how far they spread in
+# depth.
+
+# %%
+cloud = cloud_pictures.particle_cloud(subsets[0], subsets[0].frames[0])
+picture, marked = cloud_pictures.draw_cloud(cloud, seed)
+known = subsets[0].recording.attributes
+caption = (
+    f"Point cloud of the kiln (grey) and of particles (blue), after Fig. 2.12; simulated, subset "
+    f"{subsets[0].name}: {len(cloud):,} points of {known.rows * known.columns:,} pixels. Circle, "
+    f"and right: the particle with the most points, {len(marked)}."
+)
+figures.save("fig-2-12-cloud", marked, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## How near the points lie
+#
+# Fig. 5.7: the distance of each point to its nearest neighbour, a frame from each subset. In the
+# text a third is nearer than 1 mm, another third nearer than 2 mm, and nine in ten nearer than 4.
+
+# %%
+distances, table = cloud_pictures.neighbour_distances(subsets)
+picture = cloud_pictures.draw_neighbour_distances(distances)
+caption = (
+    f"Share of points whose nearest neighbour is within a distance, {len(distances)} simulated "
+    "clouds, beside what the text says of Fig. 5.7."
+)
+figures.save("fig-5-7-neighbours", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The sorted k-distance graph

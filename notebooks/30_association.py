@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Data association explained on small cases
 #
-# **Published** (thesis, sections 2.3.2 to 2.3.4 and 4.1.2; Figs 2.20 to 2.23 and 4.2). In
+# **Published** (thesis, sections 2.3.2 to 2.3.4, 3.3, 4.1.2; Figs 2.20 to 2.23, 3.13 and 4.2). In
 # sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not. Both take
 # clutter that lies nearer. Probabilistic association (PDA, JPDA) lands in between. JPDA sums over
 # joint events, eleven in the example. The gate is an elliptical cylinder.
@@ -17,7 +17,9 @@ seed = 0  # of the scatter of the flight in the last figure
 import numpy as np
 
 from kilnflight.experiments import association_cases as cases
+from kilnflight.experiments import worked_examples
 from kilnflight.project import figures, style
+from kilnflight.scores.detections import GATE_PX
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 style.use_style()
@@ -126,6 +128,23 @@ caption = (
     "there."
 )
 figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Detections and particles
+#
+# How a frame is scored (Eq. 3.4, Fig. 3.13): five hand-made detections, five particles, 45 px. The
+# pairs are those of the least sum: d1 is nearest to p2, but p1 has nothing else. See d4, which no
+# particle is near to, a false positive; and p3, which nothing is left for, missed.
+
+# %%
+score, costs = worked_examples.score_instance(GATE_PX)
+picture = worked_examples.draw_assignment(score, costs, GATE_PX)
+caption = (
+    "Five detections assigned to five particles, after Fig. 3.13: cost matrix with the pairs "
+    "chosen (framed), and their places, with 45 px around each detection. Hand-made."
+)
+table = costs.reset_index(names="detection")
+figures.save("fig-3-13-assignment", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result

@@ -129,3 +129,15 @@ def test_what_is_no_picture_is_refused():
     sums = Sums(np.full((50, 50), np.nan))
     with pytest.raises(InputError, match="differences of frames 2 to 7"):
         LevelEdge()((5.0, 5.0), (20.0, 5.0), (2, 7), sums)
+
+
+@pytest.mark.parametrize("end", [(50.0, 33.0), (33.0, 55.0)])
+def test_the_vertices_bound_the_pixels_that_count(end):
+    feature, start = LevelEdge(half_width=4.0), (30.0, 30.0)
+    corners = feature.corners(start, end)
+    lying = 0 if abs(end[0] - 30) >= abs(end[1] - 30) else 1
+    corner = np.zeros(2, int)
+    pixels = feature._inside(np.array(start), np.array(end), lying, corner, (90, 90))
+    where = np.argwhere(pixels)
+    np.testing.assert_allclose(where.min(axis=0), corners.min(axis=0), atol=1)
+    np.testing.assert_allclose(where.max(axis=0), corners.max(axis=0), atol=1)

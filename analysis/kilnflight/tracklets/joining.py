@@ -44,8 +44,7 @@ Bools = npt.NDArray[np.bool_]
 class Pairs(NamedTuple):
     """The possible pairs of a cost matrix, as a list.
 
-    The other pairs cost C, as in Fig. 4.14. Of thousands of tracklets a handful of pairs are
-    possible, so the matrix is never made.
+    The other pairs cost C, as in Fig. 4.14; few are possible, so the matrix is never made.
     """
 
     earlier: Integers  # (p,) tracklet
@@ -222,7 +221,7 @@ class Joining:
         Their cost is without the last term. Time alone preselects the pairs.
         """
         i, k, gap = self._in_time(paths, changed)
-        overlap = _overlap(paths, i, k)
+        overlap = overlap_in_time(paths, i, k)
         # Eq. 4.21
         apart = (overlap.common >= self.overlap) | (overlap.distance > self.distance)
         possible = (gap > 0) | ~apart
@@ -230,7 +229,7 @@ class Joining:
         overlap = _take(overlap, possible)
         fastest = fastest_steps(paths)
         limit = np.maximum(fastest[i], fastest[k]) + self.jump
-        turned, allowed = self._judge(*_connected_parts(paths, i, k, overlap), limit)
+        turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
         return _take(Pairs(i, k, cost), allowed)
 
@@ -350,7 +349,7 @@ class Overlap(NamedTuple):
     since: Integers  # position of the start of the later one's part
 
 
-def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
+def overlap_in_time(paths: Paths, i: Integers, k: Integers) -> Overlap:
     """Return the overlap in time of pairs of tracklets (p,)."""
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
@@ -372,7 +371,7 @@ def _overlap(paths: Paths, i: Integers, k: Integers) -> Overlap:
     return Overlap(common, distance, before, after)
 
 
-def _connected_parts(
+def connected_parts(
     paths: Paths, i: Integers, k: Integers, overlap: Overlap
 ) -> tuple[Integers, Integers, Floats]:
     """Return the connected parts of pairs of tracklets (Fig. 4.10).

@@ -149,6 +149,13 @@ class LevelEdge:
         inside = self._inside(np.array(start), np.array(end), lying, top_left, image.shape)
         return _energy(image, inside, MASKS["L"], MASKS["E"])
 
+    def corners(self, start: tuple[float, float], end: tuple[float, float]) -> Array:
+        """Return the vertices (4, 2) of the window, row and col, in turn around it."""
+        upright = abs(end[0] - start[0]) >= abs(end[1] - start[1])
+        aside = np.array([0.0, self.half_width] if upright else [self.half_width, 0.0])
+        first, last = np.array(start), np.array(end)
+        return np.array([first - aside, first + aside, last + aside, last - aside])
+
     def _inside(
         self, start: Array, end: Array, lying: int, corner: npt.NDArray[np.int_], shape: tuple
     ) -> npt.NDArray[np.bool_]:

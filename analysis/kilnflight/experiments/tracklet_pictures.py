@@ -1,0 +1,270 @@
+"""Real tracklets of a window that the post-processing drops or joins.
+
+Figs 4.4 and 4.12 of the thesis. Which ones are drawn follows a rule, stated at each function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from kilnflight import tracklets
+from kilnflight.experiments.tracking import Window
+from kilnflight.project.style import COLOURS, PAGE_MM, canvas
+from kilnflight.tracklets.eliminate import mean_speed, regularity
+from kilnflight.tracklets.paths import read_paths
+
+Array = npt.NDArray[np.float64]
+GREEN, RED, BLUE, YELLOW = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[3]
+CONDITIONS = {"duration": "frames", "speed": "px/frame", "regularity": ""}
+AROUND = 60  # px drawn around a window of the texture
+
+
+def pooled(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return the tracks of all fractions in one table, particles numbered through."""
+    parts, number = [], 0
+    for fraction, table in tables.items():
+        kept = tracklets.tracked(table)
+        parts.append(kept.assign(particle=kept["particle"] + number, fraction=fraction))
+        number += int(kept["particle"].max()) + 1 if len(kept) else 0
+    return pd.concat(parts, ignore_index=True)
+
+
+def judge_tracklets(tracks: pd.DataFrame, rule: tracklets.Elimination) -> pd.DataFrame:
+    """Return the three measures of Eq. 4.15 of each tracklet.
+
+    Returns
+    -------
+    DataFrame
+        Index ``particle``; ``duration`` in assigned frames, ``speed`` in px/frame and
+        ``regularity``; ``fails``, the conditions that it does not meet, joined by a plus.
+    """
+    paths = read_paths(tracks, "judge_tracklets: tracks")
+    names = paths.names()
+    table = pd.DataFrame({"duration": np.diff(paths.starts).astype(np.float64)})
+    table["speed"] = mean_speed(names, paths.frame, paths.place)
+    table["regularity"] = regularity(names, paths.frame, paths.place)
+    failed = pd.DataFrame({name: ~(table[name] > getattr(rule, name)) for name in CONDITIONS})
+    table["fails"] = [" + ".join(failed.columns[row]) for row in failed.to_numpy()]
+    particle = tracks["particle"].to_numpy()[paths.rows[paths.starts[:-1]]]
+    return table.set_index(pd.Index(particle, name="particle"))
+
+
+def chosen_tracklets(judged: pd.DataFrame) -> pd.DataFrame:
+    """Return an eligible and a false tracklet for each condition (Fig. 4.4).
+
+    The rule: of the eligible ones, and of those that fail this condition alone, the one in the
+    middle when sorted by the condition's measure, then by particle. A condition that nothing fails
+    alone has no false one.
+
+    Parameters
+    ----------
+    judged
+        From `judge_tracklets`.
+
+    Returns
+    -------
+    DataFrame
+        ``condition``, ``verdict`` ("eligible" or "false"), ``particle``, and the measures.
+    """
+    rows = []
+    for condition in CONDITIONS:
+        for verdict, fails in (("eligible", ""), ("false", condition)):
+            part = judged[judged["fails"] == fails].reset_index()
+            part = part.sort_values([condition, "particle"], kind="stable")
+            middle = part.iloc[len(part) // 2 : len(part) // 2 + 1]
+            rows.append(middle.assign(condition=condition, verdict=verdict))
+    table = pd.concat(rows, ignore_index=True)
+    return table[["condition", "verdict", "particle", *CONDITIONS]]
+
+
+def draw_eligible(tracks: pd.DataFrame, chosen: pd.DataFrame) -> Figure:
+    """Draw chosen tracklets, eligible ones above, false ones below.
+
+    Parameters
+    ----------
+    tracks
+        Before the elimination.
+    chosen
+        From `chosen_tracklets`.
+    """
+    picture, grid = canvas(2, len(CONDITIONS), width_mm=PAGE_MM, height_mm=110)
+    rows = chosen.set_index(["verdict", "condition"])
+    looks = {"eligible": ("o", GREEN), "false": ("X", RED)}
+    for panels, (verdict, (mark, colour)) in zip(grid, looks.items(), strict=True):
+        for axes, (condition, unit) in zip(panels, CONDITIONS.items(), strict=True):
+            if (verdict, condition) not in rows.index:
+                axes.set_title(f"{verdict}: no {condition} alone")
+                axes.set_axis_off()
+                continue
+            axes.set(xlabel="column (px)", ylabel="row (px)")
+            row: Any = rows.loc[(verdict, condition)]
+            part = tracks[tracks["particle"] == row["particle"]].sort_values("frame")
+            axes.plot(part["col"], part["row"], "-", color=colour, lw=0.7)
+            axes.plot(part["col"], part["row"], mark, color=colour, ms=4)
+            if len(part) > 3:
+                _draw_polynomial(axes, part)
+            axes.set_title(f"{verdict}: {condition} {row[condition]:.3g} {unit}")
+            _square(axes, part)
+    return picture
+
+
+def _draw_polynomial(axes: Axes, part: pd.DataFrame) -> None:
+    """Draw the second-degree polynomials of a tracklet (Eq. 4.15)."""
+    time = np.linspace(part["frame"].min(), part["frame"].max(), 60)
+    middle = part["frame"].mean()
+    col, row = (
+        np.polyval(np.polyfit(part["frame"] - middle, part[name], 2), time - middle)
+        for name in ("col", "row")
+    )
+    axes.plot(col, row, "--", color="black", lw=0.8)
+
+
+def _square(axes: Axes, part: pd.DataFrame) -> None:
+    """Give a tracklet equal axes and at least 20 px."""
+    low, high = part[["row", "col"]].min(), part[["row", "col"]].max()
+    middle, half = (low + high) / 2, max(10.0, 0.6 * float((high - low).max()))
+    axes.set(xlim=(middle["col"] - half, middle["col"] + half), box_aspect=1)
+    axes.set(ylim=(middle["row"] + half, middle["row"] - half))
+
+
+def joins(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
+    """Return which tracklets a step has joined, one row for each joint.
+
+    Parameters
+    ----------
+    before, after
+        The tables that the step was given and has returned: the same rows.
+
+    Returns
+    -------
+    DataFrame
+        ``earlier`` and ``later`` particle before the step; ``kind``, "connection" or "merging";
+        ``start_row``, ``start_col`` and ``end_row``, ``end_col``, the last position of the
+        earlier and the first of the later; ``first_frame`` and ``last_frame`` of both.
+    """
+    both = before.assign(joined=after["particle"])
+    known = both[(both["particle"] >= 0) & (both["joined"] >= 0)]
+    owner = known.groupby("particle")["joined"].first()
+    ordered = both[both["particle"] >= 0].sort_values(["particle", "frame"])
+    ends = ordered.groupby("particle").agg(
+        first_frame=("frame", "first"), last_frame=("frame", "last"),
+        first_row=("row", "first"), first_col=("col", "first"),
+        last_row=("row", "last"), last_col=("col", "last"),
+    )  # fmt: skip
+    ends = ends.assign(joined=owner).sort_values(["joined", "first_frame", "last_frame"])
+    ends = ends.reset_index()
+    earlier, later = ends.iloc[:-1].reset_index(drop=True), ends.iloc[1:].reset_index(drop=True)
+    table = pd.DataFrame({"earlier": earlier["particle"], "later": later["particle"]})
+    apart = later["first_frame"] > earlier["last_frame"]
+    table["kind"] = np.where(apart, "connection", "merging")
+    table[["start_row", "start_col"]] = earlier[["last_row", "last_col"]]
+    table[["end_row", "end_col"]] = later[["first_row", "first_col"]]
+    table["first_frame"] = earlier["first_frame"]
+    table["last_frame"] = np.maximum(earlier["last_frame"], later["last_frame"])
+    return table[earlier["joined"] == later["joined"]].reset_index(drop=True)
+
+
+def joined_in(
+    windows: Sequence[Window], tables: Mapping[str, pd.DataFrame], connection: tracklets.Step
+) -> pd.DataFrame:
+    """Return the `joins` of all windows, ``fraction`` first."""
+    found = {
+        window.fraction: joins(
+            tables[window.fraction], connection(tables[window.fraction], window.differences)
+        )
+        for window in windows
+    }
+    return pd.concat(found, names=["fraction"]).reset_index("fraction").reset_index(drop=True)
+
+
+def chosen_joins(table: pd.DataFrame) -> dict[str, dict[Any, Any]]:
+    """Return the joints of Fig. 4.12: of each kind that with the longest window.
+
+    Vertical and lateral connection, vertical merging, from `joins`; a kind that does not occur is
+    missing. Vertical is a joint at least as long along the rows as along the columns.
+    """
+    tall = (table["end_row"] - table["start_row"]).abs()
+    wide = (table["end_col"] - table["start_col"]).abs()
+    kinds = {
+        "vertical connection": (table["kind"] == "connection") & (tall >= wide),
+        "lateral connection": (table["kind"] == "connection") & (tall < wide),
+        "vertical merging": (table["kind"] == "merging") & (tall >= wide),
+    }
+    length = pd.Series(np.maximum(tall, wide))
+    return {
+        name: table.loc[[length[mask].idxmax()]].to_dict("records")[0]
+        for name, mask in kinds.items()
+        if mask.any()
+    }
+
+
+def draw_windows(
+    windows: Sequence[Window],
+    tables: Mapping[str, pd.DataFrame],
+    chosen: Mapping[str, dict[Any, Any]],
+    texture: tracklets.LevelEdge,
+) -> Figure:
+    """Draw joined tracklets and their texture windows on the sum of frame differences.
+
+    Parameters
+    ----------
+    windows
+        With their differences.
+    tables
+        By fraction: tracks before they were joined.
+    chosen
+        From `chosen_joins`.
+    texture
+        Measures in the windows that are drawn.
+    """
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 82}
+    picture, (panels,) = canvas(1, 3, **size)
+    by_fraction = {window.fraction: window for window in windows}
+    for axes, (name, joint) in zip(panels, chosen.items(), strict=False):
+        corners = texture.corners(*_ends(joint))
+        _draw_sum(axes, by_fraction[joint["fraction"]], joint, corners)
+        _draw_pair(axes, tables[joint["fraction"]], joint)
+        outline = np.concatenate([corners, corners[:1]])
+        axes.plot(outline[:, 1], outline[:, 0], "-", color=YELLOW, lw=1.4, label="window")
+        axes.set(title=f"{name},\n{joint['fraction']}", xlabel="column (px)", ylabel="row (px)")
+    for axes in panels[len(chosen) :]:
+        axes.set_axis_off()
+    if chosen:
+        handles = panels[0].get_legend_handles_labels()
+        picture.legend(*handles, loc="outside lower center", ncols=3)
+    return picture
+
+
+def _ends(joint: Mapping[Any, Any]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the last position of the earlier tracklet, and the first of the later."""
+    return (joint["start_row"], joint["start_col"]), (joint["end_row"], joint["end_col"])
+
+
+def _draw_sum(axes: Axes, window: Window, joint: Mapping[Any, Any], corners: Array) -> None:
+    """Draw the sum of frame differences around the corners (4, 2) of a window."""
+    middle, half = corners.mean(axis=0), np.ptp(corners, axis=0).max() / 2 + AROUND
+    top, left = np.maximum(np.floor(middle - half), 0).astype(int).tolist()
+    ends = np.minimum(np.ceil(middle + half), window.differences.shape).astype(int)
+    bottom, right = ends.tolist()
+    period = int(joint["first_frame"]), int(joint["last_frame"])
+    image = np.sqrt(window.differences(*period, top, left, bottom, right).astype(np.float64))
+    edges = (left - 0.5, right - 0.5, bottom - 0.5, top - 0.5)
+    brightest = max(float(np.quantile(image, 0.995)), 1.0)
+    axes.imshow(image, cmap="gray", extent=edges, vmin=0, vmax=brightest)
+    axes.set(xlim=(left - 0.5, right - 0.5), ylim=(bottom - 0.5, top - 0.5), autoscale_on=False)
+
+
+def _draw_pair(axes: Axes, before: pd.DataFrame, joint: dict[Any, Any]) -> None:
+    """Draw the two tracklets of a joint."""
+    looks = {"earlier": ("o", COLOURS[6]), "later": ("s", RED)}
+    for which, (mark, colour) in looks.items():
+        part = before[before["particle"] == joint[which]].sort_values("frame")
+        look: dict[str, Any] = {"ms": 3, "lw": 0.6, "ls": "-", "mfc": "none", "color": colour}
+        axes.plot(part["col"], part["row"], marker=mark, label=f"{which} tracklet", **look)
