@@ -120,8 +120,9 @@ def draw(table: pd.DataFrame) -> Figure:
         axes.axvline(0.0, color="black", lw=0.6)
         axes.set_yticks(np.arange(len(part)), part["variant"])
         axes.set(xlabel="gain over JPDA", title=reading)
-        axes.legend(loc="lower right")
     panels[0].invert_yaxis()
+    handles = panels[0].get_legend_handles_labels()
+    picture.legend(*handles, loc="outside upper center", ncols=2)
     return picture
 
 
@@ -139,12 +140,12 @@ def describe(table: pd.DataFrame) -> str:
     reading = FROM_LANCE if FROM_LANCE in set(table["reading"]) else ALL
     gains = _means(table, reading).set_index("variant")
     parts = gains.drop(index=["GNN", SAME_SETTING])
-    whole, same = gains.loc["GNN"], float(gains["beta_gain"][SAME_SETTING])
-    matter = parts[(parts["beta_gain_low"] > 0) | (parts["beta_gain_high"] < 0)]
-    named = "; ".join(f"{name} {row['beta_gain']:+.3f}" for name, row in matter.iterrows())
+    whole, same = gains.loc["GNN"], float(gains["alpha_gain"][SAME_SETTING])
+    matter = parts[(parts["alpha_gain_low"] > 0) | (parts["alpha_gain_high"] < 0)]
+    named = "; ".join(f"{name} {row['alpha_gain']:+.3f}" for name, row in matter.iterrows())
     return (
-        f"Beta of tracks ({reading}): GNN has {whole['beta_gain']:+.3f} against JPDA "
-        f"({whole['beta_gain_low']:+.3f} to {whole['beta_gain_high']:+.3f}), in JPDA's setting "
+        f"Alpha of tracks ({reading}): GNN has {whole['alpha_gain']:+.3f} against JPDA "
+        f"({whole['alpha_gain_low']:+.3f} to {whole['alpha_gain_high']:+.3f}), in JPDA's setting "
         f"{same:+.3f}. Exchanged alone, these parts of "
-        f"JPDA change its beta beyond the interval: {named or 'none'}."
+        f"JPDA change its alpha beyond the interval: {named or 'none'}."
     )

@@ -211,20 +211,22 @@ def draw_curves(tried: pd.DataFrame) -> Figure:
             axes.plot(table[parameter], table["beta"], ".", color="0.7", label="tried")
             axes.plot(part["value"], part["beta"], "-", color="black", lw=0.8, label="largest")
             best = table[table["chosen"]]
-            axes.plot(
-                best[parameter], best["beta"], "o", color="black", mfc="white", label="chosen"
-            )
-            axes.set_xscale("symlog", linthresh=1) if parameter == "missed_frames" else None
-            axes.set_xscale("log") if parameter in ("gate", "noise", "step", "gap") else None
+            hollow = {"color": "black", "mfc": "white", "label": "chosen"}
+            axes.plot(best[parameter], best["beta"], "o", **hollow)
+            if parameter != "predicted":  # steps of about the same ratio, from 0 on
+                axes.set_xscale("symlog", linthresh=0.05)
+            axes.set_xticks(part["value"], [f"{value:g}" for value in part["value"]], minor=False)
+            axes.minorticks_off()
             axes.set(xlabel=UNITS[parameter], title=name)
         axes_row[0].set_ylabel("beta")
-    grid[0, 0].legend()
+    handles = grid[0, 0].get_legend_handles_labels()
+    picture.legend(*handles, loc="outside upper center", ncols=3)
     return picture
 
 
 UNITS = {
     "gate": "gate (standard deviations)",
-    "noise": "noise (px/frame$^{1.5}$)",
+    "noise": "noise (px/frame^1.5)",
     "missed_frames": "missed frames in a row",
     "step": "largest step (px)",
     "gap": "largest step over a gap (px)",
