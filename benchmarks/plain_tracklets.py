@@ -101,6 +101,11 @@ def mean(p: tuple, q: tuple) -> tuple:
     )
 
 
+def joined(one: dict, other: dict) -> dict:
+    """Return two tracklets as one, the mean of both in common frames."""
+    return {**one, **other, **{t: mean(one[t], other[t]) for t in one.keys() & other.keys()}}
+
+
 def connected_part(one: dict, other: dict) -> list:
     """Return the connected part of Fig. 4.10 as a list of (frame, place)."""
     common = sorted(one.keys() & other.keys())
@@ -132,7 +137,8 @@ def cost(one: dict, other: dict, fusion: bool) -> float:
         return IMPOSSIBLE
     shown = [u for t in (one, other) for u in velocities(sorted(t.items()))]
     fastest = max((math.hypot(*u) for u in shown), default=0.0)
-    if not fusion and any(math.hypot(*u) > fastest + 18 for u in v):
+    v_joined = velocities(sorted(joined(one, other).items()))
+    if not fusion and any(math.hypot(*u) > fastest + 18 for u in [*v, *v_joined]):
         return IMPOSSIBLE
     deep = [(t, p[2]) for t, p in part if not math.isnan(p[2])]
     steps = [abs((b - a) / (t - s)) for (s, a), (t, b) in pairwise(deep)]
@@ -169,10 +175,7 @@ def join(tracklets: list[dict], fusion: bool = False) -> list[dict]:
         if not pairs:
             return tracklets
         for i, k in pairs:
-            both = {**tracklets[i], **tracklets[k]}
-            for t in tracklets[i].keys() & tracklets[k].keys():
-                both[t] = mean(tracklets[i][t], tracklets[k][t])
-            tracklets[i] = both
+            tracklets[i] = joined(tracklets[i], tracklets[k])
         gone = {k for _, k in pairs}
         tracklets = [t for i, t in enumerate(tracklets) if i not in gone]
 

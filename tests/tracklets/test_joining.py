@@ -88,6 +88,8 @@ def test_the_row_with_a_depth_stays(table):
         (line(0, 9), ahead(11, 20, 36.0), True),  # (36 + 2 * 5) / 2 = 5 + 18 px/frame
         (line(0, 9), ahead(11, 20, 37.0), False),  # 23.5 px/frame, straight ahead
         (line(0, 9), ahead(23, 30, 300.0), False),  # far apart
+        (line(0, 12, step=2), line(9, 21, col=20.0, step=2), True),  # 20.6 px/frame to and fro
+        (line(0, 12, step=2), line(9, 21, col=25.0, step=2), False),  # 25.5 > 5 + 18
         ((np.arange(4), 0.5 * np.arange(4), 0.0), (np.arange(5, 9), 3.0, 0.0), False),  # slow
         (line(0, 9, z=1000.0), line(10, 19, z=2400.0), True),  # Eq. 4.22
         (line(0, 9, z=1000.0), line(10, 19, z=2500.0), False),

@@ -29,8 +29,10 @@ from kilnflight.tracklets.paths import (
     Integers,
     Paths,
     fastest_steps,
+    joined_speed,
     largest,
     means,
+    ranges,
     read_paths,
     turns,
     velocities,
@@ -167,7 +169,7 @@ class Joining:
     overlap: float = np.inf  # common frames of a pair that overlaps in time
     distance: float = np.inf  # px, mean in the common frames; below inf, there must be such
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
-    jump: float = np.inf  # px/frame by which a connected part may exceed both tracklets
+    jump: float = np.inf  # px/frame by which the joined one may exceed both tracklets
     outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
     false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
     costs: Costs = field(default_factory=Costs)
@@ -231,14 +233,18 @@ class Joining:
         limit = np.maximum(fastest[i], fastest[k]) + self.jump
         turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
-        return _take(Pairs(i, k, cost), allowed)
+        pairs, limit = _take(Pairs(i, k, cost), allowed), limit[allowed]
+        if np.isinf(self.jump):
+            return pairs
+        both = zip(pairs.earlier, pairs.later, strict=True)  # where they overlap, too
+        return _take(pairs, np.array([joined_speed(paths, *n) for n in both]) <= limit)
 
     def _in_time(self, paths: Paths, changed: Bools) -> tuple[Integers, Integers, Integers]:
         """Return the pairs near in time, and their gaps in frames."""
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
-        pair, place = _ranges(np.arange(len(there)) + 1, until)
+        pair, place = ranges(np.arange(len(there)) + 1, until)
         # Of two that start together the one that ends first is the earlier.
         swapped = (first[pair] == first[place]) & (last[place] < last[pair])
         i, k = np.where(swapped, place, pair), np.where(swapped, pair, place)
@@ -306,9 +312,9 @@ class Connection(Joining):
     ``differences`` the last term is left out; f belongs to the energies of the thesis, of order
     1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`DualNearest`). (7) The
     text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
-    spares a jump straight ahead, however far. So a step of the connected part may be faster than
-    the fastest one of both tracklets by ``jump`` at most, the change of velocity that Eq. 4.18
-    allows. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
+    spares a jump straight ahead, however far, and to and fro between two that overlap. So no
+    step of the joined tracklet may be faster than the fastest one of both by more than ``jump``,
+    the change of velocity that Eq. 4.18 allows. Source: Eqs 4.21 to 4.25 and Fig. 4.14, thesis.
     """
 
     gap: float = 15.0  # frames, t_eps connect, Table 5.16
@@ -357,7 +363,7 @@ def overlap_in_time(paths: Paths, i: Integers, k: Integers) -> Overlap:
     first, last = paths.frame[paths.starts[k]] - low, paths.frame[paths.starts[i + 1] - 1] - low
     before = np.searchsorted(key, i * width + first)
     after = np.searchsorted(key, k * width + last, side="right")
-    pair, point = _ranges(before, np.maximum(paths.starts[i + 1], before))
+    pair, point = ranges(before, np.maximum(paths.starts[i + 1], before))
     same = k[pair] * width + paths.frame[point] - low  # the key of this frame in the later one
     place = np.minimum(np.searchsorted(key, same), len(key) - 1)
     both = key[place] == same
@@ -441,10 +447,3 @@ def _mean(first: Floats, second: Floats) -> Floats:
     """Return the mean of places, or the only known place."""
     mean = (first + second) / 2
     return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))
-
-
-def _ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:
-    """Return all numbers of several ranges, after the range of each."""
-    size = np.maximum(end - begin, 0)
-    owner = np.repeat(np.arange(len(size)), size)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]

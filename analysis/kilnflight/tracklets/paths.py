@@ -157,6 +157,25 @@ def fastest_steps(paths: Paths) -> Floats:
     return largest(names[1:][inside], speed, len(paths.starts) - 1)
 
 
+def joined_speed(paths: Paths, i: int, k: int) -> float:
+    """Return the largest speed in the image of two tracklets joined, px/frame.
+
+    In a common frame the place is the mean of both.
+    """
+    parts = [slice(*paths.starts[n : n + 2]) for n in (i, k)]
+    frame, place = (np.concatenate([values[part] for part in parts]) for values in paths[1:3])
+    frame, at, count = np.unique(frame, return_inverse=True, return_counts=True)
+    row, col = (np.bincount(at, values) / count for values in place[:, :2].T)
+    return float(np.max(np.hypot(np.diff(row), np.diff(col)) / np.diff(frame), initial=0.0))
+
+
+def ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:
+    """Return all numbers of several ranges, after the range of each."""
+    size = np.maximum(end - begin, 0)
+    owner = np.repeat(np.arange(len(size)), size)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(size) - size, size) + begin[owner]
+
+
 def tracked(tracks: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that belong to a track."""
     check_columns(tracks, ("particle",), "tracks")
