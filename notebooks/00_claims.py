@@ -3,49 +3,68 @@
 #
 # **Published.** Three works make claims about how well particles can be seen, followed and
 # predicted. Each was turned into something that can fail before it was tested
-# (data/reference/claims.csv).
+# (data/reference/claims.csv). A bound that no work prints is named as ours.
 #
-# **Here.** The verdicts of all other notebooks, collected. "Not decidable" always has a
-# reason: no input that could decide it, or no notebook that tests it yet.
+# **Here.** The verdicts of all other notebooks, by chapter and by cause. What is not reproduced or
+# not decidable has one of five causes:
+#
+# - **method**: the method itself, or a choice in it that no work prints;
+# - **twin**: an input of the twin that nobody published; the claim may fail on its own truth;
+# - **chain**: true on the twin, lost by detection, tracking or measuring;
+# - **criterion**: the words of the claim allow both outcomes; a bound would be ours;
+# - **misprint**: what is printed contradicts itself.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full; handed on to the provenance only
 seed = 0  # nothing random happens here
 
-# %%
+# %% tags=["hide-input"]
 import pandas as pd
+from IPython.display import HTML, Markdown, display
 
-from kilnflight.project import claims, figures
+from kilnflight.project import claims, claims_page, figures
 
 concluded = figures.concluded()
 origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values())
 table = claims.collect(pd.read_csv(path) for path in concluded.values())
 counts = claims.count(table)
-caption = "Every claim of the three works with verdict, measured value and notebook."
+caption = "Every claim of the three works with verdict, measured value, notebook and cause."
 figures.save("claims", table, caption=caption, provenance=origin)
-pd.set_option("display.max_colwidth", None)
-pd.set_option("display.max_rows", None)
 
 # %% [markdown]
-# ## Tested
+# ## Verdicts by chapter and cause
 
 # %%
-tested = table[table["notebook"] != ""]
-tested.set_index("id")
+by_cause = claims_page.counts_by_cause(table)
+caption = "Number of claims by chapter, verdict and cause."
+figures.save("claims-by-cause", by_cause, caption=caption, provenance=origin)
+
+# %% tags=["hide-input"]
+on_truth = table.loc[claims_page.fails_on_truth(table), "id"]
+Markdown(
+    f"{len(on_truth)} claims fail on the twin's own truth: no measuring chain can reproduce "
+    f"them: {', '.join(on_truth) or 'none'}. They are verdicts on the twin."
+)
 
 # %% [markdown]
-# ## Waiting for their input
+# ## The claims
+#
+# Each name leads to the notebook that decides.
 
-# %%
-table.loc[table["notebook"] == "", ["id", "published", "reason"]].set_index("id")
+# %% tags=["hide-input"]
+for chapter, part in claims_page.with_chapters(table).groupby("chapter", sort=False):
+    display(HTML(f"<h3>{chapter}</h3>" + claims_page.page_table(part)))
 
 # %% [markdown]
 # ## Verdict
 
 # %%
+tested = table[table["notebook"] != ""]
+causes = table.loc[table["verdict"] == claims.NOT_REPRODUCED, "because"].value_counts()
 result = (
     f"{len(tested)} of {len(table)} claims tested: {counts['reproduced']} reproduced, "
-    f"{counts['not reproduced']} not reproduced, "
+    f"{counts['not reproduced']} not reproduced "
+    f"({', '.join(f'{name} {number}' for name, number in causes.items())}), "
     f"{(tested['verdict'] == claims.NOT_DECIDABLE).sum()} not decidable here."
 )
 figures.conclude(result, [], origin)
