@@ -1,6 +1,4 @@
-"""The whole way from a frame to a flight.
-
-It is written out only here.
+"""The whole way from a frame to a flight; it is written out only here.
 
 frame -> view -> detections -> tracks -> trajectories -> flights, slices
 
@@ -245,10 +243,7 @@ def _detect_chunk(run: DetectionRun, frames: range) -> pd.DataFrame:
 
 
 def detections(run: DetectionRun, workers: Workers | None = None) -> pd.DataFrame:
-    """Detect in a recording and return its detections.
-
-    Errors are those of `detect_all`.
-    """
+    """Detect in a recording and return its detections; errors as of `detect_all`."""
     detect_all([run], workers, f"detection in {run.source.name}")
     return run.detections()
 
@@ -310,12 +305,9 @@ class KilnRun:
         The kiln; None: no detection counts as on the wall, and there are no flights.
     in_air
         Which detections are in the air.
-    tracker
-        Makes one track of each particle's detections.
-    cutting
-        Cuts tracks at steps that no particle makes.
-    regression
-        How three polynomials are fitted to a track.
+    tracker, cutting, regression
+        Makes one track of each particle's detections; cuts tracks at steps that no particle
+        makes; fits three polynomials to each.
     rules
         Which tracks are flights, and how these are read.
     """
@@ -410,8 +402,7 @@ def flights_from(
         return FLIGHTS.empty()
     recording, table = run.detection.source.recording(), tracked(tracks)
     table = table.assign(background=background_gray(table, run.detection.source, run.frames))
-    view = flight.FieldOfView(recording.attributes.roi, run.frames)
-    rate = run.frame_rate_hz
+    view, rate = flight.FieldOfView(recording.attributes.roi, run.frames), run.frame_rate_hz
     return flight.flights(table, fits, run.wall, run.in_air, rate, run.rules, view)
 
 
