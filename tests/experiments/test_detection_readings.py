@@ -42,6 +42,8 @@ def test_a_verdict_says_its_reading_and_what_the_other_gives():
     assert both[1] == held[1]
     (same,) = detection_readings.beside(held[:1], held, "this", "that")
     assert same.reason == "a frame; said of this, that: the same"
+    time = [claims.undecidable("sift-4", "a time of our own", because="method")]
+    assert detection_readings.beside(time, time, "this", "that") == time
 
 
 def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monkeypatch):

@@ -66,7 +66,9 @@ def beside(
     """
     by_id, both = {verdict.id: verdict for verdict in others}, []
     for verdict in verdicts:
-        if (second := by_id.get(verdict.id)) is None:
+        second = by_id.get(verdict.id)
+        undecided = verdict.verdict == claims.NOT_DECIDABLE
+        if second is None or (undecided and second == verdict):  # it hangs on no reading
             both.append(verdict)
             continue
         alike = second.verdict == verdict.verdict
