@@ -1,9 +1,25 @@
 # %% [markdown]
 # # What flies: the twin's true flights beside the published ones
+#
+# **Published** (sections 5.3.1, 5.3.2 and A.2). How fast four fractions fly at 4.5 and 5 bar, how
+# far, how long, and when they ignite, as tracked trajectories gave it. The box plots are
+# pictures. The numbers of the text are in data/reference/published/flight.csv, with bounds where
+# it is vague ("very few": 0 to 10 %).
+#
+# **Here.** The twin alone: nothing was seen by a camera, and no claim is judged. Its true flights,
+# every particle counted, whether a camera could have seen it or not. First with published, handbook
+# and assumed inputs only. Then with six inputs that nobody published fitted to wood chips and
+# confetti at 4.5 bar: velocity, remaining share, dwell time, ignited share. All else is held out.
+# That the published numbers were measured and these are true is a difference that later notebooks
+# take apart.
 
-# %% tags=["hide-input"]
+# %% tags=["parameters"]
+scale = "standard"  # quick, standard or full
+seed = 53  # of particles, turbulence and tumbling; another one than the calibration's
+particles = 0  # per fraction and pressure; 0: 100, 1000 or 4000 by scale
+
+# %%
 import pandas as pd
-from IPython.display import Markdown
 
 from kilnflight.experiments import flight_pictures, statements, twin_calibration
 from kilnflight.project import figures, style
@@ -11,25 +27,6 @@ from kilnflight.scores import flights as flight_scores
 from kilnflight.twin import fitted, truth
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
-
-Markdown("**Input:** the twin alone. Nothing here was seen by a camera, and no claim is judged.")
-
-# %% [markdown]
-# **Published** (sections 5.3.1, 5.3.2 and A.2). How fast four fractions fly at 4.5 and 5 bar, how
-# far, how long, and when they ignite, as tracked trajectories gave it. The box plots are
-# pictures. The numbers of the text are in data/reference/published/flight.csv, with bounds where
-# it is vague ("very few": 0 to 10 %).
-#
-# **Here.** The true flights of the twin, every particle counted, whether a camera could have
-# seen it or not. First with published, handbook and assumed inputs only. Then with six inputs
-# that nobody published fitted to wood chips and confetti at 4.5 bar: velocity, remaining share,
-# dwell time, ignited share. All else is held out. That the published numbers were measured and
-# these are true is a difference that later notebooks take apart.
-
-# %% tags=["parameters"]
-scale = "standard"  # quick, standard or full
-seed = 53  # of particles, turbulence and tumbling; another one than the calibration's
-particles = 0  # per fraction and pressure; 0: 100, 1000 or 4000 by scale
 
 # %%
 style.use_style()

@@ -67,7 +67,9 @@ figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance
 
 # %%
 picture, data = flight_pictures.draw_dwell_by_source(by_source, bar)
-caption = "Dwell times, simulated and measured; after the right part of Fig. A.6."
+caption = (
+    "Dwell times of complete flights, simulated and measured; after the right part of Fig. A.6."
+)
 figures.save("fig-a-6-dwell", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -126,9 +128,9 @@ figures.save("simulated-penetration", reach, caption=caption, provenance=origin)
 
 # %%
 far = agree.dropna(subset="p")
+distances = f"{far['distance'].min():.2f} to {far['distance'].max():.2f}" if len(far) else "none"
 result = (
     "Simulated and measured distributions differ beyond chance in "
-    f"{(far['p'] < 0.05).sum()} of {len(far)} cases; "
-    f"distances {far['distance'].min():.2f} to {far['distance'].max():.2f}."
+    f"{(far['p'] < 0.05).sum()} of {len(far)} cases; distances {distances}."
 )
 figures.conclude(result, [], origin)

@@ -34,19 +34,19 @@ whole = budget[budget["replaced_step"] == "whole chain"].reset_index(drop=True)
 #
 # Ours: what the numbers of notebooks 52 to 54 are worth, in one row for each campaign. Measurable
 # are the particles whose flight begins and ends within the recording and that a person could have
-# followed. Detected are those with a trajectory from the lance. (Notebook 52 counts all flights
-# that end on the wall or burnt out, followed or not.)
+# followed. Detected are those with a trajectory from the lance that is not refused. Errors of dwell
+# time are those of complete flights, as a lost one has no dwell time.
 
 # %%
 table = accuracy.accuracy_in_words(whole, results)
 caption = (
     "Particles that the whole chain detects, with the 95 % interval of the share, and the errors "
-    "particle by particle. An error is the median of measured minus true with its 95 % interval "
-    "(nan: fewer than six). After +-: half the range that holds 68 %. Campaign dwell: the median "
-    "that would be published, of all flights that were measured, and of all true ones. It also "
-    "depends on which particles are detected and where tracks break. False flights: those from the "
-    "lance of no particle. Of those detected, in how many ignition was detected: of the truly lit, "
-    "and, wrongly, of the unlit ones."
+    "particle by particle. An error is the median of measured minus true with its 95 % interval. "
+    "After +-: half the range that holds 68 %. Campaign dwell: the median that would be published, "
+    "of complete flights, and of all true ones. It also depends on which particles are detected "
+    "and which flights are lost. False flights: those from the lance of no particle, of all that "
+    "count; refused: those that count nowhere. Of those detected, in how many ignition was "
+    "detected: of the truly lit, and, wrongly, of the unlit ones."
 )
 figures.save("accuracy", table, caption=caption, provenance=origin)
 
@@ -98,8 +98,9 @@ span, of_campaigns = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unkn
 
 # %%
 result = (
-    f"Of the measurable particles {share:.0f} % are detected. Their dwell times are off by {span} "
-    f"(median over the particles of a campaign), the medians of the campaigns by {of_campaigns}. "
+    f"Of the measurable particles {share:.0f} % are detected. Dwell times of complete flights are "
+    f"off by {span} (medians over the particles of each campaign), the medians of the campaigns by "
+    f"{of_campaigns}. "
     f"{confidence.describe_coverage(medians)} {confidence.describe_resolved(apart)}"
 )
 figures.conclude(result, [], origin)

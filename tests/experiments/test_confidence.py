@@ -112,6 +112,15 @@ def test_metres_before_the_first_detection_are_counted_and_left_out_beside():
     assert table["median_m_s"].iloc[1:].isna().all()
 
 
+def test_without_any_metre_the_sentence_says_so():
+    made = {CELL: NONE}
+    none = pd.DataFrame(
+        columns=["fraction", "pressure_bar", "particle", "slice_m", "velocity_m_s", "observed"]
+    )
+    table = confidence.metres_before_detection(none, made, np.random.default_rng(0))
+    assert confidence.describe_before_detection(table).startswith("No metre was passed")
+
+
 def test_metres_before_detection_are_described():
     rows = [(1, 10, 4, 8.0, 7.5), (3, 6, 0, 5.0, 5.25), (4, 3, 2, 4.0, 9.0), (5, 1, 1, 3.0, np.nan)]
     columns = ["metre", "number", "before_detection", "median_m_s", "detected_m_s"]
@@ -197,7 +206,9 @@ def test_medians_of_the_regression_have_intervals_where_there_are_enough_of_them
     columns = [name.format(axis) for name in confidence.FIT_MEASURES for axis in "xyz"]
     single = pd.DataFrame({**keys, **dict.fromkeys(columns, 1.0)}, index=[0])
     many = pd.concat([single.assign(particle=k, rmse_z_mm=10.0 * k) for k in range(21)])
-    flown = pd.DataFrame({**keys, "particle": range(21), "from_lance": [k < 20 for k in range(21)]})
+    flown = pd.DataFrame(
+        {**keys, "refused": "", "particle": range(21), "from_lance": [k < 20 for k in range(21)]}
+    )
     table = confidence.regression_table(
         Measurement(None, many, flown, None), np.random.default_rng(0)
     ).set_index("axis")

@@ -108,6 +108,8 @@ def test_few_or_no_complete_flights_are_counted_and_have_no_interval(ours):
     assert curves["source"].nunique() in (0, 2)
     picture = flight_pictures.draw_still_flying(curves, [CHIP])
     assert [axes.get_title() for axes in picture.axes] == ["wood chip, 4.5 bar"]
+    said = ["no complete flight" in text.get_text() for text in picture.axes[0].texts]
+    assert said == ([] if len(curves) else [True])
 
 
 def test_without_flights_every_table_is_there_and_empty():

@@ -273,11 +273,13 @@ def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
             bias, low, high, spread = (
                 row[f"{name}_{k}"] for k in ("bias", "low", "high", "spread")
             )
-            error = f"{bias:+.3f} [{low:+.3f}, {high:+.3f}] +- {spread:.3f}"
+            interval = f"[{low:+.3f}, {high:+.3f}]" if np.isfinite(low) else "[fewer than six]"
+            error = f"{bias:+.3f} {interval} +- {spread:.3f}"
             short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
             text[short] = error if row[f"{name}_n"] else ""
         ours, real = (quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true))
-        text["campaign dwell (s)"] = f"{ours:.3f}, true {real:.3f}"
+        known = [f"{each:.3f}" if np.isfinite(each) else "unknown" for each in (ours, real)]
+        text["campaign dwell (s)"] = f"{known[0]}, true {known[1]}"
         text["false flights"] = f"{row['false_flights']:.0f} of {row['flights']:.0f}"
         text["refused"] = f"{row['refused']:.0f}"
         text["ignition detected, rightly"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"

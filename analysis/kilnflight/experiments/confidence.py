@@ -137,6 +137,8 @@ def describe_before_detection(metres: pd.DataFrame) -> str:
     """Describe how many metres of `metres_before_detection` count unseen, and how much."""
     far, near = metres[metres["metre"] > 3], metres[metres["metre"] < 4]
     shift = (near["detected_m_s"] - near["median_m_s"]).abs().max()
+    if np.isnan(shift):
+        return "No metre was passed by a particle that was detected by then."
     return (
         f"Of {metres['number'].sum()} metres {metres['before_detection'].sum()} were passed before "
         f"the particle was detected, beyond 3 m {far['before_detection'].sum()} of "

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from kilnflight.experiments.accuracy import CASES, REPLACED_STEPS
@@ -124,9 +125,17 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
         draw_grouped_boxes(axes, groups, names)
         axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
+        _say_if_empty(axes, sum(len(each) for group in groups.values() for each in group))
     grid[0, 0].set_ylabel("dwell time (s)")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
     return picture
+
+
+def _say_if_empty(axes: Axes, number: int) -> None:
+    """Write into a panel without flights that there are none."""
+    if not number:
+        text = "no complete flight in these frames"
+        axes.text(0.5, 0.85, text, transform=axes.transAxes, ha="center", color="0.3")
 
 
 def draw_still_flying(curves: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figure:
@@ -158,6 +167,7 @@ def draw_still_flying(curves: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figu
         if bar == 4.5:
             axes.hlines(0.5, 0.3, 0.5, color=COLOURS[1], lw=3, ls="-", label="published medians")
         axes.set(title=f"{name}, {bar} bar", xlim=(0, 1.2), ylim=(0, 1.03))
+        _say_if_empty(axes, len(rows))
     for axes in grid[:, 0]:
         axes.set_ylabel("share still flying")
     for axes in grid[-1]:
