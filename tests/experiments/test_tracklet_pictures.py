@@ -62,16 +62,23 @@ BESIDE = (range(8, 14), 36 + np.arange(6) * 5.0, 602)
 )
 def test_a_joint_has_the_ends_of_its_tracklets(second, kind, end):
     before = table(LONG, second, SLOW)
-    (joint,) = pictures.joins(before, Connection()(before)).to_dict("records")
+    (joint,) = pictures.joins(before, Connection()).to_dict("records")
     assert (joint["earlier"], joint["later"], joint["kind"]) == (0, 1, kind)
     assert (joint["start_row"], joint["end_row"]) == (35.0, end)
     assert (joint["first_frame"], joint["last_frame"]) == (1, max(second[0]))
 
 
+def test_a_pair_is_told_by_its_own_ends_however_it_was_joined():
+    last = (range(18, 23), 85 + np.arange(5) * 5.0, 600)
+    joints = pictures.joins(table(LONG, LATER, last), Connection())
+    ends = {(row["start_row"], row["end_row"]) for row in joints.to_dict("records")}
+    assert ends == {(35.0, 50.0), (70.0, 85.0)}
+
+
 def test_nothing_joined_is_no_joint():
     before = table(LONG, SLOW)
-    assert pictures.joins(before, before).empty
-    assert pictures.chosen_joins(pictures.joins(before, before)) == {}
+    assert pictures.joins(before, Connection()).empty
+    assert pictures.chosen_joins(pictures.joins(before, Connection())) == {}
 
 
 def test_of_each_kind_the_longest():
@@ -97,7 +104,7 @@ class Blank:
 
 def test_a_sum_is_drawn_where_its_pixels_are():
     before = table(LONG, LATER).assign(col=80.0)
-    joint = pictures.joins(before, Connection()(before)).assign(fraction="a")
+    joint = pictures.joins(before, Connection()).assign(fraction="a")
     window = pictures.Window("a", "a", range(1), before, before, Blank())
     chosen = pictures.chosen_joins(joint)
     picture = pictures.draw_windows([window], {"a": before}, chosen, LevelEdge())

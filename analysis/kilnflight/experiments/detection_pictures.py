@@ -144,10 +144,11 @@ def draw_axis_distances(placed: pd.DataFrame, thresholds: Mapping[str, float]) -
         name, colour, line = kinds[on_wall]
         axes.hist(values, bins, color=colour, alpha=0.35, density=True, label=name)
         axes.plot(shown, norm.pdf(shown, values.mean(), values.std()), ls=line, color=colour)
+    beside: dict[str, Any] = {"textcoords": "offset points", "xytext": (-1, 0), "ha": "right"}
+    beside |= {"xycoords": axes.get_xaxis_transform(), "rotation": 90, "va": "top"}
     for level in thresholds.values():
         axes.axvline(level, color="black", lw=0.8, ls=":")
-        top = (level, axes.get_ylim()[1])
-        axes.annotate(f"{level:.0f}", top, fontsize=6, rotation=90, va="top")
+        axes.annotate(f"{level:.0f}", (level, 0.99), fontsize=6, **beside)
     axes.set(xlabel="distance from the fitted axis (mm)", ylabel="density (1/mm)")
     axes.legend(loc="upper left")
     return picture

@@ -123,7 +123,8 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
             for source, values in sources.items()
         }
         draw_grouped_boxes(axes, groups, names)
-        axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15 if bar == 4.5 else 0.0)
+        if bar == 4.5:
+            axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15, label="published medians")
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
         _say_if_empty(axes, sum(len(each) for group in groups.values() for each in group))
     grid[0, 0].set_ylabel("dwell time (s)")
@@ -397,6 +398,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
                 axes.plot(part["distance_m"], part["value"], marker=mark, lw=1, ms=2.5, **look)
             ends = rows[rows.index == "published"].fillna({"low": 0, "high": top})
             wide = {"lw": 3.5, "alpha": 0.45, "ls": "-", "color": colour}
+            wide["label"] = f"published, {bar} bar"
             pad, at = 0.012 * top, ends["distance_m"] + aside
             axes.vlines(at, ends["low"] - pad, ends["high"] + pad, **wide)
     for panels, quantity in zip(grid, quantities, strict=True):

@@ -67,6 +67,7 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open)."""
     bottom, top = axes.get_ylim()
     look: dict[str, Any] = {"color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3}
+    look["label"] = "published"
     pad = 0.008 * (top - bottom)
     low = (bounds["low"] * scale).clip(lower=bottom).fillna(bottom)
     high = (bounds["high"] * scale).clip(upper=top).fillna(top)

@@ -6,6 +6,7 @@ Figs 4.4 and 4.12 of the thesis. Which ones are drawn follows a rule, stated at 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from kilnflight.tracklets.paths import read_paths
 Array = npt.NDArray[np.float64]
 GREEN, RED, BLUE, YELLOW = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[3]
 CONDITIONS = {"duration": "frames", "speed": "px/frame", "regularity": ""}
+JOINT = ["earlier", "later", "kind", "start_row", "start_col", "end_row", "end_col"]
+JOINT += ["first_frame", "last_frame"]
 AROUND = 60  # px drawn around a window of the texture
 
 
@@ -134,51 +137,69 @@ def _square(axes: Axes, part: pd.DataFrame) -> None:
     axes.set(ylim=(middle["row"] + half, middle["row"] - half))
 
 
-def joins(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Return which tracklets a step has joined, one row for each joint.
+@dataclass
+class Remembering:
+    """A matching that remembers which pairs it has chosen, iteration by iteration."""
+
+    matching: tracklets.Matching
+    chosen: list[tuple[int, int]] = field(default_factory=list)
+
+    def __call__(self, pairs: tracklets.Pairs) -> npt.NDArray[np.int64]:
+        """Return what the matching chooses."""
+        positions = self.matching(pairs)
+        both = pairs.earlier[positions].tolist(), pairs.later[positions].tolist()
+        self.chosen += zip(*both, strict=True)
+        return positions
+
+
+def joins(
+    before: pd.DataFrame,
+    connection: tracklets.Connection,
+    differences: tracklets.Differences | None = None,
+) -> pd.DataFrame:
+    """Return which pairs a step joins, one row for each.
 
     Parameters
     ----------
-    before, after
-        The tables that the step was given and has returned: the same rows.
+    before
+        Tracks that the step is given.
+    connection, differences
+        The step, and what it looks at.
 
     Returns
     -------
     DataFrame
-        ``earlier`` and ``later`` particle before the step; ``kind``, "connection" or "merging";
-        ``start_row``, ``start_col`` and ``end_row``, ``end_col``, the last position of the
-        earlier and the first of the later; ``first_frame`` and ``last_frame`` of both.
+        ``earlier`` and ``later``, the particles of ``before`` that meet; ``kind``, "connection"
+        or "merging"; ``start_row``, ``start_col`` and ``end_row``, ``end_col``, the last position
+        of the earlier and the first of the later one; ``first_frame`` and ``last_frame`` of both.
     """
-    both = before.assign(joined=after["particle"])
-    known = both[(both["particle"] >= 0) & (both["joined"] >= 0)]
-    owner = known.groupby("particle")["joined"].first()
-    ordered = both[both["particle"] >= 0].sort_values(["particle", "frame"])
-    ends = ordered.groupby("particle").agg(
-        first_frame=("frame", "first"), last_frame=("frame", "last"),
-        first_row=("row", "first"), first_col=("col", "first"),
-        last_row=("row", "last"), last_col=("col", "last"),
-    )  # fmt: skip
-    ends = ends.assign(joined=owner).sort_values(["joined", "first_frame", "last_frame"])
-    ends = ends.reset_index()
-    earlier, later = ends.iloc[:-1].reset_index(drop=True), ends.iloc[1:].reset_index(drop=True)
-    table = pd.DataFrame({"earlier": earlier["particle"], "later": later["particle"]})
-    apart = later["first_frame"] > earlier["last_frame"]
-    table["kind"] = np.where(apart, "connection", "merging")
-    table[["start_row", "start_col"]] = earlier[["last_row", "last_col"]]
-    table[["end_row", "end_col"]] = later[["first_row", "first_col"]]
-    table["first_frame"] = earlier["first_frame"]
-    table["last_frame"] = np.maximum(earlier["last_frame"], later["last_frame"])
-    return table[earlier["joined"] == later["joined"]].reset_index(drop=True)
+    spy = Remembering(connection.matching)
+    replace(connection, matching=spy)(before, differences)
+    paths = read_paths(before, "joins: tracks")
+    members = np.split(np.arange(len(paths.rows)), paths.starts[1:-1])
+    particle = before["particle"].to_numpy()[paths.rows]
+    rows = []
+    for pair in spy.chosen:
+        points = [members[k][np.argsort(paths.frame[members[k]])] for k in pair]
+        ends = np.array([points[0][-1], points[1][0]])
+        (start, end), frames = paths.place[ends, :2], paths.frame[np.concatenate(points)]
+        row = dict(zip(("earlier", "later"), particle[ends].tolist(), strict=True))
+        apart = paths.frame[ends[1]] > paths.frame[ends[0]]
+        row |= {"kind": "connection" if apart else "merging", "start_row": start[0]}
+        row |= {"start_col": start[1], "end_row": end[0], "end_col": end[1]}
+        rows.append(row | {"first_frame": int(frames.min()), "last_frame": int(frames.max())})
+        members[min(pair)], members[max(pair)] = np.concatenate(points), points[0][:0]
+    return pd.DataFrame(rows, columns=JOINT)
 
 
 def joined_in(
-    windows: Sequence[Window], tables: Mapping[str, pd.DataFrame], connection: tracklets.Step
+    windows: Sequence[Window],
+    tables: Mapping[str, pd.DataFrame],
+    connection: tracklets.Connection,
 ) -> pd.DataFrame:
     """Return the `joins` of all windows, ``fraction`` first."""
     found = {
-        window.fraction: joins(
-            tables[window.fraction], connection(tables[window.fraction], window.differences)
-        )
+        window.fraction: joins(tables[window.fraction], connection, window.differences)
         for window in windows
     }
     return pd.concat(found, names=["fraction"]).reset_index("fraction").reset_index(drop=True)
