@@ -1,13 +1,17 @@
 """Dwell times of complete, lost and refused flights, made by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.experiments import accuracy, dwell, flight_pictures
+from kilnflight.experiments import accuracy, campaigns, dwell, flight_pictures
 from kilnflight.experiments.accuracy import FlightTables, compare
 from kilnflight.experiments.campaigns import REASONS, Measurement
 from kilnflight.scores.flights import FlightValues
+from kilnflight.twin import truth
+from kilnflight.twin.flight import Flight, Flights
 
 CHIP, GRANULE = ("wood chip", 4.5), ("PE granule", 5.0)
 TRUE = pd.DataFrame(
@@ -137,3 +141,26 @@ def test_curves_have_a_source_and_boxes_a_panel_for_each_pressure():
 def test_complete_flights_alone_are_the_other_reading_of_velocities():
     left = dwell.complete_only(TABLES).flights
     assert left["particle"].tolist() == [1, 3, 5]
+
+
+def test_the_truth_is_complete_only_as_far_as_a_person_sees_it(monkeypatch):
+    """Five: seen to the end, lost early, out of the kiln, never visible, cut by the recording."""
+    end, release = np.array([0.30, 0.50, 0.40, 0.20, 0.60]), 1.0
+    ends = np.array([0, 0, truth.NO_DWELL[0], 0, 0], dtype=np.int8)
+    flown = Flights.blank(5, Flight())._replace(end=ends, end_s=end)
+    life = SimpleNamespace(
+        table=pd.DataFrame({"particle": [7, 8, 9, 10, 11]}),
+        release_s=np.full(5, release),
+        flights=flown,
+    )
+    twin = SimpleNamespace(life=life, scene=SimpleNamespace(frame_rate_hz=100.0))
+    seen = pd.DataFrame({"particle": [7, 7, 8, 9, 11], "frame": [110, 128, 120, 139, 150]})
+    whole = np.array([True, True, True, True, False])
+    monkeypatch.setattr(campaigns, "twin_of", lambda _: twin)
+    monkeypatch.setattr(campaigns, "whole_flights", lambda _: whole.copy())
+    monkeypatch.setattr(campaigns, "true_positions", lambda _: seen)
+    values = campaigns.followed_values(None)
+    assert values.dwell_s.tolist() == [0.30]
+    np.testing.assert_allclose(values.censored_s, [0.20, 0.39])
+    assert len(values.ignition_s) == 3
+    assert campaigns.followed_values(None, beyond_s=0.31).dwell_s.tolist() == [0.30, 0.50]
