@@ -283,7 +283,7 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
             for stage, face in (("without", "white"), ("with", color))
         }
         _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
-    for stage, shift in (("without", 0.33), ("with", 0.25)):
+    for stage, shift in (("without", 0.36), ("with", 0.14)):
         place = np.arange(len(wide)) + shift
         known = wide["recomputed"][stage].notna()
         ends = (wide[end][stage][known] for end in ("low", "high"))
