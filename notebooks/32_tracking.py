@@ -32,7 +32,8 @@ windows = tracking.windows(scale, settings, seed, jobs=jobs)
 table = table_5_17.window_table(windows)
 caption = (
     "Windows of the campaigns with as many true trajectories as Table 5.15 counts, or their "
-    "busiest part. The published frames hold other numbers on the twin."
+    "busiest part. The published frames hold other numbers on the twin. Those that do not start "
+    "from the lance were under way when the window begins."
 )
 figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
 

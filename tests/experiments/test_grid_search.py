@@ -154,34 +154,11 @@ def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
     assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
 
 
-def test_a_tracker_that_refuses_a_window_has_rows_without_measures(window):
-    scores = grid_search.score([window], {"one": right, "other": refuses})
-    assert scores["postprocessing"].tolist() == ["without", "with"] * 2
-    assert scores["beta"].isna().tolist() == [False, False, True, True]
-
-
 def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda: ("laptrack",))
     assert list(grid_search.all_grids()) == ["GNN, ours", "JPDA, ours", "laptrack"]
     monkeypatch.setattr(peers, "available", lambda: ("stonesoup",))
     assert list(grid_search.all_grids())[2:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
-
-
-def test_leaders_are_described_with_ours_and_who_did_not_run():
-    rows = [
-        ("chip", "GNN, ours", "without", 0.5),
-        ("chip", "peer", "without", 0.6),
-        ("shred", "GNN, ours", "without", 0.4),
-        ("shred", "peer", "without", np.nan),
-        ("chip", "GNN, ours", "with", 0.7),
-        ("shred", "GNN, ours", "with", 0.8),
-    ]
-    table = pd.DataFrame(rows, columns=["fraction", "tracker", "postprocessing", "beta"])
-    assert grid_search.describe_leaders(table) == (
-        "Largest beta without post-processing chip peer 0.600 (ours 0.500); shred GNN, ours 0.400 "
-        "(means: GNN, ours 0.450). Largest beta with post-processing chip GNN, ours 0.700; shred "
-        "GNN, ours 0.800 (means: GNN, ours 0.750). Not run on every window: peer."
-    )
 
 
 def test_nothing_to_choose_from_is_an_error(window):

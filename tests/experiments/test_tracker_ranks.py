@@ -87,6 +87,20 @@ def test_the_description_names_all_and_who_did_not_run(ranked):
     assert text.endswith("Not run on every window: C.")
 
 
+def test_few_trajectories_leave_any_difference_open():
+    window = window_of("confetti")
+    short = {
+        name: table[table["frame"] < 90]
+        for name, table in window._asdict().items()
+        if name in ("detections", "truth")
+    }
+    few = window._replace(frames=range(90), **short)
+    scores, cells = tracker_ranks.score([few], {"GNN, ours": half, "A": everything})
+    ranks = tracker_ranks.ahead_of_ours(scores, cells)
+    here = ranks[ranks["reading"] == FROM_LANCE]
+    assert (here[["difference_low", "difference_high"]] == [-1.0, 1.0]).all(axis=None)
+
+
 def test_nobody_of_ours_is_no_rank(ranked):
     scores, cells = tracker_ranks.score([window_of("confetti")], {"A": everything})
     assert tracker_ranks.ahead_of_ours(scores, cells).empty

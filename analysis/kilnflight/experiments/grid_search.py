@@ -9,7 +9,7 @@ tried. What is compared is `kilnflight.experiments.tuning`'s affair.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -21,8 +21,7 @@ from tqdm import tqdm
 from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.tracking import Tracker, Window, run
-from kilnflight.experiments.tracking_scores import ALL
+from kilnflight.experiments.tracking import Tracker, Window
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -221,40 +220,3 @@ def first_frames(window: Window, frames: int) -> Window:
         for table in (window.detections, window.truth)
     )
     return window._replace(frames=part, detections=detections, truth=truth)
-
-
-def score(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
-    """Return `tracking.run`, with a row without measures where a tracker refuses."""
-    parts = []
-    for window, (name, tracker) in product(windows, trackers.items()):
-        try:
-            parts.append(run([window], {name: tracker}, [ALL]).assign(note=""))
-        except InputError as error:
-            row = {"fraction": window.fraction, "tracker": name, "note": f"not run: {error}"}
-            parts.append(pd.DataFrame([row, row]).assign(postprocessing=["without", "with"]))
-    return pd.concat(parts, ignore_index=True)
-
-
-def describe_leaders(scores: pd.DataFrame) -> str:
-    """Describe which tracker of `score` has the largest beta, by stage and fraction.
-
-    With the best of ours where another one leads, and the mean of each tracker that ran on all
-    windows. Last: which ones did not.
-    """
-    scored, fractions = scores.dropna(subset="beta"), scores["fraction"].nunique()
-    sentences = []
-    for stage, part in scored.groupby("postprocessing", sort=False):
-        leaders = []
-        for fraction, rows in part.groupby("fraction", sort=False):
-            ranked = rows.set_index("tracker")["beta"].sort_values(ascending=False)
-            first, ours = str(ranked.index[0]), ranked[ranked.index.str.endswith("ours")].max()
-            lead = f"{fraction} {first} {ranked.iloc[0]:.3f}"
-            leaders.append(lead if first.endswith("ours") else f"{lead} (ours {ours:.3f})")
-        means = part.groupby("tracker")["beta"].agg(["mean", "size"])
-        means = means[means["size"] == fractions].sort_values("mean", ascending=False)
-        order = ", ".join(f"{name} {mean:.3f}" for name, mean in means["mean"].items())
-        ranks = f"{stage} post-processing {'; '.join(leaders)} (means: {order})"
-        sentences.append(f"Largest beta {ranks}.")
-    left = scores.loc[scores["beta"].isna(), "tracker"].unique()
-    sentences += [f"Not run on every window: {', '.join(left)}."] if len(left) else []
-    return " ".join(sentences)

@@ -66,8 +66,9 @@ def ahead_of_ours(scores: pd.DataFrame, found: Iterable[Scored]) -> pd.DataFrame
     -------
     DataFrame
         ``reading``, ``postprocessing``, ``tracker``, ``beta`` (mean over the fractions), ``ours``
-        (our best by that mean), ``beta_minus_ours`` and its 95 % interval's ends. Only trackers
-        that ran on every window with a true trajectory in the reading.
+        (our best by that mean), ``beta_minus_ours`` and its 95 % interval's ends (-1 and 1 where a
+        window has too few true trajectories to say). Only trackers that ran on every window with a
+        true trajectory in the reading.
     """
     by_key = {cell.key: cell for cell in found if cell.score is not None}
     rows: list[dict[str, object]] = []
@@ -85,7 +86,8 @@ def ahead_of_ours(scores: pd.DataFrame, found: Iterable[Scored]) -> pd.DataFrame
             apart = mean_difference([(one, other) for one, other in pairs], ["beta"])
             row = {"reading": reading, "postprocessing": stage, "tracker": name, "beta": mean}
             row |= {"ours": ours[0], "beta_minus_ours": apart.estimate}
-            rows.append(row | {"difference_low": apart.low, "difference_high": apart.high})
+            low, high = np.clip([apart.low, apart.high], -1.0, 1.0)
+            rows.append(row | {"difference_low": float(low), "difference_high": float(high)})
     names = ["reading", "postprocessing", "tracker", "beta", "ours", "beta_minus_ours"]
     return pd.DataFrame(rows, columns=[*names, "difference_low", "difference_high"])
 
