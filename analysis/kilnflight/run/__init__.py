@@ -35,6 +35,7 @@ from kilnflight.recording.frames import ArrayRecording, Attributes, Recording, c
 from kilnflight.recording.importing import read_manifest
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.recording.summary import aligned
+from kilnflight.run.lance import place_in_picture
 from kilnflight.run.report import Results, Row, collect, listed, page, plot_tracks, summary
 from kilnflight.tracklets import Cutting, postprocess
 
@@ -222,12 +223,16 @@ def prepare(folder: Path, target: Path, options: Options) -> tuple[KilnRun, tupl
         attributes = recording.attributes
         if options.exit_point_mm:
             attributes = replace(attributes, lance_mm=options.exit_point_mm)
-        lance = attributes.exit_point_mm
+        try:
+            lance = attributes.exit_point_mm
+        except InputError as error:
+            raise InputError(f"recording {source.name}: lance: {error}") from error
         if lance is None:
             raise InputError(
                 f"recording {source.name}: where the lance ends is not known. Give --exit-point "
                 "x,y,z (mm, camera coordinates as captured), or lance_mm in its manifest."
             )
+        _check_lance(recording, lance, notes)
         wall = _wall(recording, notes)
     else:
         notes.append(
@@ -310,6 +315,19 @@ def block_noise(foreground: npt.NDArray[np.float32]) -> float:
     response = np.abs(fine - coarse)[: rows // size * size, : cols // size * size]
     middle = np.median(view_as_blocks(response, (size, size)), axis=(2, 3))
     return float(np.quantile(middle, NOISY_SHARE)) * MEDIAN_TO_SIGMA
+
+
+def _check_lance(recording: StoredRecording, lance: Vector, notes: list[str]) -> None:
+    """Note an outlet outside the picture."""
+    size = recording.attributes.size
+    known = np.flatnonzero(recording.per_frame["points"])
+    place = place_in_picture(recording, known[_spread(len(known), WALL_FRAMES)].tolist(), lance)
+    if place is not None and not all(0 <= at < n for at, n in zip(place, size, strict=True)):
+        notes.append(
+            f"The lance ends outside the picture, at row {place[0]:.0f} and column {place[1]:.0f} "
+            f"of {size[0]} x {size[1]} pixels: particles come into view later, and what they do "
+            "before is not seen. Is its outlet right (mm, as captured), and the depth_calibration?"
+        )
 
 
 def _wall(recording: StoredRecording, notes: list[str]) -> Cylinder | None:

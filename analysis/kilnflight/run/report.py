@@ -19,11 +19,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import __version__
-from kilnflight.flight import kept, remaining
+from kilnflight.flight import LOST, kept, remaining
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
 from kilnflight.kiln import KILN_STEPS, KilnRun
 from kilnflight.project import style
 from kilnflight.recording.frames import Recording
+from kilnflight.regression import FITTED, Regression
 from kilnflight.scores.flights import ignition_histogram
 from kilnflight.scores.intervals import Bootstrap, Interval, share
 from kilnflight.tracklets import tracked
@@ -95,6 +96,19 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
             f"No tracks: of {len(results.detections)} detections {len(results.tracks)} are in the "
             "air or without depth, and none of these follow each other. Do --threshold, --in-air "
             "and the kiln's wall fit the recording?"
+        )
+    reasons = results.trajectories["outcome"]
+    if len(reasons) and not (reasons == FITTED).any():
+        why = ", ".join(f"{reason} {n}" for reason, n in reasons.value_counts().items())
+        yield (
+            f"None of {len(reasons)} tracks could be fitted ({why}): a trajectory needs "
+            f"{Regression().fewest} or more detections with depth. Dwell times, velocities and "
+            "ignition were not made."
+        )
+    if len(counted) and (counted["ending"] == LOST).all():
+        yield (
+            f"All {len(counted)} flights from the lance were lost in the air, none was seen to "
+            "land or burn out: their dwell times are lower bounds."
         )
     from_lance = flights[flights["from_lance"]]
     if len(flights) and from_lance.empty:
@@ -171,10 +185,14 @@ def _refused(from_lance: pd.DataFrame) -> Iterator[Row]:
 def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
     """Yield the rows of dwell time and ignition.
 
-    There is one row more where some particles burnt from the first detection on.
+    Dwell times are of complete flights: those that were lost "cannot be analyzed" (A.1). There is
+    one row more where some particles burnt from the first detection on.
     """
-    dwell = Bootstrap()(np.median, [counted["dwell_s"]], np.random.default_rng(SEED))
-    yield "dwell time, median", f"{_text(dwell, 3)} s"
+    complete = counted.loc[counted["ending"] != LOST, "dwell_s"]
+    if len(complete):
+        dwell = Bootstrap()(np.median, [complete], np.random.default_rng(SEED))
+        yield "dwell time, median", f"{_text(dwell, 3)} s"
+    yield "of complete flights", f"{len(complete)} of {len(counted)}"
     kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
     if (kinds == BEFORE).any():
         shares["ignition seen, or alight when first seen"] = [SEEN, BEFORE]

@@ -125,7 +125,7 @@ def track(
     Parameters
     ----------
     detections
-        Columns frame (whole numbers, which floats may hold), row, col (px); z (mm) and points
+        Columns frame (from 0; floats may hold them), row, col (px); z (mm) and points
         are used where present. NaN in z, and NaN or 0 in points, mean unknown. Other columns
         are carried along.
     associator, motion, gate, management
@@ -144,9 +144,9 @@ def track(
     Raises
     ------
     InputError
-        If a column is missing or there twice, a frame is no whole number, a position is not
-        finite, or a part is not of its kind (a class instead of an instance, say). The message
-        names the row.
+        If a column is missing or there twice, a frame is below 0 or no whole number, a position
+        is not finite, or a part is not of its kind (a class instead of an instance, say). The
+        message names the row.
 
     Notes
     -----
@@ -332,6 +332,12 @@ def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]
     """
     check_columns(table, TO_TRACK.names, TO_TRACK.name)
     frames = check_whole(table["frame"], f"{TO_TRACK.name}: column frame")
+    if (frames < 0).any():
+        where = table.index[int(np.argmin(frames))]
+        raise InputError(
+            f"{TO_TRACK.name}: frame {frames.min()} in row {where}; frames are counted from 0. "
+            "Leave rows that belong to no frame out."
+        )
     needed = table[TO_TRACK.names].assign(frame=frames)
     for name in TO_TRACK.names[1:]:
         if len(table) and not is_real(table[name]):
