@@ -208,7 +208,7 @@ def verdicts(measures: pd.DataFrame, texture: pd.DataFrame) -> list[claims.Verdi
         f"highest is {best['masks']} ({best['ratio']:.1f})": best["masks"] == "LE",
         f"LE {edge:.1f} > 7": bool(edge > 7),
     }
-    return [_matching_verdict(measures), claims.judge("track-8", highest)]
+    return [_matching_verdict(measures), claims.judge("track-8", highest, because="method")]
 
 
 def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:

@@ -157,9 +157,9 @@ def verdicts(
     for name, (test, because) in TESTS.items():
         if len(fractions) < len(SINGULARS) or empty:
             reason = "this run has no true trajectories from the lance in some of four fractions"
-            judged.append(claims.undecidable(name, reason))
+            judged.append(claims.undecidable(name, reason, because="chain"))
             continue
-        other = claims.judge(name, test(cells, ALL))
+        other = claims.judge(name, test(cells, ALL), because=because)
         note = f"from the lance; with all tracks: {other.verdict} ({other.measured})"
         judged.append(claims.judge(name, test(cells, FROM_LANCE), note=note, because=because))
     return judged
