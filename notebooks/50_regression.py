@@ -107,11 +107,12 @@ HTML(space.turning(fits, tracks, f"{keys[-1][0]}, 4.5 bar: {len(fits)} trajector
 
 # %%
 verdicts = flight_claims.regression_verdicts(tables, ours, by_order, generator)
-deep = ours[ours["axis"] == "z"]
+deep, gain = ours[ours["axis"] == "z"].dropna(subset="rmse_mm"), flight_claims.order_gain(by_order)
 parts = [f"{row.fraction} {row.rmse_mm:.0f}" for row in deep.itertuples()]
+change = f"{gain:.4f}" if np.isfinite(gain) else "an unknown amount"
 result = (
     f"{table['from_lance'].sum()} trajectories from the lance, {table['refused'].sum()} of them "
-    f"refused; median RMSE in depth (mm): {', '.join(parts)}. From order 6 to 7 adjusted R2 "
-    f"changes by {flight_claims.order_gain(by_order):.4f}."
+    f"refused; median RMSE in depth (mm): {', '.join(parts) or 'none'}. From order 6 to 7 adjusted "
+    f"R2 changes by {change}."
 )
 figures.conclude(result, verdicts, origin)
