@@ -179,7 +179,7 @@ def regression_verdicts(
     evidence: Evidence = {"fit-1": ratio, "fit-2": lowest, "fit-3": least}
     evidence["fit-4"] = order_gain(by_order)
     note = "trajectories from the lance; the scatter of the depth is an input"
-    return judge_all(counted_flights(tables.flights), evidence, note, resolved)
+    return judge_all(counted_flights(tables.flights), evidence, note, resolved, because="twin")
 
 
 def _by_axis(tables: Measurement, column: str) -> dict[tuple[str, object], Array]:

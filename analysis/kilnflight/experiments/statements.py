@@ -236,6 +236,7 @@ def judge_all(
     note: str = "",
     resolved: Mapping[str, str] | None = None,
     truth: Mapping[str, Measured] | None = None,
+    because: str = "chain",
 ) -> list[claims.Verdict]:
     """Return verdicts on claims about all eight campaigns.
 
@@ -255,6 +256,8 @@ def judge_all(
     truth
         By claim: the same of the twin's own truth, which tells the twin's failures from the
         chain's.
+    because
+        Cause where the truth does not tell it.
     """
     counted = flights.groupby(KEYS).size()
     missing = len(FRACTIONS) * len(PRESSURES_BAR) - int((counted >= LEAST_FLIGHTS).sum())
@@ -266,7 +269,7 @@ def judge_all(
     notes = {name: "; ".join(filter(None, [note, (resolved or {}).get(name)])) for name in values}
     known = {name: value for name, value in (truth or {}).items() if _known(value)}
     return [
-        claims.judge(name, value, note=notes[name], truth=known.get(name))
+        claims.judge(name, value, note=notes[name], truth=known.get(name), because=because)
         for name, value in values.items()
     ]
 
