@@ -114,7 +114,7 @@ def test_the_truth_tells_the_twins_failures_from_the_chains(values):
     judged = statements.judge_all(flights, given, truth=true)
     assert [each.because for each in judged] == ["chain", "twin"]
     (unknown,) = statements.judge_all(flights, {"dwell-1": 0.2}, truth={"dwell-1": np.nan})
-    assert (unknown.verdict, unknown.because) == (claims.NOT_REPRODUCED, "")
+    assert (unknown.verdict, unknown.because) == (claims.NOT_REPRODUCED, "chain")
 
 
 def test_printed_numbers_stand_beside_truth_and_measurement(values):
