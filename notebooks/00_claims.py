@@ -3,7 +3,8 @@
 #
 # **Published.** Three works make claims about how well particles can be seen, followed and
 # predicted. Each was turned into something that can fail before it was tested
-# (data/reference/claims.csv). A bound that no work prints is named as ours.
+# (data/reference/claims.csv). A bound that no work prints is named as ours, and decides only where
+# bounds half and twice as far would decide alike.
 #
 # **Here.** The verdicts of all other notebooks, by chapter and by cause. What is not reproduced or
 # not decidable has one of five causes:
@@ -35,8 +36,8 @@ figures.save("claims", table, caption=caption, provenance=origin)
 # ## Verdicts by chapter and cause
 
 # %%
-by_cause = claims_page.counts_by_cause(table)
 caption = "Number of claims by chapter, verdict and cause."
+by_cause = claims_page.counts_by_cause(table)
 figures.save("claims-by-cause", by_cause, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
@@ -49,11 +50,13 @@ Markdown(
 # %% [markdown]
 # ## The claims
 #
-# Each name leads to the notebook that decides.
+# Each name leads to the notebook that decides, and to the figure where it is drawn. A click on
+# what is ours shows the criterion and the reason.
 
 # %% tags=["hide-input"]
-for chapter, part in claims_page.with_chapters(table).groupby("chapter", sort=False):
-    display(HTML(f"<h3>{chapter}</h3>" + claims_page.page_table(part)))
+saved = {entry.identifier: entry.provenance["notebook"] for entry in figures.entries()}
+for chapter, part in claims_page.by_chapter(table).groupby("chapter", sort=False):
+    display(HTML(f"<h3>{chapter}</h3>" + claims_page.page_table(part, saved)))
 
 # %% [markdown]
 # ## Verdict

@@ -11,7 +11,7 @@ from IPython.display import Markdown
 
 from kilnflight.belt import recordings
 from kilnflight.belt.evaluation import Evaluation
-from kilnflight.experiments import belt_2020, belt_claims, belt_decisions, belt_plots
+from kilnflight.experiments import belt_2020, belt_claims, belt_plots
 from kilnflight.experiments.belt_2020 import PHASE
 from kilnflight.project import claims, figures, style
 
@@ -94,12 +94,12 @@ figures.save("fig-belt20-7-velocity", profiles, **options)
 # %%
 track = tracks[source, "spheres"]
 one = track[track["particle"] == observed[source, "spheres"].arrival["particle"].iloc[0]]
-points = belt_decisions.crossing(one, PHASE.target_mm)
+points = belt_plots.crossing(one, PHASE.target_mm)
 caption = (
     "How the reference is made, after Fig. 5 of the 2020 paper: two observations of one simulated "
     f"sphere ({source}) around the target and the crossing between them; times after the first."
 )
-picture = belt_decisions.draw_crossing(points, PHASE.target_mm)
+picture = belt_plots.draw_crossing(points, PHASE.target_mm)
 options = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-belt20-5-crossing", points.reset_index(), **options)
 

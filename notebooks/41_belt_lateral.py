@@ -10,7 +10,7 @@ from IPython.display import Markdown
 
 from kilnflight.belt import recordings
 from kilnflight.belt.evaluation import Evaluation
-from kilnflight.experiments import belt_2020, belt_claims, belt_decisions, belt_plots
+from kilnflight.experiments import belt_2020, belt_claims, belt_plots
 from kilnflight.experiments.belt_2020 import PHASE
 from kilnflight.project import claims, figures, style
 
@@ -73,14 +73,14 @@ figures.save("fig-belt20-8-lateral-velocity", table, **options)
 # a straight prediction gets wrong and constant velocity right.
 
 # %%
-decided = belt_decisions.decisions(observed[source, "spheres"], PHASE, seed)
+decided = belt_plots.decisions(observed[source, "spheres"], PHASE, seed)
 caption = (
     "Valve decisions for one simulated sphere and a bar of 8 nozzles, after Fig. 4 of the 2020 "
     f"paper ({source}). Dot: where and when it arrives. Box: the valve that opens, for "
-    f"{belt_decisions.OPEN_MS:g} ms (our choice). Hatched: a bad decision. "
+    f"{belt_plots.OPEN_MS:g} ms (our choice). Hatched: a bad decision. "
     "Straight has no time of its own and gets the true one."
 )
-picture = belt_decisions.draw_decisions(decided)
+picture = belt_plots.draw_decisions(decided)
 options = {"picture": picture, "caption": caption, "provenance": origin}
 figures.save("fig-belt20-4-decisions", decided.reset_index(), **options)
 

@@ -16,7 +16,7 @@ from kilnflight.belt.evaluation import Evaluation
 from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.belt.velocity import estimate_velocity, join_followed
-from kilnflight.experiments import belt_2020, belt_claims, belt_plots
+from kilnflight.experiments import belt_plots, belt_real
 from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
 
@@ -138,7 +138,7 @@ figures.save("belt-real-links", links, caption=caption, provenance=origin) if fi
 
 # %%
 evaluation = Evaluation(draws=draws)
-models, omitted = belt_2020.compare_on_recordings(followed, measured, phase, evaluation, seed)
+models, omitted = belt_real.compare_on_recordings(followed, measured, phase, evaluation, seed)
 omitted
 
 # %% [markdown]
@@ -167,7 +167,7 @@ figures.save("fig-belt-real-models", models, **part) if files else None
 # acceleration for CA. This table is no verdict: nobody claimed it of these recordings.
 
 # %%
-belt_claims.hold_on_recordings(models) if files else None
+belt_real.hold_on_recordings(models) if files else None
 
 # %%
 result = "The authors' recordings are not here; nothing is concluded."

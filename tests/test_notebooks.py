@@ -145,6 +145,11 @@ def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
     assert table.loc["cluster-10", "verdict"] == claims.NOT_REPRODUCED
 
 
+def test_what_is_not_reproduced_says_because_of_what(smoke):
+    table = pd.read_csv(smoke / "figures" / "claims.csv", keep_default_na=False)
+    assert claims.without_cause(table) == []
+
+
 def test_the_first_line_says_that_it_is_our_simulation(smoke):
     for stem in ("40_belt_arrival", "41_belt_lateral"):
         cells = json.loads((smoke / "build" / f"{stem}.ipynb").read_text())["cells"]

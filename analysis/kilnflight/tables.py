@@ -242,83 +242,62 @@ SLICES = Table(
 
 
 class Bound(NamedTuple):
-    """What numbers a column may hold, by its name."""
+    """What numbers a column of a saved table may hold, by its name."""
 
-    pattern: str  # searched in "table/column", in lower case
+    pattern: str  # searched in "table/column", in lower case; the first that fits counts
     least: float
     greatest: float
-    unit: str
-    source: str
+    source: str  # unit, and why
 
 
-FASTEST_M_S = 32.0  # twice the air of the lance, as `kilnflight.flight.Plausible`
-# A table of saved results is judged column by column, by the first bound that fits.
-BOUNDS = (
-    Bound(r"(/|_| )(n|number)$", 0, math.inf, "1", "a count"),
-    Bound(r"mape", 0, math.inf, "%", "Eq. 4.31"),
-    Bound(r"percent|\(%|has_depth|in_roi", 0, 100, "%", "a share"),
-    Bound(r"mm_s2$", -1e7, 1e7, "mm/s^2", "a belt's contacts"),
-    Bound(r"mm_s$", -5000, 5000, "mm/s", "several times the belt's velocity"),
+INF = math.inf
+BOUNDS = [
+    Bound(r"(/|_| )(n|number)$", 0, INF, "a count"),
+    Bound(r"mape", 0, INF, "%, Eq. 4.31"),
+    Bound(r"percent|\(%|has_depth|in_roi", 0, 100, "%, a share"),
+    Bound(r"mm_s2$", -1e7, 1e7, "mm/s^2, a belt's contacts"),
+    Bound(r"mm_s$", -5000, 5000, "mm/s, several times the belt's velocity"),
     Bound(
-        r"(?<!m)m_s$|\(m/s\)|^velocity-medians/(estimate|true|low|high)$",
+        r"(?<!m)m_s$|\(m/s\)|velocity-medians/(estimate|true|low|high)$",
         -30,
-        FASTEST_M_S,
-        "m/s",
-        "twice the lance's air, sec. 2.1.1",
+        32,
+        "m/s, twice the lance's air",
     ),
-    Bound(r"(remaining|true-velocity)/(value|low|high)$", -30, 100, "% or m/s", "as both"),
-    Bound(r"ignition.*(_s|\(s\))$|fig-5-25.*/(measured|true).*_s$", -0.05, 6, "s", "as dwell"),
+    Bound(r"(remaining|true-velocity)/(value|low|high)$", -30, 100, "% or m/s, as both"),
+    Bound(r"ignition.*(_s|\(s\))$|fig-5-25.*_s$", -0.05, 6, "s, as dwell"),
+    Bound(r"dwell.*(_s|\(s\)|/(low|high|median|q\d+|whisker))$", 0, 6, "s, 8.4 m at 1.5 m/s"),
+    Bound(r"/(expected_)?z(_captured)?(_mm)?$|depth.*_mm$", 0, 15e3, "mm, kiln and camera"),
+    Bound(r"depth.*_m$", 0, 15, "m, kiln and camera"),
+    Bound(r"radius.*_mm$", 0, 2000, "mm, the kiln's is 700 mm (sec. 2.1.1)"),
+    Bound(r"/[xy](_mm)?$", -5000, 5000, "mm, beyond any wall"),
+    Bound(r"/r2", -INF, 1, "1, Eq. 4.32"),
+    Bound(r"/(precision|recall|f1|jsc|alpha|beta|event|share|weight|p)(_|$)", 0, 1, "1, a share"),
+    Bound(r"class-recall/.*(air|wall)|shares/(estimate|low|high)$", 0, 1, "1, a share"),
+    Bound(r"/(expected_)?(row|col)$", -2000, 5000, "px, a picture's size beyond the picture"),
+    Bound(r"gray|grey", 0, 65_535, "1, 16 bit"),
+    Bound(r"pressure_bar", 0, 10, "bar, the lance has 5 (sec. 2.1.1)"),
+    Bound(r"_k$", 200, 3000, "K, a kiln"),
+    Bound(r"_deg$", -360, 360, "degrees, a turn"),
+    Bound(r"_mm$", -20e3, 20e3, "mm, beyond kiln and belt"),
+    Bound(r"_m$|\(m\)", -20, 20, "m, beyond kiln and belt"),
+    Bound(r"_px$|_hz$|_mib$", 0, 1e7, "px, Hz or MiB, never below 0"),
+    Bound(r"(_s|\(s\)|seconds\w*)$", -2, 1e6, "s, a clock, a computing time"),
+    Bound(r"_ms$", -1e6, 1e6, "ms, a belt's delay, a computing time"),
     Bound(
-        r"dwell.*(_s|\(s\)|/(estimate|low|high|median|q25|q75|whisker_\w+))$",
-        0,
-        6,
-        "s",
-        "8.4 m of kiln with the stream's 1.5 m/s",
+        r"(/|_| )(tp|fp|fn|frames?|particles|tracks|flights|detections|spots)$", 0, INF, "a count"
     ),
-    Bound(r"/(expected_)?z(_captured)?(_mm)?$|depth.*_mm$", 0, 15_000, "mm", "kiln and camera"),
-    Bound(r"depth.*_m$", 0, 15, "m", "kiln and camera"),
-    Bound(r"radius.*_mm$", 0, 2000, "mm", "the kiln's is 700 mm (sec. 2.1.1)"),
-    Bound(r"/[xy](_mm)?$", -5000, 5000, "mm", "beyond any wall"),
-    Bound(r"/r2", -math.inf, 1, "1", "Eq. 4.32"),
+    Bound(r"(/|_| )(trajectories|positions|pixels|points|inliers|outliers)$", 0, INF, "a count"),
     Bound(
-        r"/(precision|recall|f1|jsc|alpha|beta|event|share|weight|p)(_|$)|class-recall/.*(air|wall)"
-        r"|shares/(estimate|low|high)$",
-        0,
-        1,
-        "1",
-        "a share or a score",
+        r"(/|_| )(lost|refused|tracked|predicted|detected|(un)?lit|from_lance)$", 0, INF, "a count"
     ),
-    Bound(r"/(expected_)?(row|col)$", -2000, 5000, "px", "a picture's size beyond the picture"),
-    Bound(r"gray|grey", 0, 65_535, "1", "16 bit"),
-    Bound(r"pressure_bar", 0, 10, "bar", "the lance blocks below 4 and has 5 (sec. 2.1.1)"),
-    Bound(r"_k$", 200, 3000, "K", "a kiln"),
-    Bound(r"_deg$", -360, 360, "degrees", "a turn"),
-    Bound(r"_mm$", -20_000, 20_000, "mm", "beyond kiln and belt"),
-    Bound(r"_m$|\(m\)", -20, 20, "m", "beyond kiln and belt"),
-    Bound(r"_px$|_hz$|_mib$", 0, 1e7, "px, Hz or MiB", "never below 0"),
-    Bound(r"(_s|\(s\)|seconds\w*)$", -2, 1e6, "s", "a clock, a computing time"),
-    Bound(r"_ms$", -1e6, 1e6, "ms", "a belt's delay, a computing time"),
-    Bound(
-        r"(/|_| )(tp|fp|fn|frames?|particles|tracks|flights|detections|positions|trajectories"
-        r"|spots|pixels|points|inliers|outliers|lost|landed( \w+)?|burnt out|refused|too_fast"
-        r"|from_lance|no depth|too few points|tracked|predicted|detected|lit|unlit|not measured"
-        r"|left_out|t0_earliest|t0_at_first_detection|potential)$",
-        0,
-        math.inf,
-        "1",
-        "a count",
-    ),
-)
+]
 # These may be below 0 in any unit, and those never are.
 DIFFERENCE = (
     r"/.*(error|minus|differ|bias|(_| )off|gain|misfit|deviation|change|correct)"
-    r"|accuracy-steps/.*_s_(low|high)$"
+    r"|-steps/.*_s_(low|high)$"
 )
 SPREAD = r"/.*(rmse|spread)|/(mae|iqr)"
-SUFFIX = (
-    r"_(low|high|min|max|bias|spread|published|calibrated|inputs_only|above_background"
-    r"|before_detection)$"
-)
+SUFFIX = r"_(low|high|min|max|bias|spread|published|calibrated|inputs_only|(above|before)_[a-z]+)$"
 
 
 def bound_of(column: str, identifier: str = "") -> Bound | None:
@@ -330,14 +309,11 @@ def bound_of(column: str, identifier: str = "") -> Bound | None:
     name = f"{identifier}/{column}".lower()
     plain = re.sub(SUFFIX, "", name)
     bound = next((bound for bound in BOUNDS if re.search(bound.pattern, plain)), None)
-    if bound is None:
-        return None
+    spread, difference = re.search(SPREAD, name), re.search(DIFFERENCE, name)
+    if bound is None or not (spread or difference):
+        return bound
     width = bound.greatest - bound.least
-    if re.search(DIFFERENCE, name):
-        return bound._replace(least=-width, greatest=width)
-    if re.search(SPREAD, name):
-        return bound._replace(least=0.0, greatest=width)
-    return bound
+    return bound._replace(least=-width if difference else 0.0, greatest=width)
 
 
 def impossible(table: pd.DataFrame, identifier: str = "") -> list[str]:
@@ -346,13 +322,11 @@ def impossible(table: pd.DataFrame, identifier: str = "") -> list[str]:
     for column in table.select_dtypes("number"):
         bound = bound_of(str(column), identifier)
         values = table[column].to_numpy(np.float64)
-        if bound is None:
-            continue
-        outside = values[(values < bound.least) | (values > bound.greatest)]
-        if len(outside):
-            worst = outside[int(np.argmax(np.abs(outside)))]
+        least, greatest = (bound.least, bound.greatest) if bound else (-INF, INF)
+        outside = values[(values < least) | (values > greatest)]
+        if bound and len(outside):
             sentences.append(
-                f"column {column}: {len(outside)} of {len(values)} outside {bound.least:g} to "
-                f"{bound.greatest:g} {bound.unit} ({bound.source}), worst {worst:g}"
+                f"column {column}: {len(outside)} of {len(values)} outside {least:g} to "
+                f"{greatest:g} ({bound.source}), worst {max(outside, key=abs):g}"
             )
     return sentences

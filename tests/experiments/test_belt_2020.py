@@ -11,7 +11,7 @@ from kilnflight.belt import PredictionPhase
 from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.tracker import Followed
-from kilnflight.experiments import belt_2020, belt_claims, belt_sorter
+from kilnflight.experiments import belt_2020, belt_real, belt_sorter
 from kilnflight.experiments.belt_2020 import over_draws
 from kilnflight.experiments.belt_claims import arrival_answers, lateral_answers, speed_answers
 from kilnflight.project import claims
@@ -87,7 +87,7 @@ def test_on_recordings_constant_velocity_is_exact_and_short_tracks_are_left_out(
     states = table.assign(row=np.arange(len(table)), **known).drop(index=59 * len(frame) + 17)
     followed = {("spheres", "CV filter"): Followed(states, pd.DataFrame())}
     phase, evaluation = PredictionPhase(1150.0, 1550.0), Evaluation(share=0.1, draws=2)
-    models, omitted = belt_2020.compare_on_recordings(
+    models, omitted = belt_real.compare_on_recordings(
         followed, {"spheres": table}, phase, evaluation, 1
     )
     assert omitted.iloc[0][["data_set", "filter", "predicted"]].tolist() == [
@@ -98,7 +98,7 @@ def test_on_recordings_constant_velocity_is_exact_and_short_tracks_are_left_out(
     exact = models.set_index(["quantity", "model"])["mae"]
     assert exact["arrival_frames", "CV"] == pytest.approx(0.0, abs=1e-9)
     assert exact["lateral_px", "Straight"] == pytest.approx((1550 - 1125) / 80)
-    empty, _ = belt_2020.compare_on_recordings({}, {}, phase, evaluation, 1)
+    empty, _ = belt_real.compare_on_recordings({}, {}, phase, evaluation, 1)
     assert empty.columns.tolist() == models.columns.tolist()
 
 
@@ -226,7 +226,7 @@ def test_a_world_as_published_reproduces_every_claim_about_the_arrival():
     ] = 0.9
     published.loc[
         (published["data_set"] == "cuboids") & (published["model"] == "CALV"), ["iqr", "mae"]
-    ] = 0.8
+    ] = 0.85
     assert set(verdicts(arrival_answers(published)).values()) == {claims.REPRODUCED}
 
 
@@ -322,7 +322,7 @@ def test_sentences_on_real_recordings_take_each_model_with_its_filter():
             part = table({name: factor * value for name, value in values.items()})
             parts.append(part.assign(filter=kind, quantity=quantity))
     recorded = pd.concat(parts)
-    sentences = belt_claims.hold_on_recordings(recorded)
+    sentences = belt_real.hold_on_recordings(recorded)
     assert sentences.columns.tolist() == list(SETS)
     assert len(sentences) == 7
     yes = {name.split()[0] for name in sentences.index[(sentences == "yes").all(axis=1)]}

@@ -94,7 +94,7 @@ def test_a_saved_figure_shows_itself_with_its_caption():
 
 def test_an_impossible_number_is_refused_unless_the_caption_says_why():
     table = pd.DataFrame({"fraction": ["a", "b"], "measured_m_s": [1_063_640.0, 5.0]})
-    message = r"figure fig-1: column measured_m_s: 1 of 2 outside -30 to 32 m/s .* worst 1.06"
+    message = r"figure fig-1: column measured_m_s: 1 of 2 outside -30 to 32 \(m/s.* worst 1.06"
     with pytest.raises(InputError, match=message):
         save(table=table)
     assert not list(paths.figures().glob("fig-1*"))

@@ -89,6 +89,25 @@ class PredictionPhase:
         }
         return Observed(_last(columns, before[keep]), self._arrival(columns, after[keep]), left_out)
 
+    def carry(self, observed: Observed) -> Observed:
+        """Return last states carried on to the start of the phase by their own acceleration.
+
+        At 100 Hz the last observation lies up to a step of 14 mm before the phase; at the paper's
+        1000 Hz (section 5) up to 1.4 mm. Only what was observed before the phase is used. A
+        particle that would stop before keeps its state.
+        """
+        last = observed.last
+        gap = self.start_mm - last["x"]
+        speed, gain = last["velocity_x_mm_s"], last["acceleration_x_mm_s2"]
+        square = speed**2 + 2 * gain * gap
+        wait = (2 * gap / (speed + np.sqrt(square.clip(lower=0.0)))).where(square > 0, 0.0)
+        moved = {"time_s": last["time_s"] + wait}
+        for axis in ("x", "y"):
+            velocity, change = last[f"velocity_{axis}_mm_s"], last[f"acceleration_{axis}_mm_s2"]
+            moved[axis] = last[axis] + wait * velocity + wait**2 * change / 2
+            moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
+        return observed._replace(last=last.assign(**moved)[BELT_LAST.names])
+
     def _arrival(self, columns: dict[str, Array], after: Rows) -> pd.DataFrame:
         """Interpolate linearly between the observations around the target (Fig. 5)."""
         names = ("time_s", "x", "y")

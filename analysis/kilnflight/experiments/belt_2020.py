@@ -27,28 +27,14 @@ from kilnflight.belt.evaluation import (
     arrival_deviations,
     lateral_deviations,
     motion_profile,
-    observe,
     step_velocities,
 )
 from kilnflight.belt.friction import MATERIALS
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import read_dem
-from kilnflight.belt.tracker import Followed
-from kilnflight.experiments import belt_intervals
-from kilnflight.experiments.belt_claims import (
-    DATA_SETS,
-    Answer,
-    Order,
-    arrival_answers,
-    arrival_notes,
-    arrival_orders,
-    compared,
-    differences,
-    lateral_answers,
-    lateral_notes,
-    lateral_orders,
-)
+from kilnflight.experiments import belt_claims
+from kilnflight.experiments.belt_claims import DATA_SETS, Answer, Order
 from kilnflight.project import claims
 
 AUTHORS = "authors-dem"
@@ -178,45 +164,6 @@ def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
     return table.reset_index()
-
-
-def compare_on_recordings(
-    followed: Mapping[Key, Followed],
-    measured: Mapping[str, pd.DataFrame],
-    phase: PredictionPhase,
-    evaluation: Evaluation,
-    seed: int,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return deviations on recordings of a real belt, and how many tracks are left out.
-
-    CALV and LV-DSC need the belt's velocity, which is not published; they are left out. Tracks
-    are by data set and filter; their px and frames stand for mm and s.
-
-    Returns
-    -------
-    models : DataFrame
-        ``data_set``, ``filter``, ``quantity`` (arrival_frames, lateral_px), ``model``, `SUMMARY`,
-        ``left_out``.
-    omitted : DataFrame
-        ``data_set``, ``filter``, ``predicted``, and tracks left out by reason.
-    """
-    # Arrivals come in thousandths of a frame.
-    quantities = {"arrival_frames": (arrival_deviations, 0.001)}
-    quantities["lateral_px"] = lateral_deviations, 1.0
-    parts, omitted = [], []
-    for (data_set, name), tracks in followed.items():
-        keys: dict[str, Any] = {"data_set": data_set, "filter": name}
-        observed = observe(tracks, measured[data_set], phase, 1.0)
-        omitted.append(keys | {"predicted": len(observed.last)} | observed.left_out)
-        keys["left_out"] = sum(observed.left_out.values())
-        for quantity, (deviations, unit) in quantities.items():
-            table = over_draws(evaluation(observed, phase, deviations, seed))
-            table[SUMMARY[1:8]] *= unit
-            parts.append(table.assign(**keys, quantity=quantity))
-    columns = ["data_set", "filter", "quantity", "model", *SUMMARY, "left_out"]
-    models = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
-    models = models.loc[~models["model"].isin(["CALV", "LV-DSC"]), columns]
-    return models.reset_index(drop=True), pd.DataFrame(omitted)
 
 
 def vary_target(
@@ -428,20 +375,17 @@ class Study:
         parts = {name: part for (where, name), part in observed.items() if where == source}
         readings = {"": parts}
         if self.carried:
-            moved = {name: belt_intervals.carried(part, PHASE) for name, part in parts.items()}
-            readings["carried"] = moved
+            readings["carried"] = {name: PHASE.carry(part) for name, part in parts.items()}
+        evaluation = Evaluation(draws=min(DRAWS[scale], belt_claims.DRAWS))
+        replicates, deviations = belt_claims.REPLICATES[scale], self.resampled
         tables, samples = {}, {}
-        evaluation = Evaluation(draws=min(DRAWS[scale], belt_intervals.DRAWS))
-        replicates = belt_intervals.REPLICATES[scale]
         for reading, each in readings.items():
             keyed = {(source, name): part for name, part in each.items()}
-            by_draw = compare_models(keyed, PHASE, evaluation, self.resampled, seed)
+            by_draw = compare_models(keyed, PHASE, evaluation, deviations, seed)
             tables[reading] = over_draws(by_draw)
-            samples[reading] = belt_intervals.resample(
-                each, PHASE, self.resampled, replicates, seed
-            )
-        values = compared(tables, samples)
-        return self.answers(values), differences(values, self.orders())
+            samples[reading] = belt_claims.resample(each, PHASE, deviations, replicates, seed)
+        values = belt_claims.compared(tables, samples)
+        return self.answers(values), belt_claims.differences(values, self.orders())
 
     def judge(
         self, answers: Mapping[str, Answer], by_target: pd.DataFrame, sampling_hz: float
@@ -466,10 +410,10 @@ ARRIVAL = Study(
     ("model", "Positive: the particle came earlier than predicted.", "Fig. 9"),
     "mae",
     arrival_deviations,
-    arrival_answers,
-    arrival_notes,
+    belt_claims.arrival_answers,
+    belt_claims.arrival_notes,
     ("belt20-3",),
-    arrival_orders,
+    belt_claims.arrival_orders,
     arrival_deviations,
     carried=True,
 )
@@ -483,9 +427,9 @@ LATERAL = Study(
     ),
     "iqr",
     lateral_deviations,
-    lateral_answers,
-    lateral_notes,
+    belt_claims.lateral_answers,
+    belt_claims.lateral_notes,
     ("belt20-8", "belt20-10"),
-    lateral_orders,
-    belt_intervals.with_isolated,
+    belt_claims.lateral_orders,
+    belt_claims.with_isolated,
 )

@@ -1,15 +1,30 @@
-"""Pictures of deviations on the belt that several notebooks draw."""
+"""Pictures of the belt: deviations, and Figs 4 and 5 of the 2020 paper.
+
+Fig. 4 sketches eight nozzles: the right valve at the right time, a wrong valve, a wrong time. Fig.
+5 sketches how the reference is made: a straight line between the last observation before the edge
+and the first one after it. Both are drawn here from tracks.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
 
-from kilnflight.project.style import MARKERS, PAGE_MM, canvas, draw_boxes
+from kilnflight.belt.evaluation import predictions
+from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.checks import InputError
+from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas, draw_boxes
+
+NOZZLES = 8  # Fig. 4
+PITCH_MM = 180.0 / NOZZLES  # the belt's width, section 3
+OPEN_MS = 4.0  # a sphere of 5 mm passes in 3.5 ms at 1.4 m/s; our choice
+PANELS = {"optimal": "right valve and time", "Straight": "wrong valve", "CV-CV": "wrong time"}
 
 
 def boxes(
@@ -95,4 +110,115 @@ def lines_by_rate(by_rate: pd.DataFrame, models: Sequence[str], measure: str, la
         axes.minorticks_off()
     panels[0].set_ylabel(label)
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
+    return picture
+
+
+def decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataFrame:
+    """Return what valves are told of one particle: optimally, by Straight and by CV-CV (Fig. 4).
+
+    The particle is the first whose valve Straight gets wrong and CV-CV right. Straight has no
+    time of its own (section 4.2) and is given the true one, as in Fig. 4b.
+
+    Returns
+    -------
+    DataFrame
+        Index: the keys of `PANELS`. ``nozzle`` from 0, ``y_mm``, and ``opens_ms`` and
+        ``closes_ms`` after the particle's true arrival.
+
+    Raises
+    ------
+    InputError
+        If there is no such particle.
+    """
+    count = len(observed.last)
+    drawn = np.random.default_rng(seed).permutation(count)[: max(1, count // 100)]
+    calibration = np.isin(np.arange(count), drawn)
+    arrival = observed.arrival[~calibration]
+    told = {name: (t, y) for name, t, y in predictions(observed, phase, calibration)}
+    told["optimal"] = arrival["time_s"].to_numpy(), arrival["y"].to_numpy()
+    told["Straight"] = told["optimal"][0], told["Straight"][1]
+    nozzle = {name: np.floor(told[name][1] / PITCH_MM) for name in PANELS}
+    wrong = (nozzle["Straight"] != nozzle["optimal"]) & (nozzle["CV-CV"] == nozzle["optimal"])
+    if not wrong.any():
+        raise InputError("no particle for which Straight takes a wrong valve; use more particles.")
+    one = int(np.argmax(wrong))
+    table = pd.DataFrame(
+        {
+            "nozzle": {name: int(nozzle[name][one]) for name in PANELS},
+            "y_mm": {name: told[name][1][one] for name in PANELS},
+            "late": {name: 1000 * (told[name][0] - told["optimal"][0])[one] for name in PANELS},
+        }
+    ).rename_axis("decision")
+    late = table.pop("late")
+    return table.assign(opens_ms=late - OPEN_MS / 2, closes_ms=late + OPEN_MS / 2)
+
+
+def draw_decisions(table: pd.DataFrame) -> Figure:
+    """Draw the nozzles over time, the particle, and what each decision opens (Fig. 4)."""
+    picture, (panels,) = canvas(1, len(PANELS), width_mm=PAGE_MM, height_mm=60, sharey=True)
+    near = PITCH_MM * table["nozzle"]
+    for axes, (name, title) in zip(panels, PANELS.items(), strict=True):
+        opens, closes = (float(table[end][name]) for end in ("opens_ms", "closes_ms"))
+        looks: dict[str, Any] = {
+            "facecolor": COLOURS[1],
+            "hatch": "///",
+            "edgecolor": "0.2",
+            "alpha": 0.5,
+        }
+        if name == "optimal":
+            looks |= {"facecolor": COLOURS[2], "hatch": ""}
+        axes.add_patch(Rectangle((opens, near[name]), closes - opens, PITCH_MM, **looks))
+        axes.hlines(
+            PITCH_MM * np.arange(NOZZLES + 1), -6, table["closes_ms"].max() + 3, "0.7", lw=0.5
+        )
+        axes.plot(0.0, table.loc["optimal", "y_mm"], "o", color="0.1", ms=5)
+        axes.set(title=f"{title} ({name})", xlabel="time after the arrival (ms)")
+        axes.set(ylim=(near.min() - PITCH_MM, near.max() + 2 * PITCH_MM))
+        axes.set_xlim(-6, table["closes_ms"].max() + 3)
+    panels[0].set_ylabel("y across the belt (mm)")
+    panels[0].text(0.03, 0.93, "simulated", transform=panels[0].transAxes)
+    return picture
+
+
+def crossing(track: pd.DataFrame, target_mm: float) -> pd.DataFrame:
+    """Return the observations around the target and the crossing between them (Fig. 5).
+
+    Parameters
+    ----------
+    track
+        Of one particle: ``x``, ``y`` (mm), ``time_s``, ascending in time.
+
+    Returns
+    -------
+    DataFrame
+        Index: ``before``, ``crossing``, ``after``; ``x_mm``, ``y_mm``, ``time_ms``.
+
+    Raises
+    ------
+    InputError
+        If the particle is not seen on both sides of the target.
+    """
+    after = int((track["x"] < target_mm).sum())
+    if not 0 < after < len(track):
+        raise InputError(f"the particle is not seen on both sides of {target_mm:g} mm.")
+    ends = track[["x", "y", "time_s"]].to_numpy(np.float64)[after - 1 : after + 1]
+    share = (target_mm - ends[0, 0]) / (ends[1, 0] - ends[0, 0])
+    rows = np.stack([ends[0], ends[0] + share * (ends[1] - ends[0]), ends[1]]) * [1, 1, 1000]
+    names = pd.Index(["before", "crossing", "after"], name="point")
+    return pd.DataFrame(rows, names, ["x_mm", "y_mm", "time_ms"])
+
+
+def draw_crossing(points: pd.DataFrame, target_mm: float) -> Figure:
+    """Draw both observations, the line between them and the crossing."""
+    picture, ((axes,),) = canvas(width_mm=PAGE_MM / 2, height_mm=60)
+    axes.axvline(target_mm, color="0.5", lw=1.0, ls="--", label="target")
+    axes.plot(points["x_mm"], points["y_mm"], "-", color="0.4")
+    looks = {"before": ("o", "0.6"), "after": ("o", "0.1"), "crossing": ("x", COLOURS[1])}
+    for name, (mark, colour) in looks.items():
+        row = points.loc[name]
+        text = f"{name}, {row['time_ms'] - points['time_ms'].iloc[0]:.2f} ms"
+        axes.plot(row["x_mm"], row["y_mm"], mark, color=colour, ms=7, label=text, ls="none")
+    axes.set(xlabel="x along the belt (mm)", ylabel="y across the belt (mm)")
+    axes.text(0.03, 0.05, "simulated", transform=axes.transAxes)
+    axes.legend()
     return picture

@@ -7,8 +7,9 @@ open; an end is included unless the expectation says ``<`` or ``>`` of it), or a
 named conditions that must all hold.
 
 Column ``bound`` says whose the bound is: ``print`` if the sentence states it, ``ours`` if it
-only says "far more" or "slightly". What lies beyond a bound of ours, but not beyond what the
-words can mean at most (``loose_low``, ``loose_high``), is not decidable.
+only says "far more" or "slightly". A bound of ours decides only if bounds half and twice as far
+from ``about`` decide alike; otherwise the claim is not decidable. ``about`` is what the words
+compare with: a number they name, 1 for shares and ratios, 0 (empty) for differences.
 """
 
 from __future__ import annotations
@@ -36,11 +37,9 @@ CAUSES = {
     "criterion": "the words of the claim allow both outcomes; a bound would be ours",
     "misprint": "what is printed contradicts itself",
 }
-ON_TRUTH = {
-    REPRODUCED: "holds on the twin's own truth",
-    NOT_REPRODUCED: "fails on the twin's own truth",
-    NOT_DECIDABLE: "not decidable on the twin's own truth",
-}
+WORDS = {REPRODUCED: "holds", NOT_REPRODUCED: "fails", NOT_DECIDABLE: "is not decidable"}
+ON_TRUTH = "on the twin's own truth"
+OTHER_BOUNDS = (1.0, 0.5, 2.0)  # times the distance of a bound of ours; one rule for all claims
 
 
 @dataclass(frozen=True)
@@ -84,8 +83,10 @@ def load() -> pd.DataFrame:
     return pd.read_csv(paths.reference() / "claims.csv", index_col="id")
 
 
-def _claim(claim_id: str) -> pd.Series:
+def _claim(claim_id: str, because: str) -> pd.Series:
     claims = load()
+    if because and because not in CAUSES:
+        raise InputError(f"claim {claim_id}: because={because!r} is not one of {list(CAUSES)}.")
     if claim_id not in claims.index:
         raise InputError(f"no claim {claim_id!r} in data/reference/claims.csv; check the id.")
     return pd.Series(claims.loc[claim_id])
@@ -144,22 +145,16 @@ def judge(
         If the claim or the cause does not exist, the kind of measurement does not fit the
         claim, or a number is not finite.
     """
-    claim = _claim(claim_id)
-    _check_cause(claim_id, because)
+    claim = _claim(claim_id, because)
     verdict, text = _judged(claim, measured)
     if truth is not None:
         on_truth, values = _judged(claim, truth)
-        note = f"{ON_TRUTH[on_truth]} ({values}); {note}".removesuffix("; ")
+        note = f"{WORDS[on_truth]} {ON_TRUTH} ({values}); {note}".removesuffix("; ")
         cause = {REPRODUCED: because or "chain", NOT_REPRODUCED: "twin"}
         because = cause.get(on_truth, "criterion")
     if verdict == NOT_DECIDABLE:
         because = "criterion"
     return _verdict(claim, verdict, text, note, because)
-
-
-def _check_cause(claim_id: str, because: str) -> None:
-    if because and because not in CAUSES:
-        raise InputError(f"claim {claim_id}: because={because!r} is not one of {list(CAUSES)}.")
 
 
 def _judged(claim: pd.Series, measured: Measured) -> tuple[str, str]:
@@ -176,20 +171,15 @@ def _all_hold(claim: pd.Series, conditions: Mapping[str, bool | None]) -> tuple[
     """
     if claim[["low", "high"]].notna().any() or not conditions:
         raise InputError(f"claim {claim.name} asks for {claim['expect']!r}: pass the number.")
-    answers = list(conditions.values())
-    if not all(holds is None or isinstance(holds, bool | np.bool_) for holds in answers):
+    if not all(isinstance(holds, bool | np.bool_ | None) for holds in conditions.values()):
         raise InputError(
             f"claim {claim.name}: a condition is neither True nor False: {conditions}."
         )
     word = {True: "yes", False: "NO", None: "open"}
-    parts = (
-        f"{name}: {word[None if holds is None else bool(holds)]}"
-        for name, holds in conditions.items()
-    )
-    failed = any(holds is not None and not holds for holds in answers)
-    open_ = any(holds is None for holds in answers)
-    verdict = NOT_REPRODUCED if failed else NOT_DECIDABLE if open_ else REPRODUCED
-    return verdict, "; ".join(parts)
+    given = {name: None if holds is None else bool(holds) for name, holds in conditions.items()}
+    found = set(given.values())
+    verdict = NOT_REPRODUCED if False in found else NOT_DECIDABLE if None in found else REPRODUCED
+    return verdict, "; ".join(f"{name}: {word[holds]}" for name, holds in given.items())
 
 
 def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tuple[str, str]:
@@ -203,24 +193,25 @@ def _within_bounds(claim: pd.Series, measured: npt.ArrayLike | pd.Series) -> tup
         )
     names = measured.index if isinstance(measured, pd.Series) else [""] * len(values)
     text = ", ".join(f"{name} {v:.4g}".strip() for name, v in zip(names, values, strict=True))
-    if _inside(claim, values, "low", "high"):
-        return REPRODUCED, text
-    possible = claim["bound"] == "ours" and _inside(claim, values, "loose_low", "loose_high")
-    return NOT_DECIDABLE if possible else NOT_REPRODUCED, text
+    scales = OTHER_BOUNDS if claim["bound"] == "ours" else (1.0,)
+    answers = {_inside(claim, values, scale) for scale in scales}
+    if len(answers) > 1:
+        return NOT_DECIDABLE, text
+    return REPRODUCED if answers.pop() else NOT_REPRODUCED, text
 
 
-def _inside(claim: pd.Series, values: pd.Series, lowest: str, highest: str) -> bool:
-    """Return whether values lie between two columns of a claim; empty ones are open.
+def _inside(claim: pd.Series, values: pd.Series, scale: float) -> bool:
+    """Return whether values lie within bounds ``scale`` times as far from ``about``.
 
-    "< 8 %" excludes 8 % and not 0 %; "0.35..0.75" and "<= 0.01" include their ends.
+    An empty bound is open. "< 8 %" excludes 8 % and not 0 %; "<= 0.01" includes its end.
     """
-    strict = re.match(r"[<>](?!=)", str(claim["expect"]))
-    above, below = (strict is not None and strict.group() == sign for sign in "><")
-    low = np.nan_to_num(claim[lowest], nan=-np.inf)
-    high = np.nan_to_num(claim[highest], nan=np.inf)
-    over = values > low if above else values >= low
-    under = values < high if below else values <= high
-    return bool((over & under).all())
+    about = np.nan_to_num(claim["about"])
+    low, high = (about + scale * (claim[side] - about) for side in ("low", "high"))
+    strict = re.match(r"[<>](?!=)", claim["expect"])
+    sign = strict.group() if strict else ""
+    under = values <= low if sign == ">" else values < low
+    over = values >= high if sign == "<" else values > high
+    return not (under | over).any()
 
 
 def undecidable(claim_id: str, reason: str, measured: str = "", because: str = "") -> Verdict:
@@ -230,8 +221,7 @@ def undecidable(claim_id: str, reason: str, measured: str = "", because: str = "
     """
     if not reason.strip():
         raise InputError(f"claim {claim_id}: say why it cannot be decided here.")
-    _check_cause(claim_id, because)
-    return _verdict(_claim(claim_id), NOT_DECIDABLE, measured, reason, because)
+    return _verdict(_claim(claim_id, because), NOT_DECIDABLE, measured, reason, because)
 
 
 def fitted(verdict: Verdict, to: str) -> Verdict:

@@ -271,7 +271,7 @@ def _page(identifier: str, caption: str, content: pd.DataFrame | bytes) -> str:
         data = base64.b64encode(content).decode()
         body = f'<img alt="{words}" width="{width}" src="data:image/png;base64,{data}"/>'
     caption = f"<code>{identifier}</code> {words}"
-    return f"<figure>{body}<figcaption>{caption}</figcaption></figure>"
+    return f"<figure id='{identifier}'>{body}<figcaption>{caption}</figcaption></figure>"
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.project import claims, figures, paths
+from kilnflight.project import claims, claims_page, figures, paths
 from kilnflight.project.cache import write_whole
 from kilnflight.project.style import PAGE_MM, canvas, style
 
@@ -112,6 +112,10 @@ def _index(stems: Sequence[str]) -> str:
         "# kilnflight\n",
         "How to see particles fly: each result of a thesis and two papers beside ours.\n",
         f"{_claims_sentence()} How the package is built: [its rooms](rooms.md).\n",
+        "## Claims by chapter and cause\n",
+        "<a href='00_claims.html'>Every claim beside its verdict</a>\n",
+        figures.markdown(claims_page.counts_by_cause(_claims_table())),
+        "## Results by notebook\n",
         figures.markdown(table.drop(columns="notebook")),
         "```{toctree}\n:hidden:\n",
         *stems,
@@ -120,8 +124,12 @@ def _index(stems: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def _claims_table() -> pd.DataFrame:
+    return pd.read_csv(paths.figures() / "claims.csv", keep_default_na=False)
+
+
 def _claims_sentence() -> str:
-    totals = claims.count(pd.read_csv(paths.figures() / "claims.csv"))
+    totals = claims.count(_claims_table())
     counts = ", ".join(f"{number} {verdict}" for verdict, number in totals.items())
     return f"Of {sum(totals.values())} published claims: {counts}."
 
