@@ -126,11 +126,8 @@ def from_images(
     tracked["particle"] = tracked["particle"].map(pairs)
     tracked = tracked.dropna(subset="particle").astype({"particle": np.int64})
     raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
-    tables = [
-        deviations(TRACKING, tracked, arrival, when=when),
-        deviations(STRAIGHT, raw, arrival),
-    ]
-    return pd.concat(tables, ignore_index=True)
+    tracking = deviations(TRACKING, tracked, arrival, when=when)
+    return pd.concat([tracking, deviations(STRAIGHT, raw, arrival)], ignore_index=True)
 
 
 def all_deviations(
@@ -264,9 +261,8 @@ def count_predicted(
         table = images[images["material"] == material]
         for label, names in (("all", bodies["particle"]), ("seen with another", shared)):
             fed, arrived = (part[part["particle"].isin(names)] for part in (bodies, table))
-            rows.append(
-                {"material": material, "particles": label, **predicted_counts(fed, arrived)}
-            )
+            counts = predicted_counts(fed, arrived)
+            rows.append({"material": material, "particles": label, **counts})
     return pd.DataFrame(rows)
 
 

@@ -90,8 +90,8 @@ def page_table(table: pd.DataFrame, saved: Mapping[str, str]) -> str:
         link = f"<a href='{row['notebook']}.html'>{row['id']}</a>" if row["notebook"] else row["id"]
         name, figure = figure_of(row["seed"], row["where"], saved)
         if figure:
-            link += f"<br><a href='{saved[figure]}.html#{figure}'>{name}</a>"
-        short = textwrap.shorten(given["measured"], LONGEST, placeholder=" ...") or "nothing"
+            link += f"<br> <a href='{saved[figure]}.html#{figure}'>{name}</a>"
+        short = textwrap.shorten(given["measured"], LONGEST, placeholder=" ...") or "not measured"
         why = "<br>".join(filter(None, dict.fromkeys(row[["measured", "criterion", "reason"]])))
         ours = f"<details><summary>{escape(short)}</summary>{why}</details>"
         verdict = f"<b>{row['verdict']}</b>"
