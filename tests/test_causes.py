@@ -11,9 +11,12 @@ def calls_without_cause(text):
     found = []
     for node in ast.walk(ast.parse(text)):
         made = isinstance(node, ast.Call) and ast.unparse(node.func)
-        if made in ("claims.judge", "claims.undecidable") and not {
-            keyword.arg for keyword in node.keywords
-        } & {"because", "truth"}:
+        if made not in ("claims.judge", "claims.undecidable"):
+            continue
+        given = {
+            word.arg for word in node.keywords if ast.unparse(word.value) not in ("''", "None")
+        }
+        if not given & {"because", "truth"}:
             found.append(ast.unparse(node))
     return found
 
@@ -22,6 +25,10 @@ def test_a_call_without_a_cause_is_found():
     assert calls_without_cause("claims.judge('a', 1)") == ["claims.judge('a', 1)"]
     assert calls_without_cause("claims.judge('a', 1, because='twin')") == []
     assert calls_without_cause("claims.undecidable('a', 'no')") == ["claims.undecidable('a', 'no')"]
+
+
+def test_an_empty_cause_is_none():
+    assert calls_without_cause("claims.judge('a', 1, because='')") != []
 
 
 def test_every_verdict_of_the_project_names_its_cause():

@@ -160,13 +160,12 @@ def differences(values: Compared, orders: Sequence[Order]) -> pd.DataFrame:
         ``id``, ``data_set``, ``measure``, ``lower``, ``higher`` (models), and by how much the
         latter exceed: ``excess``, ``excess_low``, ``excess_high``.
     """
-    parts = []
-    for order in values.known(orders):
-        part = values.excess(order).rename_axis("measure").reset_index()
-        names = {"lower": " ".join(order.lower), "higher": " ".join(order.higher)}
-        parts.append(part.assign(id=order.claim, data_set=order.data_set, **names))
-    columns = ["id", "data_set", "measure", "lower", "higher"]
-    return pd.concat(parts)[[*columns, "excess", "excess_low", "excess_high"]]
+    names = ["id", "data_set", "lower", "higher"]
+    keys = {order: (*order[:2], *map(" ".join, order[2:])) for order in values.known(orders)}
+    parts = {key: values.excess(order) for order, key in keys.items()}
+    table = pd.concat(parts, names=[*names, "measure"]).reset_index()
+    table.insert(2, "measure", table.pop("measure"))
+    return table
 
 
 def agree(answers: Sequence[bool | None]) -> bool | None:

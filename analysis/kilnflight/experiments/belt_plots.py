@@ -142,39 +142,28 @@ def decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataF
     if not wrong.any():
         raise InputError("no particle for which Straight takes a wrong valve; use more particles.")
     one = int(np.argmax(wrong))
-    table = pd.DataFrame(
-        {
-            "nozzle": {name: int(nozzle[name][one]) for name in PANELS},
-            "y_mm": {name: told[name][1][one] for name in PANELS},
-            "late": {name: 1000 * (told[name][0] - told["optimal"][0])[one] for name in PANELS},
-        }
-    ).rename_axis("decision")
-    late = table.pop("late")
-    return table.assign(opens_ms=late - OPEN_MS / 2, closes_ms=late + OPEN_MS / 2)
+    rows = [(name, nozzle[name][one], *(values[one] for values in told[name])) for name in PANELS]
+    table = pd.DataFrame(rows, columns=["decision", "nozzle", "time_s", "y_mm"])
+    table = table.set_index("decision").astype({"nozzle": int})
+    late = 1000.0 * (table["time_s"] - table["time_s"]["optimal"])
+    table = table.assign(opens_ms=late - OPEN_MS / 2, closes_ms=late + OPEN_MS / 2)
+    return table.drop(columns="time_s")
 
 
 def draw_decisions(table: pd.DataFrame) -> Figure:
     """Draw the nozzles over time, the particle, and what each decision opens (Fig. 4)."""
     picture, (panels,) = canvas(1, len(PANELS), width_mm=PAGE_MM, height_mm=60, sharey=True)
-    near = PITCH_MM * table["nozzle"]
+    near, last = PITCH_MM * table["nozzle"], float(table["closes_ms"].max()) + 3
+    borders, seen = PITCH_MM * np.arange(NOZZLES + 1), float(table["y_mm"]["optimal"])
     for axes, (name, title) in zip(panels, PANELS.items(), strict=True):
-        opens, closes = (float(table[end][name]) for end in ("opens_ms", "closes_ms"))
-        looks: dict[str, Any] = {
-            "facecolor": COLOURS[1],
-            "hatch": "///",
-            "edgecolor": "0.2",
-            "alpha": 0.5,
-        }
-        if name == "optimal":
-            looks |= {"facecolor": COLOURS[2], "hatch": ""}
-        axes.add_patch(Rectangle((opens, near[name]), closes - opens, PITCH_MM, **looks))
-        axes.hlines(
-            PITCH_MM * np.arange(NOZZLES + 1), -6, table["closes_ms"].max() + 3, "0.7", lw=0.5
-        )
-        axes.plot(0.0, table.loc["optimal", "y_mm"], "o", color="0.1", ms=5)
+        corner = float(table["opens_ms"][name]), float(near[name])
+        colour, hatch = (COLOURS[2], "") if name == "optimal" else (COLOURS[1], "///")
+        box = Rectangle(corner, OPEN_MS, PITCH_MM, facecolor=colour, hatch=hatch, alpha=0.5)
+        axes.add_patch(box)
+        axes.hlines(borders, -6, last, "0.7", lw=0.5)
+        axes.plot(0.0, seen, "o", color="0.1", ms=5)
         axes.set(title=f"{title} ({name})", xlabel="time after the arrival (ms)")
-        axes.set(ylim=(near.min() - PITCH_MM, near.max() + 2 * PITCH_MM))
-        axes.set_xlim(-6, table["closes_ms"].max() + 3)
+        axes.set(xlim=(-6, last), ylim=(near.min() - PITCH_MM, near.max() + 2 * PITCH_MM))
     panels[0].set_ylabel("y across the belt (mm)")
     panels[0].text(0.03, 0.93, "simulated", transform=panels[0].transAxes)
     return picture
