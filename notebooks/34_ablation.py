@@ -38,7 +38,8 @@ keys = ["input", "tracker", "postprocessing"]
 columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers in "
-    f"their chosen settings, scoring distance {tracking.GATE_PX:.0f} px."
+    f"their chosen settings, scoring distance {tracking.GATE_PX:.0f} px; tracks and trajectories "
+    "from the lance in both stages."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 

@@ -63,12 +63,6 @@ def test_each_part_is_replaced_by_the_truth(window):
     assert right["fp_tracks"] == 0
 
 
-def test_the_cost_of_a_tracker(window):
-    seconds, peak = tracking.time_and_memory([window, window], track, repeats=1)
-    assert 0 < seconds < 60
-    assert 0 < peak < 500
-
-
 def test_windows_with_and_without_a_track(window):
     generator = np.random.default_rng(0)
     streaks, empty = post_processing.texture_boxes(window, 5, generator)

@@ -7,7 +7,7 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.experiments import tracking, tracking_claims
 from kilnflight.experiments import tracking_scores as scores
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, FromLance, Lance
+from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, THROUGHOUT, FromLance, Lance
 from kilnflight.project import claims
 
 LANCE = Lance(row=500.0, col=900.0, depth_mm=6500.0)
@@ -82,6 +82,20 @@ def test_a_lance_without_a_place_is_refused():
         scores.score_reading("some", path(0), path(0), LANCE)
 
 
+def test_the_restriction_to_the_lance_is_the_end_of_post_processing():
+    """Section 4.2.4: the "direct tracking outcomes" are all tracks; the truth is the lance's."""
+    away = path(1, row=1200.0)
+    both = pd.concat([path(0), away])
+
+    def jsc_theta(reading, stage):
+        return scores.score_reading(reading, both, both, LANCE, stage).jsc_theta
+
+    assert jsc_theta(FROM_LANCE, "without") == 0.5  # the track from elsewhere is a false one
+    assert jsc_theta(FROM_LANCE, "with") == 1.0
+    assert [jsc_theta(THROUGHOUT, stage) for stage in tracking.STAGES] == [1.0, 1.0]
+    assert [jsc_theta(ALL, stage) for stage in tracking.STAGES] == [1.0, 1.0]
+
+
 def test_truth_and_tracks_are_restricted_alike():
     truth = pd.concat([path(0), path(1, col=1300.0, row=900.0)])
     tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0)])
@@ -144,7 +158,7 @@ def test_the_objective_is_the_mean_in_a_reading():
     def worth(reading):
         return tracking.mean_measures([alone, both], tracker, reading, "without")
 
-    assert worth(FROM_LANCE) == dict.fromkeys(scores.MEASURES, 1.0)
+    assert worth(THROUGHOUT) == dict.fromkeys(scores.MEASURES, 1.0)
     assert worth(ALL)["alpha"] == pytest.approx(0.75)
     assert tracking.mean_measures([alone], first_half, stage="without")["alpha"] == 0.5
     nowhere = window_of("PE granule", away)
@@ -155,12 +169,13 @@ def test_the_objective_is_the_mean_in_a_reading():
 def cells():
     windows = [window_of(name, many(12)) for name in FRACTIONS]
     trackers = {"GNN": right, "JPDA": first_half}
-    return windows, {cell.key: cell for cell, _ in tracking.cells(windows, trackers)}
+    readings = (ALL, FROM_LANCE, THROUGHOUT)
+    return windows, {cell.key: cell for cell, _ in tracking.cells(windows, trackers, readings)}
 
 
 def test_every_cell_has_both_readings_and_its_interval(cells):
     table = tracking_claims.table_5_17(cells[1])
-    assert len(table) == 4 * 2 * 2 * 2
+    assert len(table) == 4 * 2 * 2 * 3
     for name in scores.MEASURES:
         assert (table[f"{name}_low"] <= table[name]).all()
         assert (table[name] <= table[f"{name}_high"]).all()
@@ -182,24 +197,22 @@ def test_a_window_with_few_trajectories_says_nothing():
 
 
 def test_claims_are_judged_from_the_lance_and_time_decides_nothing(cells):
-    windows, table = cells
-    found = tracking_claims.verdicts(table, windows, {"GNN": right, "JPDA": first_half})
+    found = tracking_claims.verdicts(cells[1])
     by_claim = {verdict.id: verdict for verdict in found}
     assert sorted(by_claim) == [f"track-{k}" for k in range(1, 7)]
     assert by_claim["track-6"].verdict == claims.NOT_DECIDABLE
     assert by_claim["track-6"].because == "criterion"
     assert by_claim["track-4"].verdict == claims.NOT_REPRODUCED  # half of all are not followed
     assert by_claim["track-4"].because == "method"
-    assert "with all tracks: not reproduced" in by_claim["track-4"].reason
+    assert "from the lance; all: not reproduced" in by_claim["track-4"].reason
     assert by_claim["track-3"].verdict == claims.NOT_REPRODUCED
     # all fractions are the same but for chance, so that no rank is known
     assert by_claim["track-5"].verdict == claims.NOT_DECIDABLE
 
 
 def test_a_smoke_run_leaves_the_claims_about_four_fractions_undecided(cells):
-    windows, table = cells
-    some = {key: cell for key, cell in table.items() if key[0] != "confetti"}
-    found = tracking_claims.verdicts(some, windows, {"GNN": right, "JPDA": right})
+    some = {key: cell for key, cell in cells[1].items() if key[0] != "confetti"}
+    found = tracking_claims.verdicts(some)
     assert {verdict.verdict for verdict in found} == {claims.NOT_DECIDABLE}
 
 

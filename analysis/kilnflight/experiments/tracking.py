@@ -9,7 +9,6 @@ on other frames of the same campaigns (`kilnflight.experiments.tuning`).
 from __future__ import annotations
 
 import time
-import tracemalloc
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,6 +33,7 @@ from kilnflight.experiments.tracking_scores import (
     GATE_PX,
     MEASURES,
     READINGS,
+    THROUGHOUT,
     Lance,
     Scored,
     measures_of,
@@ -144,7 +144,7 @@ def cells(
         place = FRACTION_NUMBERS[window.fraction]
         for stage, tracks, seconds in track_and_postprocess(window, tracker):
             for reading in readings:
-                score = score_reading(reading, window.truth, tracks, window.lance)
+                score = score_reading(reading, window.truth, tracks, window.lance, stage)
                 seed = (place, number, 1 + STAGES.index(stage))
                 yield scored((window.fraction, name, stage, reading), score, seed), seconds
 
@@ -190,32 +190,9 @@ def mean_measures(
     for window in windows:
         stages = track_and_postprocess(window, tracker)
         tracks = next(table for name, table, _ in stages if name == stage)
-        rows.append(measures_of(score_reading(reading, window.truth, tracks, window.lance)))
+        rows.append(measures_of(score_reading(reading, window.truth, tracks, window.lance, stage)))
     mean = pd.DataFrame(rows)[list(MEASURES)].mean()
     return {name: float(mean[name]) for name in MEASURES}
-
-
-def time_and_memory(
-    windows: Iterable[Window], tracker: Tracker, repeats: int = 3
-) -> tuple[float, float]:
-    """Return seconds and the peak of memory in MiB of tracking, in all.
-
-    Seconds: the best of some runs.
-    """
-    seconds, peak = 0.0, 0.0
-    for window in windows:
-        tracker(window.detections)  # compiled
-        times = []
-        for _ in range(repeats):
-            begin = time.perf_counter()
-            tracker(window.detections)
-            times.append(time.perf_counter() - begin)
-        tracemalloc.start()
-        tracker(window.detections)
-        peak = max(peak, tracemalloc.get_traced_memory()[1] / 2**20)
-        tracemalloc.stop()
-        seconds += min(times)
-    return seconds, peak
 
 
 def track_and_postprocess(
@@ -256,9 +233,11 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
 
 
 def ablate(
-    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = FROM_LANCE
+    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = THROUGHOUT
 ) -> pd.DataFrame:
     """Return the measures with one part after the other replaced by the truth.
+
+    Both stages are restricted to the lance: true positions of other particles are no mistake.
 
     Returns
     -------

@@ -18,6 +18,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
@@ -144,25 +145,38 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     return light_inputs().applied(scene)
 
 
+def starting_and_lasting(
+    twin: Twin, starts: npt.ArrayLike, length: int, lasting: int = 15
+) -> npt.NDArray[np.intp]:
+    """Return how many leave the lance and fly on in so many frames from each start.
+
+    A particle counts if the lance releases it in them and it flies for ``lasting`` frames of them.
+    15 is the time of `kilnflight.experiments.tracking_scores.FromLance`.
+    """
+    begin = np.asarray(starts)[:, None]
+    table, rate = twin.life.table, twin.scene.frame_rate_hz
+    released = table["release_s"].to_numpy() * rate
+    ended = np.minimum(released + table["end_s"].to_numpy() * rate, begin + length)
+    counted = (released >= begin) & (ended - released >= lasting)
+    return np.asarray(counted.sum(axis=1), dtype=np.intp)
+
+
 def tracking_window(twin: Twin) -> range:
     """Return the frames of a campaign on which its tracking is scored (Table 5.15).
 
-    The thesis followed the trajectories of a window by hand and prints its frames and their
-    number. Fed in bursts, the same frames of another recording hold another number. So the
-    window of the same length is taken whose number of flying particles is nearest; among
-    equals, the one that starts nearest to the published frame. Windows start at every tenth
-    frame. Only the truth is used, no picture.
+    The thesis counts the trajectories "that originate from the lance and continue for some time"
+    (section 5.2.1) and prints the frames. Fed in bursts, the same frames of another recording hold
+    another number. So the window of the same length is taken in which the number that starts at
+    the lance and lasts is nearest; among equals, the one that starts nearest to the published
+    frame. Windows start at every tenth frame. Only the truth is used, no picture: of those
+    counted, a few may be too faint to be followed by hand.
     """
     fraction = twin.scene.fraction
     if fraction not in WINDOWS:
         raise InputError(f"{twin.scene.name}: Table 5.15 has no {fraction!r}; open a campaign.")
     trajectories, length = WINDOWS[fraction]
     starts = np.arange(0, len(twin) - length + 1, 10)
-    table, rate = twin.life.table, twin.scene.frame_rate_hz
-    released = table["release_s"].to_numpy() * rate
-    ended = released + table["end_s"].to_numpy() * rate
-    flying = (released < starts[:, None] + length) & (ended > starts[:, None])
-    off = np.abs(flying.sum(axis=1) - trajectories)
+    off = np.abs(starting_and_lasting(twin, starts, length) - trajectories)
     best = int(starts[np.lexsort((np.abs(starts - STARTS[fraction]), off))[0]])
     return range(best, best + length)
 
