@@ -18,7 +18,7 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
-from kilnflight.experiments import campaigns, grid_search, tracker_ranks, tracking, tuning
+from kilnflight.experiments import campaigns, tracker_ranks, tracking, tuning
 from kilnflight.experiments import other_trackers as peers
 from kilnflight.project import figures, style
 
@@ -47,7 +47,7 @@ print(f"frames: {number}; settings on {tuning.LENGTHS[scale]} others each")
 # the first 40 frames of each stretch only.
 
 # %%
-tried = tuning.tried_settings(scale, grid_search.all_grids(), seed, jobs)
+tried = tuning.tried_settings(scale, tuning.all_grids(), seed, jobs)
 best = tuning.chosen_trackers(tried)
 picture = tuning.draw_curves(tried)
 caption = (

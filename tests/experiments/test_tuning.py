@@ -10,7 +10,7 @@ import pytest
 
 from kilnflight.association import JPDA
 from kilnflight.checks import InputError
-from kilnflight.experiments import grid_search, jpda_ablation, paired_gains, tracking, tuning
+from kilnflight.experiments import jpda_ablation, paired_gains, tracking, tuning
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.tracking.gate import Gate
@@ -104,7 +104,7 @@ def test_no_published_setting_lies_at_an_edge_of_its_grid(name):
     tried = pd.read_csv(FIGURES / f"{name}.csv", keep_default_na=False)
     assert len(set(tried["tracker"].value_counts())) == 1  # the same number of trials
     for tracker, table in tried.groupby("tracker"):
-        grid = grid_search.all_grids()[tracker]
+        grid = tuning.all_grids()[tracker]
         best = table[table["chosen"].astype(str) == "True"].iloc[0]
         setting = tuple(float(best[parameter]) for parameter in grid.parameters)
         assert grid.at_end(setting) == "", tracker

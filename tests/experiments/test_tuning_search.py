@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import grid_search
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.experiments.grid_search import Grid, kilnflight_grids, peer_grids
+from kilnflight.experiments import tuning
 from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import measure_tracks
+from kilnflight.experiments.tuning import Grid, kilnflight_grids, peer_grids
 
 LONG = tuple(map(float, range(10)))
 
@@ -67,7 +67,7 @@ def worth_in(window):
 
 
 def chosen_one(window, grid, trials=99):
-    tried = grid_search.search("one", grid, worth_in(window), trials)
+    tried = tuning.search("one", grid, worth_in(window), trials)
     best = tried[tried["chosen"]]
     assert len(best) == 1
     return best.iloc[0], tried
@@ -76,12 +76,12 @@ def chosen_one(window, grid, trials=99):
 def test_the_best_setting_is_chosen(window):
     choice = {0.0: alone, 1.0: right, 2.0: refuses}
     grid = Grid(choice.get, {"way": (0.0, 1.0, 2.0)}, {"way": (0.0, 1.0, 2.0)})
-    tried = grid_search.search("one", grid, worth_in(window), 3)
+    tried = tuning.search("one", grid, worth_in(window), 3)
     assert tried["chosen"].tolist() == [False, True, False]
     assert tried["beta"].iloc[1] == pytest.approx(1)
     assert np.isnan(tried["beta"].iloc[2])
     assert tried["note"].tolist() == ["", "", "not run: too dense."]
-    assert grid_search.chosen_trackers(tried, {"one": grid}) == {"one": right}
+    assert tuning.chosen_trackers(tried, {"one": grid}) == {"one": right}
 
 
 @settings(deadline=None, max_examples=10)  # each climbs a dozen settings
@@ -156,20 +156,20 @@ def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
 
 def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda: ("laptrack",))
-    assert list(grid_search.all_grids()) == ["GNN, ours", "JPDA, ours", "laptrack"]
+    assert list(tuning.all_grids()) == ["GNN, ours", "JPDA, ours", "laptrack"]
     monkeypatch.setattr(peers, "available", lambda: ("stonesoup",))
-    assert list(grid_search.all_grids())[2:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
+    assert list(tuning.all_grids())[2:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
 
 
 def test_nothing_to_choose_from_is_an_error(window):
     no = Grid(lambda way: refuses, {"way": (0.0, 1.0)}, {"way": (0.0,)})
     with pytest.raises(InputError, match="one refuses every setting: not run: too dense"):
-        grid_search.search("one", no, worth_in(window), 9)
+        tuning.search("one", no, worth_in(window), 9)
 
 
 def test_the_first_frames_of_a_window(window):
-    short = grid_search.first_frames(window, 4)
+    short = tuning.first_frames(window, 4)
     assert short.frames == range(4)
     for table in (short.detections, short.truth):
         assert table["frame"].tolist() == [0, 1, 2, 3] * 3
-    assert grid_search.first_frames(window, 99).frames == window.frames
+    assert tuning.first_frames(window, 99).frames == window.frames
