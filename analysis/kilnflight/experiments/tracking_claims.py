@@ -31,7 +31,7 @@ KEYS = ["fraction", "tracker", "postprocessing", "reading"]
 SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
 SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 HIGHEST = 0.43  # alpha and beta without post-processing, but for wood chips, Table 5.17
-NEAR, FAR = 0.05, 0.1  # of alpha and beta; "comparable" names no number, both are ours
+NEAR = 0.05  # of alpha and beta; "comparable" names no number, this is ours
 Cells = Mapping[tuple[str, str, str, str], Scored]
 Conditions = dict[str, bool | None]
 OTHERS = (ALL, THROUGHOUT)  # readings that a verdict's note tells
@@ -217,14 +217,14 @@ def _low_before(cells: Cells, reading: str) -> Conditions:
 def _comparable(cells: Cells, reading: str) -> Conditions:
     """Return whether GNN and JPDA are comparable in alpha and beta (track-3).
 
-    The limits are ours: within `NEAR` they are, beyond `FAR` they are not.
+    The limit `NEAR` is ours: within half of it they are, beyond twice of it they are not.
     """
     conditions: Conditions = {}
     for gnn, jpda in _both(cells, reading):
         for name in ("alpha", "beta"):
             apart = mean_difference([(jpda, gnn)], [name])
-            far = apart.low > FAR or apart.high < -FAR
-            near = abs(apart.estimate) <= NEAR
+            far = apart.low > 2 * NEAR or apart.high < -2 * NEAR
+            near = abs(apart.estimate) <= NEAR / 2
             conditions[f"{gnn.key[0]} {name} {_words(apart)}"] = (
                 True if near else False if far else None
             )
