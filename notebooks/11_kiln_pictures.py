@@ -38,7 +38,7 @@ print(f"{frames} frames of each fraction at 4.5 bar")
 sums, paths, windows = {}, [], {}
 for name in tracking.SMOKE_FRACTIONS if scale == "quick" else scenes.WINDOWS:
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
-    window = scenes.tracking_window(twin)  # as many fly as Table 5.15 counts
+    window = scenes.tracking_window(twin)  # as many leave the lance as in Table 5.15
     windows[name] = window[: min(frames, len(window))]
     foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), windows[name])
     total = np.zeros((twin.attributes.rows, twin.attributes.columns), dtype=np.float32)
