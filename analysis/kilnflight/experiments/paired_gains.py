@@ -12,11 +12,11 @@ from kilnflight.experiments.tracking_scores import (
     MEASURES,
     READINGS,
     Scored,
+    mean_difference,
     measures_of,
     score_reading,
     scored,
 )
-from kilnflight.scores.intervals import Interval, TrackBootstrap
 
 Variant = Callable[[Window], pd.DataFrame]  # the tracks of a window
 GAINS = ("alpha", "beta")  # measures whose gains have intervals
@@ -68,30 +68,12 @@ def compare(
 def _row(pairs: Sequence[tuple[Scored, Scored]]) -> dict[str, object]:
     """Return the mean measures of the first of each pair, and their gains over the second."""
     means = pd.DataFrame([measures_of(cell.score) for cell, _ in pairs])[list(MEASURES)].mean()
-    row: dict[str, object] = {"true_tracks": sum(map(_count, pairs))}
+    count = sum(len(cell.score.true_tracks) for cell, _ in pairs if cell.score is not None)
+    row: dict[str, object] = {"true_tracks": count}
     row |= {name: means[name] for name in MEASURES}
     for measure in GAINS:
-        one = gain(pairs, measure)
+        one = mean_difference(pairs, [measure])
         ends = one.estimate, *np.clip([one.low, one.high], -1.0, 1.0)
         names = (f"{measure}_gain", f"{measure}_gain_low", f"{measure}_gain_high")
         row |= dict(zip(names, ends, strict=True))
     return row
-
-
-def _count(pair: tuple[Scored, Scored]) -> int:
-    return 0 if pair[0].score is None else len(pair[0].score.true_tracks)
-
-
-def gain(pairs: Sequence[tuple[Scored, Scored]], measure: str) -> Interval:
-    """Return the mean over pairs of a measure's gain, first minus second.
-
-    Pairs are drawn together. A mean over fractions holds the true tracks of all of them, so the
-    least number of `TrackBootstrap` is asked of their sum.
-    """
-    k = MEASURES.index(measure)
-    draws = np.mean([cell.draws[:, k] - base.draws[:, k] for cell, base in pairs], axis=0)
-    each = [
-        measures_of(cell.score)[measure] - measures_of(base.score)[measure] for cell, base in pairs
-    ]
-    total = sum(map(_count, pairs))
-    return TrackBootstrap().interval(float(np.mean(each)), draws, (total,))
