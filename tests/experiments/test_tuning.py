@@ -10,7 +10,7 @@ import pytest
 
 from kilnflight.association import JPDA
 from kilnflight.checks import InputError
-from kilnflight.experiments import jpda_ablation, paired_gains, tracking, tuning
+from kilnflight.experiments import jpda_ablation, tracking, tuning
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.tracking.gate import Gate
@@ -153,9 +153,9 @@ def test_gains_are_paired_and_lie_in_their_intervals(window):
     def worse(window):
         return window.truth[window.truth["frame"] % 3 > 0]
 
-    table = paired_gains.compare([window], {"right": right, "same": right, "worse": worse})
+    table = tracking.compare([window], {"right": right, "same": right, "worse": worse})
     assert set(table["reading"]) == {ALL, FROM_LANCE}
-    whole = table[(table["fraction"] == paired_gains.MEAN) & (table["reading"] == ALL)]
+    whole = table[(table["fraction"] == tracking.MEAN) & (table["reading"] == ALL)]
     rows = whole.set_index("variant")
     assert rows.loc["same", ["alpha_gain", "alpha_gain_low", "alpha_gain_high"]].tolist() == [
         0.0,

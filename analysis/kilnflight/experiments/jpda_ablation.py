@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 
 from kilnflight import tracklets
 from kilnflight.association import GNN, JPDA, PDA, Associator, Pairs, one_hot
-from kilnflight.experiments.paired_gains import MEAN, compare
-from kilnflight.experiments.tracking import Tracker, Window
+from kilnflight.experiments.tracking import MEAN, Tracker, Window, compare
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE
 from kilnflight.project import style
 from kilnflight.tracking.tracker import AVERAGED, record, track
@@ -95,7 +94,7 @@ def variants(jpda: Tried[pd.DataFrame], gnn: Tried[pd.DataFrame]) -> dict[str, T
 def ablate(
     windows: Sequence[Window], trackers: Mapping[str, Tracker], seed: int = 0
 ) -> pd.DataFrame:
-    """Return `paired_gains.compare` of trackers after post-processing, the first as reference."""
+    """Return `tracking.compare` of trackers after post-processing, the first as reference."""
 
     def processed(tracker: Tracker, window: Window) -> pd.DataFrame:
         return tracklets.postprocess(tracker(window.detections), window.differences)

@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments.paired_gains import MEAN, compare
-from kilnflight.experiments.tracking import Tables, Window
+from kilnflight.experiments.tracking import MEAN, Tables, Window, compare
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEASURES, measure_tracks
 from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
@@ -83,7 +82,7 @@ def variants() -> dict[str, Steps]:
 def compare_variants(
     windows: Sequence[Window], choices: Mapping[str, Steps], seed: int = 0
 ) -> pd.DataFrame:
-    """Return `paired_gains.compare` of GNN's tracks after each choice of steps."""
+    """Return `tracking.compare` of GNN's tracks after each choice of steps."""
 
     def processed(steps: Steps, window: Window) -> pd.DataFrame:
         return tracklets.postprocess(track(window.detections), window.differences, steps)
