@@ -38,10 +38,10 @@ def test_a_verdict_says_its_reading_and_what_the_other_gives():
     other = [claims.judge("bg-4", 0.3, because="twin")]
     both = detection_readings.beside(held, other, "this", "that")
     assert [verdict.verdict for verdict in both] == [claims.REPRODUCED] * 2
-    assert both[0].reason == "a frame; said of this, that: not reproduced (0.3)"
+    assert both[0].reason == "a frame; this is with this; with that it is not reproduced (0.3)"
     assert both[1] == held[1]
     (same,) = detection_readings.beside(held[:1], held, "this", "that")
-    assert same.reason == "a frame; said of this, that: the same"
+    assert same.reason == "a frame; this is with this; with that it is the same"
     time = [claims.undecidable("sift-4", "a time of our own", because="method")]
     assert detection_readings.beside(time, time, "this", "that") == time
 

@@ -35,12 +35,14 @@ def backgrounds(**correct):
 
 
 def test_backgrounds_are_ranked_by_f1():
-    f1 = {"Median": 900, "Mean": 895, "Adaptive": 889, "ThreeFrame": 400, "TwoFrame": 300}
+    f1 = {"Median": 900, "Mean": 898, "Adaptive": 889, "ThreeFrame": 400, "TwoFrame": 300}
     traces = {"Mean": 5.0, "Median": 6.0}
     verdicts = verdicts_of.background_verdicts(backgrounds(**f1), traces, 0, "a frame")
     assert reproduced(verdicts) == {"bg-1", "bg-2", "bg-3", "bg-5"}
     assert verdicts[0].reason == "a frame; first in 100% of the draws of frames"
-    assert verdicts[4].reason == "a frame; 95 % [+0.495, +0.495]"
+    assert verdicts[4].reason == "a frame; so ranked in 100% of the draws of frames"
+    better = verdicts_of.background_verdicts(backgrounds(**f1 | {"Adaptive": 899}), {}, 0, "")
+    assert "bg-5" not in reproduced(better)
     alone = verdicts_of.background_verdicts(backgrounds(**f1), {}, 0, "a frame")
     assert [verdict.id for verdict in alone] == ["bg-1", "bg-2", "bg-3", "bg-4", "bg-5"]
 

@@ -21,7 +21,7 @@ from kilnflight.project import claims
 
 ABSOLUTE, STOPS = "absolute", "stops at zero"  # column ``reading``
 DIFFERENCES = ("absolute differences", "differences that stop at zero")
-DISTANCES = ("45 px as a distance", "as a diameter")
+DISTANCES = ("45 px as a distance", "45 px as a diameter")
 
 
 def stopping_at_zero(subsets: Iterable[Subset]) -> list[Subset]:
@@ -73,7 +73,7 @@ def beside(
             continue
         alike = second.verdict == verdict.verdict
         words = "the same" if alike else f"{second.verdict} ({second.measured})"
-        reason = f"{verdict.reason}; said of {held}, {other}: {words}"
+        reason = f"{verdict.reason}; this is with {held}; with {other} it is {words}"
         both.append(replace(verdict, reason=reason))
     return both
 

@@ -66,8 +66,12 @@ def background_verdicts(
     draws = resampled_rates(by_model, seed)["f1"]
     best, last = f1.idxmax(), f1.idxmin()
     static, moving = ["Mean", "Median"], ["TwoFrame", "ThreeFrame"]
-    above = f1[static].min() - f1[moving].max()
-    of_draws = draws[static].min(axis=1) - draws[moving].max(axis=1)
+    others, better = f1.index.difference(static), f1.index.difference(moving)
+    lead, gap = f1[static].min() - f1[others].max(), f1[better].min() - f1[moving].max()
+    ranked = draws[static].min(axis=1) > draws[others].max(axis=1)
+    ranked &= draws[better].min(axis=1) > draws[moving].max(axis=1)
+    static_first = {f"static ahead by {lead:+.4f} > 0": bool(lead > 0)}
+    static_first[f"moving behind by {gap:+.4f} > 0"] = bool(gap > 0)
     apart = draws["Median"] - draws["Mean"]
     behind = draws.max(axis=1) - draws["Adaptive"]
     first_in, last_in = share(draws.idxmax(axis=1) == best), share(draws.idxmin(axis=1) == last)
@@ -76,7 +80,7 @@ def background_verdicts(
         ("bg-2", {f"last is {last}": last == "TwoFrame"}, f"last {last_in}"),
         ("bg-3", abs(f1["Median"] - f1["Mean"]), f"median less mean {interval(apart)}"),
         ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
-        ("bg-5", {f"lead {above:+.4f} > 0": bool(above > 0)}, interval(of_draws)),
+        ("bg-5", static_first, f"so ranked {share(ranked)}"),
     ]
     judged = [
         claims.judge(claim, measured, note=f"{note}; {sure}", because="twin")
