@@ -73,10 +73,11 @@ figures.save("fig-belt20-8-lateral-velocity", table, **options)
 # a straight prediction gets wrong and constant velocity right.
 
 # %%
-decided = belt_plots.decisions(observed[source, "spheres"], PHASE, seed)
+of_source = {name: particles for (key, name), particles in observed.items() if key == source}
+material, decided = belt_plots.decisions(of_source, PHASE, seed)
 caption = (
-    "Valve decisions for one simulated sphere and a bar of 8 nozzles, after Fig. 4 of the 2020 "
-    f"paper ({source}). Dot: where and when it arrives. Box: the valve that opens, for "
+    f"Valve decisions for one simulated particle ({material}) and a bar of 8 nozzles, after Fig. 4 "
+    f"of the 2020 paper ({source}). Dot: where and when it arrives. Box: the valve that opens, for "
     f"{belt_plots.OPEN_MS:g} ms (our choice). Hatched: a bad decision. "
     "Straight has no time of its own and gets the true one."
 )

@@ -71,7 +71,9 @@ def observed(velocity_y):
 
 
 def test_a_particle_that_drifts_over_a_border_gets_the_wrong_valve_from_straight():
-    table = belt_plots.decisions(observed(40.0), PHASE, 0)  # from 20 mm to 26 mm, past 22.5
+    sets = {"spheres": observed(1.0), "cuboids": observed(40.0)}  # 20 mm to 26 mm, past 22.5
+    data_set, table = belt_plots.decisions(sets, PHASE, 0)
+    assert data_set == "cuboids"
     assert table["nozzle"].to_dict() == {"optimal": 1, "Straight": 0, "CV-CV": 1}
     late = table["opens_ms"] + belt_plots.OPEN_MS / 2
     assert late.tolist() == pytest.approx([0.0, 0.0, 10.0])  # Straight has no time of its own
@@ -80,4 +82,4 @@ def test_a_particle_that_drifts_over_a_border_gets_the_wrong_valve_from_straight
 
 def test_without_a_wrong_valve_there_is_nothing_to_draw():
     with pytest.raises(InputError, match="no particle"):
-        belt_plots.decisions(observed(1.0), PHASE, 0)
+        belt_plots.decisions({"spheres": observed(1.0)}, PHASE, 0)

@@ -113,15 +113,20 @@ def lines_by_rate(by_rate: pd.DataFrame, models: Sequence[str], measure: str, la
     return picture
 
 
-def decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataFrame:
-    """Return what valves are told of one particle: optimally, by Straight and by CV-CV (Fig. 4).
+def decisions(
+    observed: Mapping[str, Observed], phase: PredictionPhase, seed: int
+) -> tuple[str, pd.DataFrame]:
+    """Return valve decisions for one particle: optimal, by Straight and by CV-CV (Fig. 4).
 
-    The particle is the first whose valve Straight gets wrong and CV-CV right. Straight has no
-    time of its own (section 4.2) and is given the true one, as in Fig. 4b.
+    The particle is the first whose valve Straight gets wrong and CV-CV right, in the first data
+    set that has one. Straight has no time of its own (section 4.2) and is given the true one, as
+    in Fig. 4b.
 
     Returns
     -------
-    DataFrame
+    data_set : str
+        Of the particle.
+    table : DataFrame
         Index: the keys of `PANELS`. ``nozzle`` from 0, ``y_mm``, and ``opens_ms`` and
         ``closes_ms`` after the particle's true arrival.
 
@@ -130,6 +135,15 @@ def decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataF
     InputError
         If there is no such particle.
     """
+    for data_set, particles in observed.items():
+        table = _decisions(particles, phase, seed)
+        if table is not None:
+            return data_set, table
+    raise InputError("no particle for which Straight takes a wrong valve; use more particles.")
+
+
+def _decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataFrame | None:
+    """Return the decisions for the first such particle of a data set; None: there is none."""
     count = len(observed.last)
     drawn = np.random.default_rng(seed).permutation(count)[: max(1, count // 100)]
     calibration = np.isin(np.arange(count), drawn)
@@ -140,7 +154,7 @@ def decisions(observed: Observed, phase: PredictionPhase, seed: int) -> pd.DataF
     nozzle = {name: np.floor(told[name][1] / PITCH_MM) for name in PANELS}
     wrong = (nozzle["Straight"] != nozzle["optimal"]) & (nozzle["CV-CV"] == nozzle["optimal"])
     if not wrong.any():
-        raise InputError("no particle for which Straight takes a wrong valve; use more particles.")
+        return None
     one = int(np.argmax(wrong))
     rows = [(name, nozzle[name][one], *(values[one] for values in told[name])) for name in PANELS]
     table = pd.DataFrame(rows, columns=["decision", "nozzle", "time_s", "y_mm"])
