@@ -107,7 +107,8 @@ def _with_traces(flights: pd.DataFrame, tracks: pd.DataFrame, look: LitTrace) ->
     }
     found = [seen.get(particle, IgnitionResult(TOO_FEW)) for particle in flights["particle"]]
     table = flights.assign(
-        ignition=[each.outcome for each in found],
+        # typed, also where nothing flew
+        ignition=pd.Series([each.outcome for each in found], flights.index, dtype=str),
         ignition_s=np.array([each.time_s for each in found], np.float64) - flights["t0_s"],
         rise_gray=np.nan_to_num([each.after - each.before for each in found]),
     )
@@ -162,7 +163,7 @@ def ignition_errors(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         for key in campaign_keys(table):
             row = {"reading": name} | dict(zip(KEYS, key, strict=True))
             rows.append(row | _rates(errors(of_campaign(table, key))))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=None if rows else ["reading", *KEYS])  # nothing flew
 
 
 def _rates(error: Mapping[str, float]) -> dict[str, float]:
