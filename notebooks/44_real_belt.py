@@ -5,17 +5,16 @@
 # them at each recording's own velocity and apply the models of 2020.
 
 # %% tags=["hide-input"]
+from functools import partial
 from itertools import product
 
 import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight.belt import recordings
-from kilnflight.belt.camera import Area
 from kilnflight.belt.evaluation import Evaluation
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.tracker import Appearance, BeltTracker
-from kilnflight.belt.velocity import estimate_velocity, join_followed
+from kilnflight.belt.velocity import estimate_velocity
 from kilnflight.experiments import belt_plots, belt_real
 from kilnflight.project import figures, style
 from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
@@ -67,7 +66,6 @@ measured = {
     name: recordings.join_recordings(part for key, part in tables.items() if key[0] == name)
     for name in used
 }
-filters = {"CV filter": ConstantVelocity, "CA filter": ConstantAcceleration}
 phase = PredictionPhase(1150.0, 1550.0)
 
 # %% [markdown]
@@ -93,21 +91,18 @@ figures.save("belt-real-velocity", by_recording, **options) if files else None
 # A link is a pair of measurements that follow each other in a track. The table is ours: neither
 # paper says how well its tracker does on a real belt.
 
+#
+# Uncertainties are ours, too: 8 px per frame of velocity, 1 px of a measurement.
 
 # %%
-def track(material, kind):
-    """Return the tracks of a material's recordings, each at its own velocity."""
-    parts = []
-    for key in (key for key in tables if key[0] == material):
-        step = velocities[key].px_per_frame
-        motion = filters[kind]((step, 0.0), velocity_sd=8.0, measurement_sd=1.0)  # px, frames
-        appearance = Appearance(Area(0, 1700, 2250), 0.5, entry_mm=step, entry_blur_mm=10.0)
-        tracker = BeltTracker(motion, appearance, frame_s=1.0)
-        parts.append((tables[key], tracker(tables[key])))
-    return join_followed(parts)
-
-
-followed = {(name, kind): track(name, kind) for name, kind in product(measured, filters)}
+filters = {
+    "CV filter": partial(ConstantVelocity, velocity_sd=8.0, measurement_sd=1.0),  # px, frames
+    "CA filter": partial(ConstantAcceleration, velocity_sd=8.0, measurement_sd=1.0),
+}
+followed = {
+    (name, kind): belt_real.track_recordings(tables, velocities, name, motion)
+    for name, (kind, motion) in product(measured, filters.items())
+}
 rows = [
     {"material": name, "filter": kind} | recordings.compare_links(measured[name], tracks)
     for (name, kind), tracks in followed.items()

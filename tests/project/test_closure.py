@@ -76,7 +76,7 @@ def test_a_later_step_leaves_earlier_tables(package, tables):
     change(package, "kiln.py", "FRAMES = 21", "FRAMES = 23")
     again = tables()
     assert {name for name in after if after[name] == again[name]} == kept
-    change(package, "kiln.py", "return postprocess(", "return (0, postprocess)[1](")
+    change(package, "kiln.py", "(postprocess(", "((0, postprocess)[1](")
     later = tables()
     assert {name for name in again if later[name] == again[name]} == {"detections"}
 
@@ -100,7 +100,7 @@ def test_the_table_itself_is_made_anew_and_kept(package):
     forget()
     table()
     assert made == [0, 1]
-    change(package, "flight.py")
+    change(package, "flight/table.py")
     forget()
     table()
     assert made == [0, 1]

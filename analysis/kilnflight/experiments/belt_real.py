@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from kilnflight.belt.camera import Area
 from kilnflight.belt.evaluation import (
     SUMMARY,
     Evaluation,
@@ -16,8 +17,35 @@ from kilnflight.belt.evaluation import (
     observe,
 )
 from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.tracker import Followed
+from kilnflight.belt.tracker import Appearance, BeltTracker, Followed
+from kilnflight.belt.velocity import BeltVelocity, join_followed
 from kilnflight.experiments.belt_2020 import Key, over_draws
+from kilnflight.tracking.motion import Motion
+
+#: Key of a recording: its material and its name.
+Recorded = tuple[str, str]
+
+# What the camera sees of the belt, px: read off the recordings; choice.
+VISIBLE = Area(0, 1700, 2250)
+
+
+def track_recordings(
+    measured: Mapping[Recorded, pd.DataFrame],
+    velocities: Mapping[Recorded, BeltVelocity],
+    material: str,
+    motion: Callable[[tuple[float, float]], Motion],
+) -> Followed:
+    """Return the tracks of one material's recordings, joined, each at its own velocity.
+
+    ``motion`` makes a motion model from the velocity at which particles enter, px per frame.
+    """
+    parts = []
+    for key in (key for key in measured if key[0] == material):
+        step = velocities[key].px_per_frame
+        appearance = Appearance(VISIBLE, 0.5, entry_mm=step, entry_blur_mm=10.0)  # px stand for mm
+        tracker = BeltTracker(motion((step, 0.0)), appearance, frame_s=1.0)
+        parts.append((measured[key], tracker(measured[key])))
+    return join_followed(parts)
 
 
 def compare_on_recordings(
