@@ -73,7 +73,7 @@ def eliminate(tracklets: list[dict]) -> list[dict]:
     return [t for t, p in parts if len(t) > 2 and speed(p) > 1 and correlation(p) > 0.9]
 
 
-def without_outliers(tracklet: dict) -> dict:
+def without_outliers(tracklet: dict, from_last: bool = True) -> dict:
     """Return a tracklet after section 4.2.2."""
     left = sorted(tracklet.items())
     while True:
@@ -82,7 +82,9 @@ def without_outliers(tracklet: dict) -> dict:
         if count >= 5 and is_outlier(v[0], tuple(np.mean(v[1:4], axis=0))):
             del left[0]
             continue
-        if count >= 4 and is_outlier(v[1], v[2]):
+        backwards = range(count - 3, 0, -1) if from_last else [1]
+        met = [i for i in backwards if i + 1 < len(v) and is_outlier(v[i], v[i + 1])]  # Eq. 4.20
+        if met and met[0] == 1:
             del left[1]
             continue
         for i in range(2, count):

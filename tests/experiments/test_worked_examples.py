@@ -24,10 +24,10 @@ def test_the_matrix_frames_each_pair_and_names_what_is_left(axes):
     assert texts.count("C max") == costs.isna().to_numpy().sum()
 
 
-def removed(cases):
+def removed(cases, column="removed"):
     table = examples.judge_outliers(cases, OutlierRemoval())
     groups = table.groupby("case", sort=False)
-    return {name: (np.flatnonzero(part["removed"]) + 1).tolist() for name, part in groups}, table
+    return {name: (np.flatnonzero(part[column]) + 1).tolist() for name, part in groups}, table
 
 
 def test_one_condition_alone_removes_nothing():
@@ -40,17 +40,26 @@ def test_one_condition_alone_removes_nothing():
     assert most.loc["situation 2: it speeds up", "change_px_frame"] > 18
 
 
-def test_both_conditions_remove_the_outlier_and_near_the_start_its_neighbours_too():
-    gone, _ = removed(examples.SITUATIONS)
-    assert gone["one position later"] == [5]
-    assert gone["situation 3: both"] == [2, 3, 4]  # Eq. 4.20 looks at the turn at T3
+@pytest.mark.parametrize(("column", "gone"), [("removed", [4]), ("alone", [2, 3, 4])])
+def test_in_situation_3_the_outlier_goes_alone_if_the_second_is_examined_from_the_last(
+    column, gone
+):
+    assert removed(examples.SITUATIONS, column)[0]["situation 3: both"] == gone
 
 
 def test_a_wrong_second_position_is_found_backwards_only():
-    gone, table = removed(examples.SECOND)
-    short = table[table["case"] == "four positions"]
-    assert (np.flatnonzero(short["marks"]) + 1).tolist() == [3]
-    assert gone == {"four positions": [2], "six positions": [1, 2]}
+    assert removed(examples.SECOND, "forwards")[0]["four positions"] == [3]
+    for column in ("removed", "alone"):
+        gone, _ = removed(examples.SECOND, column)
+        assert gone == {"four positions": [2], "six positions": [1, 2]}
+
+
+def test_each_panel_draws_the_outliers_of_its_column(axes):
+    table = examples.judge_outliers(examples.SECOND, OutlierRemoval())
+    by = {"one": ("four positions", "forwards"), "two": ("four positions", "removed")}
+    panels = examples.draw_outliers(table, by).axes
+    third, second = (axes.lines[1].get_xdata().tolist() for axes in panels[:2])
+    assert (third, second) == ([24.0], [12.0])
 
 
 def test_wrong_ends_are_removed():

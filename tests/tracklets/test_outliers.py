@@ -59,6 +59,30 @@ def test_the_second_point_is_judged_backwards(table):
     assert removed(table, 5.0 * T, np.append(col, np.zeros(6))) == [0, 1]
 
 
+def off(where, count, by=40.0):
+    """Columns of a straight tracklet with one position off, counted from 1."""
+    return by * (np.arange(1, count + 1) == where)
+
+
+@pytest.mark.parametrize("count", [5, 6, 10])
+def test_one_wrong_position_goes_alone_wherever_it_is_but_second(table, count):
+    """Section 4.2.2 screens "except for the initial position", for which it has a rule."""
+    for where in {*range(1, count + 1)} - {2}:
+        assert removed(table, 5.0 * T[:count], off(where, count)) == [where - 1]
+
+
+def test_eq_4_20_at_the_second_alone_costs_it_for_what_the_third_or_fourth_did(table):
+    def lost(where, **reading):
+        tracks = table((T, 5.0 * T, off(where, 10)))
+        result = OutlierRemoval(**reading)(tracks)
+        return (np.flatnonzero(result["particle"] == -1) + 1).tolist()
+
+    assert [lost(where) for where in (3, 4, 5)] == [[3], [4], [5]]  # Fig. 4.5, situation 3
+    assert {2, 3, 4} <= {*lost(4, from_last=False)}
+    assert {2, 3} <= {*lost(3, from_last=False)}
+    assert lost(5, from_last=False) == [5]
+
+
 def test_a_jump_over_missed_frames_is_divided_by_them(table):
     frame = np.array([0, 1, 2, 12, 13])
     assert removed(table, [0, 5, 10, 60, 65.0], [0, 0, 0, 50, 50.0], frame) == []
@@ -70,8 +94,8 @@ def test_fewer_than_three_points_cannot_be_judged(table):
 
 
 @settings(max_examples=50)
-@given(st.integers(0, 2**32 - 1), st.floats(1, 60))
-def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter):
+@given(st.integers(0, 2**32 - 1), st.floats(1, 60), st.booleans())
+def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter, from_last):
     rng = np.random.default_rng(seed)
     tracklets = []
     for count in rng.integers(1, 25, 5):
@@ -79,8 +103,8 @@ def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter):
         row, col = rng.normal(0, scatter, (2, count)) + 6.0 * frame
         tracklets.append((frame, row, col))
     tracks = table(*tracklets)
-    expected = [plain.without_outliers(t) for t in plain.tracklets_of(tracks)]
-    same_tracks(OutlierRemoval()(tracks), expected)
+    expected = [plain.without_outliers(t, from_last) for t in plain.tracklets_of(tracks)]
+    same_tracks(OutlierRemoval(from_last=from_last)(tracks), expected)
 
 
 @pytest.mark.parametrize("field", ["angle_deg", "change"])
@@ -88,6 +112,11 @@ def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter):
 def test_what_is_no_limit_is_refused(field, bad):
     with pytest.raises(InputError, match=f"OutlierRemoval: {field}: must be 0 or above"):
         OutlierRemoval(**{field: bad})
+
+
+def test_a_reading_of_eq_4_20_is_on_or_off():
+    with pytest.raises(InputError, match="OutlierRemoval: from_last: must be a bool, got 'yes'"):
+        OutlierRemoval(from_last="yes")
 
 
 def test_no_angle_at_all_is_a_limit(table):

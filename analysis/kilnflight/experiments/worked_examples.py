@@ -7,6 +7,7 @@ the same make, and the functions that measure the recordings decide them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -38,7 +39,6 @@ SITUATIONS: Mapping[str, tuple[tuple[tuple[float, float], ...], tuple[int, ...]]
     "situation 1: it turns": (((-6, 8), (-5, 8), (4, 8), (6, 8)), (1, 2, 3, 4, 5)),
     "situation 2: it speeds up": ((AHEAD, AHEAD, (4, 34), (3, 14)), (1, 2, 3, 5, 6)),
     "situation 3: both": ((AHEAD, AHEAD, (-30, 14), (34, 10), AHEAD), (1, 2, 3, 4, 5, 6)),
-    "one position later": ((*3 * (AHEAD,), (-30, 14), (34, 10), AHEAD), (1, 2, 3, 4, 5, 6, 7)),
 }
 SECOND = {
     "four positions": (((-30, 12), (34, 12), AHEAD), (1, 2, 3, 4)),
@@ -138,14 +138,14 @@ def judge_outliers(
     cases
         Velocities (row, col) in px/frame and frames of each tracklet.
     rule
-        Removes outliers (Eqs 4.18 to 4.20).
+        Removes outliers (Eqs 4.18 to 4.20); also tried with its second reading of Eq. 4.20.
 
     Returns
     -------
     DataFrame
         ``case``, ``frame``, ``row``, ``col``; turn and change of velocity at this position;
-        whether Eq. 4.18, scanned forwards alone, ``marks`` the position; whether it is
-        ``removed`` by the rule.
+        whether Eq. 4.18, scanned ``forwards`` alone, marks it first; whether it is ``removed`` by
+        the rule, or with the second position examined ``alone`` (Eq. 4.20).
     """
     parts = []
     for name, (steps, frames) in cases.items():
@@ -158,12 +158,14 @@ def judge_outliers(
         sharp = np.flatnonzero((angle > rule.angle_deg) & (change > rule.change))
         table["turn_deg"] = np.array([np.nan, *angle, np.nan])
         table["change_px_frame"] = np.array([np.nan, *change, np.nan])
-        table["marks"] = np.isin(np.arange(len(table)), sharp[:1] + 2)
-        parts.append(table.assign(removed=rule(table)["particle"] < 0))
+        table["forwards"] = np.isin(np.arange(len(table)), sharp[:1] + 2)
+        readings = {"removed": rule, "alone": replace(rule, from_last=False)}
+        lost = {name: each(table)["particle"] < 0 for name, each in readings.items()}
+        parts.append(table.assign(**lost))
     return pd.concat(parts, ignore_index=True).drop(columns="particle")
 
 
-def draw_outliers(table: pd.DataFrame, by: Mapping[str, str]) -> Figure:
+def draw_outliers(table: pd.DataFrame, by: Mapping[str, tuple[str, str]]) -> Figure:
     """Draw tracklets with turns and changes of velocity, a panel for each.
 
     Parameters
@@ -171,15 +173,13 @@ def draw_outliers(table: pd.DataFrame, by: Mapping[str, str]) -> Figure:
     table
         From `judge_outliers`.
     by
-        Title of each panel: the case it draws; a title that ends in "alone" shows what the
-        forward scan marks, the others what is removed.
+        Title of each panel: the case it draws, and the column that tells its outliers.
     """
     columns = 2 if len(by) % 2 == 0 else 3
     rows = len(by) // columns
     picture, grid = canvas(rows, columns, width_mm=PAGE_MM, height_mm=16 + 50 * rows)
-    for axes, (title, case) in zip(grid.flat, by.items(), strict=True):
-        part = table[table["case"] == case]
-        _draw_judged(axes, part, "marks" if title.endswith("alone") else "removed")
+    for axes, (title, (case, column)) in zip(grid.flat, by.items(), strict=True):
+        _draw_judged(axes, table[table["case"] == case], column)
         axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
     picture.legend(*_legend(grid.flat), loc="outside lower center", ncols=3)
     return picture

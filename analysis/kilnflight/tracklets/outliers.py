@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import check_count, check_limit, check_positive
+from kilnflight.checks import check_count, check_kind, check_limit, check_positive
 from kilnflight.tracklets.paths import (
     LOST,
     Floats,
@@ -28,9 +28,9 @@ from kilnflight.tracklets.texture import Differences
 class OutlierRemoval:
     """Remove detections that change angle and speed too much (Eq. 4.18).
 
-    Each scan judges the first point, then the second backwards (Eq. 4.20), then the others
-    forwards (Eq. 4.18). The first outlier found is removed and the scan begins anew, until
-    none is found. Called with a track table, it returns the table with particle -1 for
+    Each scan judges the first point, then the second backwards from the last (Eq. 4.20), then
+    the others forwards (Eq. 4.18). The first outlier found is removed and the scan begins anew,
+    until none is found. Called with a track table, it returns the table with particle -1 for
     the outliers.
 
     Notes
@@ -39,18 +39,24 @@ class OutlierRemoval:
     text has it. The caption of Fig. 4.7 speaks of the last point, which the forward scan judges
     anyway. (2) A point is judged only where its equation has what it needs: the first from 5
     points, the second from 4, the others from 3. (3) A velocity of zero has no direction and makes
-    no angle. (4) An outlier at the second point bends the first velocity more than the second one.
-    So the order of the text, first point first, also removes the good first point of 5 or more.
-    Source: Eqs 4.17 to 4.20, thesis.
+    no angle. (4) "The second assigned detection is examined backwards from the last one": going
+    back, it must be the first point that meets Eq. 4.20. Then T4 of situation 3 (Fig. 4.5) goes
+    alone, as its caption has it. Without ``from_last`` the second is examined alone, and T4 costs
+    T2 and T3. To remove on the way back whatever meets Eq. 4.20 is no reading: a wrong last
+    point would cost all before it. (5) The order of the text, first point first, also costs the
+    good first point of 5 or more where the second is wrong.
+    Source: section 4.2.2, Eqs 4.17 to 4.20, thesis.
     """
 
     angle_deg: float = 30.0  # degrees, theta_eps, Table 5.16
     change: float = 18.0  # px/frame, Delta V_eps, Table 5.16
+    from_last: bool = True  # Eq. 4.20 from the last point back (sec. 4.2.2), or the second alone
 
     def __post_init__(self) -> None:
         """Refuse limits out of range."""
         check_limit(self.angle_deg, "OutlierRemoval: angle_deg")
         check_limit(self.change, "OutlierRemoval: change")
+        check_kind(self.from_last, bool, "OutlierRemoval: from_last")
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
@@ -83,8 +89,8 @@ class OutlierRemoval:
         turned = self._turned(steps[:-1], steps[1:])
         if len(frame) >= 5 and self._turned(steps[:1], steps[1:4].mean(axis=0, keepdims=True))[0]:
             return 0
-        if len(frame) >= 4 and turned[1]:  # Eq. 4.20
-            return 1
+        if len(frame) >= 4 and turned[1] and not (self.from_last and turned[2:].any()):
+            return 1  # Eq. 4.20
         return int(np.argmax(turned)) + 2 if turned.any() else None  # Eq. 4.18
 
     def _turned(self, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
