@@ -42,6 +42,11 @@ def test_a_verdict_says_its_reading_and_what_the_other_gives():
     assert both[1] == held[1]
     (same,) = detection_readings.beside(held[:1], held, "this", "that")
     assert same.reason == "a frame; this is with this; with that it is the same"
+    failed = [claims.with_cause(other[0])]  # a choice that no work prints decides
+    (choice,) = detection_readings.beside(failed, held[:1], "this", "that")
+    assert (choice.because, claims.JUDGED in choice.reason) == ("method", False)
+    (twin,) = detection_readings.beside(failed, other, "this", "that")
+    assert (twin.because, claims.JUDGED in twin.reason) == ("twin", True)
     time = [claims.undecidable("sift-4", "a time of our own", because="method")]
     assert detection_readings.beside(time, time, "this", "that") == time
 

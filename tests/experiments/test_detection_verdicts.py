@@ -92,6 +92,17 @@ def test_unlit_particles_are_missed_most_where_the_thesis_misses_all():
     assert "sift-4" not in verdicts
     assert "V4 lowest: NO" in verdicts["otsu-3"].measured
     assert "V4 lowest in 0% of the draws" in verdicts["otsu-3"].reason
+    assert "the light's fit to it ends at 0.21 in V4" in verdicts["otsu-3"].reason
+
+
+def test_eps_matters_three_times_as_much_as_min_points():
+    """Ours, for "much more profound"; half and twice as far from 1 decide alike."""
+    answers = {value: claims.judge("cluster-2", value).verdict for value in (1.9, 4.9, 5.1)}
+    assert list(answers.values()) == [
+        claims.NOT_REPRODUCED,
+        claims.NOT_DECIDABLE,
+        claims.REPRODUCED,
+    ]
 
 
 def cloud_attempts():

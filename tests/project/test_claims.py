@@ -212,6 +212,21 @@ def test_a_fitted_claim_is_no_result_and_a_miss_stays_one():
     assert claims.fitted(miss, "it was fitted") is miss
 
 
+@pytest.mark.parametrize(
+    ("value", "answer"), [(0.51, True), (0.46, None), (0.59, None), (0.61, False)]
+)
+def test_about_is_a_bound_of_ours(value, answer):
+    assert claims.about(value, 0.5, 0.05) is answer
+
+
+def test_what_failed_says_what_shows_its_cause():
+    miss = claims.judge("otsu-1", [0.1], note="a frame", because="twin")
+    assert claims.with_cause(miss).reason == f"a frame; {claims.JUDGED}"
+    assert claims.with_cause(miss, "a fit ends there").reason == "a frame; a fit ends there"
+    hit = claims.judge("otsu-1", [0.95], because="twin")
+    assert claims.with_cause(hit) is hit
+
+
 def test_what_is_not_decidable_does_not_count_as_reproduced():
     hit, miss = claims.judge("otsu-1", [0.95]), claims.judge("otsu-1", [0.1])
     verdicts = [hit, miss, hit, claims.fitted(hit, "it was fitted")]

@@ -66,7 +66,7 @@ def draw_cloud(cloud: pd.DataFrame, seed: int) -> tuple[Figure, pd.DataFrame]:
     marked = flying[flying["particle"] == (counts.idxmax() if len(counts) else -1)]
     shown = others.sample(min(DRAWN, len(others)), random_state=seed)
     picture = plt.figure(figsize=(PAGE_MM / 25.4, 85 / 25.4), layout="none")
-    room: Any = picture.add_axes((-0.04, 0.03, 0.62, 0.97), projection="3d")
+    room: Any = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
     points: dict[str, Any] = {"depthshade": False, "linewidths": 0}
     gray = np.sqrt(shown["gray"])
     look: dict[str, Any] = {"c": gray, "cmap": "gray", "s": 0.8, "vmin": 0}
@@ -80,7 +80,7 @@ def draw_cloud(cloud: pd.DataFrame, seed: int) -> tuple[Figure, pd.DataFrame]:
     label_camera_space(room)
     room.set_box_aspect((1.9, 1, 1), zoom=1.15)
     room.view_init(elev=18, azim=-60)
-    alone = picture.add_axes((0.68, 0.17, 0.28, 0.66))
+    alone = picture.add_axes((0.73, 0.2, 0.24, 0.64))
     depth, across, up = upright(marked[["x", "y", "z"]])
     dots = alone.scatter(across, up, c=depth, s=9, cmap="viridis")
     alone.set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal", title="the marked particle")

@@ -28,6 +28,7 @@ from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circl
 from kilnflight.twin.camera import Geometry
 
 Array = npt.NDArray[np.float64]
+NAMES = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
 
 
@@ -61,9 +62,11 @@ def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, p
     ``totals`` is of `cluster_totals`; lines join settings with the same last parameter.
     """
     beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 5, "ha": "right"}
+    words = {"epsilon_mm": "eps (mm)", "R": "R", "alpha": "alpha"}
     picture, (panels,) = canvas(1, len(totals), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, ours) in zip(panels, totals.items(), strict=True):
-        kinds = {"here": (ours, HERE), "published": (claims.published(TABLES[name]), PUBLISHED)}
+        printed = claims.published(TABLES[name])
+        kinds = {"simulated": (ours, HERE), "published": (printed, PUBLISHED)}
         for label, (table, (mark, colour)) in kinds.items():
             look = {"color": colour, "mfc": "none", "label": label}
             axes.plot(table["recall"], table["precision"], mark, **look)
@@ -71,8 +74,8 @@ def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, p
         for value, line in ours.groupby(last):
             axes.plot(line["recall"], line["precision"], "-", color="0.6", lw=0.6, zorder=1)
             end = (line["recall"].min(), line["precision"].max())
-            axes.annotate(f"{value:g}", end, (-4, 0), va="center", **beside)
-        axes.set(title=f"{name}, number: {last}", xlabel="recall", xlim=(0, 1))
+            axes.annotate(f"{value:g}", end, (-4, -1), va="top", **beside)
+        axes.set(title=f"{NAMES[name]}, number: {words[last]}", xlabel="recall", xlim=(0, 1))
     panels[0].set(ylabel="precision", ylim=(0, 1))
     panels[0].legend(loc="upper left")
     points = pd.concat(totals, names=["family"]).reset_index("family")
@@ -96,9 +99,9 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
     picture, (panels,) = canvas(1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, table) in zip(panels, groups, strict=True):
         draw_bars(axes, table, "subset", "kind", "recall")
-        axes.set_title(name)
+        axes.set_title(NAMES.get(str(name), str(name)))
     if len(published):
-        look = {"color": "black", "ms": 3, "label": "published, non-burning"}
+        look = {"color": "black", "mfc": "white", "ms": 3.5, "label": "published, non-burning"}
         panels[0].plot(published, "D", **look)
     panels[0].set_ylabel("recall")
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
@@ -170,7 +173,7 @@ def draw_flame(
 ) -> Figure:
     """Draw the burner's rectangle (top, bottom, left, right) and the flame in it."""
     top, bottom, left, right = roi
-    picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=62, sharey=True)
+    picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=70, sharey=True)
     for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
         _part(axes, gray, roi, title)
     panels[1].contour(mask, levels=[0.5], colors=COLOURS[1], extent=(left, right, top, bottom))

@@ -55,6 +55,8 @@ def beside(
 ) -> list[claims.Verdict]:
     """Return verdicts whose reasons say what another reading of the text gives.
 
+    What is not reproduced in one reading only is so because of a choice that no work prints.
+
     Parameters
     ----------
     verdicts
@@ -73,8 +75,11 @@ def beside(
             continue
         alike = second.verdict == verdict.verdict
         words = "the same" if alike else f"{second.verdict} ({second.measured})"
-        reason = f"{verdict.reason}; this is with {held}; with {other} it is {words}"
-        both.append(replace(verdict, reason=reason))
+        told, because = verdict.reason.split("; "), verdict.because
+        if verdict.verdict == claims.NOT_REPRODUCED and not alike:  # computed, not judged
+            told, because = [part for part in told if part != claims.JUDGED], "method"
+        told += [f"this is with {held}", f"with {other} it is {words}"]
+        both.append(replace(verdict, reason="; ".join(filter(None, told)), because=because))
     return both
 
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from kilnflight.experiments import twin_exposure
 from kilnflight.experiments.detection import class_recall, sum_counts, with_total
 from kilnflight.experiments.detection_claims import (
     PARAMETERS,
@@ -33,16 +34,7 @@ from kilnflight.twin import truth
 # Otsu's row is no prediction: the light of the twin was fitted to it.
 FITTED = "the picture was fitted to Otsu's row (notebook 13)"
 OUR_TIME = "a time of our own program; the thesis's was another"
-ABOUT = {"half": ((0.45, 0.55), (0.35, 0.65)), "0.6": ((0.55, 0.65), (0.5, 0.7))}  # bounds of ours
-
-
-def about(value: float, words: str) -> bool | None:
-    """Return whether a value is what a sentence calls "about" so much.
-
-    None if the words may mean it, but our bound (`ABOUT`, to one printed digit) does not.
-    """
-    (low, high), (lowest, highest) = ABOUT[words]
-    return True if low <= value <= high else None if lowest <= value <= highest else False
+ABOUT = 0.05  # a bound of ours, half of the printed digit
 
 
 def background_verdicts(
@@ -83,14 +75,15 @@ def background_verdicts(
         ("bg-5", static_first, f"so ranked {share(ranked)}"),
     ]
     judged = [
-        claims.judge(claim, measured, note=f"{note}; {sure}", because="twin")
+        claims.with_cause(claims.judge(claim, measured, note=f"{note}; {sure}", because="twin"))
         for claim, measured, sure in verdicts
     ]
     if not traces:
         return judged
     kept = {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]}
     measure = "root mean square from the scene without particles, in grey values"
-    return [*judged, claims.judge("bg-6", kept, note=measure, because="twin")]
+    verdict = claims.judge("bg-6", kept, note=measure, because="twin")
+    return [*judged, claims.with_cause(verdict)]
 
 
 def picture_verdicts(
@@ -127,8 +120,8 @@ def picture_verdicts(
         claims.fitted(rank, FITTED),
         claims.judge("sift-1", first, note=f"{note}; lead {interval(gain)}", because="twin"),
         claims.judge("sift-3", v5, note=f"{note}; V5 last {v5_last}", because="twin"),
-        *_unlit_verdicts(attempts, seed, note),
     ]
+    verdicts = [*map(claims.with_cause, verdicts), *_unlit_verdicts(attempts, seed, note)]
     if len(times):
         seconds = times.set_index("threshold")["measured_s"]
         ratio = f"{seconds[400] / seconds[1000]:.4g}"
@@ -147,18 +140,19 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
     v4 = share(subset_recall(attempts, "Otsu", 3, seed).idxmin(axis=1) == "V4")
     mean = subset_recall(attempts, "SIFT", 3, seed).mean(axis=1)
     half = {
-        f"mean of the subsets {more.mean():.2f} about 0.5": about(more.mean(), "half"),
+        f"mean of the subsets {more.mean():.2f} about 0.5": claims.about(more.mean(), 0.5, ABOUT),
         f"above Otsu's {unlit.mean():.2f}": bool(more.mean() > unlit.mean()),
     }
     by_subset = ", ".join(f"{name} {value:.2f}" for name, value in more.items())
-    bound = "about 0.5 is 0.45 to 0.55, at most 0.35 to 0.65: bounds of ours"
+    bound = f"about is within {ABOUT}, a bound of ours"
+    record = pd.DataFrame(twin_exposure.read_fit()["calibrated"]).set_index("subset")["unlit"]
+    fit = f"the light's fit to it ends at {record['V4']:.2f} in V4 (notebook 13), published 0"
     reason = f"{note}; mean {interval(mean)}; {by_subset}; {bound}"
+    ranked = claims.judge("otsu-3", less, note=f"{note}; V4 lowest {v4}", because="twin")
     return [
-        claims.judge("otsu-2", burning, note=note, because="twin"),
-        claims.judge(
-            "otsu-3", less, note=f"{note}; V4 lowest {v4}; although {FITTED}", because="twin"
-        ),
-        claims.judge("sift-2", half, note=reason, because="twin"),
+        claims.with_cause(claims.judge("otsu-2", burning, note=note, because="twin")),
+        claims.with_cause(ranked, fit),
+        claims.with_cause(claims.judge("sift-2", half, note=reason, because="twin")),
     ]
 
 
@@ -194,7 +188,7 @@ def cluster_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
         alphas[f"K {k}: recall up with alpha"] = bool(recall[k] > 0)
         alphas[f"K {k}: precision down"] = bool(precision[k] < 0)
     effect = f"{note}; mean range of F1"
-    return [
+    verdicts = [
         claims.judge("cluster-1", eps, note=note, because="twin"),
         claims.judge("cluster-2", of_eps / of_points, note=effect, because="twin"),
         claims.undecidable("cluster-3", OUR_TIME, slower, because="method"),
@@ -202,6 +196,7 @@ def cluster_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
         claims.judge("cluster-5", alphas, note=note, because="twin"),
         *_class_verdicts(attempts, note),
     ]
+    return [claims.with_cause(verdict) for verdict in verdicts]
 
 
 def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
@@ -249,15 +244,19 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
         *_gain_verdicts(rates, draws, f"{note}; mean of three combinations"),
         claims.judge("combi-2", ranked, note=f"{note}; first {first}", because="twin"),
     ]
-    verdicts.sort(key=lambda verdict: verdict.id)
+    verdicts = sorted(map(claims.with_cause, verdicts), key=lambda verdict: verdict.id)
     clouds = f1[f1.index.str.startswith("3D")]
     if clouds.empty:
         return verdicts
     lower = f1[["2D-OTSU", "2D-SIFT"]].min()
-    below = {f"{name} {value:.3f} about 0.6": about(value, "0.6") for name, value in clouds.items()}
+    below = {
+        f"{name} {value:.3f} about 0.6": claims.about(value, 0.6, ABOUT)
+        for name, value in clouds.items()
+    }
     below |= {f"{name} below {lower:.3f}": bool(value < lower) for name, value in clouds.items()}
-    bound = "about 0.6 is 0.55 to 0.65, at most 0.5 to 0.7: bounds of ours"
-    return [claims.judge("cluster-6", below, note=f"{note}; {bound}", because="twin"), *verdicts]
+    bound = f"about is within {ABOUT}, a bound of ours"
+    verdict = claims.judge("cluster-6", below, note=f"{note}; {bound}", because="twin")
+    return [claims.with_cause(verdict), *verdicts]
 
 
 def _gain_verdicts(

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -144,7 +145,7 @@ def calibrate(twins: list[Twin]) -> dict[str, object]:
     return content | {"spread": SPREAD, "frames": f"{len(twins)} subsets, every {EVERY}th frame"}
 
 
-def read_fit(path: Path = LIGHT_FILE) -> dict[str, object]:
+def read_fit(path: Path = LIGHT_FILE) -> dict[str, Any]:
     """Return the calibration's content; it must have been made for today's targets.
 
     Raises

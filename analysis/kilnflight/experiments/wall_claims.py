@@ -80,10 +80,11 @@ def wall_verdicts(
     printed = f"with 800 mm F1 {exact['f1']['printed_800']:.3f}"
     note = f"crossing + 40 mm = {crossing_mm + 40:.0f} mm; {printed}"
     frame = "one frame of each subset, against the true 700 mm"
-    return [
+    verdicts = [
         claims.judge("wall-1", off, note=frame, because="twin"),
         claims.undecidable("wall-2", why, inside, because="criterion"),
         claims.judge("wall-3", f1, note=note, because="twin"),
         claims.judge("wall-4", below, note=note, because="twin"),
         claims.judge("wall-5", missed, note=note, because="twin"),
     ]
+    return [claims.with_cause(verdict) for verdict in verdicts]

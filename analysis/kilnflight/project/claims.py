@@ -39,6 +39,7 @@ CAUSES = {
 }
 WORDS = {REPRODUCED: "holds", NOT_REPRODUCED: "fails", NOT_DECIDABLE: "is not decidable"}
 ON_TRUTH = "on the twin's own truth"
+JUDGED = "cause assigned by judgement"  # nothing that was computed shows it
 OTHER_BOUNDS = (1.0, 0.5, 2.0)  # times the distance of a bound of ours; one rule for all claims
 
 
@@ -212,6 +213,25 @@ def _inside(claim: pd.Series, values: pd.Series, scale: float) -> bool:
     under = values <= low if sign == ">" else values < low
     over = values >= high if sign == "<" else values > high
     return not (under | over).any()
+
+
+def about(value: float, named: float, bound: float) -> bool | None:
+    """Return whether a value is "about" what a sentence names, within a bound of ours.
+
+    None where bounds half and twice as far decide otherwise.
+    """
+    answers = {bool(abs(value - named) <= scale * bound) for scale in OTHER_BOUNDS}
+    return answers.pop() if len(answers) == 1 else None
+
+
+def with_cause(verdict: Verdict, shown: str = "") -> Verdict:
+    """Return a verdict whose reason says what shows its cause, if it was not reproduced.
+
+    Without ``shown`` the cause was assigned by judgement, and the reason says so.
+    """
+    if verdict.verdict != NOT_REPRODUCED:
+        return verdict
+    return replace(verdict, reason=f"{verdict.reason}; {shown or JUDGED}".removeprefix("; "))
 
 
 def undecidable(claim_id: str, reason: str, measured: str = "", because: str = "") -> Verdict:
