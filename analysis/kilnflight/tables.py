@@ -251,6 +251,10 @@ class Bound(NamedTuple):
 
 
 INF = math.inf
+COUNTED = (
+    "tp|fp|fn|frames?|particles|tracks|flights|detections|spots|trajectories|positions|pixels|"
+    "points|inliers|outliers|lost|refused|tracked|predicted|detected|(un)?lit|from_lance"
+)
 BOUNDS = [
     Bound(r"(/|_| )(n|number)$", 0, INF, "a count"),
     Bound(r"mape", 0, INF, "%, Eq. 4.31"),
@@ -283,13 +287,7 @@ BOUNDS = [
     Bound(r"_px$|_hz$|_mib$", 0, 1e7, "px, Hz or MiB, never below 0"),
     Bound(r"(_s|\(s\)|seconds\w*)$", -2, 1e6, "s, a clock, a computing time"),
     Bound(r"_ms$", -1e6, 1e6, "ms, a belt's delay, a computing time"),
-    Bound(
-        r"(/|_| )(tp|fp|fn|frames?|particles|tracks|flights|detections|spots)$", 0, INF, "a count"
-    ),
-    Bound(r"(/|_| )(trajectories|positions|pixels|points|inliers|outliers)$", 0, INF, "a count"),
-    Bound(
-        r"(/|_| )(lost|refused|tracked|predicted|detected|(un)?lit|from_lance)$", 0, INF, "a count"
-    ),
+    Bound(rf"(/|_| )({COUNTED})$", 0, INF, "a count"),
 ]
 # These may be below 0 in any unit, and those never are.
 DIFFERENCE = (

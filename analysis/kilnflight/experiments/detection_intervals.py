@@ -14,8 +14,9 @@ import pandas as pd
 from kilnflight.checks import InputError
 from kilnflight.experiments.detection import COUNTS, sum_counts
 from kilnflight.scores import rates
+from kilnflight.scores.intervals import Bootstrap, percentiles
 
-DRAWS = 2000
+DRAWS = Bootstrap().draws
 
 
 def resampled(
@@ -120,7 +121,7 @@ def interval(values: npt.ArrayLike) -> str:
     >>> interval([0.1] * 9)
     '95 % [+0.100, +0.100]'
     """
-    low, high = np.quantile(np.asarray(values, dtype=np.float64), [0.025, 0.975])
+    low, high = percentiles(values)
     return f"95 % [{low:+.3f}, {high:+.3f}]"
 
 

@@ -57,8 +57,37 @@ def difference_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
     return np.asarray(np.median(first, axis=axis) - np.median(second, axis=axis))
 
 
+def percentiles(values: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:
+    """Return the ends of the interval that holds the middle ``level`` of draws."""
+    tail = (1 - level) / 2
+    low, high = np.quantile(np.asarray(values, dtype=np.float64), [tail, 1 - tail])
+    return float(low), float(high)
+
+
 @dataclass(frozen=True)
-class Bootstrap:
+class _Draws:
+    """What all bootstraps share: how often to draw, and the interval of the draws."""
+
+    level: float = 0.95
+    draws: int = 2000
+    least: int = 6  # particles or true trajectories in each group
+
+    def __post_init__(self) -> None:
+        """Refuse parameters out of range."""
+        name = type(self).__name__
+        check_inside(self.level, 0, 1, f"{name}: level")
+        check_count(self.draws, f"{name}: draws")
+        check_count(self.least, f"{name}: least")
+
+    def interval(self, estimate: float, values: Array, numbers: tuple[int, ...]) -> Interval:
+        """Return the percentiles of draws of a measure, or of a difference of measures."""
+        few = min(numbers) < self.least
+        low, high = (-math.inf, math.inf) if few else percentiles(values, self.level)
+        return Interval(estimate, low, high, numbers)
+
+
+@dataclass(frozen=True)
+class Bootstrap(_Draws):
     """Estimate the interval of a statistic from its percentiles.
 
     Particles are drawn with replacement (Efron).
@@ -70,16 +99,6 @@ class Bootstrap:
     for medians. The range of n values holds the median with probability 1 - 2^(1 - n), 94 % for 5,
     so fewer than 6 cannot reach 95 %. Their interval is infinite.
     """
-
-    level: float = 0.95
-    draws: int = 2000
-    least: int = 6  # particles in each group
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        check_inside(self.level, 0, 1, "Bootstrap: level")
-        check_count(self.draws, "Bootstrap: draws")
-        check_count(self.least, "Bootstrap: least")
 
     def __call__(
         self,
@@ -127,9 +146,7 @@ class Bootstrap:
             rows = (draw(0, n, (count, size)) for n, size in zip(numbers, drawn, strict=True))
             resampled = (sample[row] for sample, row in zip(samples, rows, strict=True))
             values.append(statistic(*resampled, axis=-1))
-        tail = (1 - self.level) / 2
-        low, high = np.quantile(np.concatenate(values), [tail, 1 - tail])
-        return Interval(estimate, float(low), float(high), drawn)
+        return self.interval(estimate, np.concatenate(values), drawn)
 
 
 def share(number: int, counted: int, level: float = 0.95) -> Interval:
@@ -171,7 +188,7 @@ def difference_of_shares(
 
 
 @dataclass(frozen=True)
-class TrackBootstrap:
+class TrackBootstrap(_Draws):
     """Draw the measures of tracks again: alpha, beta, JSC, JSC_theta.
 
     Drawn are true trajectories, each with what its partner saves and spoils: as many as there
@@ -185,16 +202,6 @@ class TrackBootstrap:
     not the same; give each its own ``false_seed``. A share of 0 or 1 keeps no width. A window is
     one stretch of one recording: how other stretches would differ is in no interval.
     """
-
-    level: float = 0.95
-    draws: int = 2000
-    least: int = 6  # true trajectories, as of `Bootstrap`; with fewer anything is possible
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        check_inside(self.level, 0, 1, "TrackBootstrap: level")
-        check_count(self.draws, "TrackBootstrap: draws")
-        check_count(self.least, "TrackBootstrap: least")
 
     def __call__(
         self, score: TrackScore, seed: int | Sequence[int], false_seed: int | Sequence[int]
@@ -225,11 +232,3 @@ class TrackBootstrap:
                 paired / (count + again.sum(axis=1)),
             ]
         )
-
-    def interval(self, estimate: float, values: Array, numbers: tuple[int, ...]) -> Interval:
-        """Return the percentiles of draws of a measure, or of a difference of measures."""
-        if min(numbers) < self.least:
-            return Interval(estimate, -math.inf, math.inf, numbers)
-        tail = (1 - self.level) / 2
-        low, high = np.quantile(values, [tail, 1 - tail])
-        return Interval(estimate, float(low), float(high), numbers)
