@@ -54,6 +54,19 @@ caption = (
 figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 
 # %% [markdown]
+# Whom refusing takes, as the truth tells: ours.
+
+# %%
+refused = accuracy.compare_refused(results.campaigns, results.tables)
+caption = (
+    "Flights from the lance that count and that are refused, by fraction: how many, positions in "
+    "each (median), and what is true of their particles whose whole flight is recorded: median "
+    "dwell time and velocity in the first metre. A refused flight is mostly short, and the fit of "
+    "its depth too free; the true medians say whether refusing it selects."
+)
+figures.save("dwell-refused", refused.round(4), caption=caption, provenance=origin)
+
+# %% [markdown]
 # ## How flights end
 #
 # Fig. 5.18: landed unlit (a), landed burning (b), burnt out in the air (c); and lost. Ours: the

@@ -9,7 +9,7 @@
 # **Here.** Measured on the twin's eight campaigns with the whole chain, beside the truth of the
 # same recordings. The flights of wood chips and confetti at 4.5 bar were what the twin was
 # calibrated on; their truth is no prediction. The measurement of them is. Flights that no particle
-# flies are refused and count nowhere (notebook 52 has their numbers). Lost flights count in the
+# flies are refused and count nowhere (notebook 52: how many, and whose). Lost flights count in the
 # metres that they passed, as section 5.3.1 speaks of the particles in a metre. Where A.1 keeps
 # complete trajectories only, that reading stands beside it.
 

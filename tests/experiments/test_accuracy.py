@@ -58,6 +58,30 @@ def test_lost_flights_have_no_dwell_time_and_refused_ones_are_not_there():
     assert both["track"].tolist() == [2, -1, -1]
 
 
+def test_whom_refusing_takes_is_told_by_the_truth():
+    reasons = ["", "", "", "leaves the kiln", "leaves the kiln", "turns back"]
+    started = pd.DataFrame(
+        {
+            "fraction": ["wood chip"] * 5 + ["confetti"],
+            "pressure_bar": 4.5,
+            "refused": reasons,
+            "points": [20, 30, 40, 6, 8, 5],
+            "true_owner": [1, 1, 2, 3, np.nan, np.nan],
+            "true_dwell_s": [0.2, 0.2, 0.4, 0.5, np.nan, np.nan],
+            "true_velocity_m_s": [9.0, 9.0, 7.0, 3.0, np.nan, np.nan],
+        }
+    )
+    table = accuracy.whom_refused(started)
+    assert table["fraction"].tolist() == ["wood chip", "wood chip", "confetti"]
+    assert table["refused"].tolist() == [False, True, True]
+    assert table["flights"].tolist() == [3, 2, 1]
+    assert table["positions"].tolist() == [30, 7, 5]
+    assert table["particles"].tolist() == [2, 1, 0]  # two flights of one particle count once
+    np.testing.assert_allclose(table["true_dwell_s"], [0.3, 0.5, np.nan])
+    np.testing.assert_allclose(table["true_velocity_m_s"], [8.0, 3.0, np.nan])
+    assert accuracy.whom_refused(started[:0]).empty
+
+
 def test_errors_are_those_of_measurable_particles():
     row = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
     assert (row["measurable_particles"], row["detected_particles"], row["false_flights"]) == (

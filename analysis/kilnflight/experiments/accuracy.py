@@ -167,6 +167,50 @@ def _with_particles(
         yield campaign, FlightTables(flights, slices, particle_of_track(tracks, owner))
 
 
+def compare_refused(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
+    """Return `whom_refused` of all campaigns together."""
+    parts = {}
+    for campaign, measured in _with_particles(campaigns, tables):
+        fitted = of_campaign(tables.trajectories, campaign.key).set_index("particle")
+        points = measured.flights["particle"].map(fitted["points"])
+        flights = measured.flights.assign(
+            points=points, owner=measured.flights["particle"].map(measured.particles)
+        )
+        real = true_flights(campaign).query("whole").rename(columns={"particle": "owner"})
+        real = real[["owner", "dwell_s", "velocity_m_s"]].add_prefix("true_")
+        started = flights[flights["from_lance"]]
+        merged = started.merge(real, how="left", left_on="owner", right_on="true_owner")
+        parts[campaign.key] = merged
+    return whom_refused(stack(parts))
+
+
+def whom_refused(flights: pd.DataFrame) -> pd.DataFrame:
+    """Return what is true of flights from the lance that are refused, beside those that count.
+
+    Parameters
+    ----------
+    flights
+        ``fraction``, ``pressure_bar``, ``refused`` (the reason), ``points`` of the fit, and
+        ``true_owner``, ``true_dwell_s`` and ``true_velocity_m_s`` of the particle (NaN: none).
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``; ``refused``; ``flights``; ``positions``: median of the fitted ones;
+        ``particles`` whose flights these are, with the medians of their ``true_dwell_s`` and
+        of their ``true_velocity_m_s`` in the first metre.
+    """
+    keys = ["fraction", "refused"]
+    flights = flights.assign(refused=flights["refused"] != "")
+    table = flights.groupby(keys).agg(flights=("points", "size"), positions=("points", "median"))
+    once = flights.dropna(subset="true_owner").drop_duplicates([*KEYS, "refused", "true_owner"])
+    true = {name: (name, "median") for name in ("true_dwell_s", "true_velocity_m_s")}
+    table = table.join(once.groupby(keys).agg(particles=("true_owner", "size"), **true))
+    order = {name: k for k, name in enumerate(dict.fromkeys(flights["fraction"]))}
+    table = table.fillna({"particles": 0}).astype({"particles": int}).reset_index()
+    return table.sort_values("fraction", key=lambda names: names.map(order), kind="stable")
+
+
 def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd.DataFrame:
     """Return velocities by metre, measured and true, a row per particle and metre.
 
