@@ -77,8 +77,8 @@ images = {
 named = {f"frame {t}": gray, **images}
 picture = detection_pictures.draw_backgrounds(named, (950, 1400, 500, 1500))
 caption = (
-    f"Part of a frame of subset {subset.name} and of four backgrounds, after Fig. 5.2; the data "
-    "are row 1180 of each."
+    f"Part of a simulated frame of subset {subset.name} and of four backgrounds, after Fig. 5.2; "
+    "the data are row 1180 of each."
 )
 table = pd.DataFrame({name: image[1180, 500:1500] for name, image in named.items()})
 figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, provenance=origin)
@@ -129,7 +129,7 @@ summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[F
 picture, ((axes,),) = style.canvas(height_mm=62)
 plots.draw_intervals(axes, summary, "f1_published", "f1_in_pixels")
 caption = (
-    "F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: scoring distance 45 px, with 95 % "
+    "Simulated F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: scoring distance 45 px, 95 % "
     "intervals over draws of frames; squares: within a particle's pixels (section 5.1.1); "
     "diamonds: published. Stops at 0: what is darker than the background vanishes."
 )
@@ -146,7 +146,7 @@ size = {"width_mm": 120, "height_mm": 92}
 picture = detection_pictures.draw_keypoints_and_clusters(gray, keypoints, None, roi, **size)
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
-    f"Detections of SIFT in a frame of {subset.name} after the median background, each a circle of "
+    f"SIFT in a simulated frame of {subset.name} after the median background, each a circle of "
     f"its size. Line: region of interest; threshold {level:.0f}. After Fig. 5.3."
 )
 figures.save("fig-5-3-detections", table, picture=picture, caption=caption, provenance=origin)

@@ -93,8 +93,8 @@ recall = detection.class_recall(both.assign(method=panels), ["method", "subset"]
 printed = [twin_exposure.UNLIT_RECALL[subset.name] for subset in subsets]
 picture = detection_pictures.draw_class_recall(recall, "method", printed)
 caption = (
-    "Recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6, with absolute "
-    "differences and with differences that stop at zero."
+    "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6, with "
+    "absolute differences and with differences that stop at zero."
 )
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 

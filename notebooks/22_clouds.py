@@ -90,7 +90,9 @@ figures.save("fig-5-7-neighbours", table, picture=picture, caption=caption, prov
 # %%
 cloud = calibrated_cloud(subsets[0].recording, subsets[0].frames[0])
 picture, curves = detection_pictures.draw_k_distances(cloud)
-caption = "Sorted k-distance graph of one frame, after Fig. 2.19; grey: the eps of Table 5.8."
+caption = (
+    "Sorted k-distance graph of one simulated frame, after Fig. 2.19; grey: the eps of Table 5.8."
+)
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -158,7 +160,7 @@ figures.save("mo-readings", readings, caption=caption, provenance=origin)
 # %%
 recall = detection_claims.analysed_recall(attempts, ["family", "subset"])
 picture = detection_pictures.draw_class_recall(recall, "family")
-caption = "Recall of each class by the three clusterers, after Figs 5.8 to 5.10."
+caption = "Simulated recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]

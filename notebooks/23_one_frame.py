@@ -49,7 +49,7 @@ threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, sc
 flame = segment_flame(view.gray, known.flame_roi)
 picture = detection_pictures.draw_flame(view.gray, flame.mask, known.flame_roi)
 size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.mask.sum())], "of_px": [flame.mask.size]})
-caption = "The burner's flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
+caption = "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -74,8 +74,8 @@ picture = detection_pictures.draw_keypoints_and_clusters(
 )
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
-    "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in one frame, with "
-    "the region of interest. After Figs 3.1, 3.2 and 3.5."
+    "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in a simulated "
+    "frame, with the region of interest. After Figs 3.1, 3.2 and 3.5."
 )
 figures.save("fig-3-5-both", table, picture=picture, caption=caption, provenance=origin)
 
@@ -102,7 +102,7 @@ counts = pd.DataFrame(
         for case, rows in examples.items()
     ]
 )
-caption = "Examples of the five cases in one frame, after Figs 3.6 to 3.9; see the text."
+caption = "Examples of the five cases in one simulated frame, after Figs 3.6 to 3.9; see the text."
 figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]

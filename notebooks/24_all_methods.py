@@ -77,9 +77,9 @@ f1 = detection_claims.f1_beside_published(attempts, seed)
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
 plots.draw_intervals(axes, f1, "f1_published_recomputed", "f1_in_pixels")
 caption = (
-    "F1 of the eleven methods beside Table 5.11. Dots: scoring distance 45 px, with 95 % intervals "
-    "over draws of frames; squares: within a particle's pixels; diamonds: published, from its "
-    "counts."
+    "Simulated F1 of eleven methods beside Table 5.11. Dots: scoring distance 45 px, with 95 % "
+    "intervals over draws of frames; squares: within a particle's pixels; diamonds: published, "
+    "from its counts."
 )
 table = f1.reset_index()
 figures.save("fig-5-11-detection", table, picture=picture, caption=caption, provenance=origin)

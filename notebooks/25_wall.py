@@ -61,7 +61,7 @@ figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origi
 points = wall[:: max(1, len(wall) // 8000)]
 picture = detection_pictures.draw_fitted_wall(points, fit)
 caption = (
-    "The wall's points and the fitted cylinder, after Fig. 3.10: along the axis, and by depth."
+    "The simulated wall and the fitted cylinder, after Fig. 3.10: along the axis, and by depth."
 )
 table = pd.DataFrame(points, columns=["x_mm", "y_mm", "z_mm"])
 figures.save("fig-3-10-cylinder", table, picture=picture, caption=caption, provenance=origin)
@@ -83,8 +83,8 @@ thresholds = wall_claims.axis_thresholds(placed)
 # %%
 picture = detection_pictures.draw_axis_distances(placed, thresholds)
 caption = (
-    "Distance of marked particles with 3D from the kiln's axis, after Fig. 3.11, with Gaussians of "
-    "the same mean and standard deviation. Dotted: their crossing, the same plus 40 mm, and 800 mm."
+    "Distance of simulated particles with 3D from the kiln's axis, after Fig. 3.11, with Gaussians "
+    "of the same mean and standard deviation. Dotted: their crossing, plus 40 mm, and 800 mm."
 )
 table = placed[["subset", "frame", "label", "distance_mm"]]
 figures.save("fig-3-11-distances", table, picture=picture, caption=caption, provenance=origin)

@@ -151,7 +151,7 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
     ranked = claims.judge("otsu-3", less, note=f"{note}; V4 lowest {v4}", because="twin")
     return [
         claims.with_cause(claims.judge("otsu-2", burning, note=note, because="twin")),
-        claims.with_cause(ranked, fit),
+        claims.fitted(claims.with_cause(ranked, fit), FITTED),
         claims.with_cause(claims.judge("sift-2", half, note=reason, because="twin")),
     ]
 
