@@ -54,7 +54,7 @@ facts = {
     "step at 5000 mm captured depth": published.jumps()[1],
     "falls from a captured depth of": falling.min(),
     "falls to a captured depth of": falling.max(),
-    "true depth at the maximum before the fall": published(falling.min()),
+    "true depth at the maximum before the fall": float(published(falling.min())),
     "negative below a captured depth of": camera.captured_depths(0.0)[0],
 }
 limits = pd.DataFrame({"quantity": list(facts), "millimetres": list(facts.values())}).round(1)

@@ -62,7 +62,7 @@ for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict
         axes.plot(mean[name], mean["configuration"], marker, color="black", mfc=face, label=name)
     axes.set(xlim=(-0.02, 1.02), xlabel="mean over the fractions")
     axes.grid(axis="y", lw=0.3)
-    axes.legend(loc="upper left")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 panels[0].invert_yaxis()
 caption = "What each part costs: measures with true and with real parts, mean over the fractions."
 figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=origin)

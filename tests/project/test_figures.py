@@ -40,6 +40,11 @@ def test_a_figure_is_png_pdf_csv_and_an_entry_in_the_gallery():
     assert (paths.figures() / "fig-1.csv").read_text() == "x_mm,note\n1,a\n2.5,b_c\n"
 
 
+def test_six_digits_are_written_beside_words_too():
+    save(table=pd.DataFrame({"value": [1 / 3, "words", 7]}))
+    assert (paths.figures() / "fig-1.csv").read_text() == "value\n0.333333\nwords\n7\n"
+
+
 def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
     full, quick = save(picture=drawn()), save("fig-2", picture=drawn(), provenance=SMOKE)
     names = {path.name for path in paths.figures().glob("fig-2.*")}

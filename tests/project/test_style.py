@@ -50,6 +50,15 @@ def test_a_table_is_drawn_with_every_shown_cell(rows):
     assert ("... 155 more rows in the CSV" in texts) is (rows == 200)
 
 
+def test_a_tall_table_is_cut_at_whole_rows_and_an_empty_one_says_so():
+    tall = pd.DataFrame({"name": ["word " * 100] * 40})
+    *rows, note = [text.get_text() for text in style.table_picture(tall).axes[0].texts][1:]
+    assert sum(row.count("\n") + 1 for row in rows) < style.TALLEST_PICTURE
+    assert note == f"... {40 - len(rows)} more rows in the CSV"
+    empty = style.table_picture(tall.head(0)).axes[0].texts
+    assert [text.get_text() for text in empty] == ["name", "(no rows)"]
+
+
 def test_a_dollar_sign_is_a_dollar_sign():
     figure = style.table_picture(pd.DataFrame({"price": ["$3$"]}))
     figure.canvas.draw()

@@ -112,7 +112,8 @@ def check_rates() -> Iterator[Check]:
                 value = float(exact_row[rate])
                 small = abs(float(row[rate]) - value) < 0.001
                 consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
-                yield _check(where, rate, row[rate], value, consequence)
+                right = agrees(row[rate], value)
+                yield Check(where, rate, row[rate], value, right, "" if right else consequence)
 
 
 def check_sums() -> Iterator[Check]:

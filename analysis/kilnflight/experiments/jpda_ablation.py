@@ -107,7 +107,7 @@ def draw(table: pd.DataFrame) -> Figure:
     """Draw the gains of all variants over JPDA with their intervals, a panel per reading."""
     readings = table["reading"].unique()
     picture, (panels,) = style.canvas(
-        1, len(readings), width_mm=style.PAGE_MM, height_mm=95, sharey=True
+        1, len(readings), width_mm=style.PAGE_MM, height_mm=95, sharex=True, sharey=True
     )
     for axes, reading in zip(panels, readings, strict=True):
         part = _means(table, reading)

@@ -175,7 +175,8 @@ def save(
         "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
     }
     png = _png(drawn, texts, dpi, TABLE_REDUCTIONS if picture is None else REDUCTIONS)
-    text = table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+    short = table.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
+    text = short.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode(), f"{identifier}.png": png}
     if not draft:
         contents[f"{identifier}.pdf"] = _pdf(drawn, texts)

@@ -24,6 +24,7 @@ from matplotlib.patches import Circle
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
 LONGEST_PICTURE = 45  # rows of a table that are drawn; the CSV has all
+TALLEST_PICTURE = 150  # lines of text of a table that are drawn
 
 # Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
 # lightness; with line style and marker they stay apart in grey.
@@ -167,13 +168,14 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
 
 def table_picture(table: pd.DataFrame) -> Figure:
     """Return a table as a figure: a rule above and below the heading, text wrapped."""
-    shown = table.head(LONGEST_PICTURE)
-    cells = [list(map(str, table.columns))]
-    cells += [[_text(value) for value in row] for row in shown.itertuples(index=False)]
-    if len(table) > len(shown):
-        note = f"... {len(table) - len(shown)} more rows in the CSV"
+    drawn = [table.columns, *table.head(LONGEST_PICTURE).itertuples(index=False)]
+    cells = [[textwrap.fill(_text(value), 34) for value in row] for row in drawn]
+    lines = np.cumsum([max(text.count("\n") + 1 for text in row) for row in cells])
+    cells = cells[: max(2, np.count_nonzero(lines <= TALLEST_PICTURE))]
+    rows_left = len(table) - len(cells) + 1
+    if rows_left or table.empty:
+        note = f"... {rows_left} more rows in the CSV" if rows_left else "(no rows)"
         cells.append([note] + [""] * (table.shape[1] - 1))
-    cells = [[textwrap.fill(text, 34) for text in row] for row in cells]
     widths = [max(_width(text) for text in column) + 2 for column in zip(*cells, strict=True)]
     heights = [max(text.count("\n") + 1 for text in row) + 0.35 for row in cells]
     lefts, tops = (np.concatenate([[0], np.cumsum(sizes)]) for sizes in (widths, heights))
@@ -183,7 +185,7 @@ def table_picture(table: pd.DataFrame) -> Figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         for row, top in zip(cells, tops, strict=False):
             for text, left in zip(row, lefts, strict=False):
-                axes.text(left + 0.5, top + 0.2, text, va="top", ha="left", fontsize=7)
+                axes.text(left + 0.5, top + 0.27, text, va="top", ha="left", fontsize=7)
         for y in (0, tops[1], tops[-1]):
             axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
         axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
