@@ -45,7 +45,8 @@ table = campaigns.fit_outcomes(tables)
 caption = (
     "Tracks of all campaigns that were fitted, or why not, and how often t0 lies at an end of its "
     "range. Last: how many trajectories start at the lance, how many of these no particle can fly "
-    "(refused), and why. The others count in what follows."
+    "(refused), and why. The others count in what follows. Few points: those from the lance with "
+    "fewer than 15, and how many of these are refused."
 )
 figures.save("regression-outcomes", table, caption=caption, provenance=origin)
 
@@ -112,7 +113,8 @@ parts = [f"{row.fraction} {row.rmse_mm:.0f}" for row in deep.itertuples()]
 change = f"{gain:.4f}" if np.isfinite(gain) else "an unknown amount"
 result = (
     f"{table['from_lance'].sum()} trajectories from the lance, {table['refused'].sum()} of them "
-    f"refused; median RMSE in depth (mm): {', '.join(parts) or 'none'}. From order 6 to 7 adjusted "
+    f"refused, {table['few_points_refused'].sum()} of these with fewer than 15 points; median RMSE "
+    f"in depth (mm): {', '.join(parts) or 'none'}. From order 6 to 7 adjusted "
     f"R2 changes by {change}."
 )
 figures.conclude(result, verdicts, origin)

@@ -139,7 +139,8 @@ confidence.slices_behind_lance(results.tables.slices)
 # %% [markdown]
 # ## Verdicts
 #
-# Statements with bounds: within them, or off by less than the unit of notebook 12.
+# Statements with bounds: within them. Single printed numbers: within our 95 % interval, as exactly
+# as they are printed.
 
 # %%
 verdicts = flight_claims.velocity_verdicts(results, printed, generator)

@@ -124,18 +124,28 @@ def test_printed_numbers_stand_beside_truth_and_measurement(values):
     np.testing.assert_array_equal(table["true"], table["measured"])
 
 
-def test_a_printed_number_holds_within_its_bounds_or_its_unit():
-    rows = [
-        ("velocity 0-1 m (m/s)", 7.4, 7.4, 7.8, 8.2),  # the unit is 0.5 m/s: ours
-        ("remaining 1 m (%)", 90.0, 100.0, 89.0, 95.0),  # bounds are printed
-    ]
-    table = pd.DataFrame(rows, columns=["outcome", "low", "high", "measured", "true"])
-    table = table.assign(fraction="confetti", pressure_bar=4.5)
-    cell = ("confetti", 4.5)
-    assert list(statements.conditions(table, cell).values()) == [True, False]
-    assert list(statements.conditions(table, cell, "true").values()) == [None, True]
+def test_a_printed_number_is_held_by_the_interval_and_a_printed_bound_by_the_value(values):
+    cell, generator = ("confetti", 4.5), np.random.default_rng(0)
+    speed = np.full((20, 5), np.nan)
+    speed[:18, 0] = np.linspace(7.0, 8.0, 18)  # median 7.5, its interval about 7.2 to 7.8
+    given = {cell: values[cell]._replace(velocity_m_s=speed, ignition_s=np.full(20, np.nan))}
+
+    def holds(outcome, low, high, printed=""):
+        row = {"fraction": "confetti", "pressure_bar": 4.5, "outcome": outcome, "printed": printed}
+        table = pd.DataFrame([row | {"low": low, "high": high}])
+        return list(statements.conditions(table, cell, given, generator).values())
+
+    assert holds("velocity 0-1 m (m/s)", 7.4, 7.4) == [True]
+    assert holds("velocity 0-1 m (m/s)", 9.0, 9.0) == [False]
+    assert holds("velocity 0-1 m (m/s)", 8.0, 8.0) == [True]  # printed 8: from 7.5 to 8.5
+    assert holds("velocity 1-2 m (m/s)", 8.0, 8.0) == [False]  # nothing passed it
+    assert holds("remaining 1 m (%)", 75.0, 75.0) == [True]  # 18 of 20: 70 to 97 %
+    assert holds("remaining 1 m (%)", 95.0, 100.0) == [False]
+    assert holds("remaining 1 m (%)", 30.0, 50.0, "more than 30%") == [True]
+    assert holds("remaining 1 m (%)", 85.0, 100.0, "the vast majority") == [None]  # not twice
     nothing = {"nothing measured": False}
-    assert statements.conditions(table, ("PE granule", 4.5)) == nothing
+    table = statements.beside_published(values, values, ["dwell"]).head(0)
+    assert statements.conditions(table, cell, values, generator) == nothing
 
 
 def test_pictures_have_a_panel_for_each_campaign_or_fraction(values):

@@ -45,6 +45,7 @@ KEYS = ["fraction", "pressure_bar"]
 # lasts 100 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 250), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
+FEW_POINTS = 15  # of a trajectory: two for each unknown of Eq. 4.29; ours, for a look only
 SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
 
 
@@ -375,7 +376,8 @@ def fit_outcomes(tables: Measurement) -> pd.DataFrame:
     """Return how many tracks were fitted, or why not, by campaign.
 
     ``t0_earliest`` and ``t0_at_first_detection``: t0 lies at that end of its range;
-    ``from_lance``: trajectories that start at the lance; of these ``refused``, and why.
+    ``from_lance``: trajectories that start at the lance; of these ``refused``, and why. Of
+    them with fewer than `FEW_POINTS` points: ``few_points`` and ``few_points_refused``.
     """
     table = tables.trajectories
     count = table.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
@@ -387,6 +389,10 @@ def fit_outcomes(tables: Measurement) -> pd.DataFrame:
     count["refused"] = starting[starting["refused"] != ""].groupby(KEYS).size()
     for reason in REASONS:
         count[f"refused: {reason}"] = starting[starting["refused"] == reason].groupby(KEYS).size()
+    points = starting.merge(table[[*KEYS, "particle", "points"]], on=[*KEYS, "particle"])
+    few = points[points["points"] < FEW_POINTS]
+    count["few_points"] = few.groupby(KEYS).size()
+    count["few_points_refused"] = few[few["refused"] != ""].groupby(KEYS).size()
     return count.fillna(0).astype(int).reset_index()
 
 

@@ -26,7 +26,14 @@ from kilnflight.experiments.campaigns import (
 )
 from kilnflight.project import claims
 from kilnflight.scores import intervals
-from kilnflight.scores.flights import LAST_SHARE, METRES, FlightValues, quartiles, remaining
+from kilnflight.scores.flights import (
+    LAST_SHARE,
+    METRES,
+    FlightValues,
+    outcomes,
+    quartiles,
+    remaining,
+)
 from kilnflight.scores.intervals import Bootstrap, Interval
 
 Key = TypeVar("Key", bound=tuple[str, object])  # a campaign, or a fraction and an axis
@@ -90,6 +97,23 @@ def _samples(flight_values: FlightValues) -> dict[str, Array]:
         "dwell median (s)": finite(flight_values.dwell_s),
         "ignition median (s)": finite(flight_values.ignition_s),
     }
+
+
+def interval_of(
+    flight_values: FlightValues, outcome: str, generator: np.random.Generator
+) -> Interval:
+    """Return an outcome with its 95 % interval: a median's by bootstrap, a share's by Wilson.
+
+    In per cent for shares; the name is one of `kilnflight.scores.flights.outcomes`.
+    """
+    samples = _samples(flight_values)
+    if outcome in samples:
+        return median_of(samples[outcome], generator)
+    lit = outcome.endswith("(% of ignited)")
+    counted = len(finite(flight_values.ignition_s)) if lit else len(flight_values.ignition_s)
+    percent = float(np.nan_to_num(outcomes(flight_values)[outcome]))
+    each = intervals.share(round(percent / 100 * counted), counted)
+    return Interval(100 * each.estimate, 100 * each.low, 100 * each.high, each.numbers)
 
 
 def metres_before_detection(

@@ -3,9 +3,9 @@
 Each is of the same measure on the measurement and on the twin's own truth. A claim that fails on
 the truth is a verdict on the twin, one that fails as measured only on the chain.
 
-Print: orders, majorities, bounds and single numbers of the text. Ours: "much" is more than a
-tenth, and how far a measured number may be from a single printed one
-(`kilnflight.experiments.statements.LEAST_UNIT`). What hangs on these alone is open.
+Print: orders, majorities, bounds and single numbers of the text; the last agree if our 95 %
+interval holds them (`kilnflight.experiments.statements.conditions`). Ours: "much" is more than a
+tenth. It decides only where half and twice as much agree.
 """
 
 from __future__ import annotations
@@ -81,14 +81,15 @@ def _dwell_evidence(values: Values) -> Evidence:
 
 
 def much_less(ratio: float) -> bool | None:
-    """Return whether a ratio is "much" below 1; None: below, but by `MUCH` at most.
+    """Return whether a ratio is "much" below 1; None: half and twice `MUCH` do not agree.
 
     Examples
     --------
-    >>> much_less(0.8), much_less(0.95), much_less(1.1), much_less(float("nan"))
-    (True, None, False, False)
+    >>> [much_less(ratio) for ratio in (0.75, 0.85, 0.93, 0.97, 1.1, float("nan"))]
+    [True, None, None, False, False, False]
     """
-    return True if ratio < 1 - MUCH else None if ratio < 1 else False
+    answers = {ratio < 1 - scale * MUCH for scale in claims.OTHER_BOUNDS}
+    return answers.pop() if len(answers) == 1 else None
 
 
 def _resolved(
@@ -116,12 +117,15 @@ def velocity_verdicts(
     speeds = {key: each.velocity_m_s[:, 0] for key, each in results.measured.items()}
     evidence, truth = (
         _velocity_evidence(values)
-        | {claim: conditions(published, (name, 4.5), kind) for claim, name in SENTENCES.items()}
-        for kind, values in (("measured", results.measured), ("true", results.true))
+        | {
+            claim: conditions(published, (name, 4.5), values, generator)
+            for claim, name in SENTENCES.items()
+        }
+        for values in (results.measured, results.true)
     )
     note = (
-        "flights that are not refused, lost ones as far as they were seen; print: orders, bounds "
-        "and single numbers; ours: how far from a single number"
+        "flights that are not refused, lost ones as far as they were seen; a single printed number "
+        "agrees if our 95 % interval holds it"
     )
     flights = counted_flights(results.tables.flights)
     verdicts = judge_all(flights, evidence, note, _resolved(speeds, pairs, generator), truth)

@@ -22,7 +22,7 @@ from kilnflight.experiments.campaigns import (
     of_campaign,
     outcome_table,
 )
-from kilnflight.experiments.confidence import Values
+from kilnflight.experiments.confidence import Values, interval_of
 from kilnflight.project import claims
 from kilnflight.scores.flights import along, place_of
 from kilnflight.twin import truth
@@ -52,6 +52,7 @@ OUTCOMES = {
     ("CFD penetration", "", "most"): "penetration (m)",
 }
 LEAST_FLIGHTS = 6  # in a campaign; nothing is decided about fewer
+VAGUE = ("the vast majority", "only very few", "almost all")  # printed without a number
 HEAVY, PAPERS = ("wood chip", "PE granule"), ("confetti", "paper shred")
 Measured = float | pd.Series | Mapping[str, bool | None]
 Evidence = dict[str, Measured]
@@ -202,13 +203,17 @@ def beside_published(measured: Values, true: Values, quantities: Sequence[str]) 
 
 
 def conditions(
-    published: pd.DataFrame, key: CampaignKey, source: str = "measured"
+    published: pd.DataFrame,
+    key: CampaignKey,
+    values: Values,
+    generator: np.random.Generator,
 ) -> dict[str, bool | None]:
-    """Return whether a source agrees with each printed number of a campaign.
+    """Return whether a campaign agrees with each number printed of it.
 
-    Within the printed bounds. Where one number is printed, the unit of `LEAST_UNIT` is a bound
-    of ours: within it the number agrees, from two units on it does not, and between it is open
-    (None).
+    A single printed number agrees if it lies, as exactly as it is printed, within the 95 % interval
+    of ours (`confidence.interval_of`); open (None) if there are too few particles for an interval.
+    A printed bound must hold of the value itself. The bounds of `VAGUE` words are ours: they decide
+    only where half and twice as far agree.
 
     Parameters
     ----------
@@ -216,17 +221,29 @@ def conditions(
         Of `beside_published`.
     key
         Fraction and pressure.
-    source
-        "measured" or "true".
+    values
+        Measured or true, by campaign.
+    generator
+        Of the bootstrap.
     """
-    rows = of_campaign(published, key)
-    units = misfits(rows, rows[source])
     agreement: dict[str, bool | None] = {}
-    for row, off in zip(rows.to_dict("records"), units, strict=True):
-        one = row["low"] == row["high"]
-        value = f"{row[source]:.3g} [{row['low']:g}, {row['high']:g}]"
-        holds = None if one and 1.0 < off < 2.0 else bool(off <= float(one))
-        agreement[f"{row['outcome']} at {key[1]} bar {value}"] = holds
+    for row in of_campaign(published, key).to_dict("records"):
+        interval = interval_of(values[key], row["outcome"], generator)
+        low, high, value = row["low"], row["high"], interval.estimate
+        name = f"{row['outcome']} at {key[1]} bar {value:.3g}"
+        if low == high:
+            half = 0.5 * 10.0 ** -len(f"{low:g}".partition(".")[2])
+            name += f" ({interval.low:.3g} to {interval.high:.3g}), printed {low:g}"
+            covers = interval.low <= high + half and low - half <= interval.high
+            holds = bool(covers and np.isfinite(value))
+            agreement[name] = None if holds and np.isinf(interval.low) else holds
+            continue
+        scales = claims.OTHER_BOUNDS if row["printed"].startswith(VAGUE) else (1.0,)
+        if row["printed"].startswith(("more than", "over")):
+            high = np.nan
+        ends = [(100 - k * (100 - low), high) if high == 100 else (low, k * high) for k in scales]
+        answers = {bool(np.fmax(a, -np.inf) <= value <= np.fmin(b, np.inf)) for a, b in ends}
+        agreement[f"{name} [{low:g}, {high:g}]"] = answers.pop() if len(answers) == 1 else None
     return agreement or {"nothing measured": False}
 
 

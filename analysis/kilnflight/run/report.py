@@ -108,7 +108,7 @@ def doubts(results: Results, above_background: bool = False) -> Iterator[str]:
     if len(counted) and (counted["ending"] == LOST).all():
         yield (
             f"All {len(counted)} flights from the lance were lost in the air, none was seen to "
-            "land or burn out: their dwell times are lower bounds."
+            "land or burn out: there is no dwell time."
         )
     from_lance = flights[flights["from_lance"]]
     if len(flights) and from_lance.empty:
@@ -267,8 +267,9 @@ def _figures(results: Results, recording: Recording) -> Iterator[Captioned]:
     counted, slices = results.counted, results.slices
     caption = "Tracks after post-processing over the first frame (dark parts lifted)."
     yield plot_tracks(recording, results.tracks), caption
-    if len(counted):
-        yield _dwell_figure(counted)
+    complete = counted[counted["ending"] != LOST]
+    if len(complete):
+        yield _dwell_figure(complete)
     if len(slices):
         yield _velocity_figure(slices, len(counted))
     if len(counted):
@@ -288,7 +289,7 @@ def _embedded(figure: Figure, caption: str) -> str:
 
 
 def _dwell_figure(flights: pd.DataFrame) -> Captioned:
-    """Draw the dwell times, stacked by ending."""
+    """Draw the dwell times of complete flights, stacked by ending."""
     groups = dict(list(flights.groupby("ending")["dwell_s"]))
     edges = np.arange(0.0, flights["dwell_s"].max() + BIN_S, BIN_S / 2)
     figure, axes = style.canvas(width_mm=style.PAGE_MM * 2 / 3)
@@ -296,7 +297,7 @@ def _dwell_figure(flights: pd.DataFrame) -> Captioned:
     axes[0, 0].hist(list(groups.values()), edges, stacked=True, label=list(groups), **look)
     axes[0, 0].set(xlabel="dwell time (s)", ylabel="flights")
     axes[0, 0].legend()
-    return figure, "Dwell times of flights from the lance, by their ending."
+    return figure, "Dwell times of complete flights from the lance, by their ending."
 
 
 def _velocity_figure(slices: pd.DataFrame, flights: int) -> Captioned:
