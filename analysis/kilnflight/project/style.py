@@ -168,10 +168,10 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
 
 def table_picture(table: pd.DataFrame) -> Figure:
     """Return a table as a figure: a rule above and below the heading, text wrapped."""
-    drawn = [table.columns, *table.head(LONGEST_PICTURE).itertuples(index=False)]
+    drawn = [list(table.columns), *table.head(LONGEST_PICTURE).to_numpy(object).tolist()]
     cells = [[textwrap.fill(_text(value), 34) for value in row] for row in drawn]
     lines = np.cumsum([max(text.count("\n") + 1 for text in row) for row in cells])
-    cells = cells[: max(2, np.count_nonzero(lines <= TALLEST_PICTURE))]
+    cells = cells[: max(2, int(np.count_nonzero(lines <= TALLEST_PICTURE)))]
     rows_left = len(table) - len(cells) + 1
     if rows_left or table.empty:
         note = f"... {rows_left} more rows in the CSV" if rows_left else "(no rows)"
