@@ -404,7 +404,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     for panels, quantity in zip(grid, quantities, strict=True):
         panels[0].set_ylabel(LABELS[quantity])
     for axes in grid[-1]:
-        axes.set_xlabel("distance from the lance (m)")
+        axes.set_xlabel("from the lance (m)")
     picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return picture
 
