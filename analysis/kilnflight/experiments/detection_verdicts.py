@@ -37,6 +37,14 @@ OUR_TIME = "a time of our own program; the thesis's was another"
 ABOUT = 0.05  # a bound of ours, half of the printed digit
 
 
+def _judged(
+    claim: str, measured: claims.Measured, note: str, because: str = "twin", shown: str = ""
+) -> claims.Verdict:
+    """Return a verdict that says what shows its cause, by default judgement alone."""
+    verdict = claims.judge(claim, measured, note=note, because=because)
+    return claims.with_cause(verdict, shown)
+
+
 def background_verdicts(
     attempts: pd.DataFrame, traces: Mapping[str, float], seed: int, note: str
 ) -> list[claims.Verdict]:
@@ -74,16 +82,12 @@ def background_verdicts(
         ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
         ("bg-5", static_first, f"so ranked {share(ranked)}"),
     ]
-    judged = [
-        claims.with_cause(claims.judge(claim, measured, note=f"{note}; {sure}", because="twin"))
-        for claim, measured, sure in verdicts
-    ]
+    judged = [_judged(claim, measured, f"{note}; {sure}") for claim, measured, sure in verdicts]
     if not traces:
         return judged
     kept = {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]}
     measure = "root mean square from the scene without particles, in grey values"
-    verdict = claims.judge("bg-6", kept, note=measure, because="twin")
-    return [*judged, claims.with_cause(verdict)]
+    return [*judged, _judged("bg-6", kept, measure)]
 
 
 def picture_verdicts(
@@ -112,16 +116,16 @@ def picture_verdicts(
     fifth = sift["f1"]["V5"] - otsu["f1"]["V5"]
     v5 = {f"last is {last_of_sift}": last_of_sift == "V5", f"V5 {fifth:+.3f} > 0": fifth > 0}
     v5_last = share(subset_f1(attempts, "SIFT", seed).idxmin(axis=1) == "V5")
-    precision = claims.judge("otsu-1", otsu.loc[subsets, "precision"], note=note, because="twin")
-    rank = claims.judge("otsu-4", {f"last is {last}": last == "V5"}, note=note, because="twin")
+    precision = _judged("otsu-1", otsu.loc[subsets, "precision"], note)
+    rank = _judged("otsu-4", {f"last is {last}": last == "V5"}, note)
     first = {ahead: sift["f1"]["Total"] > otsu["f1"]["Total"]}
     verdicts = [
         claims.fitted(precision, FITTED),
         claims.fitted(rank, FITTED),
-        claims.judge("sift-1", first, note=f"{note}; lead {interval(gain)}", because="twin"),
-        claims.judge("sift-3", v5, note=f"{note}; V5 last {v5_last}", because="twin"),
+        _judged("sift-1", first, f"{note}; lead {interval(gain)}"),
+        _judged("sift-3", v5, f"{note}; V5 last {v5_last}"),
+        *_unlit_verdicts(attempts, seed, note),
     ]
-    verdicts = [*map(claims.with_cause, verdicts), *_unlit_verdicts(attempts, seed, note)]
     if len(times):
         seconds = times.set_index("threshold")["measured_s"]
         ratio = f"{seconds[400] / seconds[1000]:.4g}"
@@ -148,11 +152,11 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
     record = pd.DataFrame(twin_exposure.read_fit()["calibrated"]).set_index("subset")["unlit"]
     fit = f"the light's fit to it ends at {record['V4']:.2f} in V4 (notebook 13), published 0"
     reason = f"{note}; mean {interval(mean)}; {by_subset}; {bound}"
-    ranked = claims.judge("otsu-3", less, note=f"{note}; V4 lowest {v4}", because="twin")
+    ranked = _judged("otsu-3", less, f"{note}; V4 lowest {v4}", shown=fit)
     return [
-        claims.with_cause(claims.judge("otsu-2", burning, note=note, because="twin")),
-        claims.fitted(claims.with_cause(ranked, fit), FITTED),
-        claims.with_cause(claims.judge("sift-2", half, note=reason, because="twin")),
+        _judged("otsu-2", burning, note),
+        claims.fitted(ranked, FITTED),
+        _judged("sift-2", half, reason),
     ]
 
 
@@ -188,15 +192,14 @@ def cluster_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
         alphas[f"K {k}: recall up with alpha"] = bool(recall[k] > 0)
         alphas[f"K {k}: precision down"] = bool(precision[k] < 0)
     effect = f"{note}; mean range of F1"
-    verdicts = [
-        claims.judge("cluster-1", eps, note=note, because="twin"),
-        claims.judge("cluster-2", of_eps / of_points, note=effect, because="twin"),
+    return [
+        _judged("cluster-1", eps, note),
+        _judged("cluster-2", of_eps / of_points, effect),
         claims.undecidable("cluster-3", OUR_TIME, slower, because="method"),
-        claims.judge("cluster-4", grows, note=f"{note}; {times}", because="method"),
-        claims.judge("cluster-5", alphas, note=note, because="twin"),
+        _judged("cluster-4", grows, f"{note}; {times}", "method"),
+        _judged("cluster-5", alphas, note),
         *_class_verdicts(attempts, note),
     ]
-    return [claims.with_cause(verdict) for verdict in verdicts]
 
 
 def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
@@ -214,9 +217,9 @@ def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
     half = walls.query("family == 'dbscan'").set_index("subset")["recall"].filter(["V1", "V4"])
     pool = f"{note}; all subsets, MO without V4 as printed"
     return [
-        claims.judge("cluster-7", burning, note=pool, because="twin"),
-        claims.judge("cluster-8", half, note=note, because="twin"),
-        claims.judge("cluster-9", most, note=note, because="twin"),
+        _judged("cluster-7", burning, pool),
+        _judged("cluster-8", half, note),
+        _judged("cluster-9", most, note),
     ]
 
 
@@ -242,9 +245,9 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
     ranked = {f"first is {best}": best == "Combi SIFT+DBSCAN"}
     verdicts = [
         *_gain_verdicts(rates, draws, f"{note}; mean of three combinations"),
-        claims.judge("combi-2", ranked, note=f"{note}; first {first}", because="twin"),
+        _judged("combi-2", ranked, f"{note}; first {first}"),
     ]
-    verdicts = sorted(map(claims.with_cause, verdicts), key=lambda verdict: verdict.id)
+    verdicts.sort(key=lambda verdict: verdict.id)
     clouds = f1[f1.index.str.startswith("3D")]
     if clouds.empty:
         return verdicts
@@ -255,8 +258,8 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
     }
     below |= {f"{name} below {lower:.3f}": bool(value < lower) for name, value in clouds.items()}
     bound = f"about is within {ABOUT}, a bound of ours"
-    verdict = claims.judge("cluster-6", below, note=f"{note}; {bound}", because="twin")
-    return [claims.with_cause(verdict), *verdicts]
+    verdict = _judged("cluster-6", below, f"{note}; {bound}")
+    return [verdict, *verdicts]
 
 
 def _gain_verdicts(
@@ -275,9 +278,9 @@ def _gain_verdicts(
               for detector in ("OTSU", "SIFT")]  # fmt: skip
     mean = ", ".join(f"{name} {interval(of_draws['f1'][name])}" for name in gains.index)
     return [
-        claims.judge("combi-1", gains["f1"], note=f"{note}; {mean}", because="twin"),
-        claims.judge("combi-3", much, note=f"{note}; {spread[0]}", because="twin"),
-        claims.judge("combi-4", both, note=f"{note}; {spread[1]}", because="twin"),
+        _judged("combi-1", gains["f1"], f"{note}; {mean}"),
+        _judged("combi-3", much, f"{note}; {spread[0]}"),
+        _judged("combi-4", both, f"{note}; {spread[1]}"),
     ]
 
 
