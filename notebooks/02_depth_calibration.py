@@ -84,7 +84,7 @@ for cloud, m in zip(clouds, metres, strict=True):
     axes.plot(cloud[:, 2] / 1000, cloud[:, 0] / 1000, ".", ms=1, color="k" if m % 2 else "#D55E00")
 axes.set(xlabel="captured depth (m)", ylabel="x (m)", xlim=(0, 13), xticks=range(0, 14))
 caption = (
-    "Point clouds of the test plate at 1 m to 11 m, seen from above, after Fig. 2.14. Colours "
+    "Simulated point clouds of the test plate at 1 m to 11 m, seen from above (Fig. 2.14). Colours "
     "change from plate to plate (odd metres black)."
 )
 table = pd.DataFrame(np.concatenate(clouds), columns=["x_mm", "y_mm", "z_captured_mm"])

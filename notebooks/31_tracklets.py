@@ -46,7 +46,7 @@ figures.save("tracklet-steps", steps, caption=caption, provenance=origin)
 
 # %%
 picture = post_processing.draw_steps(pair, tracks_by_step)
-caption = "Tracks after each step beside the truth, after Figs 4.16 to 4.21 and 5.12."
+caption = "Simulated: tracks after each step and the truth, after Figs 4.16 to 4.21 and 5.12."
 table = tracking.joined_tables(tracks_by_step, "step")
 figures.save("fig-4-16-steps", table, picture=picture, caption=caption, provenance=origin)
 

@@ -99,8 +99,8 @@ tables = tracking.tracks_by_stage(shown, trackers)
 picture = tracking.draw_trajectories(shown, tables)
 table = tracking.joined_tables(tables, "tracks")
 caption = (
-    "True trajectories and those of GNN and JPDA, without and with post-processing, on the sum of "
-    "frame differences; after Figs 5.12 to 5.15."
+    "Simulated: true trajectories and those of GNN and JPDA, without and with post-processing, on "
+    "the sum of frame differences; after Figs 5.12 to 5.15."
 )
 figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
 
