@@ -61,8 +61,7 @@ refused = accuracy.compare_refused(results.campaigns, results.tables)
 caption = (
     "Flights from the lance that count and that are refused, by fraction: how many, positions in "
     "each (median), and what is true of their particles whose whole flight is recorded: median "
-    "dwell time and velocity in the first metre. A refused flight is mostly short, and the fit of "
-    "its depth too free; the true medians say whether refusing it selects."
+    "dwell time and velocity in the first metre. Where these medians differ, refusing selects."
 )
 figures.save("dwell-refused", refused.round(4), caption=caption, provenance=origin)
 
@@ -147,6 +146,6 @@ parts = [f"{name} {value:.2f}" for name, value in first.dropna().items()]
 result = (
     f"{dwell.describe(counts)} Median dwell time of complete flights at {first.name} bar (s): "
     f"{', '.join(parts) or 'none'}; the intervals of {int(rows['covers'].sum())} of {len(rows)} "
-    "campaigns cover the true median."
+    f"campaigns cover the true median. {dwell.describe_refused(refused)}"
 )
 figures.conclude(result, verdicts, origin)

@@ -164,3 +164,18 @@ def test_the_truth_is_complete_only_as_far_as_a_person_sees_it(monkeypatch):
     np.testing.assert_allclose(values.censored_s, [0.20, 0.39])
     assert len(values.ignition_s) == 3
     assert campaigns.followed_values(None, beyond_s=0.31).dwell_s.tolist() == [0.30, 0.50]
+
+
+def test_a_sentence_says_where_refusing_selects_most():
+    table = pd.DataFrame(
+        {
+            "fraction": ["wood chip", "wood chip", "paper shred", "paper shred"],
+            "refused": [False, True, False, True],
+            "true_dwell_s": [0.3, 0.29, 0.4, 0.5],
+        }
+    )
+    assert dwell.describe_refused(table) == (
+        "Refusing selects most of paper shred flights: the refused ones truly last 0.50 s, "
+        "the others 0.40 s (medians)."
+    )
+    assert "not known" in dwell.describe_refused(table[:0])

@@ -190,3 +190,17 @@ def describe(table: pd.DataFrame) -> str:
         f"Of {total} flights from the lance {complete} are complete, {lost} lost and {refused} "
         "refused."
     )
+
+
+def describe_refused(table: pd.DataFrame) -> str:
+    """Describe where refusing selects most, from `accuracy.whom_refused`."""
+    wide = table.pivot(index="fraction", columns="refused", values="true_dwell_s").dropna()
+    if not len(wide):
+        return "Whom refusing takes is not known: too few flights."
+    apart = np.log(wide[True] / wide[False]).to_numpy()
+    name = wide.index[int(np.argmax(np.abs(apart)))]
+    counted, refused = wide.loc[[name]].to_numpy()[0]
+    return (
+        f"Refusing selects most of {name} flights: the refused ones truly last {refused:.2f} s, "
+        f"the others {counted:.2f} s (medians)."
+    )
