@@ -197,7 +197,7 @@ def describe_refused(table: pd.DataFrame) -> str:
     wide = table.pivot(index="fraction", columns="refused", values="true_dwell_s").dropna()
     if not len(wide):
         return "Whom refusing takes is not known: too few flights."
-    apart = np.log(wide[True] / wide[False]).to_numpy()
+    apart = np.log((wide[True] / wide[False]).to_numpy(np.float64))
     name = wide.index[int(np.argmax(np.abs(apart)))]
     counted, refused = wide.loc[[name]].to_numpy()[0]
     return (
