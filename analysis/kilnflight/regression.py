@@ -125,8 +125,10 @@ class Regression:
     not the deepest of the range. At the earliest t0 of the range the track does not lead back to
     the exit. (3) From the lowest
     orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more gets it. This
-    ends when none falls by 1 %. (4) An order leaves n - (k + 1) > 0 degrees of freedom. (5) No
-    weights of the axes are printed; `scale_mm` states them. Measures are as printed.
+    ends when none falls by 1 %. Section 4.3 has "the measures" improve by less, and does not say
+    whether one or all of the four; RMSE alone is ours. (4) An order leaves
+    n - (k + 1) > 0 degrees of freedom. (5) No weights of the axes are printed; `scale_mm` states
+    them. Measures are as printed.
     """
 
     lowest: int = 2  # order, section 4.3
