@@ -173,3 +173,17 @@ def test_the_first_frames_of_a_window(window):
     for table in (short.detections, short.truth):
         assert table["frame"].tolist() == [0, 1, 2, 3] * 3
     assert tuning.first_frames(window, 99).frames == window.frames
+
+
+def test_a_search_that_begins_among_refused_settings_goes_on_to_smaller_ones():
+    def worth(tracker):
+        gate, missed = tracker
+        beta = gate * (1 + missed) if gate < 2 else np.nan
+        return {"beta": beta, "note": "" if gate < 2 else "not run: too dense"}
+
+    values = {"gate": (0.5, 1.0, 2.0, 4.0, 8.0), "missed": (0.0, 1.0, 2.0)}
+    grid = Grid(lambda *setting: setting, values, {"gate": (4.0, 8.0), "missed": (1.0, 2.0)})
+    tried = tuning.search("one", grid, worth, 15)
+    best = tried[tried["chosen"]].iloc[0]
+    assert (best["gate"], best["missed"]) == (1.0, 2.0)
+    assert tried["beta"].isna().to_list()[:4] == [True] * 4

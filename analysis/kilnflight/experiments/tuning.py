@@ -207,7 +207,8 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
 
     Notes
     -----
-    Of settings of equal worth the first is chosen.
+    Of settings of equal worth the first is chosen. While all are refused, the neighbours of the
+    smallest one come next.
     """
     rows: dict[Setting, dict[str, object]] = {}
     ahead = list(product(*(grid.start[parameter] for parameter in grid.parameters)))
@@ -219,12 +220,16 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
                 rows[setting] = row | dict(worth(grid.build(*setting)))
                 bar.update()
             table = pd.DataFrame(rows.values())
-            if table["beta"].isna().all():
-                raise InputError(f"search: {name} refuses every setting: {table['note'].iloc[0]}")
-            ranks = np.argsort(-table["beta"].to_numpy(), kind="stable")  # NaN last
-            ranked = [list(rows)[k] for k in ranks]
+            settings, worst = list(rows), -table["beta"].to_numpy()
+            if np.isnan(worst).all():  # a narrow gate or few missed frames are refused last
+                ranks = np.array(sorted(range(len(settings)), key=settings.__getitem__))
+            else:
+                ranks = np.argsort(worst, kind="stable")  # NaN last
+            ranked = [settings[k] for k in ranks]
             around = ([n for n in grid.neighbors(best) if n not in rows] for best in ranked)
             ahead = next(filter(None, around), []) if len(rows) < trials else []
+    if table["beta"].isna().all():
+        raise InputError(f"search: {name} refuses every setting: {table['note'].iloc[0]}")
     chosen = np.arange(len(table)) == ranks[0]
     untried = sum(neighbor not in rows for neighbor in grid.neighbors(ranked[0]))
     return table.assign(
