@@ -123,6 +123,7 @@ def test_one_part_of_jpda_is_exchanged_at_a_time(window):
     assert made["JPDA"] is jpda
     assert made["GNN"] is gnn
     assert made["gate of GNN"].keywords == jpda.keywords | {"gate": Gate(4.0)}
+    assert "missed frames of GNN" not in made  # both have 3
     assert made["what is used starts tracks"].keywords["management"].used == 1.0
     seen = window.detections
     kept = made["recorded at the heaviest detection"](seen)

@@ -66,14 +66,17 @@ def unaveraged(detections: pd.DataFrame, tracker: Tracker) -> pd.DataFrame:
 
 
 def variants(jpda: Tried[pd.DataFrame], gnn: Tried[pd.DataFrame]) -> dict[str, Tracker]:
-    """Return JPDA, and JPDA with one part exchanged, by name; both in their chosen settings."""
+    """Return JPDA, and JPDA with one part exchanged, by name; both in their chosen settings.
+
+    What is the same for both is no variant.
+    """
     parts = jpda.keywords
 
     def but(**changed: object) -> Tracker:
         return partial(track, **{**parts, **changed})
 
     management = parts["management"]
-    return {
+    trackers = {
         "JPDA": jpda,
         "recorded at the heaviest detection": partial(unaveraged, tracker=jpda),
         "what is used starts tracks": but(management=replace(management, used=1.0)),
@@ -89,6 +92,10 @@ def variants(jpda: Tried[pd.DataFrame], gnn: Tried[pd.DataFrame]) -> dict[str, T
         SAME_SETTING: but(associator=GNN()),
         "GNN": gnn,
     }
+    same = [key for key in ("gate", "motion", "management") if gnn.keywords[key] == parts[key]]
+    names = {"gate": "gate", "motion": "noise", "management": "missed frames"}
+    own = {f"{names[key]} of GNN" for key in same}
+    return {name: tracker for name, tracker in trackers.items() if name not in own}
 
 
 def ablate(
