@@ -76,7 +76,7 @@ def variants(jpda: Tried[pd.DataFrame], gnn: Tried[pd.DataFrame]) -> dict[str, T
         return partial(track, **{**parts, **changed})
 
     management = parts["management"]
-    trackers = {
+    trackers: dict[str, Tracker] = {
         "JPDA": jpda,
         "recorded at the heaviest detection": partial(unaveraged, tracker=jpda),
         "what is used starts tracks": but(management=replace(management, used=1.0)),
