@@ -143,6 +143,10 @@ def test_a_printed_number_is_held_by_the_interval_and_a_printed_bound_by_the_val
     assert holds("remaining 1 m (%)", 95.0, 100.0) == [False]
     assert holds("remaining 1 m (%)", 30.0, 50.0, "more than 30%") == [True]
     assert holds("remaining 1 m (%)", 85.0, 100.0, "the vast majority") == [None]  # not twice
+    open_end = {"fraction": "confetti", "pressure_bar": 4.5, "low": 7.0, "high": np.nan}
+    open_end |= {"outcome": "velocity 0-1 m (m/s)", "printed": "median increases"}
+    worded = statements.conditions(pd.DataFrame([open_end]), cell, given, generator)
+    assert worded == {"velocity 0-1 m (m/s) at 4.5 bar 7.5, printed from 7": True}
     nothing = {"nothing measured": False}
     table = statements.beside_published(values, values, ["dwell"]).head(0)
     assert statements.conditions(table, cell, values, generator) == nothing

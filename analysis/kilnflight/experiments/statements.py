@@ -233,7 +233,9 @@ def conditions(
         name = f"{row['outcome']} at {key[1]} bar {value:.3g}"
         if low == high:
             half = 0.5 * 10.0 ** -len(f"{low:g}".partition(".")[2])
-            name += f" ({interval.low:.3g} to {interval.high:.3g}), printed {low:g}"
+            known = np.isfinite([interval.low, interval.high]).all()
+            around = f"{interval.low:.3g} to {interval.high:.3g}" if known else "too few particles"
+            name += f" ({around}), printed {low:g}"
             covers = interval.low <= high + half and low - half <= interval.high
             holds = bool(covers and np.isfinite(value))
             agreement[name] = None if holds and np.isinf(interval.low) else holds
@@ -243,7 +245,9 @@ def conditions(
             high = np.nan
         ends = [(100 - k * (100 - low), high) if high == 100 else (low, k * high) for k in scales]
         answers = {bool(np.fmax(a, -np.inf) <= value <= np.fmin(b, np.inf)) for a, b in ends}
-        agreement[f"{name} [{low:g}, {high:g}]"] = answers.pop() if len(answers) == 1 else None
+        bounds = [f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if end == end]
+        name += f", printed {' '.join(bounds)}"
+        agreement[name] = answers.pop() if len(answers) == 1 else None
     return agreement or {"nothing measured": False}
 
 
