@@ -108,7 +108,7 @@ def test_no_published_setting_lies_at_an_edge_of_its_grid(name):
         best = table[table["chosen"].astype(str) == "True"].iloc[0]
         setting = tuple(float(best[parameter]) for parameter in grid.parameters)
         assert grid.at_end(setting) == "", tracker
-        assert best["beta"] == table["beta"].replace("", np.nan).astype(float).max()
+        assert float(best["beta"]) == table["beta"].replace("", np.nan).astype(float).max()
 
 
 def chosen(associator_gate, noise, **parts):
