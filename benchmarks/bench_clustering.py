@@ -53,19 +53,13 @@ def renumbered(labels: np.ndarray) -> np.ndarray:
 
 
 def plain_morphology(grid: int, points: np.ndarray) -> np.ndarray:
-    """Return the labels by Eqs 2.31 to 2.36 on a full grid."""
+    """Return the labels on a full grid as section 5.1.3 runs it: no size rule, one dilation."""
     shifted = points - points.min(axis=0)
     stretched = grid * (shifted / shifted.max(axis=0))
     cell = tuple(np.floor(stretched + 0.5).astype(int).T)
     occupied = np.zeros((grid + 1,) * 3, bool)
     occupied[cell] = True
-    labels, _ = ndimage.label(occupied, CUBE)
-    sizes = np.bincount(labels.ravel())[1:]
-    occupied = np.isin(labels, 1 + np.flatnonzero(sizes >= sizes.mean()))
-    kept = occupied[cell]
     labels = ndimage.label(ndimage.binary_dilation(occupied, CUBE), CUBE)[0][cell]
-    nearest = cKDTree(stretched[kept]).query(stretched[~kept])[1]
-    labels[~kept] = labels[kept][nearest]
     return renumbered(labels)
 
 
