@@ -26,7 +26,7 @@ def plain_step(values: np.ndarray) -> tuple[int, float]:
 
 def everywhere(fit: Fit, samples: int = 400_001) -> list[float]:
     """Return when each metre is first reached, to a microsecond."""
-    time = np.linspace(fit.t0_s, fit.last_s, samples)
+    time = np.linspace(fit.t0, fit.last_s, samples)
     gone = fit.exit_point_mm[2] - fit(time)[:, 2]
     marks = 1000.0 * np.arange(1, 7)
     return [time[np.argmax(gone >= far)] for far in marks if (gone >= far).any()]
