@@ -50,7 +50,7 @@ print(f"frames: {number}; settings on {tuning.LENGTHS[scale]} others each")
 # %%
 tried = tuning.tried_settings(scale, tuning.all_grids(), seed, jobs)
 best = tuning.chosen_trackers(tried)
-picture = tuning.draw_curves(tried)
+picture = tracker_ranks.draw_curves(tried)
 caption = (
     "All settings that were tried, the same number for each tracker, with mean measures after "
     "post-processing, tracks from the lance, on frames that are not reported (frames: of each "
@@ -67,18 +67,18 @@ figures.save("peers-settings", tried, picture=picture, caption=caption, provenan
 
 # %%
 scores, cells = tracker_ranks.score(windows, best)
-picture = tracker_ranks.draw(scores)
+limits = tracker_ranks.held_back(tried)
+picture = tracker_ranks.draw(scores, limits)
 caption = (
     "Trackers on the same detections of the windows at 4.5 bar, scoring distance 10 px, in both "
-    "readings (from the lance: the restriction is the end of post-processing, so without it all "
-    "tracks count), with 95 % intervals. Settings were chosen on other frames. Open circles: as "
+    "readings, with 95 % intervals. Settings were chosen on other frames. Open circles: as "
     "they are; filled squares: with our post-processing. A tracker without a mark refused the "
-    "window."
+    "window; one with a star refused settings, of which the best may be one."
 )
 figures.save("fig-peers", scores, picture=picture, caption=caption, provenance=origin)
 
 # %%
-ranks = tracker_ranks.ahead_of_ours(scores, cells)
+ranks = tracker_ranks.ahead_of_ours(scores, cells, limits)
 caption = (
     "Mean beta over the fractions, and by how much it is above that of our best tracker, with the "
     "95 % interval of this difference; trackers that ran on every window."

@@ -22,9 +22,8 @@ from kilnflight.project import figures, style
 style.use_style()
 origin = figures.trace("34_ablation", {"scale": scale}, seed=seed)
 windows = tracking.windows(scale, campaigns.settings_from_labels(scale, seed), seed, jobs=jobs)
-tried = tuning.tried_settings(scale, ("GNN, ours", "JPDA, ours"), seed, jobs)
-chosen = tuning.chosen_trackers(tried)
-trackers = {name.removesuffix(", ours"): tracker for name, tracker in chosen.items()}
+tried = tuning.tried_settings(scale, tuning.OURS, seed, jobs)
+trackers = tuning.our_trackers(tried)
 
 # %% [markdown]
 # ## By fraction
@@ -33,13 +32,13 @@ trackers = {name.removesuffix(", ours"): tracker for name, tracker in chosen.ite
 # tracks, alpha does not: what false detections cost shows in beta.
 
 # %%
-table = tracking.ablate(windows, trackers)
+table = tracking.ablate(windows, {name: trackers[name] for name in ("GNN", "JPDA")})
 keys = ["input", "tracker", "postprocessing"]
 columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers in "
     f"their chosen settings, scoring distance {tracking.GATE_PX:.0f} px; tracks and trajectories "
-    "from the lance in both stages."
+    "from the lance."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 
@@ -77,7 +76,7 @@ figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, pr
 # true tracks stay the same, so differences are paired.
 
 # %%
-variants = jpda_ablation.variants(chosen["JPDA, ours"], chosen["GNN, ours"])
+variants = jpda_ablation.variants(trackers["JPDA"], trackers["GNN"], trackers[tuning.ANY_GATE])
 exchanged = jpda_ablation.ablate(windows, variants, seed)
 picture = jpda_ablation.draw(exchanged)
 caption = (

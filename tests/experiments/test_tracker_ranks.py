@@ -57,7 +57,7 @@ def ranked():
     windows = [window_of("wood chip"), window_of("confetti")]
     trackers = {"GNN, ours": half, "A": everything, "B": from_lance, "C": refuses}
     scores, cells = tracker_ranks.score(windows, trackers)
-    return scores, tracker_ranks.ahead_of_ours(scores, cells)
+    return scores, tracker_ranks.ahead_of_ours(scores, cells, {})
 
 
 def test_every_tracker_has_both_readings(ranked):
@@ -76,15 +76,15 @@ def test_ranks_are_by_the_mean_and_beside_our_best(ranked):
     assert ranks["ours"].eq("GNN, ours").all()
     ahead = ranks.loc[(FROM_LANCE, "without", "B")]
     assert ahead["beta"] == 1.0
-    assert ahead["beta_minus_ours"] == pytest.approx(2 / 3)  # ours: 6 of 12, and 6 false ones
-    assert 0.4 < ahead["difference_low"] < 2 / 3 < ahead["difference_high"] < 0.9
+    assert ahead["beta_minus_ours"] == pytest.approx(0.5)  # ours: 6 of 12
+    assert 0.2 < ahead["difference_low"] < 0.5 < ahead["difference_high"] < 0.8
     even = ranks.loc[(ALL, "without", "B")]
     assert even["difference_low"] < even["beta_minus_ours"] == 0 < even["difference_high"]
 
 
 def test_the_description_names_all_and_who_did_not_run(ranked):
     text = tracker_ranks.describe(ranked[1], ranked[0])
-    assert "from the lance, without post-processing: B 1.000 (+0.667, " in text
+    assert "from the lance, without post-processing: A 1.000 (+0.500, " in text
     assert "from the lance, with post-processing: A 1.000 (+0.500, " in text
     assert text.endswith("Not run on every window: C.")
 
@@ -98,12 +98,22 @@ def test_few_trajectories_leave_any_difference_open():
     }
     few = window._replace(frames=range(90), **short)
     scores, cells = tracker_ranks.score([few], {"GNN, ours": half, "A": everything})
-    ranks = tracker_ranks.ahead_of_ours(scores, cells)
+    ranks = tracker_ranks.ahead_of_ours(scores, cells, {})
     here = ranks[ranks["reading"] == FROM_LANCE]
     assert (here[["difference_low", "difference_high"]] == [-1.0, 1.0]).all(axis=None)
 
 
 def test_nobody_of_ours_is_no_rank(ranked):
     scores, cells = tracker_ranks.score([window_of("confetti")], {"A": everything})
-    assert tracker_ranks.ahead_of_ours(scores, cells).empty
-    assert len(tracker_ranks.draw(ranked[0]).axes) == 4
+    assert tracker_ranks.ahead_of_ours(scores, cells, {}).empty
+    assert len(tracker_ranks.draw(ranked[0], {}).axes) == 4
+
+
+def test_what_refused_settings_is_held_back(ranked):
+    tried = pd.DataFrame({"tracker": ["A", "A", "B"], "beta": [np.nan, 0.4, 0.5], "frames": 40})
+    limits = tracker_ranks.held_back(tried)
+    assert limits == {"A": "1 of 2 settings refused, on 40 frames"}
+    labels = [
+        text.get_text() for text in tracker_ranks.draw(ranked[0], limits).axes[0].get_yticklabels()
+    ]
+    assert "A *" in labels

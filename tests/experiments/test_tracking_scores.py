@@ -7,7 +7,8 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.experiments import tracking, tracking_claims
 from kilnflight.experiments import tracking_scores as scores
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, THROUGHOUT, FromLance, Lance
+from kilnflight.experiments.tracking_scores import AFTERWARDS, ALL, FROM_LANCE, FromLance, Lance
+from kilnflight.experiments.tuning import ANY_GATE
 from kilnflight.project import claims
 
 LANCE = Lance(row=500.0, col=900.0, depth_mm=6500.0)
@@ -82,17 +83,17 @@ def test_a_lance_without_a_place_is_refused():
         scores.score_reading("some", path(0), path(0), LANCE)
 
 
-def test_the_restriction_to_the_lance_is_the_end_of_post_processing():
-    """Section 4.2.4: the "direct tracking outcomes" are all tracks; the truth is the lance's."""
+def test_the_restriction_to_the_lance_holds_for_truth_and_tracks_in_both_stages():
+    """Section 5.2.1. The third reading has "direct tracking outcomes" whole (4.2.5, 5.2.3)."""
     away = path(1, row=1200.0)
     both = pd.concat([path(0), away])
 
     def jsc_theta(reading, stage):
         return scores.score_reading(reading, both, both, LANCE, stage).jsc_theta
 
-    assert jsc_theta(FROM_LANCE, "without") == 0.5  # the track from elsewhere is a false one
-    assert jsc_theta(FROM_LANCE, "with") == 1.0
-    assert [jsc_theta(THROUGHOUT, stage) for stage in tracking.STAGES] == [1.0, 1.0]
+    assert jsc_theta(AFTERWARDS, "without") == 0.5  # the track from elsewhere is a false one
+    assert jsc_theta(AFTERWARDS, "with") == 1.0
+    assert [jsc_theta(FROM_LANCE, stage) for stage in tracking.STAGES] == [1.0, 1.0]
     assert [jsc_theta(ALL, stage) for stage in tracking.STAGES] == [1.0, 1.0]
 
 
@@ -158,7 +159,7 @@ def test_the_objective_is_the_mean_in_a_reading():
     def worth(reading):
         return tracking.mean_measures([alone, both], tracker, reading, "without")
 
-    assert worth(THROUGHOUT) == dict.fromkeys(scores.MEASURES, 1.0)
+    assert worth(FROM_LANCE) == dict.fromkeys(scores.MEASURES, 1.0)
     assert worth(ALL)["alpha"] == pytest.approx(0.75)
     assert tracking.mean_measures([alone], first_half, stage="without")["alpha"] == 0.5
     nowhere = window_of("PE granule", away)
@@ -168,14 +169,14 @@ def test_the_objective_is_the_mean_in_a_reading():
 @pytest.fixture(scope="module")
 def cells():
     windows = [window_of(name, many(12)) for name in FRACTIONS]
-    trackers = {"GNN": right, "JPDA": first_half}
-    readings = (ALL, FROM_LANCE, THROUGHOUT)
+    trackers = {"GNN": right, "JPDA": first_half, ANY_GATE: first_half}
+    readings = (ALL, FROM_LANCE, AFTERWARDS)
     return windows, {cell.key: cell for cell, _ in tracking.cells(windows, trackers, readings)}
 
 
 def test_every_cell_has_both_readings_and_its_interval(cells):
     table = tracking_claims.table_5_17(cells[1])
-    assert len(table) == 4 * 2 * 2 * 3
+    assert len(table) == 4 * 3 * 2 * 3
     for name in scores.MEASURES:
         assert (table[f"{name}_low"] <= table[name]).all()
         assert (table[name] <= table[f"{name}_high"]).all()
@@ -208,6 +209,19 @@ def test_claims_are_judged_from_the_lance_and_time_decides_nothing(cells):
     assert by_claim["track-3"].verdict == claims.NOT_REPRODUCED
     # all fractions are the same but for chance, so that no rank is known
     assert by_claim["track-5"].verdict == claims.NOT_DECIDABLE
+
+
+def test_what_hangs_on_the_gate_of_jpda_is_not_decidable(cells):
+    """Section 5.2.3 has no number for "smaller"; with any gate JPDA is as good as GNN here."""
+    free = {
+        (fraction, ANY_GATE, *rest): cell
+        for (fraction, tracker, *rest), cell in cells[1].items()
+        if tracker == "GNN"
+    }
+    by_claim = {found.id: found for found in tracking_claims.verdicts(cells[1] | free)}
+    assert by_claim["track-4"].verdict == claims.NOT_DECIDABLE
+    assert by_claim["track-4"].because == "method"
+    assert "JPDA with any gate: not decidable" in by_claim["track-4"].reason
 
 
 def test_a_smoke_run_leaves_the_claims_about_four_fractions_undecided(cells):

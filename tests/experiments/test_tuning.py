@@ -10,7 +10,7 @@ import pytest
 
 from kilnflight.association import JPDA
 from kilnflight.checks import InputError
-from kilnflight.experiments import jpda_ablation, tracking, tuning
+from kilnflight.experiments import jpda_ablation, tracker_ranks, tracking, tuning
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.tracking.gate import Gate
@@ -87,13 +87,13 @@ def tried_settings():
 
 
 def test_the_curve_has_the_largest_beta_at_each_value():
-    curve = tuning.curves(tried_settings())
+    curve = tracker_ranks.curves(tried_settings())
     gate = curve[curve["parameter"] == "gate"]
     assert gate["value"].tolist() == [1.0, 2.0]
     assert gate["beta"].tolist() == [0.3, 0.5]
     assert gate["settings"].tolist() == [1, 2]
     assert gate["chosen"].tolist() == [False, True]
-    assert len(tuning.draw_curves(tried_settings()).axes) == 3
+    assert len(tracker_ranks.draw_curves(tried_settings()).axes) == 3
     told = tuning.describe_chosen(tried_settings())
     assert told == "GNN, ours x (beta 0.500, 2 neighbours not tried)"
 
@@ -119,7 +119,7 @@ def chosen(associator_gate, noise, **parts):
 
 def test_one_part_of_jpda_is_exchanged_at_a_time(window):
     gnn, jpda = chosen(4.0, 1.0), chosen(2.0, 2.0, associator=JPDA())
-    made = jpda_ablation.variants(jpda, gnn)
+    made = jpda_ablation.variants(jpda, gnn, jpda)
     assert made["JPDA"] is jpda
     assert made["GNN"] is gnn
     assert made["gate of GNN"].keywords == jpda.keywords | {"gate": Gate(4.0)}
@@ -176,6 +176,6 @@ def test_the_ablation_is_drawn_and_told(window):
     gnn, jpda = chosen(4.0, 1.0), chosen(2.0, 2.0, associator=JPDA())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        table = jpda_ablation.ablate([window], jpda_ablation.variants(jpda, gnn))
+        table = jpda_ablation.ablate([window], jpda_ablation.variants(jpda, gnn, jpda))
     assert len(jpda_ablation.draw(table).axes) == 2
     assert "GNN has" in jpda_ablation.describe(table)

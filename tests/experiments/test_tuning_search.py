@@ -122,6 +122,17 @@ def test_an_end_of_the_grid_is_named_but_not_a_natural_one(window):
     assert trackpy.at_end((120.0, 90, 1)) == "step, missed_frames"
 
 
+def test_jpda_has_the_gates_below_that_of_gnn():
+    """Section 5.2.3; the widest of them is the text's end, the narrowest one of ours."""
+    below = kilnflight_grids()["JPDA"].below(2.0)
+    assert below.parameters["gate"] == (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
+    assert below.start["gate"] == (1.0, 1.4)
+    assert below.at_end((1.4, 1.0, 3)) == ""
+    assert below.at_end((0.25, 1.0, 3)) == "gate"
+    with pytest.raises(InputError, match="no gate is below"):
+        below.below(0.25)
+
+
 def test_a_tracker_that_refuses_a_neighbor_stays_where_it_is(window):
     def build(way):
         return right if way == 1 else refuses
@@ -156,9 +167,9 @@ def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
 
 def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda: ("laptrack",))
-    assert list(tuning.all_grids()) == ["GNN, ours", "JPDA, ours", "laptrack"]
+    assert list(tuning.all_grids()) == [*tuning.OURS, "laptrack"]
     monkeypatch.setattr(peers, "available", lambda: ("stonesoup",))
-    assert list(tuning.all_grids())[2:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
+    assert list(tuning.all_grids())[3:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
 
 
 def test_nothing_to_choose_from_is_an_error(window):

@@ -33,7 +33,6 @@ from kilnflight.experiments.tracking_scores import (
     GATE_PX,
     MEASURES,
     READINGS,
-    THROUGHOUT,
     Lance,
     Scored,
     mean_difference,
@@ -236,11 +235,9 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
 
 
 def ablate(
-    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = THROUGHOUT
+    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = FROM_LANCE
 ) -> pd.DataFrame:
     """Return the measures with one part after the other replaced by the truth.
-
-    Both stages are restricted to the lance: true positions of other particles are no mistake.
 
     Returns
     -------

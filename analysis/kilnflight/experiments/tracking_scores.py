@@ -1,15 +1,13 @@
 """Scores of tracks in two readings: all tracks, and those from the lance (Fig. 4.21).
 
 The thesis marks trajectories "that originate from the lance and continue for some time"
-(section 5.2.1) and keeps "only the trajectories starting from the lance" (section 4.2.4). Neither
-place nor time is printed. `FromLance` is that restriction, for true and for tracked trajectories
-alike.
+(section 5.2.1) and keeps those "starting from the lance" (section 4.2.5). Neither place nor time
+is printed. `FromLance` is that restriction, for true and for tracked trajectories alike, with and
+without post-processing: a false track elsewhere is no mistake, nor may it stand in for a flight.
 
-The restriction is the end of post-processing: what starts at the lance remains "for further
-process" (section 4.2.4, Fig. 4.21). Table 5.17's upper values are the "direct tracking outcomes"
-(section 5.2.3), so in the reading "from the lance" tracks without post-processing are not
-restricted. The truth always is. This was decided from the text before any outcome of it was
-computed. Beside it: all tracks, and both stages restricted alike.
+Section 4.2.5 names the restriction at the end of post-processing, and Table 5.17's upper values
+are the "direct tracking outcomes" (section 5.2.3). Read so, tracks without post-processing are
+not restricted, while the truth is. This third reading stands beside the other two.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from kilnflight.scores.tracks import TrackScore
 GATE_PX = 10.0
 MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 ALL, FROM_LANCE = "all", "from the lance"
-THROUGHOUT = "from the lance in both stages"  # tells what steps do from what the lance leaves out
+AFTERWARDS = "from the lance, direct outcomes whole"  # the third reading
 READINGS = (ALL, FROM_LANCE)  # the two that are reported everywhere
 
 
@@ -113,12 +111,12 @@ def in_reading(
     """Return truth and tracks of a stage as a reading has them, by the same rule."""
     if reading == ALL:
         return truth, tracks
-    if reading not in (FROM_LANCE, THROUGHOUT):
-        raise InputError(f"no reading {reading!r}; there are {ALL}, {FROM_LANCE}, {THROUGHOUT}.")
+    if reading not in (FROM_LANCE, AFTERWARDS):
+        raise InputError(f"no reading {reading!r}; there are {ALL}, {FROM_LANCE}, {AFTERWARDS}.")
     if lance is None:
         raise InputError("in_reading: the window has no lance. Give its row, col and depth.")
     rule = FromLance()
-    whole = reading == FROM_LANCE and stage == "without"
+    whole = reading == AFTERWARDS and stage == "without"
     return rule(truth, lance), tracks if whole else rule(tracks, lance)
 
 
