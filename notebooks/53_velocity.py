@@ -10,8 +10,8 @@
 # same recordings. The flights of wood chips and confetti at 4.5 bar were what the twin was
 # calibrated on; their truth is no prediction. The measurement of them is. Flights that no particle
 # flies are refused and count nowhere (notebook 52: how many, and whose). Lost flights count in the
-# metres that they passed, as section 5.3.1 speaks of the particles in a metre. Where A.1 keeps
-# complete trajectories only, that reading stands beside it.
+# metres that they passed, as section 5.3.1 speaks of the particles in a metre, and are censored
+# behind. Where A.1 keeps complete trajectories only, that reading stands beside it.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
@@ -31,6 +31,7 @@ from kilnflight.experiments import (
     statements,
 )
 from kilnflight.project import figures, style
+from kilnflight.scores.flights import NONE_LOST
 
 # %%
 style.use_style()
@@ -76,15 +77,17 @@ figures.save("fig-5-21-velocity", table, picture=picture, caption=caption, prove
 
 # %%
 complete = campaigns.values_by_campaign(dwell.complete_only(results.tables), list(results.measured))
-readings = sources | {"measured, complete": complete}
+stopped = {key: values._replace(lost=NONE_LOST) for key, values in results.measured.items()}
+readings = sources | {"measured, complete": complete, "measured, lost as ended": stopped}
 outcomes = {source: campaigns.outcome_table(values) for source, values in readings.items()}
 table = statements.along_the_way(outcomes, printed)
 table = table[table["quantity"] == "remaining"]
 picture = flight_pictures.draw_along_the_way(table, list(readings))
 caption = (
     "Share of the particles that pass each metre. True of all flights in the same frames, and "
-    "measured; a track that is lost on the way counts as not remaining. Beside it measured of "
-    "complete flights only (A.1). Broad bars: published, to "
+    "measured: a flight that is lost on the way is censored there (Kaplan and Meier over the "
+    "distance). Beside it complete flights only (A.1), and all with lost ones counted as ended "
+    "where they were lost. Broad bars: published, to "
     "the left 4.5 bar, to the right 5 bar; open bounds run to the edge."
 )
 figures.save("fig-5-20-remaining", table, picture=picture, caption=caption, provenance=origin)
@@ -127,8 +130,9 @@ figures.save("velocity-unseen", metres.round(3), caption=caption, provenance=ori
 # %% [markdown]
 # ### Backwards
 #
-# "Several velocity outliers of the paper shreds are negative", of which large ones "might be due to
-# camera inaccuracy and faulty tracking results". Eq. 5.8 with the first time a metre is reached
+# "Several velocity outliers of the paper shreds are negative", and Fig. 5.23 keeps them. Small ones
+# are "probably" of a vortex, "relatively large" ones "might be due to camera inaccuracy and faulty
+# tracking results". Eq. 5.8 with the first time a metre is reached
 # cannot be negative in front of the lance. A trajectory that starts backwards is taken for one that
 # did not come from the lance, and one that turns back behind it is refused: no particle of the
 # twin flies so, it is the polynomials that turn. The table of slices behind the lance is empty.

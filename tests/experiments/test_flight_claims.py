@@ -22,7 +22,7 @@ def flights(name, bar, shorter=0.75, count=20):
     """Particles that all do the same; PE granules are quicker at 5 bar."""
     less = shorter if (name, bar) == ("PE granule", 5.0) else 1.0
     velocity = np.full((count, 5), SPEED[name])
-    dwell = np.full(count, DWELL[name] * less)
+    dwell = DWELL[name] * less + np.linspace(-0.005, 0.005, count)
     return FlightValues(dwell, velocity, np.full(count, np.nan), np.full(count, 3.0))
 
 
@@ -62,6 +62,19 @@ def test_what_fails_as_measured_only_is_the_chains_what_fails_on_the_truth_the_t
     for measured, true, cause in ((slow, every(), "chain"), (slow, slow, "twin")):
         verdict = dwell(measured, true)["dwell-2"]
         assert (verdict.verdict, verdict.because) == (claims.NOT_REPRODUCED, cause)
+
+
+def test_a_median_out_of_bounds_is_open_where_its_interval_or_lost_flights_reach_them():
+    """5.3.1: medians of 0.3 to 0.5 s. Complete flights alone are too short."""
+    short = flights("wood chip", 4.5)._replace(dwell_s=np.linspace(0.24, 0.32, 20))
+    near = dwell(every() | {("wood chip", 4.5): short})["dwell-1"]
+    assert near.verdict == claims.NOT_REPRODUCED  # 0.26 to 0.30 s, and nothing was lost
+    lost = short._replace(censored_s=np.full(12, 0.27))
+    both = dwell(every() | {("wood chip", 4.5): lost}, every())["dwell-1"]
+    assert (both.verdict, both.because) == (claims.NOT_DECIDABLE, "method")
+    assert "with lost flights censored: " in both.reason
+    wide = short._replace(dwell_s=np.linspace(0.24, 0.35, 20))
+    assert dwell(every() | {("wood chip", 4.5): wide}, every())["dwell-1"].because == "criterion"
 
 
 def test_much_shorter_is_open_where_half_and_twice_our_tenth_do_not_agree():

@@ -101,7 +101,7 @@ def test_a_claim_about_eight_cells_is_not_decided_on_one(values):
 
 
 def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict(values):
-    flights, given = results(values).tables.flights, {"dwell-1": 0.4, "dwell-2": {"first": True}}
+    flights, given = results(values).tables.flights, {"vel-6": 1.1, "dwell-2": {"first": True}}
     plain = statements.judge_all(flights, given, "a note")
     noted = statements.judge_all(flights, given, "a note", {"dwell-2": "medians resolved: none"})
     assert [each.verdict for each in noted] == [each.verdict for each in plain]
@@ -109,11 +109,11 @@ def test_what_is_beyond_chance_stands_in_the_reason_and_leaves_the_verdict(value
 
 
 def test_the_truth_tells_the_twins_failures_from_the_chains(values):
-    flights, given = results(values).tables.flights, {"dwell-1": 0.2, "dwell-2": {"first": False}}
-    true = {"dwell-1": 0.4, "dwell-2": {"first": False}}
+    flights, given = results(values).tables.flights, {"vel-6": 0.5, "dwell-2": {"first": False}}
+    true = {"vel-6": 1.1, "dwell-2": {"first": False}}
     judged = statements.judge_all(flights, given, truth=true)
     assert [each.because for each in judged] == ["chain", "twin"]
-    (unknown,) = statements.judge_all(flights, {"dwell-1": 0.2}, truth={"dwell-1": np.nan})
+    (unknown,) = statements.judge_all(flights, {"vel-6": 0.5}, truth={"vel-6": np.nan})
     assert (unknown.verdict, unknown.because) == (claims.NOT_REPRODUCED, "chain")
 
 
@@ -129,6 +129,7 @@ def test_a_printed_number_is_held_by_the_interval_and_a_printed_bound_by_the_val
     speed = np.full((20, 5), np.nan)
     speed[:18, 0] = np.linspace(7.0, 8.0, 18)  # median 7.5, its interval about 7.2 to 7.8
     given = {cell: values[cell]._replace(velocity_m_s=speed, ignition_s=np.full(20, np.nan))}
+    given[cell] = given[cell]._replace(reached_m=np.full(20, 0.5))
 
     def holds(outcome, low, high, printed=""):
         row = {"fraction": "confetti", "pressure_bar": 4.5, "outcome": outcome, "printed": printed}
@@ -140,7 +141,8 @@ def test_a_printed_number_is_held_by_the_interval_and_a_printed_bound_by_the_val
     assert holds("velocity 0-1 m (m/s)", 8.0, 8.0) == [True]  # printed 8: from 7.5 to 8.5
     assert holds("velocity 1-2 m (m/s)", 8.0, 8.0) == [False]  # nothing passed it
     assert holds("remaining 1 m (%)", 75.0, 75.0) == [True]  # 18 of 20: 70 to 97 %
-    assert holds("remaining 1 m (%)", 95.0, 100.0) == [False]
+    assert holds("remaining 1 m (%)", 95.0, 100.0) == [None]
+    assert holds("remaining 1 m (%)", 99.0, 100.0) == [False]
     assert holds("remaining 1 m (%)", 30.0, 50.0, "more than 30%") == [True]
     assert holds("remaining 1 m (%)", 85.0, 100.0, "the vast majority") == [None]  # not twice
     open_end = {"fraction": "confetti", "pressure_bar": 4.5, "low": 7.0, "high": np.nan}

@@ -15,6 +15,7 @@ def flight_values(dwell_s=(), speeds=(), metres=(), ignition_s=(), reached_m=())
     """Return values of particles of constant speed that pass so many metres each."""
     passed = np.arange(1, 6) <= np.asarray(metres)[:, None] if len(metres) else np.empty((0, 5))
     velocity = np.where(passed, np.asarray(speeds)[:, None], np.nan) if len(metres) else passed
+    reached_m = reached_m if len(reached_m) else np.asarray(metres, dtype=float)
     arrays = (np.asarray(values, dtype=float) for values in (ignition_s, reached_m))
     return FlightValues(np.asarray(dwell_s, dtype=float), velocity, *arrays)
 
@@ -26,8 +27,21 @@ def test_medians_are_over_those_that_passed_the_metre():
     values = flight_scores.outcomes(PARTICLES)
     medians = values[[f"velocity {k}-{k + 1} m (m/s)" for k in range(5)]]
     np.testing.assert_allclose(medians, [8, 9, 10, np.nan, np.nan])
-    np.testing.assert_allclose(flight_scores.remaining(PARTICLES.velocity_m_s), [75, 50, 25, 0, 0])
+    np.testing.assert_allclose(flight_scores.remaining(PARTICLES)[0], [75, 50, 25, 0, 0])
     assert values["velocity last (m/s)"] == 10
+
+
+def test_a_lost_flight_says_nothing_about_the_metres_behind():
+    """Appendix A.1: of what is not fully tracked the flight cannot be analyzed."""
+    four = flight_values(speeds=[9.0] * 4, metres=[1, 3, 3, 0], reached_m=[1.5, 3.2, 3.4, 0.5])
+    share, counted = flight_scores.remaining(four._replace(lost=np.array([True, *[False] * 3])))
+    # one of four ends before 1 m; of three the lost one is gone at 1.5 m, and the others pass 3 m
+    np.testing.assert_allclose(share, [75, 75, 75, 0, 0])
+    assert counted.tolist() == [4, 3, 3, 3, 3]
+    np.testing.assert_allclose(flight_scores.remaining(four)[0], [75, 50, 50, 0, 0])
+    nothing, counted = flight_scores.remaining(EMPTY)
+    assert np.isnan(nothing).all()
+    assert counted.tolist() == [0] * 5
 
 
 def test_dwell_times_are_summed_up_by_quartiles_shares_and_the_longest():
@@ -118,13 +132,13 @@ def test_a_lost_flight_lasts_longer_than_it_was_seen():
     lost = complete._replace(censored_s=np.full(2, 0.35))
     assert flight_scores.censored_median(lost)[0] == 0.4  # as complete ones: 0.35
     all_lost = EMPTY._replace(censored_s=np.array([0.2, 0.4]))
-    assert np.isnan(flight_scores.censored_median(all_lost)).all()
+    assert np.isnan(flight_scores.censored_median(all_lost).estimate)
     assert flight_scores.still_flying(all_lost)["flying"].tolist() == [1.0, 1.0, 1.0]
     assert flight_scores.still_flying(EMPTY).empty
 
 
 def test_the_interval_of_the_median_is_where_the_bounds_of_the_curve_cross_a_half():
     values = EMPTY._replace(dwell_s=np.linspace(0.01, 1.0, 100))
-    median, low, high = flight_scores.censored_median(values)
+    median, low, high, _ = flight_scores.censored_median(values)
     assert median == pytest.approx(0.5)
     assert 0.35 < low < median < high < 0.65

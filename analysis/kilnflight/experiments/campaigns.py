@@ -310,12 +310,12 @@ def flight_values(
         fits[particle].exit_point_mm[2] - straight_on(fits[particle], end)[0, 2]
         for particle, end in ends
     ]
-    lost = counted["ending"] == LOST
+    lost = (counted["ending"] == LOST).to_numpy()
     dwell, ignition = counted.loc[~lost, "dwell_s"], counted["ignition_s"]
     seen = (counted["last_s"] - counted["t0_s"])[lost]
     times = [each.to_numpy(np.float64) for each in (dwell, ignition, seen)]
     far = np.array(reached, np.float64) / 1000.0
-    return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2])
+    return FlightValues(times[0], wide.to_numpy(np.float64), times[1], far, times[2], lost)
 
 
 def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:

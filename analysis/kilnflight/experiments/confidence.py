@@ -91,7 +91,7 @@ def _samples(flight_values: FlightValues) -> dict[str, Array]:
     velocity = flight_values.velocity_m_s
     metres = zip(METRES, velocity.T, strict=True)
     samples = {f"velocity {k - 1}-{k} m (m/s)": finite(each) for k, each in metres}
-    last = np.flatnonzero(remaining(velocity) >= 100.0 * LAST_SHARE)[-1:]
+    last = np.flatnonzero(remaining(flight_values)[0] >= 100.0 * LAST_SHARE)[-1:]
     return samples | {
         "velocity last (m/s)": finite(velocity[:, last]),
         "dwell median (s)": finite(flight_values.dwell_s),
@@ -111,6 +111,8 @@ def interval_of(
         return median_of(samples[outcome], generator)
     lit = outcome.endswith("(% of ignited)")
     counted = len(finite(flight_values.ignition_s)) if lit else len(flight_values.ignition_s)
+    if outcome.startswith("remaining"):  # lost flights say nothing beyond where they were lost
+        counted = int(remaining(flight_values)[1][METRES.index(int(outcome.split()[1]))])
     percent = float(np.nan_to_num(outcomes(flight_values)[outcome]))
     each = intervals.share(round(percent / 100 * counted), counted)
     return Interval(100 * each.estimate, 100 * each.low, 100 * each.high, each.numbers)

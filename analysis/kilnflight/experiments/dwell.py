@@ -144,12 +144,13 @@ def medians(
         median = interval_columns(median_of(values.dwell_s, generator))
         row: dict[str, float] = {"complete": len(values.dwell_s), "lost": len(values.censored_s)}
         row |= {"measured_s": median["estimate"], "low": median["low"], "high": median["high"]}
-        names = ("with_lost_s", "with_lost_low", "with_lost_high")
-        row |= dict(zip(names, censored_median(values), strict=True))
+        names = {"estimate": "with_lost_s", "low": "with_lost_low", "high": "with_lost_high"}
+        with_lost = interval_columns(censored_median(values))
+        row |= {name: with_lost[column] for column, name in names.items()}
         row["followed_complete"] = len(followed[key].dwell_s)
         row["followed_lost"] = len(followed[key].censored_s)
         row["followed_s"] = float(quartiles(followed[key].dwell_s)[1])
-        row["followed_with_lost_s"] = censored_median(followed[key])[0]
+        row["followed_with_lost_s"] = censored_median(followed[key]).estimate
         row["true_s"] = float(quartiles(true[key].dwell_s)[1])
         row["true_number"] = len(true[key].dwell_s)
         row["covers"] = bool(row["low"] <= row["true_s"] <= row["high"])

@@ -25,6 +25,7 @@ from kilnflight.experiments.campaigns import (
 from kilnflight.experiments.confidence import Values, interval_of
 from kilnflight.project import claims
 from kilnflight.scores.flights import along, place_of
+from kilnflight.scores.intervals import Interval
 from kilnflight.twin import truth
 from kilnflight.twin.flight import Flights
 from kilnflight.twin.particles import FRACTIONS
@@ -212,8 +213,8 @@ def conditions(
 
     A single printed number agrees if it lies, as exactly as it is printed, within the 95 % interval
     of ours (`confidence.interval_of`); open (None) if there are too few particles for an interval.
-    A printed bound must hold of the value itself. The bounds of `VAGUE` words are ours: they decide
-    only where half and twice as far agree.
+    A printed bound must hold of the value; where only the interval reaches it, it is open. The
+    bounds of `VAGUE` words are ours: they decide only where half and twice as far agree.
 
     Parameters
     ----------
@@ -244,11 +245,19 @@ def conditions(
         if row["printed"].startswith(("more than", "over")):
             high = np.nan
         ends = [(100 - k * (100 - low), high) if high == 100 else (low, k * high) for k in scales]
-        answers = {bool(np.fmax(a, -np.inf) <= value <= np.fmin(b, np.inf)) for a, b in ends}
+        answers = {within(interval, np.fmax(a, -np.inf), np.fmin(b, np.inf)) for a, b in ends}
         bounds = [f"{word} {end:g}" for word, end in (("from", low), ("to", high)) if end == end]
         name += f", printed {' '.join(bounds)}"
-        agreement[name] = answers.pop() if len(answers) == 1 else None
+        has = bool(np.isfinite(value))  # what nothing passed has no velocity
+        agreement[name] = (answers.pop() if len(answers) == 1 else None) if has else False
     return agreement or {"nothing measured": False}
+
+
+def within(interval: Interval, low: float, high: float) -> bool | None:
+    """Return whether an estimate lies within bounds; None if only its interval reaches them."""
+    if low <= interval.estimate <= high:
+        return True
+    return None if interval.low <= high and low <= interval.high else False
 
 
 def judge_all(
@@ -305,6 +314,6 @@ def by_pressure(values: Values, outcome: str) -> pd.DataFrame:
     return outcome_table(values).set_index(KEYS)[outcome].unstack()
 
 
-def fractions_and_pressures(values: Values) -> tuple[list[str], list[float]]:
+def fractions_and_pressures(values: Mapping[CampaignKey, object]) -> tuple[list[str], list[float]]:
     """Return the fractions in their order, and the pressures from low to high."""
     return list(dict.fromkeys(name for name, _ in values)), sorted({bar for _, bar in values})

@@ -161,12 +161,9 @@ def verdicts(cells: Cells) -> list[claims.Verdict]:
         others = {read: claims.judge(name, test(chosen, read), because=because) for read in OTHERS}
         free = claims.judge(name, test(any_gate, FROM_LANCE), because=because)
         told = [f"{read}: {one.verdict} ({one.measured})" for read, one in others.items()]
-        told.append(f"JPDA with any gate: {free.verdict} ({free.measured})")
         note = f"from the lance; {'; '.join(told)}"
         verdict = claims.judge(name, test(chosen, FROM_LANCE), note=note, because=because)
-        if verdict.verdict != free.verdict:
-            verdict = claims.undecidable(name, note, verdict.measured, "method")
-        judged.append(verdict)
+        judged.append(claims.in_both_readings(verdict, free, "JPDA with any gate"))
     return judged
 
 

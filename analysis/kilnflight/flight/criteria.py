@@ -158,10 +158,11 @@ class Plausible:
 
     Notes
     -----
-    The thesis refuses connections that jump too far (sec. 4.2.3) and calls negative velocities
-    "faulty tracking results" (sec. 5.3.1), but prints no limit for a flight. The limits are ours,
-    from what is printed. The air leaves the lance with about 16 m/s at 5 bar (sec. 2.1.1), and
-    nothing else drives a particle. The factor allows for the depth's scatter. A metre both of
+    The thesis refuses connections that jump too far (sec. 4.2.3), but no flight: of negative
+    velocities it says that relatively large ones "might be due to camera inaccuracy and faulty
+    tracking results", and Fig. 5.23 keeps them (sec. 5.3.1). To refuse is ours, and so are the
+    limits, from what is printed. The air leaves the lance with about 16 m/s at 5 bar (sec. 2.1.1),
+    and nothing else drives a particle. The factor allows for the depth's scatter. A metre both of
     whose ends are off by 219 mm, the largest RMSE of Table 5.18, looks 1 / (1 - 0.438) = 1.8 times
     as fast as it is. A fit is known better than one point, so it goes no farther back than this
     RMSE either.

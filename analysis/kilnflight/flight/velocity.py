@@ -51,13 +51,15 @@ def space_sliced_velocity(
     Readings. (1) Only the span from t_0 to the last detection counts. Where a polynomial goes
     afterwards is no observation, so a slice reached only there is not reached. (2) "First": later
     returns change nothing, so V_n is positive for every slice in front of the lance. The thesis
-    shows negative velocities, "reverse motions towards the lance", and says no more; here they are
-    those of slices -1, -2, ... behind the lance, V_n = -slice / (t_n - t_(n+1)), of trajectories
-    that go backwards from the exit point. A flight that does so by more than the depth scatters is
-    refused (`kilnflight.flight.Plausible`), so flights that count have none. (3) What the
-    polynomials pass between t_0 and the first detection counts, as published. A flight first
-    detected beyond a slice has in it the velocity that its polynomials need from the lance to there
-    (``observed``). (4) The distance is the difference of depths, not the path.
+    shows negative velocities, "reverse motions towards the lance": small ones "probably" of a
+    vortex, "relatively large" ones perhaps of camera and tracking (section 5.3.1). How Eq. 5.8
+    gives them it does not say; here they are those of slices -1, -2, ... behind the lance, V_n =
+    -slice / (t_n - t_(n+1)), of trajectories that go backwards from the exit point. A flight that
+    does so by more than the depth scatters is refused (`kilnflight.flight.Plausible`), so flights
+    that count have none. (3) What the polynomials pass between t_0 and the first detection counts,
+    as published. A flight first detected beyond a slice has in it the velocity that its polynomials
+    need from the lance to there (``observed``). (4) The distance is the difference of depths, not
+    the path.
     """
     check_positive(slice_m, "space_sliced_velocity: slice_m")
     if math.isnan(until_s):

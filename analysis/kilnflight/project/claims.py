@@ -244,6 +244,17 @@ def undecidable(claim_id: str, reason: str, measured: str = "", because: str = "
     return _verdict(_claim(claim_id, because), NOT_DECIDABLE, measured, reason, because)
 
 
+def in_both_readings(verdict: Verdict, other: Verdict, name: str) -> Verdict:
+    """Return a verdict that tells another reading of the text, called ``name``.
+
+    Where the two differ the claim is not decidable, because of the method.
+    """
+    reason = f"{verdict.reason}; {name}: {other.verdict} ({other.measured})".removeprefix("; ")
+    if verdict.verdict == other.verdict:
+        return replace(verdict, reason=reason)
+    return replace(verdict, verdict=NOT_DECIDABLE, reason=reason, because="method")
+
+
 def fitted(verdict: Verdict, to: str) -> Verdict:
     """Return the verdict on a claim that a calibration aimed at.
 

@@ -15,12 +15,14 @@ import pandas as pd
 from scipy import stats
 
 from kilnflight.checks import InputError, check_positive
+from kilnflight.scores.intervals import Interval
 
 Array = npt.NDArray[np.float64]
 
 METRES = (1, 2, 3, 4, 5)  # marks from the lance (sec. 5.3.1)
 LAST_SHARE = 0.03  # of the particles must pass a metre that is to count as the last one
 NO_TIMES: Array = np.empty(0)
+NONE_LOST = np.zeros(0, np.bool_)
 LEAST = 6  # flights with an interval, as in `kilnflight.scores.intervals.Bootstrap`
 
 
@@ -37,6 +39,7 @@ class FlightValues(NamedTuple):
     ignition_s: Array  # (n,): from the lance
     reached_m: Array  # (n,): how far from the lance the flight ends
     censored_s: Array = NO_TIMES  # (m,): how long lost flights were seen
+    lost: npt.NDArray[np.bool_] = NONE_LOST  # (n,): which flights these are; empty: none
 
 
 def still_flying(flight_values: FlightValues) -> pd.DataFrame:
@@ -68,28 +71,46 @@ def still_flying(flight_values: FlightValues) -> pd.DataFrame:
     return pd.concat([start, table], ignore_index=True)
 
 
-def censored_median(flight_values: FlightValues) -> tuple[float, float, float]:
+def censored_median(flight_values: FlightValues) -> Interval:
     """Return the median dwell time with lost flights censored, and its 95 % interval.
 
     The first time at which at most half still fly in `still_flying`; of the interval, in its
-    upper and lower bound (Brookmeyer and Crowley 1982). NaN where the curve ends before.
+    upper and lower bound (Brookmeyer and Crowley 1982). NaN where the curve ends before; its
+    interval is then open.
     """
     table = still_flying(flight_values)
     times = table["time_s"].to_numpy()
     crossed = [
         times[table[name].to_numpy() <= 0.5 + 1e-12][:1] for name in ("flying", "low", "high")
     ]
-    median, low, high = (float(each[0]) if len(each) else np.nan for each in crossed)
-    return median, low, high
+    ends = (np.nan, -np.inf, np.inf)
+    found = [float(each[0]) if len(each) else end for each, end in zip(crossed, ends, strict=True)]
+    counted = len(flight_values.dwell_s) + len(flight_values.censored_s)
+    return Interval(found[0], found[1], found[2], (counted,))
 
 
-def remaining(velocity_m_s: Array) -> Array:
+def remaining(flight_values: FlightValues) -> tuple[Array, npt.NDArray[np.intp]]:
     """Return the share of particles that pass 1 ... 5 m, in per cent.
 
-    An array (5,), NaN without particles.
+    A flight ends where its dwell time does. A lost one is known to come as far as it was seen: it
+    is censored there, as in `still_flying`.
+
+    Returns
+    -------
+    share : array (5,)
+        NaN without particles.
+    counted : array (5,)
+        The particles that were not lost before.
     """
-    passed = pd.DataFrame(velocity_m_s, columns=METRES).notna()
-    return 100.0 * passed.mean().to_numpy(np.float64)
+    passed = np.where(np.isnan(flight_values.velocity_m_s), 0.0, METRES).max(axis=1, initial=0.0)
+    far = np.fmax(passed, flight_values.reached_m)
+    lost = flight_values.lost if len(flight_values.lost) else np.zeros(len(far), np.bool_)
+    marks = np.array(METRES) - 1e-9  # who comes to a mark passes it
+    counted = np.array([(~lost | (far >= mark)).sum() for mark in marks])
+    if not len(far):
+        return np.full(len(marks), np.nan), counted
+    curve = stats.ecdf(stats.CensoredData(uncensored=far[~lost], right=far[lost])).sf
+    return 100.0 * np.asarray(curve.evaluate(marks)), counted
 
 
 def quartiles(values: Array) -> Array:
@@ -103,7 +124,7 @@ def quartiles(values: Array) -> Array:
 def outcomes(flight_values: FlightValues) -> pd.Series:
     """Return every quantity by its name and unit, NaN without a value."""
     times, ignition_s = pd.Series(flight_values.dwell_s), pd.Series(flight_values.ignition_s)
-    share, lit = remaining(flight_values.velocity_m_s), ignition_s.dropna()
+    share, lit = remaining(flight_values)[0], ignition_s.dropna()
     low, velocity, high = quartiles(flight_values.velocity_m_s)
     q25, median, q75 = quartiles(flight_values.dwell_s)
     metres = [f"{metre - 1}-{metre} m (m/s)" for metre in METRES]

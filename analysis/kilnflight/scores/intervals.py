@@ -177,14 +177,21 @@ def difference_of_shares(
     level
         Of confidence.
     """
-    minuend, subtrahend = share(*first, level), share(*second, level)
-    numbers = (*minuend.numbers, *subtrahend.numbers)
-    if min(numbers) == 0:
-        return Interval(math.nan, -1.0, 1.0, numbers)
-    estimate = minuend.estimate - subtrahend.estimate
-    down = math.hypot(minuend.estimate - minuend.low, subtrahend.high - subtrahend.estimate)
-    up = math.hypot(minuend.high - minuend.estimate, subtrahend.estimate - subtrahend.low)
-    return Interval(estimate, max(estimate - down, -1.0), min(estimate + up, 1.0), numbers)
+    apart = difference(share(*first, level), share(*second, level))
+    return apart._replace(low=max(apart.low, -1.0), high=min(apart.high, 1.0))
+
+
+def difference(first: Interval, second: Interval) -> Interval:
+    """Return the difference of two independent estimates with its interval (Newcombe 1998).
+
+    The distances from the estimates to the ends add as squares. Unknown is any difference.
+    """
+    numbers, estimate = (*first.numbers, *second.numbers), first.estimate - second.estimate
+    down = math.hypot(first.estimate - first.low, second.high - second.estimate)
+    up = math.hypot(first.high - first.estimate, second.estimate - second.low)
+    if math.isnan(estimate + down + up):
+        return Interval(estimate, -math.inf, math.inf, numbers)
+    return Interval(estimate, estimate - down, estimate + up, numbers)
 
 
 @dataclass(frozen=True)
