@@ -107,10 +107,11 @@ figures.save("ignition-shares", shares_by_time.round(4), caption=caption, proven
 # %% [markdown]
 # ## Verdicts
 #
-# Wood and PE by the picture, papers by our test above the background: what burns is brighter than
-# what is behind it.
+# Wood and PE by the picture. Papers by our test of the grey values as they are ("increases
+# abruptly", 5.3.2), brighter afterwards than what is behind. The rise above the background is the
+# second reading: where it gives another verdict, the claim is not decidable.
 
 # %%
-verdicts = ignition.verdicts(results, values[ignition.ABOVE], shares, generator)
-result = ignition.in_words(results, values[ignition.ABOVE], shares)
+verdicts = ignition.verdicts(results, values, shares, generator)
+result = ignition.in_words(results, values, shares)
 figures.conclude(result, verdicts, origin)

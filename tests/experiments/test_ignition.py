@@ -51,7 +51,12 @@ def traces(light_up=0, number=100):
 
 def judged(values, table, measured=None):
     generator = np.random.default_rng(0)
-    return ignition.verdicts(results(values), measured or values, table, generator)
+    return ignition.verdicts(results(values), both(measured or values), table, generator)
+
+
+def both(first, second=None):
+    """The two readings of grey values."""
+    return {ignition.AS_THEY_ARE: first, ignition.ABOVE: second or first}
 
 
 def test_what_is_printed_is_reproduced_but_for_what_was_fitted(values):
@@ -91,12 +96,33 @@ def test_a_claim_that_fails_on_the_truth_is_about_the_twin(values):
     assert (third.verdict, third.because) == (claims.NOT_REPRODUCED, "chain")
 
 
+def test_what_hangs_on_the_reading_of_grey_values_is_not_decidable(values):
+    """Section 5.3.2: "increases abruptly", which may be seen against what is behind or not."""
+    often = values | {("paper shred", 5.0): values["paper shred", 4.5]}
+    for readings in (both(values, often), both(often, values)):
+        third = ignition.verdicts(results(values), readings, traces(), np.random.default_rng(0))[2]
+        assert (third.verdict, third.because) == (claims.NOT_DECIDABLE, "method")
+
+
+def test_three_per_cent_among_them_are_of_all_or_of_the_burning(values):
+    """Where both shares answer differently the sentence decides nothing."""
+    rng = np.random.default_rng(0)
+    for early, answers in ((3, {None}), (40, {False})):  # 3 of 100, of which 26 burn: 11 of 100
+        lit = np.full(100, np.nan)
+        lit[:26] = 0.25
+        lit[:early] = 0.05
+        cell = {("confetti", 4.5): values["confetti", 4.5]._replace(ignition_s=lit)}
+        asked = ignition._paper_claims(values | cell, rng)["ign-2"]
+        found = {v for k, v in asked.items() if k.startswith("ignited < 0.1 s") and "4.5 bar" in k}
+        assert found == answers
+
+
 def test_refused_flights_do_not_count_towards_a_verdict(values):
     few = results(values)
     flights = few.tables.flights
     refused = flights.assign(refused=np.where(flights["particle"] == 0, "too fast", ""))
     few = few._replace(tables=few.tables._replace(flights=refused))
-    verdicts = ignition.verdicts(few, values, traces(), np.random.default_rng(0))
+    verdicts = ignition.verdicts(few, both(values), traces(), np.random.default_rng(0))
     assert {each.verdict for each in verdicts} == {claims.NOT_DECIDABLE}
 
 

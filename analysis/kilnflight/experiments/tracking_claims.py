@@ -160,7 +160,7 @@ def verdicts(cells: Cells) -> list[claims.Verdict]:
             continue
         others = {read: claims.judge(name, test(chosen, read), because=because) for read in OTHERS}
         free = claims.judge(name, test(any_gate, FROM_LANCE), because=because)
-        told = [f"{read}: {one.verdict} ({one.measured})" for read, one in others.items()]
+        told = [f"{read}: {one.verdict}" for read, one in others.items()]
         note = f"from the lance; {'; '.join(told)}"
         verdict = claims.judge(name, test(chosen, FROM_LANCE), note=note, because=because)
         judged.append(claims.in_both_readings(verdict, free, "JPDA with any gate"))

@@ -143,6 +143,7 @@ def outcomes(flight_values: FlightValues) -> pd.Series:
         "penetration (m)": pd.Series(flight_values.reached_m).median(),
         "ignited (%)": 100.0 * ignition_s.notna().mean(),
         "ignited < 0.1 s (%)": 100.0 * (ignition_s <= 0.1).mean(),
+        "ignited < 0.1 s (% of ignited)": 100.0 * lit.between(0.0, 0.1, "right").mean(),
         "ignited < 0.2 s (% of ignited)": 100.0 * lit.between(0.0, 0.2, "right").mean(),
         "ignited < 0.4 s (% of ignited)": 100.0 * lit.between(0.0, 0.4, "right").mean(),
         "ignited 0.2-0.3 s (% of ignited)": 100.0 * lit.between(0.2, 0.3, "right").mean(),
