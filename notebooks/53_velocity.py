@@ -63,9 +63,9 @@ picture = flight_pictures.draw_velocity_boxes(sources, list(results.measured), p
 pairs = accuracy.compare_velocities(results.campaigns, results.tables)
 caption = (
     "Velocity in depth within each metre from the lance (Eq. 5.8), after Figs 5.21 to 5.24. True "
-    "of all flights in the same frames, and measured. Orange bars: published medians or their "
-    "bounds. Numbers: particles that passed the metre; what lies above 25 m/s is cut off. The "
-    "table has every particle, measured by the longest of its tracks. Particle: that of the truth; "
+    "of all flights in the same frames, and measured. Orange: published medians, bars between "
+    "bounds, arrows from open ones. Numbers: particles that passed the metre; what lies above 25 "
+    "m/s is cut off. The table has every particle, measured by the longest of its tracks. Particle: that of the truth; "
     "-1 belongs to none. Empty: not measured, or the metre was not passed."
 )
 columns = ["fraction", "pressure_bar", "particle", "slice_m", "measured_m_s", "true_m_s"]
@@ -78,7 +78,7 @@ figures.save("fig-5-21-velocity", table, picture=picture, caption=caption, prove
 # %%
 complete = campaigns.values_by_campaign(dwell.complete_only(results.tables), list(results.measured))
 stopped = {key: values._replace(lost=NONE_LOST) for key, values in results.measured.items()}
-readings = sources | {"measured, complete": complete, "measured, lost as ended": stopped}
+readings = sources | {"measured, lost as ended": stopped, "measured, complete": complete}
 outcomes = {source: campaigns.outcome_table(values) for source, values in readings.items()}
 table = statements.along_the_way(outcomes, printed)
 table = table[table["quantity"] == "remaining"]
@@ -86,8 +86,8 @@ picture = flight_pictures.draw_along_the_way(table, list(readings))
 caption = (
     "Share of the particles that pass each metre. True of all flights in the same frames, and "
     "measured: a flight that is lost on the way is censored there (Kaplan and Meier over the "
-    "distance). Beside it complete flights only (A.1), and all with lost ones counted as ended "
-    "where they were lost. Broad bars: published, to "
+    "distance). Beside it all with lost ones counted as ended where they were lost; in the table "
+    "also complete flights only (A.1). Broad bars: published, to "
     "the left 4.5 bar, to the right 5 bar; open bounds run to the edge."
 )
 figures.save("fig-5-20-remaining", table, picture=picture, caption=caption, provenance=origin)

@@ -130,12 +130,14 @@ def test_boxes_stand_side_by_side_with_their_numbers(axes):
     assert names == ["true", "measured"]
 
 
-def test_open_bounds_run_to_the_edge(axes):
+def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
     axes.set_ylim(0, 10)
-    bounds = pd.DataFrame({"at": [1.0, 2.0], "low": [3.0, np.nan], "high": [np.nan, 4.0]})
-    plots.draw_published(axes, bounds)
+    columns = {"low": [3.0, np.nan, 5.0, 1.0], "high": [np.nan, 4.0, 5.0, 2.0]}
+    plots.draw_published(axes, pd.DataFrame({"at": [1.0, 2.0, 3.0, 4.0]} | columns))
     ends = [segment[:, 1] for segment in axes.collections[0].get_segments()]
-    np.testing.assert_allclose(ends, [[2.92, 10.08], [-0.08, 4.08]])
+    np.testing.assert_allclose(ends, [[3.0, 3.9], [3.1, 4.0], [5.0, 5.0], [1.0, 2.0]])
+    marks = {line.get_marker(): line.get_xdata().tolist() for line in axes.lines[:3]}
+    assert marks == {"D": [3.0], "^": [1.0], "v": [2.0]}
     assert axes.get_ylim() == (0, 10)
 
 

@@ -95,7 +95,7 @@ def draw_velocity_boxes(
     for axes, key in zip(grid.flat, keys, strict=False):
         groups = {name: list(values[key].velocity_m_s.T) for name, values in sources.items()}
         draw_grouped_boxes(axes, groups, metres)
-        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-5, 25))
+        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(0, 25))
         if bounds is not None:
             at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
             draw_published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
@@ -379,7 +379,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
     table
         `kilnflight.experiments.statements.along_the_way`; published bounds become broad bars.
     versions
-        First the dotted, then the solid version, then a dashed one, if any.
+        First the dotted, then the solid version, then a dashed one, if any; no more are drawn.
     """
     names = [name for name in FRACTIONS if (table["fraction"] == name).any()]
     quantities = sorted(table["quantity"].unique(), reverse=True)

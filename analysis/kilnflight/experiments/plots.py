@@ -64,14 +64,24 @@ def draw_grouped_boxes(
 
 
 def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
-    """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open)."""
+    """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
+
+    A number is a diamond, two bounds are a bar; what is open on one side is an arrow.
+    """
     bottom, top = axes.get_ylim()
-    look: dict[str, Any] = {"color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3}
-    look["label"] = "published"
-    pad = 0.008 * (top - bottom)
-    low = (bounds["low"] * scale).clip(lower=bottom).fillna(bottom)
-    high = (bounds["high"] * scale).clip(upper=top).fillna(top)
-    axes.vlines(bounds["at"], low - pad, high + pad, **look)
+    look: dict[str, Any] = {"color": COLOURS[1], "ls": "none", "zorder": 3, "mec": "black"}
+    look |= {"mew": 0.5, "ms": 5}
+    low, high, at = bounds["low"] * scale, bounds["high"] * scale, bounds["at"]
+    reach = 0.09 * (top - bottom)
+    ends = low.fillna(high - reach), high.fillna(low + reach)
+    axes.vlines(at, *ends, color=COLOURS[1], lw=3, alpha=0.6, ls="-", zorder=3)
+    for mark, places, values in (
+        ("D", low == high, low),
+        ("^", high.isna(), ends[1]),
+        ("v", low.isna(), ends[0]),
+    ):
+        axes.plot(at[places], values[places], mark, **look)
+    axes.plot([], [], "D", label="published", **look)
     axes.set_ylim(bottom, top)
 
 
