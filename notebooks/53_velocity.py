@@ -65,8 +65,9 @@ caption = (
     "Velocity in depth within each metre from the lance (Eq. 5.8), after Figs 5.21 to 5.24. True "
     "of all flights in the same frames, and measured. Orange: published medians, bars between "
     "bounds, arrows from open ones. Numbers: particles that passed the metre; what lies above 25 "
-    "m/s is cut off. The table has every particle, measured by the longest of its tracks. Particle: that of the truth; "
-    "-1 belongs to none. Empty: not measured, or the metre was not passed."
+    "m/s is cut off. The table has every particle, measured by the longest of its tracks. "
+    "Particle: that of the truth; -1 belongs to none. Empty: not measured, or the metre was not "
+    "passed."
 )
 columns = ["fraction", "pressure_bar", "particle", "slice_m", "measured_m_s", "true_m_s"]
 table = pairs[columns]
