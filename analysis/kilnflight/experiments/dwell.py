@@ -14,12 +14,14 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from kilnflight import kiln, regression
 from kilnflight.experiments.accuracy import CASES, NOT_MEASURED, NOT_WHOLE
 from kilnflight.experiments.campaigns import (
     KEYS,
     REASONS,
     CampaignKey,
     Measurement,
+    campaign_keys,
     counted_flights,
     of_campaign,
     rows_by_campaign,
@@ -28,6 +30,7 @@ from kilnflight.experiments.campaigns import (
 from kilnflight.experiments.confidence import Values, interval_columns, median_of
 from kilnflight.flight import LANDED, LOST
 from kilnflight.scores.flights import censored_median, quartiles, still_flying
+from kilnflight.tables import TRAJECTORIES
 
 
 def flights_and_particles(tables: Measurement, both: pd.DataFrame) -> pd.DataFrame:
@@ -180,6 +183,18 @@ def complete_only(tables: Measurement) -> Measurement:
     subsequent analysis of flight behavior". Section 5.3.1 speaks of those that remain in a metre.
     """
     return tables._replace(flights=tables.flights[tables.flights["ending"] != LOST])
+
+
+def nothing_refused(tables: Measurement) -> Measurement:
+    """Return campaigns whose flights all count, also those that no particle flies.
+
+    The thesis refuses none (section 5.3.1, Fig. 5.23).
+    """
+    flights, parts = tables.flights.assign(refused=""), {}
+    for key in campaign_keys(flights):
+        fits = regression.fits(of_campaign(tables.trajectories, key)[TRAJECTORIES.names])
+        parts[key] = kiln.slices_from(of_campaign(flights, key), fits)
+    return tables._replace(flights=flights, slices=stack(parts))
 
 
 def describe(table: pd.DataFrame) -> str:
