@@ -53,7 +53,9 @@ def test_a_quick_benchmark_finds_its_peer_equal(folder, name):
 def test_the_definitions_of_clusters_are_those_of_the_package(folder):
     module = bench("bench_clustering")
     wall, quasi = module.surface(4000), QuasiClusterCenters(k=20)
-    points = np.concatenate([wall, wall + [0.0, 400.0, 0.0]])  # and another one in front of it
+    points = np.concatenate(
+        [wall, np.add(wall, (0.0, 400.0, 0.0))]
+    )  # and another one in front of it
     for ours, plain in (
         (DBSCAN(15.0, 10), partial(module.plain_dbscan, 15.0)),
         (MorphologicalClustering(40), partial(module.plain_morphology, 40)),
