@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import tracklets
-from kilnflight.experiments import campaigns, post_processing, tracking
+from kilnflight.experiments import campaigns, post_processing, tracking, tracking_scores
 from kilnflight.project import figures, style
 
 style.use_style()
@@ -40,7 +40,7 @@ pair = [window for window in windows if window.fraction in ("wood chip", "paper 
 steps, tracks_by_step = post_processing.compare_steps(pair)
 caption = (
     "Post-processing step by step (Figs 4.16 to 4.21): tracks, positions in them, and measures "
-    f"against the truth, scoring distance {tracking.GATE_PX:.0f} px."
+    f"against the truth, scoring distance {tracking_scores.GATE_PX:.0f} px."
 )
 figures.save("tracklet-steps", steps, caption=caption, provenance=origin)
 
@@ -103,7 +103,7 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 # first, with intervals by bootstrap over true tracks.
 
 # %%
-variants = post_processing.compare_variants(windows, post_processing.variants(), seed)
+variants = post_processing.compare_variants(windows, post_processing.variants())
 caption = (
     "Post-processing under six readings of section 4.2.3, tracks of GNN, all tracks and those from "
     "the lance; gains in alpha and beta over the first, with 95 % intervals."

@@ -62,8 +62,7 @@ figures.save("peers-settings", tried, picture=picture, caption=caption, provenan
 # %% [markdown]
 # ## The same detections, the same measures
 #
-# Post-processing is ours, for everyone; seconds are of the tracking, or of the post-processing
-# after it. The picture is the answer that this notebook is for.
+# Post-processing is ours, for everyone. The picture is the answer that this notebook is for.
 
 # %%
 scores, cells = tracker_ranks.score(windows, best)

@@ -16,7 +16,7 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
-from kilnflight.experiments import campaigns, jpda_ablation, tracking, tuning
+from kilnflight.experiments import campaigns, jpda_ablation, tracking, tracking_scores, tuning
 from kilnflight.project import figures, style
 
 style.use_style()
@@ -34,11 +34,11 @@ trackers = tuning.our_trackers(tried)
 # %%
 table = tracking.ablate(windows, {name: trackers[name] for name in ("GNN", "JPDA")})
 keys = ["input", "tracker", "postprocessing"]
-columns = ["fraction", *keys, *tracking.MEASURES, "jsc_spurious_only"]
+columns = ["fraction", *keys, *tracking_scores.MEASURES, "jsc_spurious_only"]
 caption = (
     "Tracking with one part after the other replaced by the truth, by fraction; trackers in "
-    f"their chosen settings, scoring distance {tracking.GATE_PX:.0f} px; tracks and trajectories "
-    "from the lance."
+    f"their chosen settings, scoring distance {tracking_scores.GATE_PX:.0f} px; tracks and "
+    "trajectories from the lance."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
 
@@ -48,7 +48,7 @@ figures.save("tracking-ablation", table[columns], caption=caption, provenance=or
 # The means in one picture, since the order of the parts is what matters.
 
 # %%
-mean = table.groupby(keys, sort=False)[list(tracking.MEASURES)].mean().reset_index()
+mean = table.groupby(keys, sort=False)[list(tracking_scores.MEASURES)].mean().reset_index()
 mean["configuration"] = mean[keys].agg(", ".join, axis=1)
 mean["configuration"] = (
     mean["configuration"].str.replace(", without", "").str.replace(", with", " + steps")
@@ -77,7 +77,7 @@ figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, pr
 
 # %%
 variants = jpda_ablation.variants(trackers["JPDA"], trackers["GNN"], trackers[tuning.ANY_GATE])
-exchanged = jpda_ablation.ablate(windows, variants, seed)
+exchanged = jpda_ablation.ablate(windows, variants)
 picture = jpda_ablation.draw(exchanged)
 caption = (
     "What JPDA gains or loses by one exchanged part, mean over the fractions, with 95 % intervals "

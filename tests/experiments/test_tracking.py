@@ -39,7 +39,8 @@ def window():
 
 
 def test_post_processing_and_truth_make_it_better(window):
-    table = tracking.run([window], {"GNN": track}, [ALL])
+    tracked = tracking.follow_all([window], {"GNN": track})
+    table = tracking_scores.tabulate(tracking.cells([window], tracked, [ALL]))
     before, after = (table.set_index("postprocessing").loc[name] for name in ("without", "with"))
     assert after["beta"] > before["beta"]
     assert after["alpha"] > 0.85
@@ -144,7 +145,8 @@ def test_the_interval_decides_between_the_methods_of_fig_4_14(low, high, verdict
 
 
 def test_tracks_of_each_stage_stand_beside_the_truth(window):
-    tables = tracking.tracks_by_stage([window], {"GNN": track})["confetti"]
+    tracked = tracking.follow_all([window], {"GNN": track, "JPDA": track})
+    tables = tracking.beside_truth([window], tracked, ["GNN"])["confetti"]
     assert list(tables) == ["truth", "GNN without steps", "GNN with steps"]
     assert tables["truth"] is window.truth
     assert tables["GNN without steps"].equals(track(window.detections))

@@ -8,7 +8,7 @@ from kilnflight.checks import InputError
 from kilnflight.experiments import tracking, tracking_claims
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.experiments.tracking_scores import AFTERWARDS, ALL, FROM_LANCE, FromLance, Lance
-from kilnflight.experiments.tuning import ANY_GATE
+from kilnflight.experiments.tuning import ANY_GATE, Reported
 from kilnflight.project import claims
 
 LANCE = Lance(row=500.0, col=900.0, depth_mm=6500.0)
@@ -93,8 +93,8 @@ def test_the_restriction_to_the_lance_holds_for_truth_and_tracks_in_both_stages(
 
     assert jsc_theta(AFTERWARDS, "without") == 0.5  # the track from elsewhere is a false one
     assert jsc_theta(AFTERWARDS, "with") == 1.0
-    assert [jsc_theta(FROM_LANCE, stage) for stage in tracking.STAGES] == [1.0, 1.0]
-    assert [jsc_theta(ALL, stage) for stage in tracking.STAGES] == [1.0, 1.0]
+    assert [jsc_theta(FROM_LANCE, stage) for stage in scores.STAGES] == [1.0, 1.0]
+    assert [jsc_theta(ALL, stage) for stage in scores.STAGES] == [1.0, 1.0]
 
 
 def test_truth_and_tracks_are_restricted_alike():
@@ -148,22 +148,17 @@ def first_half(seen):
     return right(seen).assign(particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1))
 
 
-def test_the_objective_is_the_mean_in_a_reading():
+def test_the_objective_is_the_mean_of_what_is_reported():
     away = many(8).assign(row=1200.0, particle=lambda t: t["particle"] + 100)
     both = window_of("confetti", pd.concat([many(8), away], ignore_index=True))
-    alone = window_of("wood chip", many(8))
+    alone, nowhere = window_of("wood chip", many(8)), window_of("PE granule", away)
 
     def tracker(seen):
         return right(seen).assign(particle=lambda t: t["particle"].where(t["row"] < 1000, -1))
 
-    def worth(reading):
-        return tracking.mean_measures([alone, both], tracker, reading, "without")
-
-    assert worth(FROM_LANCE) == dict.fromkeys(scores.MEASURES, 1.0)
-    assert worth(ALL)["alpha"] == pytest.approx(0.75)
-    assert tracking.mean_measures([alone], first_half, stage="without")["alpha"] == 0.5
-    nowhere = window_of("PE granule", away)
-    assert tracking.mean_measures([alone, nowhere], right, stage="without")["alpha"] == 1.0
+    assert Reported([alone, both])(tracker)["alpha"] == 1.0
+    assert Reported([alone])(first_half)["alpha"] == 0.5
+    assert Reported([alone, nowhere])(first_half)["alpha"] == 0.5  # no truth, no part of the mean
 
 
 @pytest.fixture(scope="module")
@@ -171,11 +166,12 @@ def cells():
     windows = [window_of(name, many(12)) for name in FRACTIONS]
     trackers = {"GNN": right, "JPDA": first_half, ANY_GATE: first_half}
     readings = (ALL, FROM_LANCE, AFTERWARDS)
-    return windows, {cell.key: cell for cell, _ in tracking.cells(windows, trackers, readings)}
+    found = tracking.cells(windows, tracking.follow_all(windows, trackers), readings)
+    return windows, {cell.key: cell for cell in found}
 
 
 def test_every_cell_has_both_readings_and_its_interval(cells):
-    table = tracking_claims.table_5_17(cells[1])
+    table = scores.tabulate(cells[1].values())
     assert len(table) == 4 * 3 * 2 * 3
     for name in scores.MEASURES:
         assert (table[f"{name}_low"] <= table[name]).all()
@@ -192,7 +188,7 @@ def test_every_cell_has_both_readings_and_its_interval(cells):
 
 def test_a_window_with_few_trajectories_says_nothing():
     window = window_of("wood chip", many(5))
-    table = tracking.run([window], {"GNN": right})
+    table = scores.tabulate(tracking.cells([window], tracking.follow_all([window], {"GNN": right})))
     assert (table["alpha"] == 1).all()
     assert (table[["alpha_low", "alpha_high"]] == [0.0, 1.0]).all(axis=None)
 

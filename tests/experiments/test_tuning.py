@@ -10,7 +10,7 @@ import pytest
 
 from kilnflight.association import JPDA
 from kilnflight.checks import InputError
-from kilnflight.experiments import jpda_ablation, tracker_ranks, tracking, tuning
+from kilnflight.experiments import jpda_ablation, tracker_ranks, tracking, tracking_scores, tuning
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
 from kilnflight.kiln import TwinSource
 from kilnflight.tracking.gate import Gate
@@ -87,13 +87,12 @@ def tried_settings():
 
 
 def test_the_curve_has_the_largest_beta_at_each_value():
-    curve = tracker_ranks.curves(tried_settings())
-    gate = curve[curve["parameter"] == "gate"]
-    assert gate["value"].tolist() == [1.0, 2.0]
-    assert gate["beta"].tolist() == [0.3, 0.5]
-    assert gate["settings"].tolist() == [1, 2]
-    assert gate["chosen"].tolist() == [False, True]
-    assert len(tracker_ranks.draw_curves(tried_settings()).axes) == 3
+    axes = tracker_ranks.draw_curves(tried_settings()).axes
+    assert len(axes) == 3
+    tried, largest, best = axes[0].lines  # the gate
+    assert tried.get_xydata().tolist() == [[1.0, 0.3], [2.0, 0.5], [2.0, 0.4]]
+    assert largest.get_xydata().tolist() == [[1.0, 0.3], [2.0, 0.5]]
+    assert best.get_xydata().tolist() == [[2.0, 0.5]]
     told = tuning.describe_chosen(tried_settings())
     assert told == "GNN, ours x (beta 0.500, 2 neighbours not tried)"
 
@@ -156,7 +155,7 @@ def test_gains_are_paired_and_lie_in_their_intervals(window):
 
     table = tracking.compare([window], {"right": right, "same": right, "worse": worse})
     assert set(table["reading"]) == {ALL, FROM_LANCE}
-    whole = table[(table["fraction"] == tracking.MEAN) & (table["reading"] == ALL)]
+    whole = table[(table["fraction"] == tracking_scores.MEAN) & (table["reading"] == ALL)]
     rows = whole.set_index("variant")
     assert rows.loc["same", ["alpha_gain", "alpha_gain_low", "alpha_gain_high"]].tolist() == [
         0.0,

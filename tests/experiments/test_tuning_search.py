@@ -11,7 +11,7 @@ from kilnflight.experiments import other_trackers as peers
 from kilnflight.experiments import tuning
 from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import measure_tracks
-from kilnflight.experiments.tuning import Grid, kilnflight_grids, peer_grids
+from kilnflight.experiments.tuning import Grid, all_grids
 
 LONG = tuple(map(float, range(10)))
 
@@ -113,18 +113,18 @@ def test_neighbours_that_were_not_tried_are_counted(window):
     assert best["untried"] == 2
 
 
-def test_an_end_of_the_grid_is_named_but_not_a_natural_one(window):
+def test_an_end_of_the_grid_is_named_but_not_a_natural_one(window, grids):
     best, tried = chosen_one(window, hill(9.0, 4.0, first=(3.0, 4.0)))
     assert best["at_end"] == "p0"
     assert (tried.loc[~tried["chosen"], "at_end"] == "").all()
-    trackpy = peer_grids()["trackpy"]
+    trackpy = grids["trackpy"]
     assert trackpy.at_end((20.0, 0, 1)) == ""  # no fewer frames than none; it predicts or not
     assert trackpy.at_end((120.0, 90, 1)) == "step, missed_frames"
 
 
-def test_jpda_has_the_gates_below_that_of_gnn():
+def test_jpda_has_the_gates_below_that_of_gnn(grids):
     """Section 5.2.3; the widest of them is the text's end, the narrowest one of ours."""
-    below = kilnflight_grids()["JPDA"].below(2.0)
+    below = grids["JPDA, ours"].below(2.0)
     assert below.parameters["gate"] == (0.25, 0.35, 0.5, 0.7, 1.0, 1.4)
     assert below.start["gate"] == (1.0, 1.4)
     assert below.at_end((1.4, 1.0, 3)) == ""
@@ -142,34 +142,33 @@ def test_a_tracker_that_refuses_a_neighbor_stays_where_it_is(window):
     assert len(tried) == 3
 
 
-@pytest.mark.parametrize(
-    ("values", "first"),
-    [((2.0, 1.0), (1.0,)), ((1.0, 1.0), (1.0,)), ((1.0, 2.0), (3.0,)), ((1.0,), ())],
-)
-def test_a_grid_without_neighbours_is_refused(values, first):
-    with pytest.raises(InputError, match="Grid: step has the values"):
-        Grid(lambda step: right, {"step": values}, {"step": first})
+@pytest.fixture
+def grids(monkeypatch):
+    monkeypatch.setattr(peers, "available", lambda: peers.PACKAGES)
+    return all_grids()
 
 
-def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker():
-    for grid in [*kilnflight_grids().values(), *peer_grids().values()]:
+def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker(grids):
+    for grid in grids.values():
         first = list(product(*(grid.start[name] for name in grid.parameters)))
+        assert len(first) == 8  # as many trials for everyone
         settings = first + grid.neighbors(first[0])
         assert len({grid.text(setting) for setting in settings}) == len(set(settings))
         for setting in settings:
             assert callable(grid.build(*setting))
-    starts = [
-        grid.start.values() for grid in [*kilnflight_grids().values(), *peer_grids().values()]
-    ]
-    assert {len(list(product(*start))) for start in starts} == {8}  # as many trials for everyone
-    assert peer_grids()["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
+        assert all(sorted(set(values)) == list(values) for values in grid.parameters.values())
+    assert grids["trackpy"].build(15.0, 2, 1) == peers.Trackpy(15.0, 2, True)
+    jpda = grids["JPDA, ours"].build(1.4, 2.0, 3).keywords
+    assert (type(jpda["associator"]).__name__, jpda["gate"].distance) == ("JPDA", 1.4)
+    assert (jpda["motion"].acceleration_noise, jpda["management"].invisible) == (2.0, 3)
+    assert type(grids["GNN, ours"].build(1.4, 2.0, 3).keywords["associator"]).__name__ == "GNN"
 
 
 def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda: ("laptrack",))
-    assert list(tuning.all_grids()) == [*tuning.OURS, "laptrack"]
+    assert list(all_grids()) == [*tuning.OURS, "laptrack"]
     monkeypatch.setattr(peers, "available", lambda: ("stonesoup",))
-    assert list(tuning.all_grids())[3:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
+    assert list(all_grids())[3:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
 
 
 def test_nothing_to_choose_from_is_an_error(window):

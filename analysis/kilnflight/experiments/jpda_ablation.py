@@ -17,10 +17,9 @@ import numpy.typing as npt
 import pandas as pd
 from matplotlib.figure import Figure
 
-from kilnflight import tracklets
 from kilnflight.association import GNN, JPDA, PDA, Associator, Pairs, one_hot
-from kilnflight.experiments.tracking import MEAN, Tracker, Window, compare
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE
+from kilnflight.experiments.tracking import Tracker, Window, compare, follow
+from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEAN
 from kilnflight.project import style
 from kilnflight.tracking.tracker import AVERAGED, record, track
 
@@ -103,16 +102,13 @@ def variants(
     return {name: tracker for name, tracker in trackers.items() if name not in own}
 
 
-def ablate(
-    windows: Sequence[Window], trackers: Mapping[str, Tracker], seed: int = 0
-) -> pd.DataFrame:
+def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
     """Return `tracking.compare` of trackers after post-processing, the first as reference."""
 
     def processed(tracker: Tracker, window: Window) -> pd.DataFrame:
-        return tracklets.postprocess(tracker(window.detections), window.differences)
+        return follow(window, tracker)["with"]
 
-    choices = {name: partial(processed, tracker) for name, tracker in trackers.items()}
-    return compare(windows, choices, seed)
+    return compare(windows, {name: partial(processed, each) for name, each in trackers.items()})
 
 
 def draw(table: pd.DataFrame) -> Figure:

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments.tracking import MEAN, Tables, Window, compare
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEASURES, measure_tracks
+from kilnflight.experiments.tracking import Tables, Window, compare
+from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEAN, MEASURES, measure_tracks
 from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining
@@ -79,17 +79,13 @@ def variants() -> dict[str, Steps]:
     }
 
 
-def compare_variants(
-    windows: Sequence[Window], choices: Mapping[str, Steps], seed: int = 0
-) -> pd.DataFrame:
+def compare_variants(windows: Sequence[Window], choices: Mapping[str, Steps]) -> pd.DataFrame:
     """Return `tracking.compare` of GNN's tracks after each choice of steps."""
 
     def processed(steps: Steps, window: Window) -> pd.DataFrame:
         return tracklets.postprocess(track(window.detections), window.differences, steps)
 
-    return compare(
-        windows, {name: partial(processed, each) for name, each in choices.items()}, seed
-    )
+    return compare(windows, {name: partial(processed, each) for name, each in choices.items()})
 
 
 def texture_boxes(

@@ -7,7 +7,7 @@ of ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -16,20 +16,19 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments import plots
-from kilnflight.experiments.tracking import STAGES, Tracker, Window, cells
+from kilnflight.experiments.tracking import Stages, Tracker, Window, cells, follow
 from kilnflight.experiments.tracking_scores import (
-    MEASURES,
+    KEYS,
+    MEAN,
     READINGS,
+    STAGES,
     Scored,
-    mean_difference,
-    row_of,
+    gains,
+    tabulate,
 )
 from kilnflight.project import style
 
 OURS = "ours"  # names of our trackers end so
-COLUMNS = ["fraction", "tracker", "postprocessing", "reading", *MEASURES]
-COLUMNS += [f"{name}_{end}" for name in MEASURES for end in ("low", "high")]
-COLUMNS += ["seconds", "note"]
 # Parameters of trackers, as axes name them.
 UNITS = {
     "gate": "gate (standard deviations)",
@@ -42,31 +41,31 @@ UNITS = {
 
 
 def score(
-    windows: Iterable[Window], trackers: Mapping[str, Tracker]
+    windows: Sequence[Window], trackers: Mapping[str, Tracker]
 ) -> tuple[pd.DataFrame, list[Scored]]:
     """Return the measures of all trackers in both readings, and the cells they come from.
 
     Returns
     -------
     table : DataFrame
-        That of `tracking.run`, with ``note``. A tracker that refuses a window (an `InputError`)
+        `tracking_scores.tabulate` with ``note``. A tracker that refuses a window (an `InputError`)
         has rows without measures, whose note says why.
     cells : list of Scored
         Of those that ran.
     """
-    rows: list[dict[str, object]] = []
-    found: list[Scored] = []
-    for window, (number, (name, tracker)) in product(windows, enumerate(trackers.items(), 1)):
+    tracked: dict[tuple[str, str], Stages] = {}
+    notes = {}
+    for window, (name, tracker) in product(windows, trackers.items()):
         try:
-            part = list(cells([window], {name: tracker}, first=number))
+            tracked[window.fraction, name] = follow(window, tracker)
         except InputError as error:
-            for stage, reading in product(STAGES, READINGS):
-                row = {"fraction": window.fraction, "tracker": name, "postprocessing": stage}
-                rows.append({**row, "reading": reading, "note": f"not run: {error}"})
-            continue
-        found += [cell for cell, _ in part]
-        rows += [{**row_of(cell), "seconds": seconds, "note": ""} for cell, seconds in part]
-    return pd.DataFrame(rows).reindex(columns=COLUMNS), found
+            notes[window.fraction, name] = f"not run: {error}"
+    found = cells(windows, tracked)
+    fractions = [window.fraction for window in windows]
+    keys = pd.MultiIndex.from_product([fractions, trackers, STAGES, READINGS], names=KEYS)
+    table = tabulate(found).set_index(KEYS).reindex(keys).reset_index()
+    pairs = zip(table["fraction"], table["tracker"], strict=True)
+    return table.assign(note=[notes.get(pair, "") for pair in pairs]), found
 
 
 def held_back(tried: pd.DataFrame) -> dict[str, str]:
@@ -102,27 +101,27 @@ def ahead_of_ours(
         window has too few true trajectories to say), ``held_back`` (why, or ""). Only trackers
         that ran on every window with a true trajectory in the reading.
     """
-    by_key = {cell.key: cell for cell in found if cell.score is not None}
-    rows: list[dict[str, object]] = []
+    parts = []
     for reading, stage in product(READINGS, STAGES):
-        here = scores[(scores["reading"] == reading) & (scores["postprocessing"] == stage)]
-        known = dict.fromkeys(key[0] for key in by_key if key[3] == reading)
-        groups = here[here["fraction"].isin(known)].groupby("tracker", sort=False)["beta"]
-        means = groups.mean()[groups.count() == len(known)].sort_values(ascending=False)
-        ours = [name for name in means.index if str(name).endswith(OURS)]
-        for name, mean in means.items() if ours and known else ():
-            pairs = [
-                tuple(by_key[fraction, who, stage, reading] for who in (str(name), ours[0]))
-                for fraction in known
-            ]
-            apart = mean_difference([(one, other) for one, other in pairs], ["beta"])
-            row = {"reading": reading, "postprocessing": stage, "tracker": name, "beta": mean}
-            row |= {"ours": ours[0], "beta_minus_ours": apart.estimate}
-            low, high = np.clip([apart.low, apart.high], -1.0, 1.0)
-            row |= {"difference_low": float(low), "difference_high": float(high)}
-            rows.append(row | {"held_back": limits.get(str(name), "")})
-    names = ["reading", "postprocessing", "tracker", "beta", "ours", "beta_minus_ours"]
-    return pd.DataFrame(rows, columns=[*names, "difference_low", "difference_high", "held_back"])
+        here = [cell for cell in found if cell.key[2:] == (stage, reading) and cell.score]
+        if here:
+            beta = tabulate(here).pivot(index="fraction", columns="tracker", values="beta")
+            means = beta.dropna(axis=1).mean()  # of those that ran on every window
+            ours = means[means.index.str.endswith(OURS)]
+            if len(ours):
+                first, ran = (
+                    str(ours.idxmax()),
+                    [cell for cell in here if cell.key[1] in means.index],
+                )
+                part = gains(ran, first).assign(postprocessing=stage, ours=first)
+                parts.append(part[part["fraction"] == MEAN].sort_values("beta", ascending=False))
+    names = {"beta_gain": "beta_minus_ours"}
+    names |= {f"beta_gain_{end}": f"difference_{end}" for end in ("low", "high")}
+    columns = ["reading", "postprocessing", "tracker", "beta", "ours", *names.values()]
+    if not parts:
+        return pd.DataFrame(columns=[*columns, "held_back"])
+    table = pd.concat(parts, ignore_index=True).rename(columns=names)[columns]
+    return table.assign(held_back=[limits.get(name, "") for name in table["tracker"]])
 
 
 def describe(ranks: pd.DataFrame, scores: pd.DataFrame) -> str:
@@ -170,50 +169,26 @@ def draw(scores: pd.DataFrame, limits: Mapping[str, str]) -> Figure:
     return picture
 
 
-def curves(tried: pd.DataFrame) -> pd.DataFrame:
-    """Return the largest beta at each value of each parameter of each tracker.
-
-    Returns
-    -------
-    DataFrame
-        ``tracker``, ``parameter``, ``value``, ``beta`` (the largest of the settings with this
-        value), ``settings`` (their number), ``chosen`` (whether it is the chosen one's value).
-    """
-    rows: list[Mapping[str, object]] = []
-    empty = pd.Series(dtype=np.float64)
-    for name, table in tried.groupby("tracker", sort=False):
-        best = table[table["chosen"]].iloc[0]
-        for parameter in (column for column in UNITS if table.get(column, empty).notna().any()):
-            for value, part in table.groupby(parameter):
-                row = {"tracker": name, "parameter": parameter, "value": value}
-                row |= {"beta": part["beta"].max(), "settings": len(part)}
-                rows.append(row | {"chosen": value == best[parameter]})
-    return pd.DataFrame(rows)
-
-
 def draw_curves(tried: pd.DataFrame) -> Figure:
     """Draw beta against each parameter: all settings, the largest, the chosen one."""
-    largest = curves(tried)
     names = list(tried["tracker"].unique())
-    picture, grid = style.canvas(
-        len(names), 3, width_mm=style.PAGE_MM, height_mm=12 + 34 * len(names), sharey="row"
-    )
-    for axes_row, name in zip(grid, names, strict=True):
-        table, line = (part[part["tracker"] == name] for part in (tried, largest))
-        for axes, (parameter, part) in zip(
-            axes_row, line.groupby("parameter", sort=False), strict=True
-        ):
+    size = {"width_mm": style.PAGE_MM, "height_mm": 12 + 34 * len(names)}
+    picture, grid = style.canvas(len(names), 3, **size, sharey="row")
+    hollow = {"color": "black", "mfc": "white", "label": "chosen"}
+    for row, name in zip(grid, names, strict=True):
+        table = tried[tried["tracker"] == name].dropna(axis=1, how="all")
+        parameters = [column for column in UNITS if column in table]
+        for axes, parameter in zip(row, parameters, strict=True):
+            largest, best = table.groupby(parameter)["beta"].max(), table[table["chosen"]]
             axes.plot(table[parameter], table["beta"], ".", color="0.7", label="tried")
-            axes.plot(part["value"], part["beta"], "-", color="black", lw=0.8, label="largest")
-            best = table[table["chosen"]]
-            hollow = {"color": "black", "mfc": "white", "label": "chosen"}
+            axes.plot(largest, "-", color="black", lw=0.8, label="largest")
             axes.plot(best[parameter], best["beta"], "o", **hollow)
             if parameter != "predicted":  # steps of about the same ratio, from 0 on
                 axes.set_xscale("symlog", linthresh=0.05)
-            axes.set_xticks(part["value"], [f"{value:g}" for value in part["value"]], minor=False)
+            axes.set_xticks(largest.index, [f"{value:g}" for value in largest.index])
             axes.minorticks_off()
             axes.set(xlabel=UNITS[parameter], title=name)
-        axes_row[0].set_ylabel("beta")
+        row[0].set_ylabel("beta")
     handles = grid[0, 0].get_legend_handles_labels()
     picture.legend(*handles, loc="outside upper center", ncols=3)
     return picture

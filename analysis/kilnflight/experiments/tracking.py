@@ -8,13 +8,12 @@ on other frames of the same campaigns (`kilnflight.experiments.tuning`).
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,17 +30,16 @@ from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.experiments.tracking_scores import (
     FROM_LANCE,
     GATE_PX,
-    MEASURES,
     READINGS,
+    STAGES,
     Lance,
     Scored,
-    mean_difference,
-    measures_of,
-    row_of,
+    gains,
     score_reading,
     scored,
+    tabulate,
 )
-from kilnflight.kiln import TILE, DetectionRun
+from kilnflight.kiln import CHUNK, LONG_CHUNK, TILE, DetectionRun
 from kilnflight.project import style
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
@@ -53,11 +51,10 @@ MARGIN = 150  # frames between a window and those for settings: no shared backgr
 LENGTHS = {"quick": 12, "standard": 48, "full": 0}  # frames; 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
-STAGES = ("without", "with")  # post-processing
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
+Stages = Mapping[str, pd.DataFrame]  # stage -> tracks
+Tracked = Mapping[tuple[str, str], Stages]  # fraction and tracker -> their tracks
 Tracker = Callable[[pd.DataFrame], pd.DataFrame]  # detections -> the same with particle
-GAINS = ("alpha", "beta")  # measures whose gains have intervals
-MEAN = "mean of fractions"
 
 
 class Window(NamedTuple):
@@ -70,6 +67,9 @@ class Window(NamedTuple):
     truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
     differences: StoredDifferences
     lance: Lance | None = None  # needed for the reading `FROM_LANCE`
+
+
+Variant = Callable[[Window], pd.DataFrame]  # the tracks of a window
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
@@ -94,7 +94,15 @@ def scored_frames(twin: Twin, scale: str) -> range:
     return busiest_frames(twin, window, LENGTHS[scale] or len(window))
 
 
-def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
+def windows(
+    scale: str,
+    settings: Settings,
+    seed: int = 0,
+    *,
+    jobs: int = 1,
+    frames: Callable[[Twin, str], range] = scored_frames,
+    piece: int = 0,
+) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
@@ -107,19 +115,28 @@ def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> 
         Of the scenes.
     jobs
         Processes.
+    frames
+        Which frames of a campaign, by scale.
+    piece
+        If not 0, detections are those of whole pieces of so many frames; without differences.
     """
     parts = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
         name = campaign_name(fraction, 4.5)
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
-        frames = scored_frames(twin, scale)
+        wanted = frames(twin, scale)
+        start, stop, chunk = wanted.start, wanted.stop, CHUNK
+        if piece:
+            start, stop = start // piece * piece, min(-(-stop // piece) * piece, len(twin))
+            chunk = LONG_CHUNK
         detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
-        run = kiln.DetectionRun(source, frames.start, frames.stop, detector, background)
-        in_air = settings.in_air(kiln.detections(run, Workers(jobs)))
-        truth = true_trajectories(twin, frames)
-        differences, lance = StoredDifferences(run), lance_of(twin)
-        parts.append(Window(fraction, name, frames, in_air, truth, differences, lance))
+        run = DetectionRun(source, start, stop, detector, background, chunk, not piece)
+        seen = settings.in_air(kiln.detections(run, Workers(jobs)))
+        seen = seen[seen["frame"].isin(wanted)].reset_index(drop=True)
+        differences: Any = None if piece else StoredDifferences(run)  # steps do without them
+        truth = true_trajectories(twin, wanted)
+        parts.append(Window(fraction, name, wanted, seen, truth, differences, lance_of(twin)))
     return parts
 
 
@@ -132,90 +149,45 @@ def lance_of(twin: Twin) -> Lance:
     return Lance(float(row), float(col), float(attributes.exit_point_mm[2]))
 
 
-def cells(
-    windows: Iterable[Window],
-    trackers: Mapping[str, Tracker],
-    readings: Sequence[str] = READINGS,
-    first: int = 1,
-) -> Iterator[tuple[Scored, float]]:
-    """Yield every cell of Table 5.17 in some readings, and the seconds of its stage.
-
-    The first tracker has the number ``first`` among the seeds of intervals.
-    """
-    for window, (number, (name, tracker)) in product(windows, enumerate(trackers.items(), first)):
-        place = FRACTION_NUMBERS[window.fraction]
-        for stage, tracks, seconds in track_and_postprocess(window, tracker):
-            for reading in readings:
-                score = score_reading(reading, window.truth, tracks, window.lance, stage)
-                seed = (place, number, 1 + STAGES.index(stage))
-                yield scored((window.fraction, name, stage, reading), score, seed), seconds
-
-
-def run(
-    windows: Iterable[Window], trackers: Mapping[str, Tracker], readings: Sequence[str] = READINGS
-) -> pd.DataFrame:
-    """Return measures by tracker and window, without and with post-processing.
-
-    Returns
-    -------
-    DataFrame
-        ``fraction``, ``tracker``, ``postprocessing``, ``reading``, the columns of
-        `tracking_scores.row_of`, and ``seconds``: of the tracking, or of the post-processing
-        after it.
-    """
-    rows = [
-        row_of(cell) | {"seconds": seconds} for cell, seconds in cells(windows, trackers, readings)
-    ]
-    return pd.DataFrame(rows)
-
-
-def mean_measures(
-    windows: Iterable[Window],
-    tracker: Tracker,
-    reading: str = FROM_LANCE,
-    stage: str = "with",
-) -> dict[str, float]:
-    """Return a tracker's four measures as means over windows: what settings are chosen by.
-
-    Parameters
-    ----------
-    windows
-        Of which those without a true trajectory in the reading are left out.
-    tracker
-        A candidate: a tracker in some setting. What it refuses (`InputError`) is passed on.
-    reading
-        One of `tracking_scores.READINGS`.
-    stage
-        "with" or "without" post-processing, which is not run for the latter.
-    """
-    rows = []
-    for window in windows:
-        stages = track_and_postprocess(window, tracker)
-        tracks = next(table for name, table, _ in stages if name == stage)
-        rows.append(measures_of(score_reading(reading, window.truth, tracks, window.lance, stage)))
-    mean = pd.DataFrame(rows)[list(MEASURES)].mean()
-    return {name: float(mean[name]) for name in MEASURES}
-
-
-def track_and_postprocess(
-    window: Window, tracker: Tracker
-) -> Iterator[tuple[str, pd.DataFrame, float]]:
-    """Yield a window's tracks "without", "with" post-processing, and the seconds."""
-    begin = time.perf_counter()
+def follow(window: Window, tracker: Tracker) -> Stages:
+    """Return a window's tracks without and with post-processing."""
     tracks = tracker(window.detections)
-    yield "without", tracks, time.perf_counter() - begin
-    begin = time.perf_counter()
     processed = tracklets.postprocess(tracks, window.differences)
-    yield "with", processed, time.perf_counter() - begin
+    return dict(zip(STAGES, (tracks, processed), strict=True))
 
 
-def tracks_by_stage(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> Tables:
+def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tracked:
+    """Return `follow` of windows by fraction and tracker."""
+    each = product(windows, trackers.items())
+    return {(window.fraction, name): follow(window, tracker) for window, (name, tracker) in each}
+
+
+def beside_truth(
+    windows: Iterable[Window], tracked: Tracked, trackers: Iterable[str]
+) -> dict[str, dict[str, pd.DataFrame]]:
     """Return the true tracks of windows, and those of trackers by stage, by fraction."""
     tables = {window.fraction: {"truth": window.truth} for window in windows}
-    for window, (name, tracker) in product(windows, trackers.items()):
-        for stage, tracks, _ in track_and_postprocess(window, tracker):
-            tables[window.fraction][f"{name} {stage} steps"] = tracks
+    for (fraction, shown), name in product(tables.items(), trackers):
+        each = tracked[fraction, name].items()
+        shown |= {f"{name} {stage} steps": tracks for stage, tracks in each}
     return tables
+
+
+def cells(
+    windows: Iterable[Window], tracked: Tracked, readings: Sequence[str] = READINGS
+) -> list[Scored]:
+    """Return every cell of Table 5.17 in some readings, for the tracks that there are."""
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)}
+    return [
+        scored(
+            (window.fraction, name, stage, reading),
+            score_reading(reading, window.truth, tracks, window.lance, stage),
+            (FRACTION_NUMBERS[window.fraction], number, 1 + STAGES.index(stage)),
+        )
+        for window, (name, number) in product(windows, numbers.items())
+        for stage, tracks in tracked.get((window.fraction, name), {}).items()
+        for reading in readings
+    ]
 
 
 def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
@@ -242,90 +214,40 @@ def ablate(
     Returns
     -------
     DataFrame
-        `run` with ``input``: "true positions", "right detections only" (those that belong to a
-        true trajectory) and "detections"; and rows for the tracker "links by the truth".
+        `tracking_scores.tabulate` with ``input``: "true positions", "right detections only" (those
+        of a true trajectory) and "detections"; and rows for the tracker "links by the truth".
     """
     linked = [
         window.detections.assign(particle=true_particles(window.detections, window.truth))
         for window in windows
     ]
     columns = ["frame", "row", "col", "x", "y", "z"]
+    right = [tracklets.tracked(table).drop(columns="particle") for table in linked]
     inputs = {
         "true positions": [window.truth[columns] for window in windows],
-        "right detections only": [
-            table[table["particle"] >= 0].drop(columns="particle").reset_index(drop=True)
-            for table in linked
-        ],
+        "right detections only": [table.reset_index(drop=True) for table in right],
         "detections": [window.detections for window in windows],
     }
     parts = []
     for name, tables in inputs.items():
         pairs = zip(windows, tables, strict=True)
         replaced = [window._replace(detections=table) for window, table in pairs]
-        parts.append(run(replaced, trackers, [reading]).assign(input=name))
-    rows = [
-        {"fraction": window.fraction, "input": "detections", "tracker": "links by the truth"}
-        | {"postprocessing": "without", "reading": reading}
-        | measures_of(score_reading(reading, window.truth, table, window.lance))
-        for window, table in zip(windows, linked, strict=True)
-    ]
-    return pd.concat([*parts, pd.DataFrame(rows)], ignore_index=True)
+        found = cells(replaced, follow_all(replaced, trackers), [reading])
+        parts.append(tabulate(found).assign(input=name))
+    links = {
+        (window.fraction, "links by the truth"): {STAGES[0]: tracks}
+        for window, tracks in zip(windows, linked, strict=True)
+    }
+    parts.append(tabulate(cells(windows, links, [reading])).assign(input="detections"))
+    return pd.concat(parts, ignore_index=True)
 
 
-def compare(
-    windows: Sequence[Window], variants: Mapping[str, Variant], seed: int = 0
-) -> pd.DataFrame:
-    """Return the measures of variants, and what each gains over the first one.
-
-    Parameters
-    ----------
-    windows
-        With truth and lance.
-    variants
-        By name, the first is what all others are compared with.
-    seed
-        Of the bootstrap.
-
-    Returns
-    -------
-    DataFrame
-        ``variant``, ``reading``, ``fraction`` (`MEAN`: of all), ``true_tracks``, the four
-        measures, and for alpha and beta the gain over the first variant with its 95 % interval
-        (``_gain``, ``_gain_low``, ``_gain_high``), bootstrap over true tracks. A fraction
-        without a true track in a reading is left out of it.
-    """
-    cells: dict[tuple[str, str], list[Scored]] = {}
-    for place, window in enumerate(windows):
-        for number, (name, variant) in enumerate(variants.items()):
-            tracks = variant(window)
-            for reading in READINGS:
-                score = score_reading(reading, window.truth, tracks, window.lance)
-                cell = scored((window.fraction, name, "with", reading), score, (place, number))
-                if score is not None:
-                    cells.setdefault((reading, name), []).append(cell)
-    first, rows = next(iter(variants)), []
-    for (reading, name), found in cells.items():
-        pairs = list(zip(found, cells[reading, first], strict=True))
-        for fraction, part in [
-            *((cell.key[0], [(cell, base)]) for cell, base in pairs),
-            (MEAN, pairs),
-        ]:
-            rows.append({"variant": name, "reading": reading, "fraction": fraction} | _gains(part))
-    return pd.DataFrame(rows)
-
-
-def _gains(pairs: Sequence[tuple[Scored, Scored]]) -> dict[str, object]:
-    """Return the mean measures of the first of each pair, and their gains over the second."""
-    means = pd.DataFrame([measures_of(cell.score) for cell, _ in pairs])[list(MEASURES)].mean()
-    count = sum(len(cell.score.true_tracks) for cell, _ in pairs if cell.score is not None)
-    row: dict[str, object] = {"true_tracks": count}
-    row |= {name: means[name] for name in MEASURES}
-    for measure in GAINS:
-        one = mean_difference(pairs, [measure])
-        ends = one.estimate, *np.clip([one.low, one.high], -1.0, 1.0)
-        names = (f"{measure}_gain", f"{measure}_gain_low", f"{measure}_gain_high")
-        row |= dict(zip(names, ends, strict=True))
-    return row
+def compare(windows: Sequence[Window], variants: Mapping[str, Variant]) -> pd.DataFrame:
+    """Return `tracking_scores.gains` of variants with post-processing over the first."""
+    each = product(windows, variants.items())
+    tracked = {(window.fraction, name): {STAGES[1]: make(window)} for window, (name, make) in each}
+    found = gains(cells(windows, tracked), next(iter(variants)))
+    return found.rename(columns={"tracker": "variant"})
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
@@ -353,9 +275,6 @@ def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
             axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
         column[-1].set_xlabel("column (px)")
     return picture
-
-
-Variant = Callable[[Window], pd.DataFrame]  # the tracks of a window
 
 
 @dataclass(frozen=True)

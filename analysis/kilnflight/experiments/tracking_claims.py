@@ -19,6 +19,7 @@ from kilnflight.experiments.tracking_scores import (
     AFTERWARDS,
     ALL,
     FROM_LANCE,
+    KEYS,
     MEASURES,
     FromLance,
     Scored,
@@ -30,7 +31,6 @@ from kilnflight.project import claims
 from kilnflight.scores.intervals import Interval
 
 TRACKERS = ("GNN", "JPDA")
-KEYS = ["fraction", "tracker", "postprocessing", "reading"]
 SINGULARS = {"Wood chips": "wood chip", "Confetti": "confetti"}
 SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 HIGHEST = 0.43  # alpha and beta without post-processing, but for wood chips, Table 5.17
@@ -70,18 +70,13 @@ def _from_lance(window: Window) -> int:
     return int(FromLance()(window.truth, window.lance)["particle"].nunique())
 
 
-def table_5_17(cells: Cells) -> pd.DataFrame:
-    """Return the cells as a table: `KEYS`, measures, ends of their intervals, counts."""
-    return pd.DataFrame([row_of(cell) for cell in cells.values()])
-
-
 def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
     """Return measures in the reading of the print beside Table 5.17's.
 
     Parameters
     ----------
     measured
-        Of `table_5_17` or `tracking.run`.
+        Of `tracking_scores.tabulate`.
 
     Returns
     -------
@@ -94,22 +89,20 @@ def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
         fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
     )
     names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
-    cells = _long(measured, "recomputed", "")
-    for end in ("low", "high"):
-        cells = cells.merge(_long(measured, end, f"_{end}"))
-    other = _long(measured.assign(reading=measured["reading"].map({ALL: FROM_LANCE})), "all_tracks")
-    return (
-        cells[cells["reading"] == FROM_LANCE]
-        .merge(other.dropna(subset="reading"))
-        .merge(printed.rename(columns=names)[[*KEYS[:3], "measure", "published"]])
+    ends = {"recomputed": "", "low": "_low", "high": "_high"}
+    values = pd.concat(
+        measured[KEYS].assign(
+            measure=name, **{to: measured[name + end] for to, end in ends.items()}
+        )
+        for name in MEASURES
     )
-
-
-def _long(measured: pd.DataFrame, value: str, end: str = "") -> pd.DataFrame:
-    """Return one row per measure with the columns that end so."""
-    columns = {f"{name}{end}": name for name in MEASURES}
-    table = measured[[*KEYS, *columns]].rename(columns=columns)
-    return table.melt(KEYS, list(MEASURES), "measure", value)
+    cell = [*KEYS[:3], "measure"]
+    whole = values[values["reading"] == ALL].rename(columns={"recomputed": "all_tracks"})
+    return (
+        values[values["reading"] == FROM_LANCE]
+        .merge(whole[[*cell, "all_tracks"]])
+        .merge(printed.rename(columns=names)[[*cell, "published"]])
+    )
 
 
 def describe(beside: pd.DataFrame) -> str:

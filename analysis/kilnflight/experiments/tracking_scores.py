@@ -12,7 +12,7 @@ not restricted, while the truth is. This third reading stands beside the other t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,6 +32,9 @@ MEASURES = ("alpha", "beta", "jsc", "jsc_theta")
 ALL, FROM_LANCE = "all", "from the lance"
 AFTERWARDS = "from the lance, direct outcomes whole"  # the third reading
 READINGS = (ALL, FROM_LANCE)  # the two that are reported everywhere
+STAGES = ("without", "with")  # post-processing
+KEYS = ["fraction", "tracker", "postprocessing", "reading"]
+MEAN = "mean of fractions"
 
 
 class Lance(NamedTuple):
@@ -181,14 +184,50 @@ def row_of(cell: Scored) -> dict[str, float | str]:
 
     With fewer true trajectories than `TrackBootstrap.least` an interval is 0 to 1.
     """
-    names = ("fraction", "tracker", "postprocessing", "reading")
-    row: dict[str, float | str] = dict(zip(names, cell.key, strict=True))
+    row: dict[str, float | str] = dict(zip(KEYS, cell.key, strict=True))
     row |= measures_of(cell.score)
     for k, name in enumerate(MEASURES):
         interval = _interval(float(row[name]), cell.draws[:, k], [cell])
         low, high = np.clip([interval.low, interval.high], 0.0, 1.0)
         row |= {f"{name}_low": float(low), f"{name}_high": float(high)}
     return row
+
+
+def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
+    """Return cells as a table of `row_of`."""
+    return pd.DataFrame([row_of(cell) for cell in cells])
+
+
+def gains(cells: Iterable[Scored], first: str) -> pd.DataFrame:
+    """Return what trackers gain over one of them, by reading and fraction.
+
+    Returns
+    -------
+    DataFrame
+        ``tracker``, ``reading``, ``fraction`` (`MEAN`: of all), ``true_tracks``, the four
+        measures, and for alpha and beta the gain over ``first`` with its 95 % interval
+        (``_gain``, ``_gain_low``, ``_gain_high``). Cells without a true track are left out.
+    """
+    by_key = {cell.key: cell for cell in cells if cell.score is not None}
+    pairs: dict[tuple[str, str], list[tuple[Scored, Scored]]] = {}
+    for (fraction, name, stage, reading), cell in by_key.items():
+        base = by_key[fraction, first, stage, reading]
+        pairs.setdefault((name, reading), []).append((cell, base))
+    rows = []
+    for (name, reading), whole in pairs.items():
+        parts = {cell.key[0]: [(cell, base)] for cell, base in whole} | {MEAN: whole}
+        for fraction, part in parts.items():
+            measures = pd.DataFrame([measures_of(cell.score) for cell, _ in part])
+            row: dict[str, object] = {"tracker": name, "reading": reading, "fraction": fraction}
+            row["true_tracks"] = int(measures[["tp_tracks", "fn_tracks"]].to_numpy().sum())
+            row |= measures[list(MEASURES)].mean()
+            for measure in ("alpha", "beta"):
+                gain = mean_difference(part, [measure])
+                ends = np.clip([gain.low, gain.high], -1.0, 1.0)
+                for end, value in zip(("", "_low", "_high"), (gain.estimate, *ends), strict=True):
+                    row[f"{measure}_gain{end}"] = float(value)
+            rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def mean_difference(pairs: Sequence[tuple[Scored, Scored]], measures: Sequence[str]) -> Interval:

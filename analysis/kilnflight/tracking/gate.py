@@ -54,10 +54,11 @@ class Gate:
     difference, S = H P H' + R, as in Eq. 2.50. These two are taken here.
 
     Neither limit is printed. ``distance`` 4 loses one detection of a thesis-like Gaussian
-    track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3). The thesis
-    gives JPDA a smaller one. ``depth_mm`` is the only step in depth that is printed, z_eps
-    of Table 5.16. It holds for a track's gap of any length, since the error of the depth
-    outweighs the motion. A detection without depth, or a track that never had one, passes.
+    track in 3000 (P_G = 0.9997), "a possibly large gating threshold" (4.1.3). JPDA's is "smaller
+    than GNN" (section 5.2.3), by how much is not printed. ``depth_mm`` is the only step in depth
+    that is printed, z_eps of Table 5.16. It holds for a track's gap of any length, since the error
+    of the depth outweighs the motion. A detection without depth, or a track that never had one,
+    passes.
     """
 
     distance: float = 4.0  # d_ij,eps, in standard deviations; not printed
