@@ -64,7 +64,8 @@ caption = (
     "texture term, for which these frames have no differences (notebook 31 asks what it does). "
     f"Chosen: {tuning.describe_chosen(tried)}."
 )
-figures.save("tracking-settings", tried, picture=picture, caption=caption, provenance=origin)
+shown = tracker_ranks.filled(tried)
+figures.save("tracking-settings", shown, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Table 5.17 in its readings

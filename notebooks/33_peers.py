@@ -54,10 +54,11 @@ picture = tracker_ranks.draw_curves(tried)
 caption = (
     "All settings that were tried, the same number for each tracker, with mean measures after "
     "post-processing, tracks from the lance, on frames that are not reported (frames: of each "
-    "stretch). Line: the largest at each value; circle: chosen. at_end names the chosen one's "
-    "parameters at an end of the grid, untried how many of its neighbours were not tried."
+    "stretch). Line: the largest at each value; circle: chosen. at_end, if any, names the chosen "
+    "one's parameters at an end of the grid, untried how many of its neighbours were not tried."
 )
-figures.save("peers-settings", tried, picture=picture, caption=caption, provenance=origin)
+shown = tracker_ranks.filled(tried)
+figures.save("peers-settings", shown, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The same detections, the same measures
@@ -74,7 +75,8 @@ caption = (
     "they are; filled squares: with our post-processing. A tracker without a mark refused the "
     "window; one with a star refused settings, of which the best may be one."
 )
-figures.save("fig-peers", scores, picture=picture, caption=caption, provenance=origin)
+shown = tracker_ranks.filled(scores)
+figures.save("fig-peers", shown, picture=picture, caption=caption, provenance=origin)
 
 # %%
 ranks = tracker_ranks.ahead_of_ours(scores, cells, limits)

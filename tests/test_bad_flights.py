@@ -26,15 +26,19 @@ FILES = {"detections", "tracks", "trajectories", "flights", "slices"}
 
 
 def detections(count, start=LANCE, depth=lambda z: z, first=0):
-    """Return one particle's detections, from ``start`` towards the camera."""
+    """Return one particle's detections, from ``start`` towards the camera.
+
+    Another ``depth`` leaves places on their pixels' rays, as an error of the camera does.
+    """
     frame = np.arange(first, first + count)
     time = (frame - first + 2) / RATE_HZ
     scatter = np.random.default_rng(0).normal(0.0, 1.0, (20, 3))[:count] * (2.0, 2.0, 20.0)
     way = np.stack([400 * time, 900 * time - 2000 * time**2, -6000 * time + 2000 * time**2], 1)
-    x, y, z = (start + way + scatter).T
+    places = start + way + scatter
+    x, y, z = (places * (depth(places[:, 2]) / places[:, 2])[:, None]).T
     table = pd.DataFrame({"frame": frame, "row": 100.0 + 3 * frame, "col": 60.0 + 4 * frame})
     table = table.assign(radius_px=3.0, gray=5000.0 + np.sin(7.0 * frame))
-    table = table.assign(x=x, y=y, z=depth(z), points=5, case=1)
+    table = table.assign(x=x, y=y, z=z, points=5, case=1)
     return DETECTIONS.check(table)
 
 
@@ -125,9 +129,10 @@ def test_depths_that_are_all_equal_are_no_flight_from_the_lance(outcome):
 
 @pytest.mark.parametrize("by", [3000.0, -3000.0])
 def test_a_jump_of_three_metres_is_cut(outcome, by):
-    """A step that no particle makes: 3 m in 3 ms."""
+    """A step that no particle makes: 3 m in 3 ms, along the ray, so that no pixel moves."""
     tables, _, _ = outcome(detections(20, depth=lambda z: jump(z, by)))
     tracks = tables["tracks"].query("particle >= 0")
+    assert tracks["particle"].nunique() == 2
     sides = tracks.assign(late=tracks["frame"] >= 10).groupby("particle")["late"].nunique()
     assert (sides == 1).all()
     counted = tables["flights"].query("from_lance and refused == ''")

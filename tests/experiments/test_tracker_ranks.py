@@ -109,6 +109,11 @@ def test_nobody_of_ours_is_no_rank(ranked):
     assert len(tracker_ranks.draw(ranked[0], {}).axes) == 4
 
 
+def test_columns_of_text_that_nothing_fills_are_not_saved():
+    table = pd.DataFrame({"a": ["", ""], "b": ["", "x"], "c": [np.nan, np.nan], "d": [0, 0]})
+    assert list(tracker_ranks.filled(table)) == ["b", "c", "d"]
+
+
 def test_what_refused_settings_is_held_back(ranked):
     tried = pd.DataFrame({"tracker": ["A", "A", "B"], "beta": [np.nan, 0.4, 0.5], "frames": 40})
     limits = tracker_ranks.held_back(tried)

@@ -120,6 +120,23 @@ def test_a_burning_particle_may_be_lost_at_the_border_of_the_view(polynomials):
     )
 
 
+def test_what_goes_on_as_another_track_did_not_burn_out(polynomials):
+    """It is where `Cutting` cuts, too; 50 ms and 45 px are the default limits."""
+    fit = polynomials(LEVEL, first_s=0.05, last_s=0.3)
+    track = detections(fit, ignites_s=0.2)
+    for after, col, particle, ending in (
+        (1, 905.0, 1, "lost"),
+        (16, 944.0, 1, "lost"),
+        (17, 905.0, 1, "burnt out"),  # too late
+        (1, 946.0, 1, "burnt out"),  # elsewhere
+        (1, 905.0, -1, "burnt out"),  # in no track
+        (-3, 905.0, 1, "burnt out"),  # was there before
+    ):
+        other = track.assign(frame=track["frame"] + len(track) - 1 + after, col=col)
+        both = pd.concat([track, other.assign(particle=particle)], ignore_index=True)
+        assert flight_of(both, fit)["ending"] == ending, (after, col, particle)
+
+
 def test_only_trajectories_that_start_at_the_lance_count(polynomials):
     near = polynomials(FALLING, first_s=0.1)  # 0.8 m in depth
     late = polynomials(FALLING, first_s=0.2)  # 1.6 m

@@ -156,16 +156,49 @@ def test_a_track_is_cut_at_a_step_that_no_particle_makes():
     assert parts(later, fastest_m_s=5.0) == [list(range(12)), list(range(22, 40))]
 
 
-def test_a_jump_in_depth_without_one_in_the_image_is_no_step():
-    sight = flight(speed_z=0.0, speed_x=0.0)
-    jumps = sight.assign(z=np.where(sight["frame"] < 14, 6000.0, 3000.0))
-    assert parts(jumps) == [list(range(30))]
+def on_ray(tracks, depth_mm):
+    """The same pixels at other depths: a place stays on its pixel's ray (section 4.1.2)."""
+    shift = pd.Series(depth_mm, tracks.index) / tracks["z"]
+    return tracks.assign(**{axis: tracks[axis] * shift for axis in "xyz"})
+
+
+@pytest.mark.parametrize("by", [3000.0, -3000.0, 1500.0])
+def test_a_jump_along_the_ray_that_stays_is_a_step(by):
+    track = flight(x=300.0)
+    late = track["frame"] >= 14
+    assert parts(on_ray(track, track["z"] + by * late)) == [list(range(14)), list(range(14, 30))]
+    back = on_ray(track, track["z"] + by * track["frame"].between(14, 17))
+    expected = [list(range(14)), list(range(14, 18)), list(range(18, 30))]
+    assert parts(back) == expected
+    assert parts(back, depth_mm=1100.0 + abs(by)) == [list(range(30))]
+
+
+@pytest.mark.parametrize("frames", [[14], [14, 15], [3, 9, 10, 20], [0, 1], [28, 29]])
+def test_a_wrong_depth_that_comes_back_soon_is_scatter_and_no_step(frames):
+    track = flight(x=300.0)
+    wrong = on_ray(track, track["z"] + 3000.0 * track["frame"].isin(frames))
+    assert parts(wrong) == [list(range(30))]
+
+
+def test_depths_that_scatter_as_printed_are_no_steps():
+    """Table 5.18: RMSE in depth of 219 mm, the largest of the four fractions."""
+    track = flight(count=2000, speed_z=-0.5, x=300.0)
+    scatter = np.random.default_rng(1).normal(0.0, 219.0, len(track))
+    assert parts(on_ray(track, track["z"] + scatter)) == [list(range(2000))]
+
+
+def test_in_a_gap_of_the_depth_a_particle_flies_on():
+    """A metre in 33 ms is 30 m/s; in one frame it is none that a particle makes."""
+    whole = flight(count=40, speed_z=-30.0, x=300.0, z=9000.0)
+    gap = whole[~whole["frame"].between(15, 24)].reset_index(drop=True)
+    assert parts(gap) == [[*range(15), *range(25, 40)]]
+    near = gap.assign(frame=gap["frame"] - 10 * (gap["frame"] > 20))
+    assert parts(near) == [list(range(15)), list(range(15, 30))]
 
 
 def test_an_error_of_the_depth_moves_a_place_along_its_line_of_sight_and_is_no_step_across():
     track = flight(speed_x=0.0, speed_z=0.0, x=600.0)
-    far = 1 + 0.1 * (track["frame"] % 2)
-    assert parts(track.assign(x=600 * far, y=100 * far, z=6000 * far)) == [list(range(30))]
+    assert parts(on_ray(track, 6000.0 * (1 + 0.1 * (track["frame"] % 2)))) == [list(range(30))]
 
 
 def test_short_parts_are_in_no_track_and_what_has_no_depth_stays_with_what_came_before():
@@ -197,7 +230,7 @@ def test_cutting_again_changes_nothing_and_the_order_of_rows_does_not_matter():
     pd.testing.assert_frame_equal(Cutting()(mixed, 330.0).sort_index(), cut)
 
 
-@pytest.mark.parametrize("field", ["fastest_m_s", "across_mm", "least"])
+@pytest.mark.parametrize("field", ["fastest_m_s", "across_mm", "depth_mm", "least"])
 def test_what_is_no_limit_of_a_step_is_refused(field):
     with pytest.raises(InputError, match=f"Cutting: {field}"):
         Cutting(**{field: -1})

@@ -68,6 +68,11 @@ def score(
     return table.assign(note=[notes.get(pair, "") for pair in pairs]), found
 
 
+def filled(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table without the columns of text that nothing fills."""
+    return table.loc[:, (table != "").any()]
+
+
 def held_back(tried: pd.DataFrame) -> dict[str, str]:
     """Return the trackers that refused settings in their search, and how many of how many.
 

@@ -97,7 +97,8 @@ def flights(
     -----
     A track that ends in the air ended by burning out only if it burnt. An unlit one left the view
     or was lost by the tracker ("their actual flight time is longer than computed", appendix A.1).
-    It stays in the table as "lost", its dwell time a lower bound. Ignition is searched up to the
+    It stays in the table as "lost", its dwell time a lower bound. So does what goes on as another
+    track, as where a track is cut (`kilnflight.tracklets.Cutting`). Ignition is searched up to the
     landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or FieldOfView()
@@ -112,13 +113,17 @@ def flights(
     if missing:
         raise InputError(f"flights: no track of particle {missing[0]}, which has a fit.")
     rows = []
+    starts = tracks[particle >= 0].sort_values("frame").groupby("particle").head(1)
     for name, fit in fits.items():
         track = tracks.iloc[positions[name]].sort_values("frame", kind="stable")
         try:
             row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
-        if row["ending"] == BURNT_OUT and _cut_off(track, frame_rate_hz, rules, view):
+        if row["ending"] == BURNT_OUT and (
+            _cut_off(track, frame_rate_hz, rules, view)
+            or _goes_on(track, starts, frame_rate_hz, rules)
+        ):
             row["ending"] = LOST
         rows.append({"particle": name} | row)
     return FLIGHTS.check(pd.DataFrame(rows)[FLIGHTS.names])
@@ -174,6 +179,18 @@ def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: Fiel
     place = track[["row", "col"]].to_numpy(np.float64)[-1].tolist()
     inside = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
     return bool(inside < rules.edge_px)
+
+
+def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, frame_rate_hz: float, rules: Rules) -> bool:
+    """Return whether another track begins soon after the last place of a flight, and near it.
+
+    Within the gate of section 3.3, and the time that a flight is followed after its last detection.
+    """
+    last, places = track.iloc[-1], ["row", "col"]
+    after = (starts["frame"] - last["frame"]).to_numpy() / frame_rate_hz
+    apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)
+    soon = (after > 0) & (after <= rules.landing.beyond_s)
+    return bool((soon & (apart <= rules.edge_px)).any())
 
 
 def kept(flights: pd.DataFrame) -> pd.DataFrame:

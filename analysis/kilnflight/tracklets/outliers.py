@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from numpy.lib.stride_tricks import sliding_window_view
 
 from kilnflight.checks import check_count, check_kind, check_limit, check_positive
 from kilnflight.tracklets.paths import (
@@ -110,22 +111,25 @@ class Cutting:
     -----
     The thesis does not connect tracklets "far apart" (sec. 4.2.3); a limit in mm is not printed
     and ours. No particle is faster than `kilnflight.flight.Plausible` lets it be, and places
-    scatter by their RMSE (Table 5.18). Directions are compared at the nearer of both depths, as
-    an error of the depth moves a place along its line of sight. A step in depth alone is not
-    judged. Depths scatter by decimetres, and for some frames in a row the camera may give that of
-    what is behind a dim particle, while the image shows no step. What is fitted through such
-    depths is refused as a flight. Detections without depth are not judged, as a step in pixels
-    has no length; they stay with those before them.
+    scatter by their RMSE (Table 5.18). An error of the depth moves a place along its line of
+    sight (sec. 4.1.2), so steps are judged across it and along it. Across: from each detection to
+    the next, in directions compared at the nearer of both depths. Along: from each of ``least``
+    detections to each of the ``least`` that follow, all the same way. So a wrong depth that comes
+    back soon is scatter, and stays; one that lasts is another particle's or the wall's, and the
+    parts on both sides are tracks of their own. Detections without depth are not judged, as a
+    step in pixels has no length; they stay with those before them.
     """
 
     fastest_m_s: float = 32.0  # m/s, twice the lance's air (sec. 2.1.1)
     across_mm: float = 56.0  # mm, three RMSE across, 18.77 mm (Table 5.18)
+    depth_mm: float = 657.0  # mm, three RMSE in depth, 219 mm (Table 5.18)
     least: int = 3  # detections of a part: more than D_eps of Table 5.16
 
     def __post_init__(self) -> None:
         """Refuse parameters out of range."""
         check_limit(self.fastest_m_s, "Cutting: fastest_m_s")
         check_limit(self.across_mm, "Cutting: across_mm")
+        check_limit(self.depth_mm, "Cutting: depth_mm")
         check_count(self.least, "Cutting: least")
 
     def __call__(self, tracks: pd.DataFrame, frame_rate_hz: float) -> pd.DataFrame:
@@ -144,18 +148,28 @@ class Cutting:
                 known = left[np.isfinite(paths.place[left, 2:]).all(axis=1)]
                 if len(known) > 1:
                     time = paths.frame[known] / frame_rate_hz
-                    cuts[known[1:]] = self.steps(time, paths.place[known][:, [3, 4, 2]])
+                    place = paths.place[known][:, [3, 4, 2]]
+                    cuts[known[1:]] = self._across(time, place) | self._along(time, place[:, 2])
         if not cuts.any():
             return tracks
         names = paths.names() + np.cumsum(cuts)
         number = np.bincount(names)
         return write_paths(tracks, paths, np.where(number[names] < self.least, LOST, names))
 
-    def steps(self, time_s: Floats, places_mm: Floats) -> npt.NDArray[np.bool_]:
-        """Return which steps (n - 1,) of one track from place to place no particle makes."""
-        depth = places_mm[:, 2]
-        ahead = np.where(depth > 0, depth, np.nan)
-        sight = places_mm[:, :2] / ahead[:, None]
+    def _across(self, time: Floats, place: Floats) -> npt.NDArray[np.bool_]:
+        """Return which steps (n - 1,) across the line of sight no particle makes."""
+        ahead = np.where(place[:, 2] > 0, place[:, 2], np.nan)
+        sight = place[:, :2] / ahead[:, None]
         across = np.hypot(*np.diff(sight, axis=0).T) * np.minimum(ahead[1:], ahead[:-1])
-        flown = 1000 * self.fastest_m_s * np.diff(time_s)
-        return np.asarray(across > flown + self.across_mm)
+        return np.asarray(across > 1000 * self.fastest_m_s * np.diff(time) + self.across_mm)
+
+    def _along(self, time: Floats, depth: Floats) -> npt.NDArray[np.bool_]:
+        """Return which steps (n - 1,) along the line of sight no particle makes, and stay."""
+        steps, some = np.zeros(len(depth) - 1, dtype=np.bool_), self.least
+        if len(depth) >= 2 * some:
+            around = sliding_window_view(np.stack([time, depth]), 2 * some, axis=1)
+            flown, step = around[:, :, None, some:] - around[:, :, :some, None]
+            limit = 1000 * self.fastest_m_s * flown + self.depth_mm
+            far = [(way > limit).all(axis=(1, 2)) for way in (step, -step)]
+            steps[some - 1 : len(depth) - some] = np.logical_or(*far)
+        return steps
