@@ -97,17 +97,6 @@ caption = (
 figures.save("fig-2-23-events", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Many tracks in a row
-#
-# In a chain of 40 tracks each shares a detection with its neighbours. The number of events obeys
-# a recursion. How many of them miss a given track is the product of the numbers of the two
-# shorter chains beside it. No event is listed by `joint_probabilities`.
-
-# %%
-number, error = cases.chain_of_tracks(40)
-print(f"{number:.3e} events, largest error of a probability {error:.0e}")
-
-# %% [markdown]
 # ## The gate in flight
 #
 # A particle flies through twelve frames and is not detected in three of them (another one far
@@ -154,7 +143,6 @@ own = ", ".join(f"{weights['crowded', name][0, 1]:.2f} ({name})" for name in cas
 result = (
     f"{outcomes.sum()} of {len(outcomes)} sketched outcomes come out; in the "
     f"crowd track 1 gives its own detection {own}. Fig. 2.23 has {len(events)} joint "
-    f"events of at most {bound}; a chain of 40 tracks has {number:.1e}, and its "
-    f"probabilities are right to {max(1e-12, error):.0e}."
+    f"events of at most {bound}."
 )
 figures.conclude(result, [], origin)  # what recordings say of associators is asked elsewhere

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from kilnflight.checks import InputError
 from kilnflight.experiments.association_cases import (
     NAMES,
-    chain_of_tracks,
     event_table,
     feasible_events,
     gate_table,
@@ -115,15 +114,6 @@ def test_outcomes_of_the_sketches_are_read_off_the_weights():
     assert sketched_outcomes(weights).tolist() == [True] * 6
     weights |= {("crowded", "NN"): own, ("clutter", "JPDA"): clutter}
     assert sketched_outcomes(weights).tolist() == [True, False, True, True, True, False]
-
-
-def test_events_of_a_chain_are_counted_without_a_list():
-    for tracks in (1, 2, 5):  # 3, then 3 x 3 less the one in which both take the same
-        chain = np.eye(tracks, tracks + 1) + np.eye(tracks, tracks + 1, 1)
-        listed = feasible_events(np.column_stack([np.ones(tracks + 1), chain.T]))
-        number, error = chain_of_tracks(tracks)
-        assert number == len(listed)
-        assert error < 1e-12
 
 
 def test_an_interrupted_flight_has_clutter_nearer_and_a_gap():

@@ -165,25 +165,6 @@ def sketched_outcomes(weights: Mapping[tuple[str, str], Array]) -> pd.Series:
     return pd.Series(outcomes, name="comes out", dtype=bool)
 
 
-def chain_of_tracks(tracks: int) -> tuple[int, float]:
-    """Return a chain's number of joint events, and the largest error of their weights.
-
-    Each track shares a detection with its neighbours; likelihoods are equal. The number of events
-    of ever longer chains obeys a recursion. Those that miss a track are the product of the numbers
-    of the two shorter chains beside it.
-    """
-    count = [1, 3]  # joint events of a chain of 0, 1, ... tracks
-    while len(count) <= tracks:  # missed, right, left if free: count[-2] have taken the left one
-        count.append(3 * count[-1] - count[-2])
-    chain = np.eye(tracks, tracks + 1) + np.eye(tracks, tracks + 1, 1)
-    beta = joint_probabilities(chain, np.ones(tracks))
-    missed = [count[k] * count[tracks - 1 - k] / count[tracks] for k in range(tracks)]
-    rows, ends = beta.sum(axis=1) - 1, beta[:, 1:] - beta[::-1, :0:-1]  # the same from either end
-    return count[tracks], max(
-        float(np.abs(part).max()) for part in (rows, ends, beta[:, 0] - missed)
-    )
-
-
 def interrupted_flight(seed: int) -> pd.DataFrame:
     """Return detections of a flight of twelve frames, missed in frames 5 to 7.
 

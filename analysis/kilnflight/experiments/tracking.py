@@ -81,17 +81,13 @@ def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDAr
     return np.asarray(((released < first + length) & (ended > first)).sum(axis=1), dtype=np.intp)
 
 
-def busiest_frames(twin: Twin, within: range, length: int) -> range:
-    """Return the part of a range of frames in which most particles fly."""
+def scored_frames(twin: Twin, scale: str) -> range:
+    """Return the window of Table 5.15, or the part of it in which most particles fly."""
+    within = tracking_window(twin)
+    length = LENGTHS[scale] or len(within)
     starts = range(within.start, within.stop - length + 1)
     start = starts[int(flying_particles(twin, starts, length).argmax())]
     return range(start, start + length)
-
-
-def scored_frames(twin: Twin, scale: str) -> range:
-    """Return the window of Table 5.15, or the busiest part of it."""
-    window = tracking_window(twin)
-    return busiest_frames(twin, window, LENGTHS[scale] or len(window))
 
 
 def windows(

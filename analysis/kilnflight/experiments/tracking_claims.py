@@ -21,8 +21,8 @@ from kilnflight.experiments.tracking_scores import (
     FROM_LANCE,
     KEYS,
     MEASURES,
-    FromLance,
     Scored,
+    in_reading,
     mean_difference,
     row_of,
 )
@@ -53,21 +53,15 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
             "first_frame": window.frames.start,
             "frames": len(window.frames),
             "trajectories": window.truth["particle"].nunique(),
-            "trajectories_from_lance": _from_lance(window),
+            "trajectories_from_lance": from_lance["particle"].nunique(),
             "positions": len(window.truth),
             "detections": len(window.detections),
             "trajectories_published": amount[window.fraction.lower()],
         }
         for window in windows
+        for from_lance in in_reading(FROM_LANCE, window.truth, window.truth, window.lance)[:1]
     ]
     return pd.DataFrame(rows)
-
-
-def _from_lance(window: Window) -> int:
-    """Return how many true trajectories start from the lance and continue."""
-    if window.lance is None:
-        return 0
-    return int(FromLance()(window.truth, window.lance)["particle"].nunique())
 
 
 def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
@@ -112,19 +106,13 @@ def describe(beside: pd.DataFrame) -> str:
     for fraction, rows in after.groupby("fraction", sort=False):
         values = [f"{row.recomputed:.2f} ({row.published:.2f})" for row in rows.itertuples()]
         parts.append(f"{fraction} {' and '.join(values)}")
-    gain = gains(beside)
+    place = ["fraction", "tracker", "measure"]
+    wide = beside.pivot(index=place, columns="postprocessing", values="recomputed")
+    gain = wide["with"] - wide["without"]
     return (
         f"Alpha of tracks from the lance after post-processing, {' and '.join(TRACKERS)} "
         f"(published): {', '.join(parts)}; {(gain > 0).sum()} of {len(gain)} cells rise."
     )
-
-
-def gains(cells: pd.DataFrame) -> pd.Series:
-    """Return each measure's rise by post-processing, from `beside_table_5_17`."""
-    wide = cells.pivot(
-        index=["fraction", "tracker", "measure"], columns="postprocessing", values="recomputed"
-    )
-    return wide["with"] - wide["without"]
 
 
 def verdicts(cells: Cells) -> list[claims.Verdict]:
@@ -143,14 +131,12 @@ def verdicts(cells: Cells) -> list[claims.Verdict]:
             because="criterion",
         )
     ]
-    fractions = {key[0] for key, cell in cells.items() if cell.score is not None}
-    empty = [key[0] for key, cell in cells.items() if cell.score is None]
+    known = {key[0] for key, cell in cells.items() if cell.score is not None}
+    if len(known) < len(SINGULARS) or not all(cell.score for cell in cells.values()):
+        reason = "this run has no true trajectories from the lance in some of four fractions"
+        return judged + [claims.undecidable(name, reason, because="chain") for name in TESTS]
     chosen, any_gate = _with_jpda(cells, "JPDA"), _with_jpda(cells, ANY_GATE)
     for name, (test, because) in TESTS.items():
-        if len(fractions) < len(SINGULARS) or empty:
-            reason = "this run has no true trajectories from the lance in some of four fractions"
-            judged.append(claims.undecidable(name, reason, because="chain"))
-            continue
         others = {read: claims.judge(name, test(chosen, read), because=because) for read in OTHERS}
         free = claims.judge(name, test(any_gate, FROM_LANCE), because=because)
         told = [f"{read}: {one.verdict}" for read, one in others.items()]
@@ -188,13 +174,14 @@ def _worst(states: Iterable[bool | None]) -> bool | None:
 
 def _rises(cells: Cells, reading: str) -> Conditions:
     """Return whether post-processing raises all measures (track-1)."""
-    rises = {}
-    for (fraction, tracker, stage, read), cell in cells.items():
-        if stage == "with" and read == reading:
-            before = cells[fraction, tracker, "without", reading]
-            for name in MEASURES:
-                interval = mean_difference([(cell, before)], [name])
-                rises[f"{fraction} {tracker} {name}"] = interval
+    rises = {
+        f"{fraction} {tracker} {name}": mean_difference(
+            [(cell, cells[fraction, tracker, "without", reading])], [name]
+        )
+        for (fraction, tracker, stage, read), cell in cells.items()
+        for name in MEASURES
+        if (stage, read) == ("with", reading)
+    }
     states = {name: _state(interval) for name, interval in rises.items()}
     falls = [f"{name} {_words(rises[name])}" for name, state in states.items() if not state]
     beyond = sum(interval.low > 0 for interval in rises.values())
