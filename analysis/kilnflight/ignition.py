@@ -3,7 +3,7 @@
 Section 5.3.2 of the thesis judges confetti and shreds by the first, wood and PE by the second::
 
     grey values along a track -> the best single step -> a step, and upwards? -> IgnitionResult
-    differences along a track -> light or dark? -> light from some place on? -> IgnitionResult
+    differences along a track -> light or dark? -> light from some place on? -> yes or no
 
 The thesis prints no rule for either: `Ignition` and `LitTrace` are our tests of its sentences.
 """
@@ -172,21 +172,17 @@ class LitTrace:
     That picture is a background plus the difference of every frame from it (section 5.2.2).
     What a particle adds at its place is its grey value less the background's. The trace is light
     where it is more than ``share`` of the background above it. It lights up where it turns from
-    dark to light and stays so for ``least`` detections.
+    dark to light and stays so for ``least`` detections. Traces that cross are kept apart.
 
     Parameters
     ----------
     share
         Of the background. 0.1: brighter than the kiln behind, by more than the "slight" rise
         near the wall, which is no ignition (5.2.4). 1: what no silhouette does, even where
-        absolute differences are added, as it cannot take away more than all light. Both ours.
+        absolute differences are added, as it cannot take away more than all light. Both ours:
+        the thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure.
     least
         Detections; also the length of the running median, which ignores a single flash. Ours.
-
-    Notes
-    -----
-    The thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure. Traces
-    that cross in the sum are kept apart here, as each place has the difference of its own frame.
     """
 
     share: float = 0.1
@@ -199,31 +195,23 @@ class LitTrace:
 
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike
-    ) -> IgnitionResult:
-        """Return whether and where the trace lights up.
+    ) -> str:
+        """Return whether the trace lights up; parameters and errors are those of `Ignition`.
 
         "seen": it turns light; "before seen": it is light from the first detection on, and never
-        turns so; "none"; "too few points": shorter than twice ``least``. Parameters and errors
-        are those of `Ignition`; levels are medians above the background.
+        turns so; "none"; "too few points": shorter than twice ``least``.
         """
         time, light = _course(time_s, gray)
         above = light - _course(time_s, background)[1]
-        least = int(self.least)
-        if len(time) < 2 * least:
-            return IgnitionResult(TOO_FEW)
-        excess = median_filter(above - self.share * (light - above), least, mode="nearest")
+        if len(time) < 2 * self.least:
+            return TOO_FEW
+        excess = median_filter(above - self.share * (light - above), self.least, mode="nearest")
         is_light: npt.NDArray[np.bool_] = np.greater(excess, 0.0)
-        windows = np.lib.stride_tricks.sliding_window_view(is_light, least)
+        windows = np.lib.stride_tricks.sliding_window_view(is_light, self.least)
         lasting: npt.NDArray[np.bool_] = np.all(windows, axis=1)
-        turns = np.flatnonzero(lasting[1:] & ~is_light[: len(lasting) - 1]) + 1
-        if not len(turns):
-            level = float(np.median(above))
-            outcome = BEFORE if lasting[0] else NONE
-            return IgnitionResult(outcome, before=level, after=level)
-        k = int(turns[0])
-        moment = float(time[k - 1] + time[k]) / 2
-        before, after = float(np.median(above[:k])), float(np.median(above[k:]))
-        return IgnitionResult(SEEN, moment, before, after)
+        if (lasting[1:] & ~is_light[: len(lasting) - 1]).any():
+            return SEEN
+        return BEFORE if lasting[0] else NONE
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:

@@ -5,6 +5,7 @@ import pytest
 from kilnflight.checks import InputError
 from kilnflight.experiments import ignition
 from kilnflight.experiments.campaigns import Measurement, Results
+from kilnflight.flight import kept
 from kilnflight.ignition import LitTrace
 from kilnflight.project import claims
 from kilnflight.recording.frames import ArrayRecording, Attributes
@@ -112,7 +113,7 @@ def test_three_per_cent_among_them_are_of_all_or_of_the_burning(values):
         lit[:26] = 0.25
         lit[:early] = 0.05
         cell = {("confetti", 4.5): values["confetti", 4.5]._replace(ignition_s=lit)}
-        asked = ignition._paper_claims(values | cell, rng)["ign-2"]
+        asked = ignition._printed_shares(values | cell, "confetti", rng)
         found = {v for k, v in asked.items() if k.startswith("ignited < 0.1 s") and "4.5 bar" in k}
         assert found == answers
 
@@ -144,13 +145,9 @@ def test_a_trace_counts_up_to_the_landing_and_of_kept_flights_only():
             for k, gray in courses.items()
         ]
     ).assign(background=1000.0)
-    table = ignition._with_traces(flights, tracks, LitTrace())
-    assert table["ignition"].tolist() == ["seen", "none", "too few points"]
-    assert table["ignition_s"][0] == pytest.approx(0.75 + 0.1)
-    assert table["ignition_s"][1:].isna().all()
-    key = {"fraction": "wood chip", "pressure_bar": 4.5}
-    shares = ignition.trace_shares({"one": table.assign(**key)})
-    assert shares[["light_up", "number", "estimate"]].to_numpy().tolist() == [[1, 2, 0.5]]
+    count = ignition._count_lit(kept(flights), tracks, LitTrace())
+    assert (count["light_up"], count["light_at_first"], count["too_few"]) == (1, 0, 0)
+    assert (count["number"], count["estimate"]) == (2, 0.5)
 
 
 def test_rates_of_hits_and_false_alarms():
@@ -177,14 +174,20 @@ def test_rates_of_hits_and_false_alarms():
     assert row["time_error_median_s"] == pytest.approx(0.03)
 
 
-def test_the_optical_picture_adds_differences_to_the_background():
-    images = np.full((40, 24, 32), 1000, np.uint16)
+def test_the_optical_picture_keeps_the_greatest_difference_light_or_dark():
+    """A silhouette passes dark, a flame light, in whichever stretch of frames."""
+    images = np.full((200, 24, 32), 1000, np.uint16)
+    images[100:] = 1300  # the kiln brightens
     images[3, 5, 7] = 400  # a silhouette
-    images[20, 9, 9] = 5000  # a flame
+    images[20, 5, 7] = 1100  # less
+    images[150, 9, 9] = 5000  # a flame
     recording = ArrayRecording(Attributes("array", 100.0, 24, 32), images)
-    total = ignition.optical_picture(recording, range(40))
-    assert (total[5, 7], total[9, 9]) == (1600, 5000)
-    assert (np.delete(total.ravel(), [5 * 32 + 7, 9 * 32 + 9]) == 1000).all()
+    total = ignition.optical_picture(recording, range(200))
+    assert (total[5, 7], total[9, 9]) == (700, 5000)
+    rest = np.delete(total.ravel(), [5 * 32 + 7, 9 * 32 + 9])
+    assert set(rest) == {1300}
+    with pytest.raises(InputError, match="no frame"):
+        ignition.optical_picture(recording, range(0))
 
 
 def test_a_picture_of_no_campaign_is_refused(values):
