@@ -66,7 +66,7 @@ caption = (
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 
 # %%
-picture, data = flight_pictures.draw_dwell_by_source(by_source, bar)
+picture, data = flight_pictures.draw_dwell_by_source(by_source)
 caption = (
     "Dwell times of complete flights, simulated and measured; after the right part of Fig. A.6."
 )

@@ -45,7 +45,7 @@ def test_velocities_of_the_first_flights_are_long_and_flight_by_flight():
 def test_dwell_times_are_boxes_by_source_and_fraction():
     key, times = ("confetti", 5.0), [0.1, 0.2, 0.3, 0.4, 0.5]
     sources = {"simulated": {key: values(*times)}, "measured": {key: values(0.7)}}
-    picture, table = flight_pictures.draw_dwell_by_source(sources, 5.0)
+    picture, table = flight_pictures.draw_dwell_by_source(sources)
     assert picture.axes[0].get_title() == "5.0 bar"
     expected = pd.DataFrame({"source": ["simulated", "measured"], "fraction": "confetti"})
     expected["median"] = [0.3, 0.7]

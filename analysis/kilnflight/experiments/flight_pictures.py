@@ -344,7 +344,7 @@ def simulated_ends(flown: Mapping[str, Flights], most: int) -> pd.DataFrame:
 def simulated_velocities(simulated: Values, most: int) -> pd.DataFrame:
     """Return the velocity in each metre (Eq. 5.8) of the first flights of each fraction."""
     parts = {
-        name: pd.DataFrame(each.velocity_m_s, columns=METRES).head(most)
+        name: pd.DataFrame(each.velocity_m_s[:most], columns=METRES)
         for (name, _), each in simulated.items()
     }
     table = pd.concat(parts, names=["fraction", "flight"]).reset_index()
@@ -353,22 +353,15 @@ def simulated_velocities(simulated: Values, most: int) -> pd.DataFrame:
     return long.sort_index(kind="stable")
 
 
-def draw_dwell_by_source(sources: Mapping[str, Values], bar: float) -> tuple[Figure, pd.DataFrame]:
-    """Draw box plots of dwell times by fraction and source; return their numbers, too."""
-    picture, ((axes,),) = canvas(1, 1, width_mm=PAGE_MM, height_mm=75)
-    groups = {
-        source: [each.dwell_s for each in values.values()] for source, values in sources.items()
-    }
-    names = [name for name, _ in next(iter(sources.values()))]
-    draw_grouped_boxes(axes, groups, names)
-    axes.set(ylabel="dwell time (s)", ylim=(0, 1.5), title=f"{bar} bar")
-    axes.legend(*axes.get_legend_handles_labels())
+def draw_dwell_by_source(sources: Mapping[str, Values]) -> tuple[Figure, pd.DataFrame]:
+    """Draw dwell times by fraction and source; return the numbers of the boxes, too."""
+    keys = list(next(iter(sources.values())))
     rows = [
-        {"source": source, "fraction": name} | box(times)
-        for source, group in groups.items()
-        for name, times in zip(names, group, strict=True)
+        {"source": source, "fraction": key[0]} | box(values[key].dwell_s)
+        for source, values in sources.items()
+        for key in keys
     ]
-    return picture, pd.DataFrame(rows)
+    return draw_dwell_boxes(sources, keys), pd.DataFrame(rows)
 
 
 def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:

@@ -61,7 +61,7 @@ LIGHTER, NO_SILHOUETTE = "lighter than the kiln behind", "lighter than any silho
 PICTURES = {LIGHTER: LitTrace(0.1), NO_SILHOUETTE: LitTrace(1.0)}
 BASICALLY = 0.05  # of the flights: ours, for "do not combust basically" (section 5.3)
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
-Evidence = dict[str, bool | None]
+Conditions = dict[str, bool | None]
 
 
 def readings(results: Results) -> dict[str, Measurement]:
@@ -299,14 +299,10 @@ def _notes(values: Values, generator: np.random.Generator) -> dict[str, str]:
 
 def _evidence(
     values: Values, traces: pd.DataFrame, generator: np.random.Generator
-) -> dict[str, Evidence]:
+) -> dict[str, Conditions]:
     """Return what the claims ask for: papers by their ignition times, the others by traces."""
-    never: Evidence = {
-        f"{name} {lit} of {number}": True
-        if not lit
-        else None
-        if lit < BASICALLY * number
-        else False
+    never: Conditions = {
+        f"{name} {lit} of {number}": None if 0 < lit < BASICALLY * number else not lit
         for name, lit, number in _light_up(traces)
     }
     shares = {
@@ -325,14 +321,14 @@ def _light_up(traces: pd.DataFrame) -> list[tuple[str, int, int]]:
     ]
 
 
-def _printed_shares(values: Values, name: str, generator: np.random.Generator) -> Evidence:
+def _printed_shares(values: Values, name: str, generator: np.random.Generator) -> Conditions:
     """Return whether the shares printed of a paper hold.
 
     Of the confetti 26 % burn, "among them" 3 % within 0.1 s: of all or of these. Where the bases
     answer differently, that is open.
     """
     printed = beside_published(values, values, ["ignited"])
-    holds: Evidence = {}
+    holds: Conditions = {}
     for key in ((name, bar) for bar in PRESSURES_BAR):
         holds |= conditions(printed[printed["outcome"] == IGNITED], key, values, generator)
         early = printed[printed["outcome"].isin([EARLY, EARLY_OF_IGNITED])]
@@ -342,11 +338,11 @@ def _printed_shares(values: Values, name: str, generator: np.random.Generator) -
     return holds
 
 
-def _more_and_earlier(values: Values) -> Evidence:
+def _more_and_earlier(values: Values) -> Conditions:
     """Return whether shreds ignite more often and earlier, and both less at more pressure."""
     share, middle = (by_pressure(values, name) for name in (IGNITED, "ignition median (s)"))
     confetti, shred = PAPERS
-    holds: Evidence = {}
+    holds: Conditions = {}
     for bar in share.columns:
         often, early = share[bar].reindex(PAPERS), middle[bar].reindex(PAPERS)
         holds[f"shreds more often at {bar} bar"] = bool(often[shred] > often[confetti])
