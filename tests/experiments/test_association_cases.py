@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.checks import InputError
 from kilnflight.experiments.association_cases import (
     NAMES,
     event_table,
@@ -58,27 +57,6 @@ def test_events_are_those_found_by_trying_all(seed):
         if all(detection < 0 or gates[track, detection] for track, detection in enumerate(event))
     ]
     assert len(matrices) == len(inside)
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        ([[0, 1]], "column 0"),
-        ([[1, 2]], "of 0 and 1"),
-        ([1, 1], "of 0 and 1"),
-        ([[1.0, np.nan]], "of 0 and 1"),
-        (np.ones((12, 13)), "more than 1048576 feasible events"),
-    ],
-)
-def test_invalid_matrices_are_refused(matrix, message):
-    with pytest.raises(InputError, match=message):
-        feasible_events(matrix)
-
-
-@pytest.mark.parametrize("numbers", [(-1, 2), (2, -1), (1.5, 2), ("a", 2), (2, None)])
-def test_invalid_numbers_are_refused(numbers):
-    with pytest.raises(InputError, match="must be a whole number from 0"):
-        most_events(*numbers)
 
 
 def test_the_sum_over_events_is_the_joint_probability():

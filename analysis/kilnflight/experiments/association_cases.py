@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from kilnflight.association import ASSOCIATORS, Pairs, joint_probabilities
-from kilnflight.checks import InputError, check_count
 from kilnflight.project.style import COLOURS, canvas
 from kilnflight.tracking import tracker
 from kilnflight.tracking.gate import Gate
@@ -25,7 +24,6 @@ Array = npt.NDArray[np.float64]
 Matrices = npt.NDArray[np.uint8]
 Places = tuple[Array, Array]  # predictions (n, 2) and detections (m, 2), row and col in px
 NAMES = ("NN", "GNN", "PDA", "JPDA")  # of the ASSOCIATORS
-MOST_EVENTS = 2**20
 BLACK, ORANGE, BLUE, YELLOW = COLOURS[:4]
 MARKS: dict[str, Any] = {"mec": BLACK, "mew": 0.6, "ls": ""}
 
@@ -47,22 +45,12 @@ def feasible_events(validation: npt.ArrayLike) -> Matrices:
         (events, m, 1 + n) uint8: one 1 per row, at most one per column but column 0. The
         first is the event without any pair; the order is that of the detections' tracks.
 
-    Raises
-    ------
-    InputError
-        If the matrix is not as described or has more than 2^20 events.
-
     Examples
     --------
     >>> len(feasible_events([[1, 1, 0], [1, 1, 1], [1, 0, 1], [1, 0, 1]]))  # Fig. 2.23
     11
     """
     omega = np.asarray(validation)
-    if omega.ndim != 2 or not (np.isin(omega, (0, 1)).all() and (omega[:, :1] == 1).all()):
-        raise InputError(
-            f"validation matrix: shape {omega.shape}, expected (detections, 1 + tracks) of 0 and "
-            "1, column 0 ('no track') of ones."
-        )
     tracks = np.zeros((1, 0), dtype=np.intp)  # (events so far, detections so far)
     for row in omega:
         choices = np.flatnonzero(row)
@@ -70,11 +58,6 @@ def feasible_events(validation: npt.ArrayLike) -> Matrices:
         choice = np.tile(choices, len(tracks))
         taken = (before == choice[:, None]).any(axis=1) & (choice > 0)
         tracks = np.column_stack([before, choice])[~taken]
-        if len(tracks) > MOST_EVENTS:
-            raise InputError(
-                f"validation matrix {omega.shape}: more than {MOST_EVENTS} feasible events; list "
-                "those of a smaller group (joint_probabilities needs no list)."
-            )
     return (tracks[:, :, None] == np.arange(omega.shape[1])).astype(np.uint8)
 
 
@@ -88,8 +71,6 @@ def most_events(tracks: int, detections: int) -> int:
     >>> most_events(2, 4)
     21
     """
-    check_count(tracks, "most_events: tracks", least=0)
-    check_count(detections, "most_events: detections", least=0)
     return 1 + sum(comb(tracks, i) * perm(detections, tracks - i) for i in range(tracks))
 
 

@@ -78,16 +78,15 @@ def variants(
     def but(**changed: object) -> Tracker:
         return partial(track, **{**parts, **changed})
 
-    management = parts["management"]
-    trackers: dict[str, Tracker] = {
+    names = {"gate": "gate", "motion": "noise", "management": "missed frames"}
+    other = {key: gnn.keywords[key] for key in names if gnn.keywords[key] != parts[key]}
+    return {
         "JPDA": jpda,
         "recorded at the heaviest detection": partial(unaveraged, tracker=jpda),
-        "what is used starts tracks": but(management=replace(management, used=1.0)),
+        "what is used starts tracks": but(management=replace(parts["management"], used=1.0)),
         "one detection moves the filter": but(associator=Heaviest()),
         "each track alone (PDA)": but(associator=PDA()),
-        "gate of GNN": but(gate=gnn.keywords["gate"]),
-        "noise of GNN": but(motion=gnn.keywords["motion"]),
-        "missed frames of GNN": but(management=gnn.keywords["management"]),
+        **{f"{names[key]} of GNN": but(**{key: value}) for key, value in other.items()},
         "P_D 0.7": but(associator=JPDA(detection_probability=0.7)),
         "P_D 0.99": but(associator=JPDA(detection_probability=0.99)),
         "clutter a tenth": but(associator=Clutter(0.1)),
@@ -96,10 +95,6 @@ def variants(
         SAME_SETTING: but(associator=GNN()),
         "GNN": gnn,
     }
-    same = [key for key in ("gate", "motion", "management") if gnn.keywords[key] == parts[key]]
-    names = {"gate": "gate", "motion": "noise", "management": "missed frames"}
-    own = {f"{names[key]} of GNN" for key in same}
-    return {name: tracker for name, tracker in trackers.items() if name not in own}
 
 
 def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
@@ -114,9 +109,8 @@ def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.Dat
 def draw(table: pd.DataFrame) -> Figure:
     """Draw the gains of all variants over JPDA with their intervals, a panel per reading."""
     readings = table["reading"].unique()
-    picture, (panels,) = style.canvas(
-        1, len(readings), width_mm=style.PAGE_MM, height_mm=95, sharex=True, sharey=True
-    )
+    size = {"width_mm": style.PAGE_MM, "height_mm": 95}
+    picture, (panels,) = style.canvas(1, len(readings), **size, sharex=True, sharey=True)
     for axes, reading in zip(panels, readings, strict=True):
         part = _means(table, reading)
         for shift, measure, face in ((-0.15, "alpha", "black"), (0.15, "beta", "white")):

@@ -23,7 +23,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from importlib import import_module
 from importlib.util import find_spec
@@ -60,6 +60,19 @@ class _ExternalTracker(ABC):
     """A tracker of another package, called as `kilnflight.tracking.tracker.track` is."""
 
     package: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distance, no number of frames and no probability."""
+        for name, value in asdict(self).items():
+            where = f"{type(self).__name__}: {name}"
+            if name == "missed_frames":
+                check_count(value, where, 0)
+            elif name == "gap_closing_cutoff":
+                check_at_least(value, 0, where)
+            elif name == "detection_probability":
+                check_inside(value, 0, 1, where)
+            elif name != "predict":
+                check_positive(value, where)
 
     def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
         """Return ``detections`` with ``particle``; rows with particle -1 are left out.
@@ -107,11 +120,6 @@ class Trackpy(_ExternalTracker):
     missed_frames: int = 0  # frames that a particle may be missed
     predict: bool = False  # by trackpy.predict.NearestVelocityPredict
 
-    def __post_init__(self) -> None:
-        """Refuse what is no distance and no number of frames."""
-        check_positive(self.search_range, "Trackpy: search_range")
-        check_count(self.missed_frames, "Trackpy: missed_frames", 0)
-
     def _link(self, table: pd.DataFrame) -> Any:
         import trackpy
         from trackpy.linking.utils import SubnetOversizeException
@@ -140,12 +148,6 @@ class LapTrack(_ExternalTracker):
     cutoff: float = 15.0  # px, largest step
     gap_closing_cutoff: float = 15.0  # px, largest step over a gap; 0: gaps are not closed
     missed_frames: int = 2  # frames that a particle may be missed
-
-    def __post_init__(self) -> None:
-        """Refuse what is no distance and no number of frames."""
-        check_positive(self.cutoff, "LapTrack: cutoff")
-        check_at_least(self.gap_closing_cutoff, 0, "LapTrack: gap_closing_cutoff")
-        check_count(self.missed_frames, "LapTrack: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
         import laptrack
@@ -213,13 +215,6 @@ class _StoneSoup(_ExternalTracker):
     missed_frames: int = 5  # in a row, before a track ends; assumption
     velocity_sd: float = 15.0  # px/frame, of a new track; assumption
     measurement_sd: float = 2.0  # px; assumption
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that are no distance and no number of frames."""
-        where = type(self).__name__
-        for name in ("distance", "acceleration_noise", "velocity_sd", "measurement_sd"):
-            check_positive(getattr(self, name), f"{where}: {name}")
-        check_count(self.missed_frames, f"{where}: missed_frames", 0)
 
     def _link(self, table: pd.DataFrame) -> Any:
         """Return each row's track: associate, update, start, give up, frame by frame."""
@@ -300,19 +295,12 @@ class StoneSoupJPDA(_StoneSoup):
     """
 
     detection_probability: float = 0.9  # assumption
-    # Per px^2; None: Stone Soup's estimate in each gate. Chosen by hand on two tuning
-    # windows (notebook 33): ten false detections in a frame of 1536 x 2048 are 3e-6.
-    clutter_density: float | None = 1e-5
+    # Per px^2. Chosen by hand on two tuning windows (notebook 33): ten false detections in a
+    # frame of 1536 x 2048 are 3e-6.
+    clutter_density: float = 1e-5
     # Largest number of tracks that share detections in a frame; more are refused. It bounds the
     # effort only: windows with 16 and 17 such tracks took seconds, many more would take minutes.
     most_tracks: int = 20
-
-    def __post_init__(self) -> None:
-        """Refuse what is no distance, no number of frames and no probability."""
-        super().__post_init__()
-        check_inside(self.detection_probability, 0, 1, "StoneSoupJPDA: detection_probability")
-        if self.clutter_density is not None:
-            check_positive(self.clutter_density, "StoneSoupJPDA: clutter_density")
 
     def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
         from stonesoup.dataassociator.probability import JPDAwithEHM2
