@@ -82,7 +82,9 @@ figures.save("fig-peers", shown, picture=picture, caption=caption, provenance=or
 ranks = tracker_ranks.ahead_of_ours(scores, cells, limits)
 caption = (
     "Mean beta over the fractions, and by how much it is above that of our best tracker, with the "
-    "95 % interval of this difference; trackers that ran on every window."
+    "95 % interval of this difference; trackers that ran on every window. held_back: settings were "
+    "refused by our limit of joint tracks (Stone Soup) or by trackpy's own. The best may be among "
+    "them, so such a beta is a lower bound and no rank among equals."
 )
 figures.save("peers-ranks", ranks, caption=caption, provenance=origin)
 

@@ -76,7 +76,7 @@ def filled(table: pd.DataFrame) -> pd.DataFrame:
 def held_back(tried: pd.DataFrame) -> dict[str, str]:
     """Return the trackers that refused settings in their search, and how many of how many.
 
-    A setting that is refused for our limit of joint tracks may be the best one.
+    One that is refused, by our limit of joint tracks or trackpy's own, may be the best.
     """
     words = {}
     for name, table in tried.groupby("tracker"):
@@ -114,10 +114,8 @@ def ahead_of_ours(
             means = beta.dropna(axis=1).mean()  # of those that ran on every window
             ours = means[means.index.str.endswith(OURS)]
             if len(ours):
-                first, ran = (
-                    str(ours.idxmax()),
-                    [cell for cell in here if cell.key[1] in means.index],
-                )
+                first = str(ours.idxmax())
+                ran = [cell for cell in here if cell.key[1] in means.index]
                 part = gains(ran, first).assign(postprocessing=stage, ours=first)
                 parts.append(part[part["fraction"] == MEAN].sort_values("beta", ascending=False))
     names = {"beta_gain": "beta_minus_ours"}
