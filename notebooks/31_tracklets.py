@@ -76,9 +76,7 @@ figures.save("fig-4-13-windows", texture, picture=picture, caption=caption, prov
 # method is one of the readings below.
 
 # %%
-costs = np.full((4, 4), np.inf)  # rows: earlier tracklet; columns: later one; inf: no pair
-costs[0, 2], costs[0, 3], costs[1, 2], costs[1, 3] = 4.0, 2.0, 9.0, 3.0
-possible = tracklets.listed(costs)
+possible = tracklets.Pairs(*np.array([[0, 0, 1, 1], [2, 3, 2, 3]]), np.array([4.0, 2.0, 9.0, 3.0]))
 instance = pd.DataFrame(possible._asdict())
 instance[["earlier", "later"]] += 1
 first_iteration = {"dual_nearest": tracklets.DualNearest(), "hungarian": tracklets.Hungarian()}

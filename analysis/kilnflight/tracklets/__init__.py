@@ -35,7 +35,6 @@ from kilnflight.tracklets.joining import (
     Hungarian,
     Matching,
     Pairs,
-    listed,
 )
 from kilnflight.tracklets.outliers import Cutting, OutlierRemoval
 from kilnflight.tracklets.paths import read_paths, tracked, write_paths
@@ -101,7 +100,6 @@ __all__ = [
     "Pairs",
     "Step",
     "energies",
-    "listed",
     "postprocess",
     "stages",
     "tracked",

@@ -14,14 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.association import assign
-from kilnflight.checks import (
-    InputError,
-    check_at_least,
-    check_kind,
-    check_limit,
-    check_offers,
-    check_shape,
-)
+from kilnflight.checks import check_at_least, check_kind, check_limit, check_offers
 from kilnflight.tracklets.eliminate import Elimination, mean_speed, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
 from kilnflight.tracklets.paths import (
@@ -58,42 +51,6 @@ Rows = TypeVar("Rows", bound=tuple[Any, ...])
 Matching = Callable[[Pairs], Integers]  # positions in the list of the pairs to join, ascending
 
 
-def listed(matrix: npt.ArrayLike) -> Pairs:
-    """Return the possible pairs of a square cost matrix.
-
-    A cost is infinite where a pair is impossible. Entry [i, k] is the cost of tracklet i followed
-    by tracklet k.
-
-    Raises
-    ------
-    InputError
-        If the matrix is not square, or a cost is negative or not a number.
-    """
-    cost = np.asarray(matrix)
-    if cost.dtype.kind not in "iuf":
-        raise InputError(f"cost matrix: it holds {cost.dtype}, expected numbers.")
-    check_shape(cost, (None, None), "cost matrix")
-    check_shape(cost, (len(cost), len(cost)), "cost matrix")
-    earlier, later = np.nonzero(cost != np.inf)
-    return _check_pairs(Pairs(earlier, later, cost[earlier, later].astype(np.float64)))
-
-
-def _check_pairs(pairs: Pairs) -> Pairs:
-    """Return the pairs, or raise an `InputError` for a bad cost.
-
-    A cost below 0 would make it cheaper to join than to do nothing, which no term of
-    Eq. 4.24 does.
-    """
-    bad = np.flatnonzero(~((pairs.cost >= 0) & (pairs.cost < np.inf)))
-    if len(bad):
-        earlier, later, cost = (values[bad[0]] for values in pairs)
-        raise InputError(
-            f"pairs: tracklets {earlier} and {later} cost {cost}; expected 0 or above and finite, "
-            "inf in a matrix where a pair is impossible."
-        )
-    return pairs
-
-
 @dataclass(frozen=True)
 class DualNearest:
     """Choose pairs of which each is the other's nearest neighbour (DNN).
@@ -107,7 +64,7 @@ class DualNearest:
 
     def __call__(self, pairs: Pairs) -> Integers:
         """Return the positions of the pairs to join, ascending."""
-        size = len(_check_pairs(pairs).cost)
+        size = len(pairs.cost)
         tracklet = np.append(pairs.earlier, pairs.later)
         neighbour = np.append(pairs.later, pairs.earlier)
         number = np.tile(np.arange(size), 2)
@@ -127,7 +84,7 @@ class Hungarian:
 
     def __call__(self, pairs: Pairs) -> Integers:
         """Return the positions of the pairs to join, ascending."""
-        rows, row = np.unique(_check_pairs(pairs).earlier, return_inverse=True)
+        rows, row = np.unique(pairs.earlier, return_inverse=True)
         columns, column = np.unique(pairs.later, return_inverse=True)
         cost = np.full((len(rows), len(columns)), np.inf)
         cost[row, column] = pairs.cost
@@ -182,11 +139,11 @@ class Joining:
         step = type(self).__name__
         for name in ("gap", "overlap", "distance", "depth", "jump"):
             check_limit(getattr(self, name), f"{step}: {name}")
-        check_kind(self.costs, Costs, f"{step}: costs")
-        check_kind(self.outliers, OutlierRemoval, f"{step}: outliers")
-        check_kind(self.false, Elimination, f"{step}: false")
-        check_offers(self.feature, ("__call__",), f"{step}: feature")
-        check_offers(self.matching, ("__call__",), f"{step}: matching")
+        kinds = {"costs": Costs, "outliers": OutlierRemoval, "false": Elimination}
+        for name, kind in kinds.items():
+            check_kind(getattr(self, name), kind, f"{step}: {name}")
+        for name in ("feature", "matching"):
+            check_offers(getattr(self, name), ("__call__",), f"{step}: {name}")
 
     def __call__(
         self, tracks: pd.DataFrame, differences: Differences | None = None
