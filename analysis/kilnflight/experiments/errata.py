@@ -72,13 +72,9 @@ def _check(
 
 def _row_name(row: pd.Series) -> str:
     """Return what tells a row from the others: texts, names and values of numbers."""
-    texts = [str(row[name]) for name in ("subset", "test_set", "method") if name in row.index]
-    numbers = [
-        f"{name}={row[name]}"
-        for name in ("minPts", "epsilon_mm", "R", "K", "alpha")
-        if name in row.index
-    ]
-    return ", ".join(texts + numbers)
+    texts = row[row.index.isin(["subset", "test_set", "method"])].tolist()
+    numbers = row[row.index.isin(["minPts", "epsilon_mm", "R", "K", "alpha"])]
+    return ", ".join([*texts, *(f"{name}={value}" for name, value in numbers.items())])
 
 
 def printed_rates(table: str) -> pd.DataFrame:
@@ -98,22 +94,22 @@ def _recomputed_rates(table: str, *index: str) -> pd.DataFrame:
     """Return precision, recall and F1 from printed counts, by the columns ``index``."""
     printed = printed_rates(table)
     exact = rates(*(printed[count].astype(float) for count in COUNTS))
-    return pd.concat([printed[list(index)], exact], axis=1).set_index(list(index))
+    return exact.set_index([printed[name] for name in index]) if index else exact
 
 
 def check_rates() -> Iterator[Check]:
     """Check every precision, recall and F1 of Tables 5.5-5.14 against TP, FP, FN."""
     for table in RATE_TABLES:
-        printed = printed_rates(table)
-        exact = rates(*(printed[count].astype(float) for count in COUNTS))
-        for (_, row), (_, exact_row) in zip(printed.iterrows(), exact.iterrows(), strict=True):
+        exact = _recomputed_rates(table)
+        for (_, row), (_, values) in zip(
+            printed_rates(table).iterrows(), exact.iterrows(), strict=True
+        ):
             where = f"Table {table}, {_row_name(row)}"
-            for rate in exact.columns:
-                value = float(exact_row[rate])
+            for rate, value in zip(exact.columns, values.tolist(), strict=True):
                 small = abs(float(row[rate]) - value) < 0.001
                 consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
-                right = agrees(row[rate], value)
-                yield Check(where, rate, row[rate], value, right, "" if right else consequence)
+                check = _check(where, rate, row[rate], value, consequence)
+                yield check._replace(consequence="") if check.agrees else check
 
 
 def check_sums() -> Iterator[Check]:
@@ -124,13 +120,13 @@ def check_sums() -> Iterator[Check]:
         sums = printed.drop(columns="Total").astype(float).sum(axis=1)
         for count in COUNTS:
             yield _check(f"Table {table}, Total", count, printed["Total"][count], sums[count])
-    everything, inside = (
-        claims.published(f"table_{name}", as_printed=True).set_index("class")
-        for name in ("5.2", "5.3")
-    )
-    yield from _check_class_sums(everything, "Table 5.2")
-    yield from _check_class_sums(inside, "Table 5.3")
-    yield from _check_shares(everything, inside)
+    classes = {
+        where: claims.published(where.lower().replace(" ", "_"), as_printed=True).set_index("class")
+        for where in ("Table 5.2", "Table 5.3")
+    }
+    for where, counted in classes.items():
+        yield from _check_class_sums(counted, where)
+    yield from _check_shares(*classes.values())
 
 
 def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
@@ -139,15 +135,12 @@ def _check_class_sums(table: pd.DataFrame, where: str) -> Iterator[Check]:
     In air: burning or unlit.
     """
     counts = table[[*SUBSETS, "amount"]].astype(float)
-    sums = {3: counts.iloc[:2].sum(), 4: counts.iloc[:3].sum()}
     for column in counts.columns:
-        for row, total in sums.items():
-            place = f"{where}, {table.index[row]}"
-            yield _check(place, column, table[column].iloc[row], total[column])
-    for (name, printed), value in zip(
-        table["amount"].items(), counts[SUBSETS].sum(axis=1), strict=True
-    ):
-        yield _check(f"{where}, {name}", "amount", printed, value)
+        for row in (3, 4):  # the sum of the rows before, but for the wall's in air
+            place, total = f"{where}, {table.index[row]}", counts[column].iloc[: row - 1].sum()
+            yield _check(place, column, table[column].iloc[row], total)
+    for name, *printed in table[["amount", *SUBSETS]].itertuples(name=None):
+        yield _check(f"{where}, {name}", "amount", printed[0], sum(map(float, printed[1:])))
 
 
 def _check_shares(everything: pd.DataFrame, inside: pd.DataFrame) -> Iterator[Check]:
@@ -171,18 +164,20 @@ def check_totals() -> Iterator[Check]:
     """Check that every detector is counted against the particles of Table 5.3."""
     inside = claims.published("table_5.3").set_index("class").T["Total"]
     for table in ("5.5", "5.6", "5.8", "5.9", "5.10", "5.11"):
-        for _, row in printed_rates(table).iterrows():
-            name = _row_name(row)
+        for name, printed in _particles(table).items():
             expected = float(inside.get(name, inside["amount"]))
-            yield _check(f"Table {table}, {name}", "TP + FN", _particles(row), expected)
-    truth, detected = printed_rates("5.13"), printed_rates("5.14")
-    for (_, row), (_, other) in zip(truth.iterrows(), detected.iterrows(), strict=True):
-        where, quantity = f"Table 5.14, {row['subset']}", "TP + FN as in Table 5.13"
-        yield _check(where, quantity, _particles(other), float(_particles(row)))
+            yield _check(f"Table {table}, {name}", "TP + FN", str(printed), expected)
+    truth, detected = _particles("5.13"), _particles("5.14")
+    for subset, printed, expected in zip(truth.index, detected, truth, strict=True):
+        where, quantity = f"Table 5.14, {subset}", "TP + FN as in Table 5.13"
+        yield _check(where, quantity, str(printed), float(expected))
 
 
-def _particles(row: pd.Series) -> str:
-    return str(int(row["TP"]) + int(row["FN"]))
+def _particles(table: str) -> pd.Series:
+    """Return TP + FN of each row of a table, by `_row_name`."""
+    printed = printed_rates(table)
+    found = printed["TP"].astype(int) + printed["FN"].astype(int)
+    return found.set_axis(printed.apply(_row_name, axis=1))
 
 
 def check_durations() -> Iterator[Check]:

@@ -27,7 +27,6 @@ from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
-SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
@@ -88,11 +87,8 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
 def summed_changes(recording: Recording, frames: range) -> Array:
     """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
     total = np.zeros((recording.attributes.rows, recording.attributes.columns))
-    before = recording.gray(frames[0]).astype(np.float32)
-    for t in frames[1:]:
-        now = recording.gray(t).astype(np.float32)
+    for before, now in pairwise(recording.gray(t).astype(np.float32) for t in frames):
         total += np.abs(now - before)
-        before = now
     return total
 
 
@@ -101,8 +97,7 @@ def draw_sums_and_tracks(
 ) -> Figure:
     """Draw summed frame differences above the tracks in the same frames, by pressure."""
     keys = [key for key in sums if key[0] == fraction]
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 125}
-    picture, grid = canvas(2, max(len(keys), 2), **size)
+    picture, grid = canvas(2, max(len(keys), 2), width_mm=PAGE_MM, height_mm=125)
     for panels, key in zip(grid.T, keys, strict=False):
         total = sums[key]
         low, high = np.quantile(total, [0.05, 0.999])
@@ -120,7 +115,7 @@ def draw_sums_and_tracks(
     return picture
 
 
-def case_of(flight: Mapping[str, Any]) -> str | None:
+def case_of(flight: Mapping[Any, Any]) -> str | None:
     """Return which of `CASES` a row of `kilnflight.tables.FLIGHTS` is, or None.
 
     Landed burning and burnt out are shown where ignition was seen, so that it can be drawn.
@@ -144,10 +139,9 @@ def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
         Rows of ``flights`` by case; of an even number the shorter of the two in the middle.
         A case that was not measured is missing.
     """
-    cases: dict[str | None, list[dict[str, Any]]] = {case: [] for case in (*CASES, None)}
+    cases: dict[str | None, list[Any]] = {case: [] for case in (*CASES, None)}
     from_lance = flights[flights["from_lance"]].sort_values("dwell_s", kind="stable")
-    for row in from_lance.to_dict("records"):
-        flight = {str(name): value for name, value in row.items()}
+    for flight in from_lance.to_dict("records"):
         cases[case_of(flight)].append(flight)
     return {case: cases[case][(len(cases[case]) - 1) // 2] for case in CASES if cases[case]}
 
@@ -231,13 +225,13 @@ def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
     """Draw lines at each slice's end, and its velocity; arrays begin at the lance."""
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
     look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "bbox": box}
-    line: dict[str, Any] = {"color": "0.6", "lw": 0.6, "ls": ":"}
-    pairs = zip(pairwise(time), pairwise(depth), strict=True)
-    for n, ((before, after), (near, far)) in enumerate(pairs, start=1):
-        axes.vlines(after, 0, far, **line)
-        axes.hlines(far, 0, after, **line)
-        text = f"V{str(n).translate(SUBSCRIPT)} = {(far - near) / (after - before):.1f} m/s"
-        axes.annotate(text, (after, (near + far) / 2), xytext=(4, 0), **look)
+    axes.vlines(time[1:], 0, depth[1:], color="0.6", lw=0.6, ls=":")
+    axes.hlines(depth[1:], 0, time[1:], color="0.6", lw=0.6, ls=":")
+    velocity = np.diff(depth) / np.diff(time)
+    for n, value in enumerate(velocity.tolist(), start=1):
+        text = f"$V_{{{n}}}$ = {value:.1f} m/s"
+        where = float(time[n]), float(depth[n - 1 : n + 1].mean())
+        axes.annotate(text, where, xytext=(4, 0), **look)
 
 
 def draw_from_the_side(
@@ -287,9 +281,9 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
     places["published"] = (COLOURS[1], "s", -0.25)
     names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
     for source, (color, marker, shift) in places.items():
+        look = {"marker": marker, "color": color, "ms": 3}
         looks = {
-            stage: {"marker": marker, "color": color, "mfc": face, "ms": 3}
-            | {"label": f"{names[source]}, {stage}"}
+            stage: {**look, "mfc": face, "label": f"{names[source]}, {stage}"}
             for stage, face in (("without", "white"), ("with", color))
         }
         _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
@@ -363,11 +357,9 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
     published_f1, f1_in_pixels
         Columns with the published F1 (NaN where none) and with F1 within a particle's pixels.
     """
-    place = np.arange(len(table))
+    place, label = np.arange(len(table)), "scoring distance 45 px"
     reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
-    dots: dict[str, Any] = {"fmt": "o", "color": "black", "capsize": 2}
-    dots["label"] = "scoring distance 45 px"
-    axes.errorbar(table["f1"], place, xerr=reach, **dots)
+    axes.errorbar(table["f1"], place, xerr=reach, fmt="o", color="black", capsize=2, label=label)
     axes.plot(table[f1_in_pixels], place, "s", mfc="none", color=COLOURS[2], label="in pixels")
     axes.plot(table[published_f1], place, "D", color=COLOURS[1], label="published")
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")

@@ -22,7 +22,7 @@ from kilnflight.tracklets.eliminate import mean_speed, regularity
 from kilnflight.tracklets.paths import read_paths
 
 Array = npt.NDArray[np.float64]
-GREEN, RED, BLUE, YELLOW = COLOURS[4], COLOURS[1], COLOURS[2], COLOURS[3]
+GREEN, RED, YELLOW = COLOURS[4], COLOURS[1], COLOURS[3]
 CONDITIONS = {"duration": "frames", "speed": "px/frame", "regularity": ""}
 JOINT = ["earlier", "later", "kind", "start_row", "start_col", "end_row", "end_col"]
 JOINT += ["first_frame", "last_frame"]
@@ -109,32 +109,21 @@ def draw_eligible(tracks: pd.DataFrame, chosen: pd.DataFrame) -> Figure:
             axes.set(xlabel="column (px)", ylabel="row (px)")
             row: Any = rows.loc[(verdict, condition)]
             part = tracks[tracks["particle"] == row["particle"]].sort_values("frame")
-            axes.plot(part["col"], part["row"], "-", color=colour, lw=0.7)
-            axes.plot(part["col"], part["row"], mark, color=colour, ms=4)
-            if len(part) > 3:
-                _draw_polynomial(axes, part)
+            _draw_tracklet(axes, part[["frame", "col", "row"]].to_numpy(np.float64), mark, colour)
             axes.set_title(f"{verdict}: {condition} {row[condition]:.3g} {unit}")
-            _square(axes, part)
     return picture
 
 
-def _draw_polynomial(axes: Axes, part: pd.DataFrame) -> None:
-    """Draw the second-degree polynomials of a tracklet (Eq. 4.15)."""
-    time = np.linspace(part["frame"].min(), part["frame"].max(), 60)
-    middle = part["frame"].mean()
-    col, row = (
-        np.polyval(np.polyfit(part["frame"] - middle, part[name], 2), time - middle)
-        for name in ("col", "row")
-    )
-    axes.plot(col, row, "--", color="black", lw=0.8)
-
-
-def _square(axes: Axes, part: pd.DataFrame) -> None:
-    """Give a tracklet equal axes and at least 20 px."""
-    low, high = part[["row", "col"]].min(), part[["row", "col"]].max()
-    middle, half = (low + high) / 2, max(10.0, 0.6 * float((high - low).max()))
-    axes.set(xlim=(middle["col"] - half, middle["col"] + half), box_aspect=1)
-    axes.set(ylim=(middle["row"] + half, middle["row"] - half))
+def _draw_tracklet(axes: Axes, points: Array, mark: str, colour: str) -> None:
+    """Draw a tracklet (frame, col, row) and its polynomials (Eq. 4.15), at least 20 px wide."""
+    time, place = points[:, 0] - points[:, 0].mean(), points[:, 1:]
+    axes.plot(*place.T, mark, color=colour, ms=4, lw=0.7, ls="-")
+    if len(points) > 3:
+        curve = np.polynomial.Polynomial
+        ways = [curve.fit(time, values, 2).linspace(60)[1] for values in place.T]
+        axes.plot(*ways, "--", color="black", lw=0.8)
+    (x, y), half = (place.min(0) + place.max(0)) / 2, max(10.0, 0.6 * np.ptp(place, axis=0).max())
+    axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half), box_aspect=1)
 
 
 @dataclass
@@ -245,11 +234,11 @@ def draw_windows(
     texture
         Measures in the windows that are drawn.
     """
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 82}
-    picture, (panels,) = canvas(1, 3, **size)
+    picture, (panels,) = canvas(1, 3, width_mm=PAGE_MM, height_mm=82)
     by_fraction = {window.fraction: window for window in windows}
     for axes, (name, joint) in zip(panels, chosen.items(), strict=False):
-        corners = texture.corners(*_ends(joint))
+        first, last = ((joint[f"{end}_row"], joint[f"{end}_col"]) for end in ("start", "end"))
+        corners = texture.corners(first, last)
         _draw_sum(axes, by_fraction[joint["fraction"]], joint, corners)
         _draw_pair(axes, tables[joint["fraction"]], joint)
         outline = np.concatenate([corners, corners[:1]])
@@ -263,23 +252,17 @@ def draw_windows(
     return picture
 
 
-def _ends(joint: Mapping[Any, Any]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the last position of the earlier tracklet, and the first of the later."""
-    return (joint["start_row"], joint["start_col"]), (joint["end_row"], joint["end_col"])
-
-
 def _draw_sum(axes: Axes, window: Window, joint: Mapping[Any, Any], corners: Array) -> None:
     """Draw the sum of frame differences around the corners (4, 2) of a window."""
     middle, half = corners.mean(axis=0), np.ptp(corners, axis=0).max() / 2 + AROUND
-    top, left = np.maximum(np.floor(middle - half), 0).astype(int).tolist()
-    ends = np.minimum(np.ceil(middle + half), window.differences.shape).astype(int)
-    bottom, right = ends.tolist()
-    period = int(joint["first_frame"]), int(joint["last_frame"])
-    image = np.sqrt(window.differences(*period, top, left, bottom, right).astype(np.float64))
-    edges = (left - 0.5, right - 0.5, bottom - 0.5, top - 0.5)
+    box = np.array([np.floor(middle - half), np.ceil(middle + half)])
+    box = np.clip(box, 0, window.differences.shape).astype(int)
+    sums = window.differences(joint["first_frame"], joint["last_frame"], *box.ravel().tolist())
+    image = np.sqrt(sums.astype(np.float64))
+    (top, left), (bottom, right) = box - 0.5
     brightest = max(float(np.quantile(image, 0.995)), 1.0)
-    axes.imshow(image, cmap="gray", extent=edges, vmin=0, vmax=brightest)
-    axes.set(xlim=(left - 0.5, right - 0.5), ylim=(bottom - 0.5, top - 0.5), autoscale_on=False)
+    axes.imshow(image, cmap="gray", extent=(left, right, bottom, top), vmin=0, vmax=brightest)
+    axes.set(xlim=(left, right), ylim=(bottom, top), autoscale_on=False)
 
 
 def _draw_pair(axes: Axes, before: pd.DataFrame, joint: dict[Any, Any]) -> None:
@@ -287,5 +270,5 @@ def _draw_pair(axes: Axes, before: pd.DataFrame, joint: dict[Any, Any]) -> None:
     looks = {"earlier": ("o", COLOURS[6]), "later": ("s", RED)}
     for which, (mark, colour) in looks.items():
         part = before[before["particle"] == joint[which]].sort_values("frame")
-        look: dict[str, Any] = {"ms": 3, "lw": 0.6, "ls": "-", "mfc": "none", "color": colour}
-        axes.plot(part["col"], part["row"], marker=mark, label=f"{which} tracklet", **look)
+        look: dict[str, Any] = {"marker": mark, "ms": 3, "lw": 0.6, "ls": "-", "mfc": "none"}
+        axes.plot(part["col"], part["row"], color=colour, label=f"{which} tracklet", **look)

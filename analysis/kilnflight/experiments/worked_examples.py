@@ -77,44 +77,36 @@ def score_instance(gate: float) -> tuple[FrameScore, pd.DataFrame]:
 
 def draw_assignment(score: FrameScore, costs: pd.DataFrame, gate: float) -> Figure:
     """Draw the cost matrix with the pairs chosen, and where particles and detections lie."""
-    options: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 75}
-    picture, ((left, right),) = canvas(1, 2, **options)
+    picture, ((left, right),) = canvas(1, 2, width_mm=PAGE_MM, height_mm=75)
     _draw_costs(left, score, costs)
-    for particle, detection in score.pairs:
-        ends = np.stack([PARTICLES[particle], DETECTED[detection]])
-        right.plot(ends[:, 1], ends[:, 0], "-", color=GREEN, lw=1.5)
-    kinds = {"particle": (PARTICLES, "*", BLUE, "p", 9), "detection": (DETECTED, "x", RED, "d", 6)}
+    pairs = PARTICLES[score.pairs[:, 0]], DETECTED[score.pairs[:, 1]]
+    right.plot(*np.stack(pairs).T[::-1].swapaxes(1, 2), "-", color=GREEN, lw=1.5)
+    kinds = {"particle": (PARTICLES, "*", BLUE, 6, 9), "detection": (DETECTED, "x", RED, -6, 6)}
     beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7, "va": "center"}
-    for name, (places, mark, colour, letter, size) in kinds.items():
+    for name, (places, mark, colour, side, size) in kinds.items():
         right.plot(places[:, 1], places[:, 0], mark, color=colour, ms=size, label=name)
-        for k, (row, col) in enumerate(places):
-            side: dict[str, Any] = {"xytext": (-6, 0), "ha": "right"}
-            side = side if letter == "d" else {"xytext": (6, 0)}
-            right.annotate(f"{letter}{k + 1}", (col, row), **beside, **side)
-    where: dict[str, Any] = {"fill": False, "color": "0.5", "lw": 0.7, "ls": ":"}
+        for k, (row, col) in enumerate(places, start=1):
+            text, ha = f"{name[0]}{k}", "left" if side > 0 else "right"
+            right.annotate(text, (col, row), xytext=(side, 0), ha=ha, **beside)
     for row, col in DETECTED:
-        right.add_patch(Circle((col, row), gate, **where))
+        right.add_patch(Circle((col, row), gate, fill=False, color="0.5", lw=0.7, ls=":"))
     right.set(xlabel="column (px)", ylabel="row (px)", aspect="equal")
     right.set(xlim=(0, 320), ylim=(215, -40))
-    handles, names = right.get_legend_handles_labels()
-    picture.legend(handles, names, loc="outside lower right", ncols=2)
+    picture.legend(*right.get_legend_handles_labels(), loc="outside lower right", ncols=2)
     return picture
 
 
 def _draw_costs(axes: Axes, score: FrameScore, costs: pd.DataFrame) -> None:
     """Draw a cost matrix: pairs framed, what is left over hatched."""
-    for row, name in enumerate(costs.index):
-        for col, value in enumerate(costs.loc[name]):
-            text = "C max" if np.isnan(value) else f"{value:.1f}"
-            axes.text(col, row, text, ha="center", va="center")
-    hatched: dict[str, Any] = {"fill": False, "lw": 0, "hatch": "////"}
+    for (row, col), value in np.ndenumerate(costs):
+        text = "C max" if np.isnan(value) else f"{value:.1f}"
+        axes.text(col, row, text, ha="center", va="center")
+    hatched: dict[str, Any] = {"fill": False, "lw": 0, "hatch": "////", "alpha": 0.5}
     for row in score.spurious:
-        axes.add_patch(
-            Rectangle((-0.5, row - 0.5), costs.shape[1], 1, ec=RED, alpha=0.5, **hatched)
-        )
+        axes.add_patch(Rectangle((-0.5, row - 0.5), costs.shape[1], 1, ec=RED, **hatched))
         axes.text(costs.shape[1] - 0.4, row, "FP", color=RED, va="center")
     for col in score.missed:
-        axes.add_patch(Rectangle((col - 0.5, -0.5), 1, len(costs), ec=BLUE, alpha=0.5, **hatched))
+        axes.add_patch(Rectangle((col - 0.5, -0.5), 1, len(costs), ec=BLUE, **hatched))
         axes.text(col, len(costs) - 0.4, "FN", color=BLUE, ha="center", va="top")
     for particle, detection in score.pairs:
         corner = particle - 0.46, detection - 0.46
@@ -175,9 +167,8 @@ def draw_outliers(table: pd.DataFrame, by: Mapping[str, tuple[str, str]]) -> Fig
     by
         Title of each panel: the case it draws, and the column that tells its outliers.
     """
-    columns = 2 if len(by) % 2 == 0 else 3
-    rows = len(by) // columns
-    picture, grid = canvas(rows, columns, width_mm=PAGE_MM, height_mm=16 + 50 * rows)
+    rows = 1 if len(by) < 4 else 2
+    picture, grid = canvas(rows, len(by) // rows, width_mm=PAGE_MM, height_mm=16 + 50 * rows)
     for axes, (title, (case, column)) in zip(grid.flat, by.items(), strict=True):
         _draw_judged(axes, table[table["case"] == case], column)
         axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
@@ -187,11 +178,10 @@ def draw_outliers(table: pd.DataFrame, by: Mapping[str, tuple[str, str]]) -> Fig
 
 def _legend(panels: Any) -> tuple[list[Any], list[str]]:
     """Return what is named in any of the panels, each name once."""
-    named = {
-        name: handle
-        for axes in panels
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
+    drawn = [
+        pair for axes in panels for pair in zip(*axes.get_legend_handles_labels(), strict=True)
+    ]
+    named = {name: handle for handle, name in drawn}
     return list(named.values()), list(named)
 
 
@@ -236,15 +226,10 @@ def joined_example(
         ``tracklet`` ("Ti", "Tk" or "Tj", joined), ``frame``, ``cardinality``, ``row``, ``col``,
         and whether a position is in the ``connected`` part (Fig. 4.10; of Ti and Tk only).
     """
-    parts = []
-    for name, times in zip(("Ti", "Tk"), frames, strict=True):
-        time = np.array(times)
-        row = 40.0 + 0.35 * (time - 8.0) ** 2 + (9.0 if name == "Tk" else 0.0)
-        parts.append(
-            pd.DataFrame({"tracklet": name, "frame": time, "row": row, "col": 10.0 * time})
-        )
-    both = pd.concat(parts, ignore_index=True)
-    both = both.assign(particle=(both["tracklet"] == "Tk").astype(int), z=np.nan)
+    particle, time = np.repeat([0, 1], list(map(len, frames))), np.concatenate(frames)
+    both = pd.DataFrame({"tracklet": np.where(particle, "Tk", "Ti"), "frame": time})
+    both["row"] = 40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle
+    both = both.assign(col=10.0 * time, particle=particle, z=np.nan)
     paths = read_paths(both, "example")
     pair = np.array([0]), np.array([1])
     _, part, place = connected_parts(paths, *pair, overlap_in_time(paths, *pair))
@@ -270,13 +255,13 @@ def draw_joined(examples: Mapping[str, pd.DataFrame], parts: bool) -> Figure:
         Whether to draw the connected part and the frames (Fig. 4.10), or what they are joined
         to (Fig. 4.9).
     """
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 72}
-    picture, (panels,) = canvas(1, len(examples), sharey=True, **size)
+    picture, (panels,) = canvas(1, len(examples), sharey=True, width_mm=PAGE_MM, height_mm=72)
     for axes, (title, table) in zip(panels, examples.items(), strict=True):
-        looks = {"Ti": ("o", BLUE, -1), "Tk": ("s", RED, 1)}
-        for name, (mark, colour, side) in looks.items():
-            part = table[table["tracklet"] == name]
-            label = f"{name}, {'earlier' if name == 'Ti' else 'later'} tracklet"
+        for name, which, mark, colour, side in (
+            ("Ti", "earlier", "o", BLUE, -1),
+            ("Tk", "later", "s", RED, 1),
+        ):
+            part, label = table[table["tracklet"] == name], f"{name}, {which} tracklet"
             axes.plot(part["col"], part["row"], mark, color=colour, ms=5, label=label)
             if parts:
                 _name_frames(axes, part, side)
@@ -292,12 +277,11 @@ def draw_joined(examples: Mapping[str, pd.DataFrame], parts: bool) -> Figure:
 
 def _name_frames(axes: Axes, part: pd.DataFrame, side: int) -> None:
     """Write frame and cardinality beside positions; frame the connected part."""
+    where: dict[str, Any] = {"textcoords": "offset points", "xytext": (0, -5 * side)}
+    where |= {"ha": "center", "va": "bottom" if side < 0 else "top", "fontsize": 6}
     for row in part.to_dict("records"):
-        where: dict[str, Any] = {"textcoords": "offset points", "xytext": (0, -10 * side - 3)}
         text = f"{row['frame']}\n({row['cardinality']})"
-        va = "bottom" if side < 0 else "top"
-        where["xytext"] = (0, -5 * side)
-        axes.annotate(text, (row["col"], row["row"]), ha="center", va=va, fontsize=6, **where)
+        axes.annotate(text, (row["col"], row["row"]), **where)
     inside = part[part["connected"]]
     (left, top), (right, bottom) = (inside[["col", "row"]].agg(edge) for edge in ("min", "max"))
     box: dict[str, Any] = {"fill": False, "ls": "--", "lw": 0.8, "ec": "black"}
