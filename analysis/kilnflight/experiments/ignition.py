@@ -21,6 +21,7 @@ from kilnflight.experiments import confidence
 from kilnflight.experiments.accuracy import errors
 from kilnflight.experiments.campaigns import (
     KEYS,
+    CampaignKey,
     Measurement,
     Results,
     campaign_keys,
@@ -141,20 +142,18 @@ def trace_shares(results: Results) -> pd.DataFrame:
         detection on), ``too_few`` points to judge; ``number``, ``estimate``, ``low``, ``high``
         of the share that lights up (Wilson).
     """
-    tables = []
-    for name, look in PICTURES.items():
-        rows = {}
-        for campaign in results.campaigns:
-            tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
-            flights = counted_flights(flights)
-            tracks = tracks[tracks["particle"].isin(flights["particle"])]
-            behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
-            time_s = tracks["frame"] / campaign.run.frame_rate_hz
-            tracks = tracks.assign(background=behind, time_s=time_s)
-            rows[campaign.key] = _count_lit(flights, tracks, look)
-        tables.append(rows_by_campaign(rows).assign(picture=name))
-    table = pd.concat(tables, ignore_index=True)
-    return table[["picture", *table.columns.drop("picture")]]
+    rows: dict[str, dict[CampaignKey, dict[str, float]]] = {name: {} for name in PICTURES}
+    for campaign in results.campaigns:
+        tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
+        flights = counted_flights(flights)
+        tracks = tracks[tracks["particle"].isin(flights["particle"])]
+        behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
+        time_s = tracks["frame"] / campaign.run.frame_rate_hz
+        tracks = tracks.assign(background=behind, time_s=time_s)
+        for name, look in PICTURES.items():
+            rows[name][campaign.key] = _count_lit(flights, tracks, look)
+    tables = {name: rows_by_campaign(each) for name, each in rows.items()}
+    return pd.concat(tables, names=["picture"]).reset_index("picture").reset_index(drop=True)
 
 
 def _count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, look: LitTrace) -> dict[str, float]:

@@ -177,7 +177,7 @@ def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.D
     axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label=f"end: {flight['ending']}")
     axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
     label = f"dwell time {flight['dwell_s']:.2f} s"
-    axes.text(0.03, 0.95, label, transform=axes.transAxes, va="top")
+    axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
 
 
 def _from_the_lance(fit: Fit, places: Array) -> Array:
