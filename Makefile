@@ -11,7 +11,7 @@ SHELL := /bin/bash
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
 #:   KILNFLIGHT_RECORDINGS=folder          belt recordings, instead of the authors'
-#:   KILNFLIGHT_FIGURES=folder             where figures go, instead of figures/
+#:   KILNFLIGHT_FIGURES=folder             where figures go, instead of figures/ (full) or build/SCALE
 SCALE ?= standard
 PARAMETERS ?=
 JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
@@ -20,8 +20,9 @@ VENV ?= .venv
 RUN := $(VENV)/bin/python
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
-ifeq ($(SCALE)$(KILNFLIGHT_FIGURES),quick)
-KILNFLIGHT_FIGURES := $(CURDIR)/build/quick
+# Scales never mix: what is cited comes from make full alone.
+ifeq ($(or $(filter full,$(SCALE)),$(KILNFLIGHT_FIGURES)),)
+KILNFLIGHT_FIGURES := $(CURDIR)/build/$(SCALE)
 endif
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
@@ -52,8 +53,8 @@ $(call keep,build/folders.settings,folders: $(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_
 endif
 
 .PHONY: all $(OTHER)
-quick_note := a smoke run; figures/ is as it was
-standard_note := figures/ holds this run now; git checkout figures gives back those of make full, to be cited
+quick_note := a smoke run, its figures are in build/quick; figures/ is as it was
+standard_note := a reduced run, its figures are in build/standard; cite from figures/, which is as it was
 full_note := cite from figures/
 all: site/index.html ## run every notebook at standard scale and render the site (the default)
 	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; $($(SCALE)_note)"

@@ -176,9 +176,9 @@ def test_make_is_incremental(shared):
     (shared / "notebooks" / "02_two.py").touch()
     assert ran(make(shared, "build/00_claims.ipynb")) == ["02_two", "00_claims"]
 
-    (shared / "figures" / "claims-01-one.csv").unlink()
+    (shared / "build" / "standard" / "claims-01-one.csv").unlink()
     assert ran(make(shared, "build/01_one.ipynb")) == ["01_one"]
-    assert (shared / "figures" / "claims-01-one.csv").exists()
+    assert (shared / "build" / "standard" / "claims-01-one.csv").exists()
 
     changed = make(shared, "PARAMETERS=01.seed=5")
     assert ran(changed) == ["01_one", "00_claims"]
@@ -189,19 +189,22 @@ def test_make_is_incremental(shared):
     assert ran(make(shared, "PARAMETERS=01.seed=5")) == []
 
 
-def test_a_smoke_run_leaves_figures_alone(shared):
-    before = figures_of(shared)
-    done = make(shared, "quick", "JOBS=2")
+@pytest.mark.parametrize("scale", ["quick", "standard"])
+def test_a_reduced_run_leaves_what_is_cited_alone(shared, scale):
+    done = make(shared, f"SCALE={scale}", "PARAMETERS=seed=7", "JOBS=2")
     assert done.returncode == 0, done.stderr
     assert sorted(ran(done)) == ["00_claims", "01_one", "02_two"]
     assert ran(done)[-1] == "00_claims"
-    assert figures_of(shared) == before
-    assert (shared / "build" / "quick" / "claims.csv").is_file()
-    assert "figures/ is as it was" in done.stdout
+    assert not (shared / "figures").exists()
+    assert (shared / "build" / scale / "claims.csv").is_file()
+    assert f"build/{scale}" in done.stdout
+    assert "figures/" in done.stdout
+    assert "is as it was" in done.stdout
 
 
-def figures_of(folder):
-    return {path: path.read_bytes() for path in (folder / "figures").glob("*")}
+def test_make_full_alone_writes_what_is_cited(project):
+    shown = make(project, "SCALE=full", "-p", "-n", "help").stdout
+    assert "KILNFLIGHT_FIGURES :=" not in shown
 
 
 @pytest.mark.parametrize(
