@@ -33,7 +33,7 @@ STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
 EXECUTED := $(STEMS:%=build/%.ipynb)
 SUMMARY := build/00_claims.ipynb
 number = $(firstword $(subst _, ,$(1)))
-SOURCES := $(filter-out %/notebooks.py %/site.py %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
+SOURCES := $(filter-out %/notebooks.py $(wildcard analysis/kilnflight/project/site/*) %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
 # What others wait for starts early, beside what does not wait: 30 to 34 share the detections
 # that 31 makes, 50 to 56 those that 50 makes; 32 to 34 read some of these, too. The first that share compiled code start beside
 # those of the belt: together they would compile it twice.
@@ -102,5 +102,5 @@ build/external.txt: build/folders.settings analysis/kilnflight/project/data.py |
 $(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
 	@$(RUN) -m kilnflight.project.notebooks $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
 $(SUMMARY): $(QUEUE) # it collects what the others conclude
-site/index.html: $(QUEUE) $(SUMMARY) $(wildcard analysis/kilnflight/project/site.*)
+site/index.html: $(QUEUE) $(SUMMARY) $(wildcard analysis/kilnflight/project/site/*)
 	@$(RUN) -m kilnflight.project.site $(EXECUTED)
