@@ -220,7 +220,7 @@ def test_only_notebooks_that_exist_have_concluded(monkeypatch, tmp_path):
     ],
 )
 def test_the_title_is_the_first_sentence(caption, title):
-    assert figures._title(caption) == title
+    assert figures.title_of(caption) == title
 
 
 @pytest.fixture

@@ -99,5 +99,5 @@ def page_table(table: pd.DataFrame, saved: Mapping[str, str]) -> str:
             verdict += f"<br>{row['because']}"
         verdict += "<br><em>fails on the twin's own truth</em>" if on_truth else ""
         cells = (link, f"{row['published']} ({row['where']})", ours, verdict)
-        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells))
+        lines.append(f"<tr id='{row['id']}'>" + "".join(f"<td>{cell}</td>" for cell in cells))
     return "\n".join([*lines, "</table>"])

@@ -173,6 +173,7 @@ def save(
         "Description": caption,
         "Software": f"kilnflight {provenance.version}",
         "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
+        "Kind": "table" if picture is None else "picture",
     }
     png = _png(drawn, texts, dpi, TABLE_REDUCTIONS if picture is None else REDUCTIONS)
     short = table.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
@@ -391,13 +392,20 @@ def _gallery_entry(entry: Entry) -> str:
         version=origin["version"],
         commit=f", commit {commit[:12]}{commit[40:]}" if commit else "",
         parameters=", ".join(f"{name} = {value}" for name, value in origin["parameters"].items()),
-        latex_title=_latex(_title(entry.caption)),
+        latex_title=_latex(title_of(entry.caption)),
         latex_caption=_latex(entry.caption),
         year=YEAR,
     )
 
 
-def _title(caption: str) -> str:
+def citations(entry: Entry) -> dict[str, str]:
+    """Return the citation of a figure to paste, as BibTeX and as LaTeX."""
+    blocks = dict(re.findall(r"```(bibtex|latex)\n(.*?)\n```", _gallery_entry(entry), re.DOTALL))
+    return {"BibTeX": blocks["bibtex"], "LaTeX": blocks["latex"]}
+
+
+def title_of(caption: str) -> str:
+    """Return the first sentence of a caption."""
     abbreviations = "(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<![Ss]ec)"
     return re.split(rf"{abbreviations}[.:;] ", caption, maxsplit=1)[0].rstrip(".")
 

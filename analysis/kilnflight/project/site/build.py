@@ -14,11 +14,16 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import nbformat
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.project import claims_page, figures
+from kilnflight.project import claims_page, figures, paths
+from kilnflight.project.site import long_tables, notebook, numbers
+from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.readme import claims_sentence, claims_table, update_readme
 from kilnflight.project.site.rooms import draw_rooms, imports, rooms_page
 
@@ -26,6 +31,7 @@ from kilnflight.project.site.rooms import draw_rooms, imports, rooms_page
 # would refuse to load from a page opened as a file.
 MATHJAX = "tex-svg-full.js"
 STYLE_SHEET = Path(__file__).with_name("site.css")
+SCRIPT = Path(__file__).with_name("site.js")
 
 CONFIGURATION: dict[str, object] = {
     "project": "kilnflight",
@@ -43,6 +49,7 @@ CONFIGURATION: dict[str, object] = {
     "exclude_patterns": ["jupyter_execute"],
     "html_static_path": ["_static"],
     "html_css_files": [STYLE_SHEET.name],
+    "html_js_files": [SCRIPT.name],
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_show_sphinx": False,
@@ -64,25 +71,56 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
     (sources / "_static").mkdir(parents=True)
     shutil.copyfile(_mathjax(), sources / "_static" / MATHJAX)
-    shutil.copy(STYLE_SHEET, sources / "_static")
-    for path in notebooks:
-        shutil.copy(path, sources)
-    (sources / "index.md").write_text(_index(sorted(path.stem for path in notebooks)))
+    for path in (STYLE_SHEET, SCRIPT, _plotly()):
+        shutil.copy(path, sources / "_static")
+    _write_pages(notebooks, sources)
     rooms = imports(Path(__file__).parents[2])
     (sources / "rooms.md").write_text(rooms_page(rooms))
     draw_rooms(rooms).savefig(sources / "rooms.svg", metadata={"Date": None})
     _sphinx(sources, fresh, build / "doctrees")
+    (fresh / "figures").mkdir()
+    for path in paths.figures().iterdir():
+        if path.suffix in (".png", ".pdf", ".csv"):
+            shutil.copy(path, fresh / "figures")
     shutil.rmtree(site, ignore_errors=True)
     shutil.move(fresh, site)
     return site / "index.html"
 
 
+def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
+    """Write the pages of notebooks, of the works' figures and tables, and of long tables."""
+    stems = sorted(path.stem for path in notebooks)
+    saved = {entry.identifier: entry for entry in figures.entries()}
+    table = numbers.load(saved)
+    blocks = Blocks(paths.figures(), numbers.links(table, stems), entries=saved)
+    collected, results = claims_table(), figures.overview().set_index("notebook")["result"]
+    for path in notebooks:
+        own = collected[collected["notebook"] == path.stem]
+        page = notebook.page(path, blocks, str(results.get(path.stem, "")), own)
+        nbformat.write(page, sources / path.name)
+    below = replace(blocks, above="../")
+    numbers.write(sources / "works", table, below, collected)
+    (sources / "numbers.md").write_text(numbers.index(table))
+    long_tables.write(sources / "tables", below)
+    (sources / "index.md").write_text(_index(stems))
+
+
 def _mathjax() -> Path:
     """Return the MathJax script that the package sphinx-mathjax-offline ships."""
-    package = importlib.util.find_spec("sphinx-mathjax-offline")
+    return _package("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX
+
+
+def _plotly() -> Path:
+    """Return the script that the package plotly ships; pages with a view that turns load it."""
+    return _package("plotly") / "package_data" / "plotly.min.js"
+
+
+def _package(name: str) -> Path:
+    """Return the folder of an installed package."""
+    package = importlib.util.find_spec(name)
     if package is None or package.origin is None:
-        raise InputError("sphinx-mathjax-offline is not installed; run make setup.")
-    return Path(package.origin).parent / "static" / "mathjax" / MATHJAX
+        raise InputError(f"{name} is not installed; run make setup.")
+    return Path(package.origin).parent
 
 
 def _index(stems: Sequence[str]) -> str:
@@ -106,6 +144,7 @@ def _index(stems: Sequence[str]) -> str:
         figures.markdown(table.drop(columns="notebook")),
         "```{toctree}\n:hidden:\n",
         *stems,
+        "numbers",
         "rooms\n```\n",
     ]
     return "\n".join(lines)

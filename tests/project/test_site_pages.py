@@ -1,0 +1,123 @@
+"""Pages of the site: links in prose, blocks of figures, numbers of the works, notebooks."""
+
+import nbformat
+import pandas as pd
+import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
+
+from kilnflight.project import figures, paths
+from kilnflight.project.figures import Provenance
+from kilnflight.project.site import long_tables, notebook, numbers
+from kilnflight.project.site.blocks import Blocks
+from kilnflight.project.site.links import Links
+from kilnflight.project.style import canvas
+
+LINKS = Links({"13": "13_light", "24": "24_all"}, {("Fig", "5.19"): "thesis-fig-5-19"})
+
+
+@pytest.mark.parametrize(
+    ("text", "linked"),
+    [
+        ("see notebook 13.", 'see <a href="13_light.html">notebook 13</a>.'),
+        (
+            "notebooks 13 and 24",
+            'notebooks <a href="13_light.html">13</a> and <a href="24_all.html">24</a>',
+        ),
+        ("notebook 99", "notebook 99"),
+        ("Fig. 5.19", '<a href="works/thesis-fig-5-19.html">Fig. 5.19</a>'),
+        ("Figs 5.18 and 5.19", 'Figs 5.18 and <a href="works/thesis-fig-5-19.html">5.19</a>'),
+        ("Fig. 5.1 and section 5.19", "Fig. 5.1 and section 5.19"),
+    ],
+)  # fmt: skip
+def test_what_prose_refers_to_is_linked(text, linked):
+    assert LINKS(text) == linked
+    assert "../works" in LINKS("Fig. 5.19", "../")
+
+
+@pytest.fixture
+def blocks():
+    """A drawn figure, a short table and a long one with totals."""
+    origin = Provenance("52_dwell_time", {"scale": "full"}, commit="0" * 40)
+    picture, ((axes,),) = canvas(width_mm=80, height_mm=40)
+    axes.plot([0, 1], [0, 1])
+    tables = {
+        "fig-5-19-dwell-time": pd.DataFrame({"measured_s": [0.123456]}),
+        "table-5-17-tracking": pd.DataFrame({"tracker": ["GNN"], "f1": [0.5]}),
+        "table-5-8-dbscan": pd.DataFrame({"subset": ["V1"] * 30 + ["all"], "tp": range(31)}),
+    }
+    for name, table in tables.items():
+        drawn = picture if name.startswith("fig") else None
+        caption = "Dwell times, after Fig. 5.19. And more."
+        figures.save(name, table, picture=drawn, caption=caption, provenance=origin)
+    entries = {entry.identifier: entry for entry in figures.entries()}
+    return Blocks(paths.figures(), LINKS, entries=entries)
+
+
+def test_a_picture_is_linked_with_its_files_and_citations(blocks):
+    text = blocks("fig-5-19-dwell-time")
+    assert 'src="figures/fig-5-19-dwell-time.png" alt="Dwell times, after Fig. 5.19"' in text
+    assert "base64" not in text
+    for kind in ("png", "pdf", "csv"):
+        assert f'href="figures/fig-5-19-dwell-time.{kind}" download' in text
+    assert "@misc{kilnflight-fig-5-19-dwell-time" in text
+    assert "includegraphics" in text
+    assert 'href="works/thesis-fig-5-19.html"' in text
+
+
+def test_a_table_has_words_and_three_digits_and_a_long_one_its_totals(blocks):
+    assert "<th>F1</th>" in blocks("table-5-17-tracking")
+    text = blocks("table-5-8-dbscan")
+    assert text.count("<td>all</td>") == 1
+    assert "<td>V1</td>" not in text
+    assert 'href="tables/table-5-8-dbscan.html">All 31 rows' in text
+
+
+def test_long_tables_have_a_page_with_all_rows(blocks, tmp_path):
+    assert long_tables.write(tmp_path / "tables", blocks) == ["table-5-8-dbscan"]
+    text = (tmp_path / "tables" / "table-5-8-dbscan.md").read_text()
+    assert text.count("<td>V1</td>") == 30
+
+
+def test_every_number_has_its_own_figures_or_says_why_not():
+    saved = ["fig-5-1-annotated", "fig-5-19-a", "fig-5-21-b", "fig-belt20-9-arrival", "table-5-1-x"]
+    table = numbers.load(saved).set_index("name")
+    assert not table.index.duplicated().any()
+    assert table["ids"]["thesis-fig-5-1"] == ["fig-5-1-annotated"]
+    assert table["ids"]["thesis-table-5-1"] == ["table-5-1-x"]
+    assert table["ids"]["thesis-fig-5-22"] == ["fig-5-21-b"]  # drawn with it
+    assert table["ids"]["belt-2020-fig-9"] == ["fig-belt20-9-arrival"]
+    assert table["ids"]["thesis-fig-1-1"] == []
+
+
+def test_what_is_drawn_with_another_names_one_that_exists():
+    table = numbers.load()
+    known = set(zip(table["kind"], table["number"], strict=True))
+    for absent in table["absent"]:
+        found = numbers.DRAWN_WITH.search(absent)
+        assert found is None or ("Fig", found[1]) in known, absent
+
+
+def test_a_notebook_page_has_result_and_badges_first_and_its_code_folded(blocks, tmp_path):
+    shown = new_output(
+        "display_data", {"text/html": "<figure id='fig-5-19-dwell-time'>old</figure>"}
+    )
+    cells = [
+        new_markdown_cell("# How long\n\n**Published** notebook 13."),
+        new_code_cell("seed = 0  # a comment", metadata={"tags": ["parameters"]}),
+        new_code_cell("seed = 5", metadata={"tags": ["injected-parameters"]}),
+        new_code_cell("figures.save()", outputs=[shown]),
+    ]
+    made = new_notebook(cells=cells, metadata={"papermill": {"parameters": {"seed": 5}}})
+    path = tmp_path / "52_dwell_time.ipynb"
+    nbformat.write(made, path)
+    verdicts = pd.DataFrame(
+        {"id": ["dwell-1"], "verdict": ["reproduced"], "published": ['Medians "lie" there']}
+    )
+    page = notebook.page(path, blocks, "All is well.", verdicts)
+    first, parameters, code = page.cells
+    assert first.source.index("dwell-1: reproduced") < first.source.index("Published")
+    assert "All is well." in first.source
+    assert '<a href="13_light.html">notebook 13</a>' in first.source
+    assert "Parameters: seed = 5" in parameters.source
+    assert code.metadata["tags"] == ["hide-input"]
+    assert "figures/fig-5-19-dwell-time.png" in code.outputs[0]["data"]["text/html"]
