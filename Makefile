@@ -20,10 +20,6 @@ VENV ?= .venv
 RUN := $(VENV)/bin/python
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
-# Scales never mix: what is cited comes from make full alone.
-ifeq ($(or $(filter full,$(SCALE)),$(KILNFLIGHT_FIGURES)),)
-KILNFLIGHT_FIGURES := $(CURDIR)/build/$(SCALE)
-endif
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
 export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
 export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
@@ -39,6 +35,12 @@ SOURCES := $(filter-out %/notebooks.py $(wildcard analysis/kilnflight/project/si
 # those of the belt: together they would compile it twice.
 QUEUE := $(foreach start,10 40 41 20 42 46 22 43 11 24 30 31 12 13 21 23 25 50 32 33,$(filter build/$(start)_%,$(EXECUTED)))
 QUEUE += $(filter-out $(QUEUE) $(SUMMARY),$(EXECUTED))
+
+# Scales never mix: what is cited comes from make full alone. Only notebooks and the site are
+# sent elsewhere: a make that this one starts decides anew, checks and tests look at figures/.
+ifeq ($(or $(filter full,$(SCALE)),$(KILNFLIGHT_FIGURES)),)
+$(EXECUTED) site/index.html: export KILNFLIGHT_FIGURES := $(CURDIR)/build/$(SCALE)
+endif
 
 # A notebook runs again when its settings change (scale, its own parameters, folders), which
 # are kept in files, or when one of its figures has gone missing.

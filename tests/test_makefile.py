@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from kilnflight.project.site import END_MARK, MARK
+
 PROJECT = Path(__file__).resolve().parents[1]
 NOTEBOOK = """# %% [markdown]
 # # {title}
@@ -189,9 +191,9 @@ def test_make_is_incremental(shared):
     assert ran(make(shared, "PARAMETERS=01.seed=5")) == []
 
 
-@pytest.mark.parametrize("scale", ["quick", "standard"])
-def test_a_reduced_run_leaves_what_is_cited_alone(shared, scale):
-    done = make(shared, f"SCALE={scale}", "PARAMETERS=seed=7", "JOBS=2")
+@pytest.mark.parametrize(("goal", "scale"), [("quick", "quick"), ("all", "standard")])
+def test_a_reduced_run_leaves_what_is_cited_alone(shared, goal, scale):
+    done = make(shared, goal, "PARAMETERS=seed=7", "JOBS=2")
     assert done.returncode == 0, done.stderr
     assert sorted(ran(done)) == ["00_claims", "01_one", "02_two"]
     assert ran(done)[-1] == "00_claims"
@@ -202,9 +204,15 @@ def test_a_reduced_run_leaves_what_is_cited_alone(shared, scale):
     assert "is as it was" in done.stdout
 
 
-def test_make_full_alone_writes_what_is_cited(project):
-    shown = make(project, "SCALE=full", "-p", "-n", "help").stdout
-    assert "KILNFLIGHT_FIGURES :=" not in shown
+def test_make_full_alone_writes_what_is_cited(shared):
+    (shared / "README.md").write_text(f"{MARK}\n{END_MARK}\n")
+    before = (shared / "build" / "standard" / "claims.csv").stat().st_mtime
+    done = make(shared, "full", "PARAMETERS=seed=8", "JOBS=2")
+    assert done.returncode == 0, done.stderr
+    assert (shared / "figures" / "claims.csv").is_file()
+    assert not (shared / "build" / "full").exists()
+    assert (shared / "build" / "standard" / "claims.csv").stat().st_mtime == before
+    assert "Seed 8" in (shared / "README.md").read_text()
 
 
 @pytest.mark.parametrize(
