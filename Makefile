@@ -44,7 +44,7 @@ endif
 
 # A notebook runs again when its settings change (scale, its own parameters, folders), which
 # are kept in files, or when one of its figures has gone missing.
-OTHER := quick full setup data test check bench clean help
+OTHER := quick full report setup data test check bench clean help
 keep = $(if $(findstring |$(strip $(2))|,|$(file <$(1))|),,$(file >$(1),$(strip $(2))))
 numbers := $(foreach stem,$(STEMS),$(call number,$(stem)))
 others = $(addsuffix .%,$(filter-out $(call number,$(1)),$(numbers)))
@@ -65,6 +65,8 @@ quick: ## a smoke run: every notebook, little input; its figures go to build/qui
 full: ## the same at the scale of the publications; what figures/ and the README hold
 	@$(MAKE) SCALE=full all
 	@$(RUN) -m kilnflight.project.site --readme
+report: $(VENV)/installed ## print what figures/ holds as a PDF, build/report.pdf
+	@$(RUN) -m kilnflight.project.site.report
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data

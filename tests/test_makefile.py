@@ -242,6 +242,7 @@ def test_help_lists_every_target_with_its_comment(project):
         "all",
         "quick",
         "full",
+        "report",
         "setup",
         "data",
         "test",
