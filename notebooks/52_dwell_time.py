@@ -100,6 +100,10 @@ caption = (
 )
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=origin)
 
+# %% [markdown]
+# The curves are the fits, and end with the last detection or beyond it. Detections scatter in
+# depth, so single ones lie deeper than the end of the curve. None is later.
+
 # %%
 picture, cases = flight_pictures.draw_dwell_cases(results.tables)
 caption = (
