@@ -134,7 +134,8 @@ share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may
 by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "mean absolute error (ms)"
 picture = belt_plots.lines_by_rate(by_rate, belt_claims.PLOTTED, study.measure, label)
-table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
+columns = ["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]
+table = study.labelled(by_rate[columns])
 options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
 figures.save("belt-arrival-rate", table, **options)
 
@@ -148,7 +149,8 @@ Markdown(rate_effect)
 #
 # By the authors' tracks if they are here. The paper names no measure. A sentence counts as
 # reproduced where mean absolute error and interquartile range both agree with it beyond chance, and
-# as not reproduced where both contradict it; else it depends on the measure. The first table has
+# as not reproduced where both contradict it; else it is open. Numbers are mean absolute error and
+# interquartile range, then both of carried states. The first table has
 # the differences that decide, with 95 % intervals over particles. The second has the verdicts by
 # every source, and by our simulation at every rate (predicted to the edge), without intervals.
 # Both tables are ours.
@@ -162,7 +164,8 @@ caption = (
     "Differences between models that decide claims, by measure, in ms: by how much the right ones "
 )
 caption += "exceed the left ones, with 95 % interval over particles (paired bootstrap)."
-figures.save("belt-arrival-differences", deciding, caption=caption, provenance=origin)
+table = study.labelled(deciding)
+figures.save("belt-arrival-differences", table, caption=caption, provenance=origin)
 
 # %%
 table = belt_2020.verdicts_by_source(arrival, by_rate, study.answers)

@@ -113,7 +113,8 @@ share = 0.02 if scale == "quick" else 0.01  # 1 % of a smoke run's particles may
 by_target, by_rate = study.vary(tracks, Evaluation(share, min(draws, 20)), seed)
 label = "interquartile range (mm)"
 picture = belt_plots.lines_by_rate(by_rate, by_rate["model"].unique(), study.measure, label)
-table = by_rate[["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]]
+columns = ["sampling_hz", "source", "data_set", "model", "n", "iqr", "mae"]
+table = study.labelled(by_rate[columns])
 options = {"picture": picture, "caption": study.captions["rates"], "provenance": origin}
 figures.save("belt-lateral-rate", table, **options)
 
@@ -126,7 +127,8 @@ Markdown(rate_effect)
 #
 # By the authors' tracks if they are here. The paper names no measure. A sentence counts as
 # reproduced where mean absolute error and interquartile range both agree with it beyond chance, and
-# as not reproduced where both contradict it; else it depends on the measure. The first table has
+# as not reproduced where both contradict it; else it is open. Numbers are mean absolute error and
+# interquartile range. The first table has
 # the differences that decide, with 95 % intervals over particles. The second has the verdicts by
 # every source, and by our simulation at every rate (predicted to the edge), without intervals.
 # Both tables are ours.
@@ -137,7 +139,8 @@ caption = (
     "Differences between models that decide claims, by measure, in mm: by how much the right ones "
 )
 caption += "exceed the left ones, with 95 % interval over particles (paired bootstrap)."
-figures.save("belt-lateral-differences", deciding, caption=caption, provenance=origin)
+table = study.labelled(deciding)
+figures.save("belt-lateral-differences", table, caption=caption, provenance=origin)
 
 # %%
 table = belt_2020.verdicts_by_source(lateral, by_rate, study.answers)

@@ -40,7 +40,11 @@ tables, generator = results.tables, np.random.default_rng(seed)
 # %% [markdown]
 # ## What could be fitted
 #
-# Ours: how many tracks Table 5.18 speaks of is not printed.
+# Ours: how many tracks Table 5.18 speaks of is not printed. Nor is it printed when a trajectory
+# starts "from the lance" (sections 4.2.5 and 5.2.1). Flights are judged in space, by their fit: a
+# cone from the outlet in the first metre (`flight.StartsAtLance`, here and in notebooks 51 to 56).
+# The tracks of Table 5.17 have no fit, and some no depth: a circle of 200 px in the picture
+# (`tracking_scores.FromLance`, notebooks 32 and 34).
 
 # %%
 table = campaigns.fit_outcomes(tables)

@@ -100,6 +100,11 @@ caption = (
 )
 figures.save("fig-5-18-endings", ends, caption=caption, provenance=origin)
 
+# %% [markdown]
+# The curves are the fits up to the end of the flight. A burnt out one ends with its last detection.
+# One that lands ends where the fit meets the wall, before or after its last detection. Detections
+# scatter about the fit in depth, so single ones lie deeper than its end.
+
 # %%
 picture, cases = flight_pictures.draw_dwell_cases(results.tables)
 caption = (

@@ -334,6 +334,24 @@ def test_a_world_as_published_in_2016_reproduces_every_claim_and_its_opposite_no
     assert claims.REPRODUCED not in opposite_verdicts.values()
 
 
+@pytest.mark.parametrize(
+    ("tracking", "straight", "holds"),
+    [(0.11, 1.0, (True, True)), (0.14, 0.25, (None, None)), (0.21, 0.3, (False, False))],
+)
+def test_similar_and_far_worse_hang_on_bounds_of_ours(tracking, straight, holds):
+    """Sim is 0.1; half and twice the bounds: similar is 1.25 to 2, far worse 1.5 to 3 times."""
+    spreads = {("noise-free", "Tracking"): tracking, ("noise-free", "Straight"): straight}
+    answers = tracking_answers(tracked(AS_IN_2016 | spreads))
+    assert tuple(answers["belt16-2"].values()) == holds
+
+
+def test_a_bound_of_ours_that_others_contradict_is_open_by_material():
+    """Uniform within 0.25 mm: 80 % are below 0.2 mm, between our 75 % and its half, 87.5 %."""
+    table = tracked(AS_IN_2016 | {("noise-free", "Sim"): 0.25}).assign(material="spheres")
+    judged = belt_2016.judge_materials({("here", "spheres"): table}).set_index("id")
+    assert judged.loc["belt16-1", "criterion_holds"] == "open"
+
+
 def test_what_a_source_has_no_data_for_is_not_answered():
     kept = {key: AS_IN_2016[key] for key in (("noise-free", "Sim"), ("noise-free", "Straight"))}
     assert list(tracking_answers(tracked(kept))) == ["belt16-1", "belt16-4"]

@@ -11,6 +11,7 @@ from kilnflight.belt import PredictionPhase
 from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations
 from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.tracker import Followed
+from kilnflight.belt.velocity import BeltVelocity
 from kilnflight.experiments import belt_2020, belt_real, belt_sorter
 from kilnflight.experiments.belt_2020 import over_draws
 from kilnflight.experiments.belt_claims import arrival_answers, lateral_answers, speed_answers
@@ -310,7 +311,29 @@ def test_tables_and_captions_carry_the_unit_of_the_study():
         columns = study.table(over_draws(draws)).columns.tolist()
         values = [f"{name}_{unit}" for name in ("median", "q25", "q75", "mae")]
         assert columns == ["source", "data_set", "model", "n", *values]
+        deciding = pd.DataFrame(columns=["lower", "excess", "excess_low", "iqr", "mae_high"])
+        units = [f"{name}_{unit}" for name in deciding.columns[1:]]
+        assert study.labelled(deciding).columns.tolist() == ["lower", *units]
         assert all(study.quantity in caption for caption in study.captions.values())
+
+
+def test_the_velocity_stands_beside_that_of_the_authors_links():
+    """Two tracks: 60, 60 and 62 px; a missing frame in between is no step."""
+    places = pd.DataFrame(
+        {
+            "frame": [0, 1, 2, 0, 1, 3],
+            "x": [0.0, 60.0, 120.0, 5.0, 67.0, 200.0],
+            "y": 0.0,
+            "author_track": [0, 0, 0, 1, 1, 1],
+        }
+    )
+    known, key = BeltVelocity(61.0, 1.0, 3, 75.0), ("spheres", "013")
+    table = belt_real.tabulate_velocities({key: places}, {key: known})
+    assert table.iloc[0].to_dict() == {
+        "material": "spheres", "recording": "013", **known._asdict(), "linked_px_per_frame": 60.0
+    }  # fmt: skip
+    untracked = belt_real.tabulate_velocities({key: places.assign(author_track=-1)}, {key: known})
+    assert untracked["linked_px_per_frame"].isna().all()
 
 
 def test_sentences_on_real_recordings_take_each_model_with_its_filter():

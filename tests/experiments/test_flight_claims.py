@@ -105,6 +105,7 @@ def test_velocities_are_judged_beside_the_truth_and_what_was_fitted_is_no_result
     assert set(judged) == {f"vel-{k}" for k in range(1, 7)}
     assert judged["vel-1"].verdict == claims.REPRODUCED
     assert judged["vel-2"].verdict != claims.REPRODUCED
+    assert "remaining particles with lost flights as ended: " in judged["vel-4"].reason
     swapped = {(a, b): flights({"wood chip": "confetti"}.get(a, a), b) for a, b in KEYS}
     swapped |= {("confetti", bar): flights("wood chip", bar) for bar in PRESSURES_BAR}
     assert velocity(swapped, every())["vel-1"].because == "chain"

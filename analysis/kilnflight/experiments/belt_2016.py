@@ -373,14 +373,15 @@ def judge_materials(parts: Mapping[tuple[str, str], pd.DataFrame]) -> pd.DataFra
     Returns
     -------
     DataFrame
-        ``id``, ``material``, ``source``, ``criterion_holds`` (yes, no), ``measured``,
+        ``id``, ``material``, ``source``, ``criterion_holds`` (yes, no, open), ``measured``,
         ``criterion``. Claims about images have the source "own pictures, 200 frames/s".
     """
     rows = []
     for (source, material), table in parts.items():
         for claim, answer in tracking_answers(table).items():
             verdict = claims.judge(claim, answer, because="twin")
-            holds = "yes" if verdict.verdict == claims.REPRODUCED else "no"
+            words = {claims.REPRODUCED: "yes", claims.NOT_REPRODUCED: "no"}
+            holds = words.get(verdict.verdict, "open")
             of_images = claim in ("belt16-3", "belt16-5")
             where = "own pictures, 200 frames/s" if of_images else source
             row = {"id": claim, "material": material, "source": where, "criterion_holds": holds}
@@ -420,8 +421,9 @@ def judge_spheres(
         for id, text in details.items()
     }
     if fitted:
-        aim = "friction and slide were fitted to how fast the authors' spheres move, both along "
-        aim += "the belt and across it"
+        aim = "friction and slide were fitted to how fast the authors' spheres of 2020 move, "
+        aim += "along the belt and across it; those of 2016 had another friction (2020 paper, "
+        aim += "section 4)"
         for id in ("belt16-1", "belt16-2", "belt16-4"):
             verdicts[id] = claims.fitted(verdicts[id], aim)
     for id, (cause, reason) in _unsettled(every).items():

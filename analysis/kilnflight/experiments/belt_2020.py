@@ -8,6 +8,7 @@ Notebook 40 studies the time of arrival (`ARRIVAL`), notebook 41 the lateral pos
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -334,9 +335,12 @@ class Study:
         }
 
     def labelled(self, deviations: pd.DataFrame) -> pd.DataFrame:
-        """Return summaries with the unit in the names of their columns."""
-        names = ("median", "q25", "q75", "mae", "whisker_low", "whisker_high")
-        return deviations.rename(columns={name: f"{name}_{self.unit[0]}" for name in names})
+        """Return summaries or differences with the unit in the names of their columns."""
+        measured = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")
+        unit = self.unit[0]
+        return deviations.rename(
+            columns=lambda name: f"{name}_{unit}" if measured.match(name) else name
+        )
 
     def table(self, deviations: pd.DataFrame) -> pd.DataFrame:
         """Return the columns of belt-arrival or belt-lateral."""
@@ -395,7 +399,7 @@ class Study:
         notes = self.notes(by_target, f"decided by {source} at {sampling_hz:.0f} Hz")
         because = "method" if source == AUTHORS else "twin"  # on the authors' own tracks
         verdicts = {
-            id: claims.judge(id, answer, note=notes[id], because=because)
+            id: claims.with_cause(claims.judge(id, answer, note=notes[id], because=because))
             for id, answer in answers.items()
         }
         if source == OWN and not is_installed():

@@ -48,6 +48,28 @@ def track_recordings(
     return join_followed(parts)
 
 
+def tabulate_velocities(
+    measured: Mapping[Recorded, pd.DataFrame], velocities: Mapping[Recorded, BeltVelocity]
+) -> pd.DataFrame:
+    """Return each recording's velocity, and beside it that of the authors' own links.
+
+    Returns
+    -------
+    DataFrame
+        ``material``, ``recording``, the fields of `BeltVelocity`, and ``linked_px_per_frame``: the
+        median distance along the belt between consecutive frames of the authors' tracks, NaN where
+        there are none.
+    """
+    table = pd.DataFrame(velocities.values(), pd.MultiIndex.from_tuples(velocities))
+    table = table.rename_axis(["material", "recording"])
+    for key, places in measured.items():
+        tracked = places[places["author_track"] >= 0].sort_values(["author_track", "frame"])
+        step = tracked[["author_track", "frame", "x"]].diff()
+        linked = (step["author_track"] == 0) & (step["frame"] == 1)
+        table.loc[key, "linked_px_per_frame"] = step.loc[linked, "x"].median()
+    return table.reset_index()
+
+
 def compare_on_recordings(
     followed: Mapping[Key, Followed],
     measured: Mapping[str, pd.DataFrame],

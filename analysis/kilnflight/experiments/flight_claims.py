@@ -36,7 +36,7 @@ from kilnflight.experiments.statements import (
 )
 from kilnflight.flight import LOST
 from kilnflight.project import claims
-from kilnflight.scores.flights import censored_median
+from kilnflight.scores.flights import NONE_LOST, censored_median
 from kilnflight.scores.intervals import Interval, difference, share
 from kilnflight.twin.particles import FRACTIONS
 
@@ -194,8 +194,26 @@ def velocity_verdicts(
         if verdict.because == "twin" and verdict.id in SENTENCES:
             added = _of_chain(evidence[verdict.id], truth[verdict.id])
             verdicts[k] = replace(verdict, reason=f"{verdict.reason}; the chain adds: {added}")
+        if verdict.measured and verdict.id in SENTENCES:
+            other = _lost_as_ended(verdict.id, published, results, generator)
+            name = "remaining particles with lost flights as ended"
+            verdicts[k] = claims.in_both_readings(verdicts[k], other, name)
     fit = "the twin's flights were fitted to this campaign"
     return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
+
+
+def _lost_as_ended(
+    claim: str, published: pd.DataFrame, results: Results, generator: np.random.Generator
+) -> claims.Verdict:
+    """Return the verdict if a lost flight ends where it was lost, as a plain count has it.
+
+    Section 5.3.1 does not say how its "percentage of remaining particles" counts lost ones.
+    """
+    key = (SENTENCES[claim], 4.5)
+    plain = {key: results.measured[key]._replace(lost=NONE_LOST)}
+    answers = conditions(published, key, plain, generator)
+    told = "; ".join(name for name in answers if name.startswith("remaining"))
+    return replace(claims.judge(claim, answers), measured=told)
 
 
 def _of_chain(measured: Measured, true: Measured) -> str:

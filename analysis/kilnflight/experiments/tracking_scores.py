@@ -55,6 +55,9 @@ class FromLance:
 
     Notes
     -----
+    A rule of the picture: what Table 5.17 scores has no fit, and some of it no depth. Flights are
+    judged in space, by their fit (`kilnflight.flight.StartsAtLance`).
+
     All four numbers are ours; they were fixed before any track was scored with them. Particles are
     faint at first, so that tracks start some frames after the exit (section 4.3), and the marked
     ones do "not start exactly from the lance" (section 5.2.1). Depth: one slice of Eq. 5.8, as of

@@ -34,14 +34,18 @@ class StartsAtLance:
 
     Notes
     -----
-    The thesis prints no criterion; particles are "probably not captured" until several frames
-    after the lance (sec. 4.3). Here the medians of the first positions with depth decide, which
-    bear one wrong depth. In depth they lie within one slice of Eq. 5.8, so that the first slice
-    was observed, and not farther behind the lance than depths scatter. Across they lie within a
-    cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1), so the cone goes from
-    the exit to the wall, 700 mm away, in the first metre. It is wider by what the depth and the
-    pixels scatter. A pixel's error in mm grows with the depth, and Table 5.18 has both for the
-    depths of a kiln: 219 mm along the line of sight, 18.77 mm across.
+    The rule of flights, in space: it needs the fitted polynomials. Tracks are scored before any fit
+    (Table 5.17), beside marked ones of which some have no depth: their rule is one of the picture,
+    `kilnflight.experiments.tracking_scores.FromLance`.
+
+    The thesis prints no criterion (secs 4.2.5 and 5.3.1); particles are "probably not captured"
+    until several frames after the lance (sec. 4.3). Here the medians of the first positions with
+    depth decide, which bear one wrong depth. In depth they lie within one slice of Eq. 5.8, so that
+    the first slice was observed, and not farther behind the lance than depths scatter. Across they
+    lie within a cone. Paper shreds "touch the side walls before moving far" (sec. 5.3.1), so the
+    cone goes from the exit to the wall, 700 mm away, in the first metre. It is wider by what the
+    depth and the pixels scatter. A pixel's error in mm grows with the depth, and Table 5.18 has
+    both for the depths of a kiln: 219 mm along the line of sight, 18.77 mm across.
 
     The regression's t0 is not the earliest of its range, where the polynomials found no way back
     to the lance. The latest of the range, at the first detection, is where it lies if a particle
