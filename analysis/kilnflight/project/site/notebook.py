@@ -1,0 +1,90 @@
+"""Executed notebooks as pages: the result first, code folded, figures linked with downloads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+
+import nbformat
+import pandas as pd
+from nbformat.v4 import new_markdown_cell
+
+from kilnflight.project import claims
+from kilnflight.project.site.blocks import Blocks
+
+FIGURE = re.compile(r"<figure id=['\"]([a-z0-9-]+)['\"]")
+PLOTLY = re.compile(r"<script[^>]*>(?:(?!</script>).)*plotly\.js v(?:(?!</script>).)*</script>", re.S)
+CLASSES = dict(zip(claims.VERDICTS, ("reproduced", "not-reproduced", "undecidable"), strict=True))
+
+
+def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbformat.NotebookNode:
+    """Return the page of an executed notebook.
+
+    Parameters
+    ----------
+    path
+        The executed notebook.
+    blocks
+        Of the saved figures.
+    result
+        Its one-line result.
+    verdicts
+        Its claims: ``id``, ``verdict``, ``published``.
+    """
+    notebook = nbformat.read(path, as_version=4)
+    cells = []
+    for cell in notebook.cells:
+        tags = cell.metadata.get("tags", [])
+        if "injected-parameters" in tags:
+            continue
+        if "parameters" in tags:
+            cells.append(new_markdown_cell(_parameters(notebook, cell.source)))
+        elif cell.cell_type == "markdown":
+            cells.append(new_markdown_cell(blocks.links(cell.source)))
+        else:
+            cells.append(_folded(cell, blocks))
+    title, _, rest = cells[0].source.partition("\n")
+    top = f"{title}\n\n{_badges(verdicts)}\n\n**Result.** {blocks.links(escape(result))}\n"
+    cells[0] = new_markdown_cell(f"{top}{rest}")
+    for number, cell in enumerate(cells):  # ids depend on the place alone
+        cell["id"] = f"cell-{number}"
+    notebook.cells = cells
+    return notebook
+
+
+def _parameters(notebook: nbformat.NotebookNode, source: str) -> str:
+    """Return the parameters of a run in one line."""
+    given = notebook.metadata.get("papermill", {}).get("parameters", {})
+    defaults = dict(re.findall(r"^(\w+) = ([^#\n]+?)\s*(?:#.*)?$", source, re.MULTILINE))
+    values = defaults | {name: repr(value) for name, value in given.items()}
+    shown = ", ".join(f"{name} = {value}" for name, value in values.items())
+    return f'<p class="parameters">Parameters: {escape(shown, quote=False)}</p>'
+
+
+def _folded(cell: nbformat.NotebookNode, blocks: Blocks) -> nbformat.NotebookNode:
+    """Return a code cell that is folded, with linked figures instead of embedded ones."""
+    cell.metadata["tags"] = sorted({*cell.metadata.get("tags", []), "hide-input"})
+    for output in cell.outputs:
+        data: Mapping[str, str] = output.get("data", {})
+        text = data.get("text/html", "")
+        found = FIGURE.search(text)
+        if found and found[1] in blocks.entries:
+            output["data"] = {"text/html": blocks(found[1])}
+        elif PLOTLY.search(text):
+            script = f'<script src="{blocks.above}_static/plotly.min.js"></script>'
+            output["data"] = {"text/html": PLOTLY.sub(lambda _: script, text)}
+    return cell
+
+
+def _badges(verdicts: pd.DataFrame) -> str:
+    """Return a badge for each claim, which leads to its row on the page of claims."""
+    if not len(verdicts):
+        return '<p class="badges"><span class="badge">no claim is tested here</span></p>'
+    badges = [
+        f'<a class="badge {CLASSES[row["verdict"]]}" title="{escape(row["published"], quote=True)}" '
+        f'href="00_claims.html#{row["id"]}">{row["id"]}: {row["verdict"]}</a>'
+        for row in verdicts.to_dict("records")
+    ]
+    return f'<p class="badges">{" ".join(badges)}</p>'

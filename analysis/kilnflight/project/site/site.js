@@ -1,0 +1,30 @@
+// Tables of a page: a click on a header sorts, words in the field above filter.
+document.addEventListener("DOMContentLoaded", () => {
+  for (const field of document.querySelectorAll("input.filter")) {
+    const table = field.nextElementSibling.querySelector("table");
+    const rows = [...table.tBodies[0].rows];
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/);
+      for (const row of rows) {
+        const text = row.textContent.toLowerCase();
+        row.hidden = !words.every((word) => text.includes(word));
+      }
+    });
+    [...table.tHead.rows[0].cells].forEach((cell, column) => {
+      cell.tabIndex = 0;
+      cell.setAttribute("role", "button");
+      let up = false;
+      const sort = () => {
+        up = !up;
+        const value = (row) => row.cells[column].textContent;
+        const order = (one, other) =>
+          value(one).localeCompare(value(other), "en", { numeric: true }) * (up ? 1 : -1);
+        const numbers = (one, other) => (Number(value(one)) - Number(value(other))) * (up ? 1 : -1);
+        const numeric = rows.every((row) => value(row) === "" || !Number.isNaN(Number(value(row))));
+        table.tBodies[0].append(...rows.sort(numeric ? numbers : order));
+      };
+      cell.addEventListener("click", sort);
+      cell.addEventListener("keydown", (event) => event.key === "Enter" && sort());
+    });
+  }
+});
