@@ -1,6 +1,7 @@
 """Render executed notebooks as a site that builds and reads without a network.
 
-Sphinx with myst-nb and the furo theme; MathJax lies beside the pages. The index lists
+Sphinx with myst-nb and the furo theme, whose left bar carries groups; MathJax lies beside the
+pages. The index lists
 the notebooks with title, one-line result and verdict counts, which it takes from what
 the notebooks saved (`kilnflight.project.figures.conclude`). One page shows the rooms of
 the package and their imports, read from the code.
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -22,7 +24,7 @@ import nbformat
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims_page, figures, paths
-from kilnflight.project.site import long_tables, notebook, numbers
+from kilnflight.project.site import long_tables, notebook, numbers, reduced
 from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.readme import claims_sentence, claims_table, update_readme
 from kilnflight.project.site.rooms import draw_rooms, imports, rooms_page
@@ -33,17 +35,30 @@ MATHJAX = "tex-svg-full.js"
 STYLE_SHEET = Path(__file__).with_name("site.css")
 SCRIPT = Path(__file__).with_name("site.js")
 
+PRINTED = "Claims and printed numbers"
+# Groups of the left bar, in the order of the thesis: how the names of their notebooks begin.
+GROUPS = {
+    PRINTED: "00|01",
+    "Depth": "02|03",
+    "Detection": "2",
+    "Tracking": "3",
+    "Flight and combustion": "5",
+    "Belt sorting": "4",
+    "The twin": "1",
+}
+
 CONFIGURATION: dict[str, object] = {
     "project": "kilnflight",
     "author": "The kilnflight founders",
     "copyright": "The kilnflight founders",
     "release": __version__,
     "html_title": f"kilnflight {__version__}",
-    "extensions": ["myst_nb", "sphinx.ext.mathjax"],
+    "extensions": ["myst_nb", "sphinx.ext.mathjax", "sphinx_copybutton", "sphinx_design"],
+    "copybutton_selector": "div.highlight pre, .downloads pre",
     "html_theme": "furo",
     "nb_execution_mode": "off",
     "nb_merge_streams": True,
-    "myst_enable_extensions": ["dollarmath", "amsmath"],
+    "myst_enable_extensions": ["dollarmath", "amsmath", "colon_fence"],
     "myst_dmath_double_inline": True,
     "mathjax_path": MATHJAX,
     "exclude_patterns": ["jupyter_execute"],
@@ -95,7 +110,7 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     blocks = Blocks(paths.figures(), numbers.links(table, stems), entries=saved)
     collected, results = claims_table(), figures.overview().set_index("notebook")["result"]
     for path in notebooks:
-        own = collected[collected["notebook"] == path.stem]
+        own = reduced.beside_full(collected[collected["notebook"] == path.stem])
         page = notebook.page(path, blocks, str(results.get(path.stem, "")), own)
         nbformat.write(page, sources / path.name)
     below = replace(blocks, above="../")
@@ -142,17 +157,27 @@ def _index(stems: Sequence[str]) -> str:
         figures.markdown(claims_page.counts_by_cause(claims_table())),
         "## Results by notebook\n",
         figures.markdown(table.drop(columns="notebook")),
-        "```{toctree}\n:hidden:\n",
-        *stems,
-        "numbers",
-        "rooms\n```\n",
+        _contents(stems),
     ]
     return "\n".join(lines)
 
 
+def _contents(stems: Sequence[str]) -> str:
+    """Return the left bar: every page in its group."""
+    groups = {name: [stem for stem in stems if re.match(start, stem)] for name, start in GROUPS.items()}
+    groups[PRINTED].append("numbers")
+    groups["The package"] = ["rooms"]
+    return "\n".join(
+        "\n".join(["```{toctree}", ":hidden:", f":caption: {name}\n", *pages, "```\n"])
+        for name, pages in groups.items()
+        if pages
+    )
+
+
 def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
     """Run Sphinx; any warning is an error."""
-    settings = "".join(f"{name} = {value!r}\n" for name, value in CONFIGURATION.items())
+    configuration = CONFIGURATION | {"html_theme_options": {"announcement": reduced.banner()}}
+    settings = "".join(f"{name} = {value!r}\n" for name, value in configuration.items())
     (sources / "conf.py").write_text(settings)
     shutil.rmtree(doctrees, ignore_errors=True)
     options = ["-b", "html", "-q", "--no-color", "-W", "--keep-going", "-d", str(doctrees)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from html import escape
 from pathlib import Path
 
@@ -84,7 +84,12 @@ def _badges(verdicts: pd.DataFrame) -> str:
         return '<p class="badges"><span class="badge">no claim is tested here</span></p>'
     badges = [
         f'<a class="badge {CLASSES[row["verdict"]]}" title="{escape(row["published"], quote=True)}" '
-        f'href="00_claims.html#{row["id"]}">{row["id"]}: {row["verdict"]}</a>'
+        f'href="00_claims.html#{row["id"]}">{row["id"]}: {row["verdict"]}{_full(row)}</a>'
         for row in verdicts.to_dict("records")
     ]
     return f'<p class="badges">{" ".join(badges)}</p>'
+
+
+def _full(row: Mapping[Hashable, str]) -> str:
+    """Return the verdict at full scale, on the page of a reduced run where it differs."""
+    return f" (full scale: {row['full']})" if row.get("full") else ""
