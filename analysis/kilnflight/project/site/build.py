@@ -23,10 +23,11 @@ import nbformat
 
 from kilnflight import __version__
 from kilnflight.checks import InputError
-from kilnflight.project import claims_page, figures, paths
+from kilnflight.project import figures, paths
 from kilnflight.project.site import long_tables, notebook, numbers, reduced
 from kilnflight.project.site.blocks import Blocks
-from kilnflight.project.site.readme import claims_sentence, claims_table, update_readme
+from kilnflight.project.site.front import Front
+from kilnflight.project.site.readme import claims_table, update_readme
 from kilnflight.project.site.rooms import draw_rooms, imports, rooms_page
 
 # One self-contained script: MathJax with SVG output needs no font files, which a browser
@@ -105,6 +106,7 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
 def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     """Write the pages of notebooks, of the works' figures and tables, and of long tables."""
     stems = sorted(path.stem for path in notebooks)
+    _check_concluded(stems)
     saved = {entry.identifier: entry for entry in figures.entries()}
     table = numbers.load(saved)
     blocks = Blocks(paths.figures(), numbers.links(table, stems), entries=saved)
@@ -117,7 +119,8 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     numbers.write(sources / "works", table, below, collected)
     (sources / "numbers.md").write_text(numbers.index(table))
     long_tables.write(sources / "tables", below)
-    (sources / "index.md").write_text(_index(stems))
+    front = Front(paths.figures(), collected, table)(sources / "_static" / "thumbs")
+    (sources / "index.md").write_text(f"{front}\n\n{_contents(stems)}")
 
 
 def _mathjax() -> Path:
@@ -138,28 +141,13 @@ def _package(name: str) -> Path:
     return Path(package.origin).parent
 
 
-def _index(stems: Sequence[str]) -> str:
-    """Return the text of the first page: claims, and every notebook with its result."""
-    table = figures.overview().set_index("notebook", drop=False)
-    for stem in set(stems) - set(table.index):
+def _check_concluded(stems: Sequence[str]) -> None:
+    """Refuse notebooks that saved no verdicts."""
+    for stem in set(stems) - set(figures.overview()["notebook"]):
         raise InputError(
             f"{stem} saved no {figures.verdicts_of(stem)}; its last cell must call "
             "figures.conclude."
         )
-    table = table.loc[list(stems)]
-    table["title"] = "[" + table["title"] + "](" + table["notebook"] + ".ipynb)"
-    lines = [
-        "# kilnflight\n",
-        "How to see particles fly: each result of a thesis and two papers beside ours.\n",
-        f"{claims_sentence()} How the package is built: [its rooms](rooms.md).\n",
-        "## Claims by chapter and cause\n",
-        "<a href='00_claims.html'>Every claim beside its verdict</a>\n",
-        figures.markdown(claims_page.counts_by_cause(claims_table())),
-        "## Results by notebook\n",
-        figures.markdown(table.drop(columns="notebook")),
-        _contents(stems),
-    ]
-    return "\n".join(lines)
 
 
 def _contents(stems: Sequence[str]) -> str:

@@ -1,5 +1,16 @@
 // Tables of a page: a click on a header sorts, words in the field above filter.
+// The wall of thumbnails on the front page: words in the field above filter.
 document.addEventListener("DOMContentLoaded", () => {
+  for (const field of document.querySelectorAll("input.tiles")) {
+    const tiles = [...field.nextElementSibling.children];
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/);
+      for (const tile of tiles) {
+        const text = tile.textContent.toLowerCase();
+        tile.hidden = !words.every((word) => text.includes(word));
+      }
+    });
+  }
   for (const field of document.querySelectorAll("input.filter")) {
     const table = field.nextElementSibling.querySelector("table");
     const rows = [...table.tBodies[0].rows];

@@ -1,0 +1,246 @@
+"""The front page: question, verdicts, findings, the chain with its losses, all figures by number.
+
+Every number is read from figures/; none is typed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import pandas as pd
+from PIL import Image
+
+from kilnflight.project import claims, claims_page
+from kilnflight.project.site.notebook import CLASSES
+
+QUESTION = (
+    "Can the published flight and combustion numbers of refuse-derived fuel be reproduced?"
+)
+THUMB_PX = 200  # width of a thumbnail
+FRAME = "fig-5-17-optical"  # on the first screen
+# Pages of the chapters that `claims_page.CHAPTERS` names, by how their claims begin.
+PAGES = {
+    "thesis 2": "02_depth_calibration", "thesis 3": "25_wall", "thesis 4": "31_tracklets",
+    "thesis 5.1": "24_all_methods", "thesis 5.2": "32_tracking", "thesis 5.3": "52_dwell_time",
+    "thesis A": "55_simulated_flights", "belt-2020": "40_belt_arrival",
+    "belt-2016": "42_predictive_tracking",
+}  # fmt: skip
+STEPS = {
+    "recording": "10_ground_truth", "background": "20_backgrounds", "detection": "24_all_methods",
+    "tracking": "32_tracking", "tracklets": "31_tracklets", "regression": "50_regression",
+    "flight": "52_dwell_time",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Front:
+    """The front page of the figures in a folder; ``verdicts`` are all claims."""
+
+    folder: Path
+    verdicts: pd.DataFrame
+    numbers: pd.DataFrame  # `kilnflight.project.site.numbers.load`
+
+    def __call__(self, thumbnails: Path) -> str:
+        """Return the page as Markdown, and write its small pictures into a folder."""
+        parts = [
+            self.first_screen(thumbnails),
+            "## What was found",
+            self.findings(thumbnails),
+            "## Verdicts by chapter",
+            self.chapters(),
+            "## The way of a particle",
+            self.way(),
+            "## Figures and tables by number",
+            self.wall(thumbnails),
+        ]
+        return f"# {QUESTION}\n\n" + "\n\n".join(map(_raw, parts))
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a saved table; empty if this run has none."""
+        path = self.folder / f"{name}.csv"
+        return pd.read_csv(path, keep_default_na=False) if path.is_file() else pd.DataFrame()
+
+    def first_screen(self, thumbnails: Path) -> str:
+        """Return three sentences, the bar of verdicts, and one picture."""
+        frame = self._thumbnail(FRAME, thumbnails, 3 * THUMB_PX)
+        picture = (
+            f'<figure class="first"><a href="54_ignition.html#{FRAME}"><img src="{frame}" alt='
+            '"Simulated flights of four fractions in the kiln"/></a><figcaption>Simulated: flights '
+            "of the four fractions in the twin of the kiln.</figcaption></figure>"
+            if frame
+            else ""
+        )
+        return (
+            '<div class="screen"><div><p>A thesis and two papers publish how particles are seen, '
+            "followed and measured in a rotary kiln and on a sorting belt. The thesis's recordings "
+            "are not public: a physical twin with known truth stands in; the belt's tracks and "
+            "recordings are the authors' own. So methods and their errors can be judged, and the "
+            "kiln's own numbers only as far as the twin is the kiln.</p>"
+            f"{verdict_bar(self.verdicts)}</div>{picture}</div>"
+        )
+
+    def findings(self, thumbnails: Path) -> str:
+        """Return the headline findings as cards."""
+        cards = [
+            self._card(*each, thumbnails)
+            for each in (
+                ("24_all_methods", "fig-5-11-detection", "Detection", self._detection()),
+                ("32_tracking", "fig-5-17-tracking", "Tracking", self._tracking()),
+                ("52_dwell_time", "fig-5-19-dwell-time", "Dwell time", self._dwell()),
+                ("40_belt_arrival", "fig-belt20-9-arrival", "Sorting belt", self._belt()),
+            )
+            if each[3]
+        ]
+        return f'<div class="cards">{"".join(cards)}</div>'
+
+    def _card(self, page: str, name: str, title: str, text: str, thumbnails: Path) -> str:
+        image = self._thumbnail(name, thumbnails, int(1.5 * THUMB_PX))
+        shown = f'<img src="{image}" alt="" loading="lazy"/>' if image else ""
+        return f'<a class="card" href="{page}.html">{shown}<b>{title}</b><span>{text}</span></a>'
+
+    def _detection(self) -> str:
+        table = self.table("table-5-11-detection")
+        if table.empty:
+            return ""
+        f1 = table[table["reading"] == "absolute"].set_index("method")["f1"].astype(float)
+        alone, both = f1["2D-SIFT"], f1["Combi SIFT+DBSCAN"]
+        printed = claims.published("table_5.11").set_index("method")["f1"].astype(float)
+        told = f" (published {printed.max():.3f}, the best)" if len(printed) else ""
+        return f"SIFT with DBSCAN has F1 {both:.3f}{told}; SIFT alone {alone:.3f} on the twin."
+
+    def _tracking(self) -> str:
+        table = self.table("fig-5-17-tracking")
+        if table.empty:
+            return ""
+        rows = table[(table["measure"] == "alpha") & (table["tracker"] == "GNN")]
+        mean = rows.groupby("postprocessing")[["recomputed", "published"]].mean(numeric_only=True)
+        if set(mean.index) != {"with", "without"} or mean.isna().to_numpy().any():
+            return ""
+        before, after = mean.loc["without"], mean.loc["with"]
+        return (
+            f"Post-processing raises GNN's alpha from {before['recomputed']:.2f} to "
+            f"{after['recomputed']:.2f} (published {before['published']:.2f} to "
+            f"{after['published']:.2f}), means of the fractions."
+        )
+
+    def _dwell(self) -> str:
+        table = self.table("dwell-medians")
+        known = table.replace("", None).dropna(subset=["with_lost_low", "with_lost_high"])
+        if table.empty or known.empty:
+            return ""
+        low, true, high = (
+            known[name].astype(float) for name in ("with_lost_low", "true_s", "with_lost_high")
+        )
+        return (
+            f"The true median dwell time lies in the measured 95 % interval in "
+            f"{int(((low <= true) & (true <= high)).sum())} of {len(known)} campaigns, if flights "
+            "that were lost are counted as censored."
+        )
+
+    def _belt(self) -> str:
+        table = self.table("belt-arrival")
+        part = table[table["source"] == "authors-dem"] if len(table) else table
+        if part.empty:
+            return ""
+        mae = part.pivot(index="data_set", columns="model", values="mae_ms").astype(float)
+        ratio = mae["IV"] / mae["IA"]
+        return (
+            "On the authors' own tracks the model of identical acceleration predicts the arrival "
+            f"{ratio.min():.0f} to {ratio.max():.0f} times better than that of identical velocity."
+        )
+
+    def chapters(self) -> str:
+        """Return the verdicts of each chapter as dots, with a link to its page."""
+        named = claims_page.by_chapter(self.verdicts)
+        starts = {title: start for start, title in claims_page.CHAPTERS.items()}
+        rows = []
+        for chapter, part in named.groupby("chapter", sort=False):
+            dots = "".join(
+                f'<a class="dot {CLASSES[row["verdict"]]}" href="00_claims.html#{row["id"]}" '
+                f'title="{escape(row["id"] + ": " + row["verdict"], quote=True)}">'
+                f'<span>{row["id"]}</span></a>'
+                for row in part.to_dict("records")
+            )
+            page = PAGES[starts[str(chapter)]]
+            rows.append(f'<tr><td><a href="{page}.html">{chapter}</a></td><td>{dots}</td></tr>')
+        return f'<table class="chapters">{"".join(rows)}</table>'
+
+    def way(self) -> str:
+        """Return the steps of the chain with what each loses, as boxes that lead to pages."""
+        losses = self._losses()
+        boxes = [
+            f'<a class="step" href="{page}.html"><b>{name}</b><span>{losses.get(name, "")}</span></a>'
+            for name, page in STEPS.items()
+        ]
+        return f'<div class="way">{"".join(boxes)}</div>'
+
+    def _losses(self) -> dict[str, str]:
+        """Return what is left after each step, of the particles that can be measured."""
+        steps = self.table("fig-accuracy-steps")
+        flights, losses = self.table("dwell-flights"), {}
+        methods = self.table("table-5-11-detection")
+        if len(methods):
+            row = methods.set_index("method").loc["Combi SIFT+DBSCAN"].iloc[0]
+            losses["detection"] = f"recall {float(row['recall']):.2f}"
+        if len(steps):
+            whole = steps[steps["replaced_step"] == "whole chain"]
+            seen, all_ = whole["detected_particles"].sum(), whole["measurable_particles"].sum()
+            losses["regression"] = f"{100 * seen / all_:.0f} % of the particles have a flight"
+        if len(flights):
+            refused = [name for name in flights if str(name).startswith("refused")]
+            gone = int(flights[refused].to_numpy().sum())
+            total_flights = int(flights["from_lance"].sum())
+            losses["flight"] = f"{gone} of {total_flights} refused, {flights['lost'].sum()} lost"
+        return losses
+
+    def wall(self, thumbnails: Path) -> str:
+        """Return a thumbnail for each figure and table of the works, with a filter."""
+        tiles = []
+        for row in self.numbers.to_dict("records"):
+            dot = "." if row["kind"] == "Fig" else ""
+            image = self._thumbnail(row["ids"][0], thumbnails, THUMB_PX) if row["ids"] else ""
+            shown = f'<img src="{image}" alt="" loading="lazy"/>' if image else "<i></i>"
+            work = "" if row["work"] == "thesis" else f", {row['work'].replace('-', ' paper of ')}"
+            words = f"{row['kind']}{dot} {row['number']}{work}"
+            tiles.append(
+                f'<a class="tile" href="works/{row["name"]}.html">{shown}<b>{words}</b>'
+                f"<span>{escape(row['topic'])}{' (not drawn here)' if not row['ids'] else ''}"
+                "</span></a>"
+            )
+        return (
+            '<input class="tiles" type="search" placeholder="filter, for example dwell or 5.1" '
+            f'aria-label="filter figures and tables"/><div class="wall">{"".join(tiles)}</div>'
+        )
+
+    def _thumbnail(self, name: str, folder: Path, width: int) -> str:
+        """Write a small picture of a figure and return its address; empty if there is none."""
+        source = self.folder / f"{name}.png"
+        if not source.is_file():
+            return ""
+        folder.mkdir(parents=True, exist_ok=True)
+        target = folder / f"{name}-{width}.webp"
+        if not target.is_file():
+            with Image.open(source) as image:
+                small = image.convert("RGB")
+                small.thumbnail((width, 2 * width))
+                small.save(target, "WEBP", quality=60, method=6)
+        return f"_static/{folder.name}/{target.name}"
+
+
+def verdict_bar(verdicts: pd.DataFrame) -> str:
+    """Return the counts of verdicts as a bar that leads to the claims."""
+    counts = claims.count(verdicts)
+    parts = [
+        f'<a class="{CLASSES[verdict]}" style="flex-grow: {number}" href="00_claims.html">'
+        f"<b>{number}</b> {verdict}</a>"
+        for verdict, number in counts.items()
+        if number
+    ]
+    return f'<div class="bar">{"".join(parts)}</div>'
+
+
+def _raw(part: str) -> str:
+    return part if part.startswith("#") else f"```{{raw}} html\n{part}\n```"
+
