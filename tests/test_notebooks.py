@@ -35,7 +35,7 @@ TABLES = {
     "table-5-14-classification": f"threshold threshold_mm subset {FOUND}",
     "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",
     "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
-    "belt-arrival-rate": "sampling_hz source data_set model n iqr mae",
+    "belt-arrival-rate": "sampling_hz source data_set model n iqr_ms mae_ms",
     "belt-arrival-verdicts": "source sampling_hz id verdict measured",
     "belt-lateral-verdicts": "source sampling_hz id verdict measured",
     "errata": "where printed recomputed consequence",

@@ -213,7 +213,7 @@ def _lost_as_ended(
     plain = {key: results.measured[key]._replace(lost=NONE_LOST)}
     answers = conditions(published, key, plain, generator)
     told = "; ".join(name for name in answers if name.startswith("remaining"))
-    return replace(claims.judge(claim, answers), measured=told)
+    return replace(claims.judge(claim, answers, because="twin"), measured=told)
 
 
 def _of_chain(measured: Measured, true: Measured) -> str:
