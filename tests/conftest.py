@@ -1,6 +1,10 @@
 """Shared ground of the tests: no display, own folders, and the authors' data where it is."""
 
 import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -60,6 +64,51 @@ def axes():
     figure, grid = style.canvas(1, 1)
     yield grid[0, 0]
     plt.close(figure)
+
+
+@pytest.fixture(scope="session")
+def smoke(tmp_path_factory):
+    """Every notebook at quick scale, without the authors' data, and its pages."""
+    folder = tmp_path_factory.mktemp("smoke")
+    fetched = any((PROJECT / "data" / "external").glob("*.zip"))
+    if os.environ.get("KILNFLIGHT_SMOKE") and not fetched:  # CI has just run `make quick`
+        for name, made in {"build": "build", "figures": "build/quick", "site": "site"}.items():
+            (folder / name).symlink_to(PROJECT / made)
+        return folder
+    (folder / "external").mkdir()
+    project = folder / "project"
+    for part in ("notebooks", "data/reference"):
+        shutil.copytree(PROJECT / part, project / part)
+    environment = {
+        **os.environ,
+        "KILNFLIGHT_ROOT": str(project),
+        "KILNFLIGHT_FIGURES": str(folder / "figures"),
+        "KILNFLIGHT_DERIVED": str(folder / "derived"),
+    }
+    environment.pop("KILNFLIGHT_EXTERNAL", None)
+    build = ["--build", str(folder / "build")]
+    sources = sorted((PROJECT / "notebooks").glob("*.py"))
+    made = [str(folder / "build" / f"{path.stem}.ipynb") for path in sources]
+
+    def run(module, *arguments):
+        done = subprocess.run(
+            [sys.executable, "-m", f"kilnflight.{module}", *arguments],
+            env=environment,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+
+    def execute(path):
+        run("project.notebooks", str(path), *build, "-p", "scale=quick")
+
+    with ThreadPoolExecutor(2) as pool:  # each is a process of its own
+        list(pool.map(execute, sources[1:]))
+    execute(sources[0])  # collects what the others said
+    run("project.site", *made, *build, "--site", str(folder / "site"))
+    return folder
 
 
 @pytest.fixture

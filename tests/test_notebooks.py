@@ -2,12 +2,8 @@
 
 import ast
 import json
-import os
 import re
-import shutil
 import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import jupytext
@@ -65,50 +61,6 @@ def test_nothing_executed_is_tracked():
         ["git", "ls-files", "*.ipynb"], cwd=PROJECT, capture_output=True, text=True, check=False
     )
     assert listed.stdout == ""
-
-
-@pytest.fixture(scope="module")
-def smoke(tmp_path_factory):
-    """Every notebook at quick scale, without the authors' data, and its pages."""
-    folder = tmp_path_factory.mktemp("smoke")
-    fetched = any((PROJECT / "data" / "external").glob("*.zip"))
-    if os.environ.get("KILNFLIGHT_SMOKE") and not fetched:  # CI has just run `make quick`
-        for name, made in {"build": "build", "figures": "build/quick", "site": "site"}.items():
-            (folder / name).symlink_to(PROJECT / made)
-        return folder
-    (folder / "external").mkdir()
-    project = folder / "project"
-    for part in ("notebooks", "data/reference"):
-        shutil.copytree(PROJECT / part, project / part)
-    environment = {
-        **os.environ,
-        "KILNFLIGHT_ROOT": str(project),
-        "KILNFLIGHT_FIGURES": str(folder / "figures"),
-        "KILNFLIGHT_DERIVED": str(folder / "derived"),
-    }
-    environment.pop("KILNFLIGHT_EXTERNAL", None)
-    build = ["--build", str(folder / "build")]
-    made = [str(folder / "build" / f"{path.stem}.ipynb") for path in SOURCES]
-
-    def run(module, *arguments):
-        done = subprocess.run(
-            [sys.executable, "-m", f"kilnflight.{module}", *arguments],
-            env=environment,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-
-    def execute(path):
-        run("project.notebooks", str(path), *build, "-p", "scale=quick")
-
-    with ThreadPoolExecutor(2) as pool:  # each is a process of its own
-        list(pool.map(execute, SOURCES[1:]))
-    execute(SOURCES[0])  # collects what the others said
-    run("project.site", *made, *build, "--site", str(folder / "site"))
-    return folder
 
 
 def test_the_tables_have_the_agreed_columns(smoke):
@@ -179,54 +131,3 @@ def test_the_index_lists_every_notebook_with_its_result(smoke):
         assert f'href="{path.stem}.html"' in page
     assert f"{len(errata.recompute())} printed values recomputed" in page
     assert re.search(r"Of \d+ published claims", page)
-
-
-def chromium() -> str:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser")
-    if browser is None:
-        pytest.skip("no Chromium on this machine; on Debian: apt-get install chromium")
-    return browser
-
-
-def test_the_pages_read_without_a_network(smoke):
-    """In headless Chromium: nothing leaves the disk, nothing fails, mathematics is set."""
-    from playwright.sync_api import sync_playwright
-
-    files, formulas = sorted((smoke / "site").glob("*.html")), 0
-    with sync_playwright() as run:
-        browser = run.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
-        context = browser.new_context(offline=True)
-        for k in range(0, len(files), 8):  # side by side: each is idle for half a second
-            for page in [OpenedPage(context, path) for path in files[k : k + 8]]:
-                formulas += page.check()
-        browser.close()
-    assert formulas  # there was mathematics to look at
-
-
-class OpenedPage:
-    """A page in a browser, what it asked for and what failed."""
-
-    def __init__(self, context, path: Path) -> None:
-        self.name, self.requests, self.problems = path.name, [], []
-        self.page = context.new_page()
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.on("requestfailed", lambda request: self.problems.append(request.url))
-        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
-        self.page.goto(path.as_uri(), wait_until="commit")
-
-    def check(self) -> int:
-        """Raise unless the page is as it should be; close it and return its formulas."""
-        page = self.page
-        page.wait_for_load_state("networkidle")
-        assert not self.problems, self.name
-        assert all(url.startswith(("file:", "data:")) for url in self.requests), self.name
-        page.evaluate("document.querySelectorAll('.cell_input').forEach(e => e.remove())")
-        assert "$" not in page.inner_text("body"), self.name
-        formulas = page.locator(".math").count()
-        if formulas:
-            page.wait_for_function("document.querySelectorAll('mjx-container').length > 0")
-            assert page.locator("mjx-container").count() == formulas, self.name
-        broken = page.evaluate("[...document.images].filter(i => !i.naturalWidth).length")
-        assert not broken, self.name
-        page.close()
-        return formulas

@@ -1,0 +1,214 @@
+"""The built site: in headless Chromium without a network, at two widths, and link by link."""
+
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+WIDE, NARROW = 1280, 390  # px: a desk, a phone
+LIGHT, FRONT = 2_000_000, 1_000_000  # bytes of a page and all it loads
+AXE = "axe-core@4.14.1"
+ALIKE = 3  # pages of a folder of generated ones that axe-core looks at
+FEW_ROWS = "document.querySelectorAll('tbody tr:nth-child(n+20)').forEach(row => row.remove())"
+FINDINGS = """async () => (await axe.run(document, {resultTypes: ['violations'], preload: false}))
+    .violations
+    .filter(found => ['serious', 'critical'].includes(found.impact))
+    .map(found => `${found.id}: ${found.nodes.slice(0, 3).map(node => node.target).join(' ')}`)"""
+BROKEN = """async () => {
+    const images = [...document.images];
+    images.forEach(image => { image.loading = 'eager'; });
+    const states = await Promise.allSettled(images.map(image => image.decode()));
+    return images.filter((_, k) => states[k].status === 'rejected').map(image => image.src);
+}"""
+UNNAMED = """() => [...document.images]
+    .filter(image => !image.alt.trim() && image.getAttribute('role') !== 'presentation')
+    .map(image => image.src)"""
+OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
+TOO_WIDE = """() => [...document.querySelectorAll('body *')]
+    .filter(part => part.getBoundingClientRect().right > innerWidth + 1)
+    .slice(0, 3).map(part => part.tagName + '.' + part.className)"""
+
+
+@pytest.fixture(scope="module")
+def site(smoke):
+    return (smoke / "site").resolve()
+
+
+class Parsed(HTMLParser):
+    """The places of a page, and what it points to."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.places, self.targets, self.downloads = {"", "top"}, [], []
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attrs):
+        given = {name: value or "" for name, value in attrs}
+        self.places |= {given[name] for name in ("id", "name") if name in given}
+        for name in ("href", "src"):
+            if name in given:
+                self.targets.append(given[name])
+                if "download" in given:
+                    self.downloads.append(given[name])
+
+
+@pytest.fixture(scope="module")
+def parsed(site):
+    return {path: Parsed(path) for path in sorted(site.rglob("*.html"))}
+
+
+def target(page: Path, link: str) -> tuple[Path, str] | None:
+    """The file and the place in it that a link leads to; nothing if it leaves the site."""
+    parts = urlsplit(link)
+    if parts.scheme:
+        return None
+    path = (page.parent / unquote(parts.path)).resolve() if parts.path else page
+    return path, unquote(parts.fragment)
+
+
+def test_every_link_of_every_page_resolves(site, parsed):
+    assert site / "index.html" in parsed
+    wrong = []
+    for page, content in parsed.items():
+        for link in content.targets:
+            found = target(page, link)
+            if found is None:
+                assert urlsplit(link).scheme in ("https", "mailto", "data"), (page, link)
+            elif not found[0].is_file() or (
+                found[0] in parsed and found[1] not in parsed[found[0]].places
+            ):
+                wrong.append(f"{page.relative_to(site)}: {link}")
+    assert wrong == []
+
+
+def test_every_download_exists(site, parsed):
+    links = [(page, link) for page, content in parsed.items() for link in content.downloads]
+    files = [(page, target(page, link)) for page, link in links]
+    assert [page.name for page, found in files if not (found and found[0].stat().st_size)] == []
+
+
+@dataclass
+class Visit:
+    """What a browser found on a page."""
+
+    requests: set[str] = field(default_factory=set)
+    problems: list[str] = field(default_factory=list)  # requests and scripts that failed
+    too_wide: dict[int, list[str]] = field(default_factory=dict)
+    unnamed: list[str] = field(default_factory=list)  # pictures without words
+    findings: list[str] | None = None  # of axe-core
+    formulas: int = 0
+    unset: bool = False  # mathematics that nobody set
+
+    @property
+    def bytes(self) -> int:
+        files = {unquote(urlsplit(url).path) for url in self.requests if url.startswith("file:")}
+        return sum(Path(name).stat().st_size for name in files if Path(name).is_file())
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory) -> str:
+    """The script of axe-core, or nothing if npm cannot fetch it."""
+    folder = tmp_path_factory.mktemp("npm")
+    if shutil.which("npm") is None:
+        return ""
+    quiet = ("--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=0")
+    command = ["npm", "install", *quiet, "--prefix", str(folder), AXE]
+    try:
+        subprocess.run(command, capture_output=True, check=False, timeout=60)
+    except subprocess.TimeoutExpired:
+        return ""
+    script = folder / "node_modules" / "axe-core" / "axe.min.js"
+    return script.read_text() if script.is_file() else ""
+
+
+@pytest.fixture(scope="module")
+def visits(site, parsed, axe):
+    """Every page, opened in headless Chromium without a network."""
+    browser_file = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser_file is None:
+        pytest.skip("no Chromium on this machine; on Debian: apt-get install chromium")
+    from playwright.sync_api import sync_playwright
+
+    alike: dict[Path, int] = {}
+    found = {}
+    with sync_playwright() as run:
+        browser = run.chromium.launch(executable_path=browser_file, args=["--no-sandbox"])
+        context = browser.new_context(offline=True)
+        context.set_default_timeout(180_000)  # no test asserts a time
+        for path in parsed:
+            alike[path.parent] = alike.get(path.parent, 0) + 1
+            looked_at = path.parent == site or alike[path.parent] <= ALIKE
+            found[str(path.relative_to(site))] = visited(context, path, axe if looked_at else "")
+        browser.close()
+    return found
+
+
+def visited(context, path, axe):
+    """Open a page, look at it at both widths and close it."""
+    page, visit = context.new_page(), Visit()
+    page.on("request", lambda request: visit.requests.add(request.url))
+    page.on("requestfailed", lambda request: visit.problems.append(request.url))
+    page.on("pageerror", lambda error: visit.problems.append(str(error)))
+    page.on("console", lambda said: said.type == "error" and visit.problems.append(said.text))
+    page.set_viewport_size({"width": WIDE, "height": 900})
+    page.goto(path.as_uri(), wait_until="load")
+    visit.problems += page.evaluate(BROKEN)
+    visit.unnamed = page.evaluate(UNNAMED)
+    visit.formulas = page.locator(".math").count()
+    if visit.formulas:
+        page.wait_for_function("document.querySelectorAll('mjx-container').length > 0")
+        visit.unset = page.locator("mjx-container").count() != visit.formulas
+    for width in (WIDE, NARROW):
+        page.set_viewport_size({"width": width, "height": 900})
+        if page.evaluate(OVERFLOW) > 1:
+            visit.too_wide[width] = page.evaluate(TOO_WIDE)
+    if axe:
+        page.evaluate(FEW_ROWS)
+        page.evaluate(axe)
+        visit.findings = page.evaluate(FINDINGS)
+    page.evaluate("document.querySelectorAll('.cell_input, pre').forEach(e => e.remove())")
+    visit.unset |= "$" in page.inner_text("body")
+    page.close()
+    return visit
+
+
+def told(visits, what):
+    """What stands in an attribute of the visits, by page, where anything does."""
+    return {name: getattr(visit, what) for name, visit in visits.items() if getattr(visit, what)}
+
+
+def test_nothing_fails_and_nothing_leaves_the_disk(visits):
+    assert told(visits, "problems") == {}
+    asked = {url for visit in visits.values() for url in visit.requests}
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_mathematics_is_set(visits):
+    assert told(visits, "formulas")  # there was some to look at
+    assert told(visits, "unset") == {}
+
+
+def test_no_page_is_wider_than_the_screen(visits):
+    assert told(visits, "too_wide") == {}
+
+
+def test_every_picture_has_words(visits):
+    assert told(visits, "unnamed") == {}
+
+
+def test_axe_has_no_serious_findings(visits, axe):
+    if not axe:
+        pytest.skip(f"npm could not fetch {AXE}; contrast and landmarks are not looked at")
+    assert told(visits, "findings") == {}
+
+
+def test_pages_are_light(visits):
+    limits = {name: FRONT if name == "index.html" else LIGHT for name in visits}
+    heavy = {
+        name: f"{visit.bytes:,}" for name, visit in visits.items() if visit.bytes > limits[name]
+    }
+    assert heavy == {}
