@@ -81,7 +81,9 @@ class Blocks:
             for kind in kinds
         ]
         notebook = entry.provenance["notebook"]
-        files.append(f'<a href="{self.above}{notebook}.html#{name}">notebook {notebook[:2]}</a>')
+        if notebook[:2].isdigit():  # benchmarks have no page
+            page = f"{self.above}{notebook}.html#{name}"
+            files.append(f'<a href="{page}">notebook {notebook[:2]}</a>')
         files.append(f'<a href="#{name}">link</a>')
         cited = "".join(
             f"<details><summary>{label}</summary><pre>{escape(text)}</pre></details>"
@@ -103,7 +105,7 @@ def is_drawn(folder: Path, identifier: str) -> bool:
 def html_table(table: pd.DataFrame) -> str:
     """Return a table of texts as HTML: words as headers, numbers with three digits."""
     cells = table.rename(columns=header).map(three_digits)
-    return f'<div class="wide">{cells.to_html(index=False, border=0, na_rep="")}</div>'
+    return f'<div class="wide" tabindex="0">{cells.to_html(index=False, border=0, na_rep="")}</div>'
 
 
 def header(column: str) -> str:

@@ -25,8 +25,9 @@ def write(folder: Path, blocks: Blocks) -> list[str]:
         (folder / f"{name}.md").write_text(
             f"---\norphan: true\n---\n\n# {figures.title_of(entry.caption)}\n\n"
             f"{blocks.links(entry.caption, blocks.above)}{part}\n\n"
-            f'```{{raw}} html\n<input class="filter" type="search" placeholder="filter rows" '
-            f'aria-label="filter rows"/>\n{html_table(shown)}\n{blocks.downloads(entry)}\n```\n'
+            f'```{{raw}} html\n<div id="{name}"><input class="filter" type="search" '
+            'placeholder="filter rows" '
+            f'aria-label="filter rows"/>\n{html_table(shown)}\n{blocks.downloads(entry)}</div>\n```\n'
         )
         names.append(name)
     return names

@@ -42,7 +42,7 @@ def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbf
         if "parameters" in tags:
             cells.append(new_markdown_cell(_parameters(notebook, cell.source)))
         elif cell.cell_type == "markdown":
-            cells.append(new_markdown_cell(blocks.links(cell.source)))
+            cells.append(new_markdown_cell(_linked(cell.source, blocks)))
         else:
             cells.append(_folded(cell, blocks))
     title, _, rest = cells[0].source.partition("\n")
@@ -52,6 +52,12 @@ def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbf
         cell["id"] = f"cell-{number}"
     notebook.cells = cells
     return notebook
+
+
+def _linked(source: str, blocks: Blocks) -> str:
+    """Return prose with links; a heading has none, as the table of contents links it whole."""
+    parts = re.split(r"(?m)^(#.*)$", source)
+    return "".join(part if part.startswith("#") else blocks.links(part) for part in parts)
 
 
 def _parameters(notebook: nbformat.NotebookNode, source: str) -> str:

@@ -11,6 +11,8 @@ document.addEventListener("DOMContentLoaded", () => {
       }
     });
   }
+  // A folded cell is called what it shows, "Show code".
+  document.querySelectorAll("summary[aria-label]").forEach((part) => part.removeAttribute("aria-label"));
   for (const field of document.querySelectorAll("input.filter")) {
     const table = field.nextElementSibling.querySelector("table");
     const rows = [...table.tBodies[0].rows];
