@@ -25,7 +25,7 @@ BROKEN = """async () => {
     return images.filter((_, k) => states[k].status === 'rejected').map(image => image.src);
 }"""
 UNNAMED = """() => [...document.images]
-    .filter(image => !image.alt.trim() && image.getAttribute('role') !== 'presentation')
+    .filter(image => !image.hasAttribute('alt'))  // empty: it adds nothing to the words beside it
     .map(image => image.src)"""
 OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]

@@ -9,7 +9,7 @@ from reportlab.platypus import Image, Paragraph, Table
 
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths
-from kilnflight.project.site import pdf, report
+from kilnflight.project.site import front, pdf, report
 
 pytestmark = pytest.mark.published
 
@@ -38,12 +38,16 @@ def text(story):
     return "\n".join(part.getPlainText() for part in story if isinstance(part, Paragraph))
 
 
-def test_the_abstract_has_three_sentences_and_the_numbers_of_the_claims(sources, text):
+def test_the_abstract_is_that_of_the_front_page_and_verdicts_are_counted(sources, text):
     abstract = text.split("Abstract\n")[1].split("\n")[0]
+    assert abstract == front.ABSTRACT
     assert len(re.findall(r"\.(?: |$)", abstract)) == 3
-    numbers = [int(number) for number in re.findall(r"\b\d\d?\b", abstract)]
+    told = re.search(r"Of (\d+) published claims: .*", text)
     count = claims.count(sources.collected)
-    assert numbers == [len(sources.collected), *count.values()]
+    assert [int(number) for number in re.findall(r"\d+", told[0])] == [
+        len(sources.collected),
+        *count.values(),
+    ]
 
 
 def test_every_claim_and_every_misprint_stands_in_it(sources, text):

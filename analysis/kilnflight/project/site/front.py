@@ -15,8 +15,12 @@ from PIL import Image
 from kilnflight.project import claims, claims_page
 from kilnflight.project.site.notebook import CLASSES
 
-QUESTION = (
-    "Can the published flight and combustion numbers of refuse-derived fuel be reproduced?"
+QUESTION = "Can the published flight and combustion numbers of refuse-derived fuel be reproduced?"
+ABSTRACT = (  # of the report, too
+    "A thesis and two papers publish how particles are seen, followed and measured in a rotary "
+    "kiln and on a sorting belt. The thesis's recordings are not public: a physical twin with "
+    "known truth stands in; the belt's tracks and recordings are the authors' own. So methods and "
+    "their errors can be judged, and the kiln's own numbers only as far as the twin is the kiln."
 )
 THUMB_PX = 200  # width of a thumbnail
 FRAME = "fig-5-17-optical"  # on the first screen
@@ -73,11 +77,7 @@ class Front:
             else ""
         )
         return (
-            '<div class="screen"><div><p>A thesis and two papers publish how particles are seen, '
-            "followed and measured in a rotary kiln and on a sorting belt. The thesis's recordings "
-            "are not public: a physical twin with known truth stands in; the belt's tracks and "
-            "recordings are the authors' own. So methods and their errors can be judged, and the "
-            "kiln's own numbers only as far as the twin is the kiln.</p>"
+            f'<div class="screen"><div><p>{ABSTRACT}</p>'
             f"{verdict_bar(self.verdicts)}</div>{picture}</div>"
         )
 
@@ -160,7 +160,7 @@ class Front:
             dots = "".join(
                 f'<a class="dot {CLASSES[row["verdict"]]}" href="00_claims.html#{row["id"]}" '
                 f'title="{escape(row["id"] + ": " + row["verdict"], quote=True)}">'
-                f'<span>{row["id"]}</span></a>'
+                f"<span>{row['id']}</span></a>"
                 for row in part.to_dict("records")
             )
             page = PAGES[starts[str(chapter)]]
@@ -243,4 +243,3 @@ def verdict_bar(verdicts: pd.DataFrame) -> str:
 
 def _raw(part: str) -> str:
     return part if part.startswith("#") else f"```{{raw}} html\n{part}\n```"
-

@@ -26,6 +26,7 @@ from kilnflight.checks import InputError
 from kilnflight.project import claims, claims_page, figures, paths
 from kilnflight.project.cache import write_whole
 from kilnflight.project.site import numbers
+from kilnflight.project.site.front import ABSTRACT, QUESTION
 from kilnflight.project.site.pdf import (
     BODY,
     CODE,
@@ -38,15 +39,6 @@ from kilnflight.project.site.pdf import (
     table,
 )
 
-QUESTION = "Can the published flight and combustion numbers of refuse-derived fuel be reproduced?"
-ABSTRACT = (
-    "A thesis of 2023 tracks particles of refuse-derived fuel in a rotary kiln with a plenoptic "
-    "camera, and two papers predict where particles leave an optical sorter. The kiln's "
-    "recordings are not public, so a twin simulates them here and its truth is known; methods "
-    "and printed numbers are those of the works. Of {claims} published claims "
-    "{reproduced} are reproduced, {failed} are not and {open} cannot be decided; a result holds "
-    "for the twin, not for the kiln."
-)
 # The figures one would cite, in the order of the thesis: id, and why.
 CHOSEN = {
     "fig-2-16-calibration": "Every depth, velocity and trajectory passes through this calibration.",
@@ -112,15 +104,16 @@ def story(sources: Sources) -> list[Flowable]:
 def _front(sources: Sources) -> Iterable[Flowable]:
     """Return title, abstract and the verdicts counted by chapter and cause."""
     count = claims.count(sources.collected)
-    words = dict(zip(("reproduced", "failed", "open"), count.values(), strict=True))
+    told = ", ".join(f"{number} {verdict}" for verdict, number in count.items())
     yield Paragraph(QUESTION, TITLE)
     yield Paragraph(f"kilnflight {__version__}, report of the reproduction", BODY)
     if sources.scales != {"full"}:
         scale = " and ".join(sorted(sources.scales))
         yield Paragraph(f"<b>Made at scale {scale}, a reduced run: do not cite.</b>", BODY)
     yield Heading("Abstract")
-    yield Paragraph(ABSTRACT.format(claims=sum(count.values()), **words), BODY)
+    yield Paragraph(ABSTRACT, BODY)
     yield Heading("Verdicts by chapter and cause")
+    yield Paragraph(f"Of {sum(count.values())} published claims: {told}.", BODY)
     counted = claims_page.counts_by_cause(sources.collected)
     yield table(counted.columns, counted.astype(str).to_numpy(), (58, 14, 22, 40, 31))
     yield Paragraph("What the causes mean:", BODY)
