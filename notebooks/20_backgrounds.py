@@ -33,10 +33,8 @@ from kilnflight.detection import DoG
 from kilnflight.experiments import (
     detection,
     detection_claims,
-    detection_intervals,
     detection_pictures,
-    detection_readings,
-    detection_verdicts,
+    detection_tables,
     plots,
 )
 from kilnflight.project import claims, figures, style
@@ -88,7 +86,7 @@ figures.save("fig-5-2-backgrounds", table, picture=picture, caption=caption, pro
 # not now. The twin knows the scene without any particle: how far from it is the background?
 
 # %%
-traces = detection_claims.background_traces(subset, t, images, subset.recording.empty(t))
+traces = detection_tables.background_traces(subset, t, images, subset.recording.empty(t))
 
 # %% [markdown]
 # ## How well particles are detected
@@ -97,16 +95,16 @@ traces = detection_claims.background_traces(subset, t, images, subset.recording.
 # with them the verdicts, can be checked by.
 
 # %%
-absolute, stops = detection_readings.ABSOLUTE, detection_readings.STOPS
+absolute, stops = detection_tables.ABSOLUTE, detection_tables.STOPS
 twice = {name: background.StopsAtZero(models[name]) for name in ("Mean", "Median", "Adaptive")}
-attempts = detection_claims.compare_backgrounds(subsets, models, scale)
-cut = detection_claims.compare_backgrounds(subsets, twice, scale)
+attempts = detection.compare_backgrounds(subsets, models, scale)
+cut = detection.compare_backgrounds(subsets, twice, scale)
 both = pd.concat([attempts.assign(reading=absolute), cut.assign(reading=stops)])
 
 # %%
 used = both[["model", "subset", "threshold", "reading"]].drop_duplicates()
-table = detection.with_total(both, ["model", "subset", "reading"]).merge(used, how="left")
-unlit = detection.class_recall(both, ["model", "reading"]).query("label == 3")
+table = detection_tables.with_total(both, ["model", "subset", "reading"]).merge(used, how="left")
+unlit = detection_tables.class_recall(both, ["model", "reading"]).query("label == 3")
 unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
 table = table.merge(unlit[["model", "reading", "subset", "recall_non_burning"]], how="left")
 caption = (
@@ -115,14 +113,14 @@ caption = (
     "px. Threshold of DoG in grey values found on the other four subsets. Reading: differences "
     "that are absolute, or stop at zero where no equation has bars (section 2.2.1)."
 )
-table = detection_readings.reading_last(table.drop(columns="seconds_per_image"))
+table = detection_tables.reading_last(table.drop(columns="seconds_per_image"))
 figures.save("table-5-4-background", table, caption=caption, provenance=origin)
 
 # %%
 names = both["model"].where(both["reading"] == absolute, both["model"] + " (stops at 0)")
 # the others are only drawn
 printed = {"Median": 0.8592, "Median (stops at 0)": 0.8592, "TwoFrame": 0.8385}
-summary = detection_intervals.f1_with_intervals(both.assign(method=names), pd.Series(printed), seed)
+summary = detection_tables.f1_with_intervals(both.assign(method=names), pd.Series(printed), seed)
 summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[False, True])
 
 # %% tags=["hide-input"]
@@ -158,10 +156,10 @@ figures.save("fig-5-3-detections", table, picture=picture, caption=caption, prov
 
 # %%
 note = f"{frames * len(subsets)} frames, scoring distance 45 px"
-verdicts = detection_verdicts.background_verdicts(attempts, traces, seed, note)
+verdicts = detection_claims.background_verdicts(attempts, traces, seed, note)
 other = pd.concat([attempts[~attempts["model"].isin(list(twice))], cut])
-others = detection_verdicts.background_verdicts(other, {}, seed, note)
-verdicts = detection_readings.beside(verdicts, others, *detection_readings.DIFFERENCES)
+others = detection_claims.background_verdicts(other, {}, seed, note)
+verdicts = detection_claims.beside(verdicts, others, *detection_claims.DIFFERENCES)
 reproduced = claims.count_reproduced(verdicts)
 f1 = summary.loc[list(models), "f1"].sort_values(ascending=False)
 result = (

@@ -26,8 +26,7 @@ from kilnflight.experiments import (
     detection,
     detection_claims,
     detection_pictures,
-    detection_readings,
-    detection_verdicts,
+    detection_tables,
     twin_exposure,
 )
 from kilnflight.project import claims, figures, style
@@ -47,38 +46,38 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # costs is timed on every fifth of the frames.
 
 # %%
-attempts = detection_claims.compare_pictures(subsets, scale)
-times = detection_claims.time_thresholds(subsets, scale)
+attempts = detection.compare_pictures(subsets, scale)
+times = detection.time_thresholds(subsets, scale)
 otsu = attempts[attempts["method"] == "Otsu"]
-sift = detection_claims.chosen_sift(attempts, times)
+sift = detection_tables.chosen_sift(attempts, times)
 
 # %%
 # the same with differences that stop at zero; single thresholds are timed once only
-cut = detection_claims.compare_pictures(detection_readings.stopping_at_zero(subsets), scale)
+cut = detection.compare_pictures(detection.stopping_at_zero(subsets), scale)
 cut = cut[(cut["method"] == "Otsu") | (cut["chosen"] & (cut["method"] == "SIFT"))]
 cut = cut.assign(seconds=cut["seconds"].where(cut["method"] == "Otsu"))
-absolute, stops = detection_readings.ABSOLUTE, detection_readings.STOPS
+absolute, stops = detection_tables.ABSOLUTE, detection_tables.STOPS
 both = pd.concat([otsu, sift]).assign(reading=absolute)
 both = pd.concat([both, cut.assign(reading=stops)], ignore_index=True)
 
 # %%
-of_otsu = detection.with_total(both[both["method"] == "Otsu"], ["subset", "reading"])
+of_otsu = detection_tables.with_total(both[both["method"] == "Otsu"], ["subset", "reading"])
 caption = (
     f"Otsu's method by subset, after Table 5.5; {frames} labelled frames of each within the "
     "region of interest, scoring distance 45 px. Reading: of the difference from the median."
 )
-table = detection_readings.reading_last(detection.beside_published(of_otsu, "table_5.5"))
+table = detection_tables.reading_last(detection_tables.beside_published(of_otsu, "table_5.5"))
 figures.save("table-5-5-otsu", table, caption=caption, provenance=origin)
 
 # %%
 of_sift = both[both["method"] == "SIFT"]
-of_sift = detection.with_total(of_sift, ["threshold", "subset", "reading"])
+of_sift = detection_tables.with_total(of_sift, ["threshold", "subset", "reading"])
 caption = (
     f"SIFT by subset, after Table 5.6; {frames} labelled frames of each within the region of "
     "interest, scoring distance 45 px. Threshold of DoG in grey values found on the other four "
     "subsets. Reading: of the difference from the median."
 )
-table = detection_readings.reading_last(detection.beside_published(of_sift, "table_5.6"))
+table = detection_tables.reading_last(detection_tables.beside_published(of_sift, "table_5.6"))
 figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -89,7 +88,7 @@ figures.save("table-5-6-sift", table, caption=caption, provenance=origin)
 
 # %%
 panels = both["method"].where(both["reading"] == absolute, both["method"] + ", " + both["reading"])
-recall = detection.class_recall(both.assign(method=panels), ["method", "subset"])
+recall = detection_tables.class_recall(both.assign(method=panels), ["method", "subset"])
 printed = [twin_exposure.UNLIT_RECALL[subset.name] for subset in subsets]
 picture = detection_pictures.draw_class_recall(recall, "method", printed)
 caption = (
@@ -108,12 +107,12 @@ figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provena
 # %%
 depths = attempts[attempts["chosen"]]
 depths = depths.assign(bit_depth=depths["method"].replace("SIFT", "16 bits"))
-table = detection.sum_with_unlit(depths, ["bit_depth"])
+table = detection_tables.sum_with_unlit(depths, ["bit_depth"])
 caption = "SIFT on foregrounds of 16 and of 8 bits, with the thresholds chosen for 16."
 figures.save("dog-eight-bits", table, caption=caption, provenance=origin)
 
 # %%
-time_table = detection_claims.time_table(times)
+time_table = detection_tables.time_table(times)
 caption = "Time of SIFT for one frame against its threshold, after Table 5.7 (MATLAB), and ours."
 figures.save("table-5-7-sift-time", time_table, caption=caption, provenance=origin)
 
@@ -122,9 +121,9 @@ figures.save("table-5-7-sift-time", time_table, caption=caption, provenance=orig
 
 # %%
 note = f"{frames * len(subsets)} frames, scoring distance 45 px"
-verdicts = detection_verdicts.picture_verdicts(pd.concat([otsu, sift]), time_table, seed, note)
-others = detection_verdicts.picture_verdicts(cut, time_table.iloc[:0], seed, note)
-verdicts = detection_readings.beside(verdicts, others, *detection_readings.DIFFERENCES)
+verdicts = detection_claims.picture_verdicts(pd.concat([otsu, sift]), time_table, seed, note)
+others = detection_claims.picture_verdicts(cut, time_table.iloc[:0], seed, note)
+verdicts = detection_claims.beside(verdicts, others, *detection_claims.DIFFERENCES)
 reproduced = claims.count_reproduced(verdicts)
 total = both.assign(name=panels.to_numpy())
 total = detection.sum_counts(total, ["name"]).set_index("name")["f1"]

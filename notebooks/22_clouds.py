@@ -34,8 +34,7 @@ from kilnflight.experiments import (
     detection,
     detection_claims,
     detection_pictures,
-    detection_readings,
-    detection_verdicts,
+    detection_tables,
 )
 from kilnflight.project import claims, figures, style
 from kilnflight.recording.frames import calibrated_cloud
@@ -99,10 +98,8 @@ figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, pr
 # ## All published parameters
 
 # %%
-attempts = detection_claims.compare_clusterers(subsets)
-tables = {
-    family: detection_claims.cluster_table(attempts, family) for family in detection_claims.TABLES
-}
+attempts = detection.compare_clusterers(subsets)
+tables = {family: detection_tables.cluster_table(attempts, family) for family in detection.TABLES}
 
 # %%
 caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
@@ -131,7 +128,7 @@ print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
 # every setting is from its published place.
 
 # %%
-totals = detection_claims.cluster_totals(tables)
+totals = detection_tables.cluster_totals(tables)
 picture, table = detection_pictures.draw_precision_recall(totals)
 caption = (
     "Precision and recall of the three clusterers over their parameters, beside the tables'. "
@@ -148,7 +145,7 @@ figures.save("fig-5-8-parameters", table, picture=picture, caption=caption, prov
 # both readings of the 45 px.
 
 # %%
-readings = detection_readings.morphology_readings(subsets)
+readings = detection.morphology_readings(subsets)
 caption = f"Morphological clustering with R = 150 in other readings, on {images} frames."
 figures.save("mo-readings", readings, caption=caption, provenance=origin)
 
@@ -158,7 +155,7 @@ figures.save("mo-readings", readings, caption=caption, provenance=origin)
 # With the parameters that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1.
 
 # %%
-recall = detection_claims.analysed_recall(attempts, ["family", "subset"])
+recall = detection_tables.analysed_recall(attempts, ["family", "subset"])
 picture = detection_pictures.draw_class_recall(recall, "family")
 caption = "Simulated recall of each class by the three clusterers, after Figs 5.8 to 5.10."
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
@@ -168,9 +165,9 @@ figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provena
 
 # %%
 note = f"{images} frames, scoring distance 45 px"
-verdicts = detection_verdicts.cluster_verdicts(attempts, note)
-others = detection_verdicts.cluster_verdicts(detection_readings.as_diameter(attempts), note)
-verdicts = detection_readings.beside(verdicts, others, *detection_readings.DISTANCES)
+verdicts = detection_claims.cluster_verdicts(attempts, note)
+others = detection_claims.cluster_verdicts(detection_tables.as_diameter(attempts), note)
+verdicts = detection_claims.beside(verdicts, others, *detection_claims.DISTANCES)
 best = ", ".join(f"{name} {table['f1'].max():.3f}" for name, table in totals.items())
 reproduced = claims.count_reproduced(verdicts)
 result = f"{reproduced} of 8 claims reproduced. Best F1: {best} (published 0.616, 0.601, 0.600)."

@@ -24,7 +24,7 @@ from kilnflight.detection import DoG, combination
 from kilnflight.detection.combination import potential_particles, summarise
 from kilnflight.detection.flame import segment_flame
 from kilnflight.detection.peaks import Evidence
-from kilnflight.experiments import detection, detection_methods, detection_pictures
+from kilnflight.experiments import detection, detection_pictures, detection_tables
 from kilnflight.project import figures, style
 
 # %%
@@ -58,7 +58,7 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 # The wall is the largest cluster of the first pass; the second pass gives what may be particles.
 
 # %%
-labels = combination.second_pass(view.xyz, *detection_methods.PASSES["DBSCAN"])
+labels = combination.second_pass(view.xyz, *detection.PASSES["DBSCAN"])
 keypoints = DoG(threshold[subset.name])(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
 clusters = summarise(view.pixels, view.xyz, labels)
@@ -133,7 +133,8 @@ figures.save("fig-3-7-evidence", table, picture=picture, caption=caption, proven
 
 # %%
 detectors = {name: combination.Combination(DoG(value)) for name, value in threshold.items()}
-by_case = detection.precision_by_case(subsets, detectors)
+marked, detected = detection.positions(subsets, detectors)
+by_case = detection_tables.precision_by_case(marked, detected, known.roi)
 
 # %%
 caption = (

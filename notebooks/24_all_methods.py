@@ -20,13 +20,7 @@ frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 # %%
 import pandas as pd
 
-from kilnflight.experiments import (
-    detection,
-    detection_claims,
-    detection_readings,
-    detection_verdicts,
-    plots,
-)
+from kilnflight.experiments import detection, detection_claims, detection_tables, plots
 from kilnflight.project import claims, figures, style
 
 # %%
@@ -39,21 +33,21 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
-attempts = detection_claims.compare_methods(subsets, threshold)
+attempts = detection.compare_methods(subsets, threshold)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %% [markdown]
 # The same with differences that stop at zero, and the thresholds that are best then.
 
 # %%
-stopping = detection_readings.stopping_at_zero(subsets)
+stopping = detection.stopping_at_zero(subsets)
 threshold = detection.chosen_thresholds(detection.compare_thresholds(stopping, scale))
-cut = detection_claims.compare_methods(stopping, threshold, clouds_alone=False)
+cut = detection.compare_methods(stopping, threshold, clouds_alone=False)
 print(f"thresholds of DoG: {threshold.to_dict()}")
 
 # %%
-total = detection.sum_counts(attempts, ["method"]).assign(reading=detection_readings.ABSOLUTE)
-of_cut = detection.sum_counts(cut, ["method"]).assign(reading=detection_readings.STOPS)
+total = detection.sum_counts(attempts, ["method"]).assign(reading=detection_tables.ABSOLUTE)
+of_cut = detection.sum_counts(cut, ["method"]).assign(reading=detection_tables.STOPS)
 both = pd.concat([total, of_cut], ignore_index=True)
 caption = (
     f"Eleven methods on {images} labelled frames within the region of interest, after Table 5.11. "
@@ -71,7 +65,7 @@ figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 # published F1 is computed from the printed counts.
 
 # %%
-f1 = detection_claims.f1_beside_published(attempts, seed)
+f1 = detection_tables.f1_beside_published(attempts, seed)
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(width_mm=120, height_mm=80)
@@ -89,7 +83,7 @@ figures.save("fig-5-11-detection", table, picture=picture, caption=caption, prov
 # combinations too, since it tells what they lose, above all particles on the wall.
 
 # %%
-table = detection_claims.recall_by_class(attempts)
+table = detection_tables.recall_by_class(attempts)
 caption = "Recall of each class by the eleven methods."
 figures.save("detection-class-recall", table, caption=caption, provenance=origin)
 
@@ -99,11 +93,11 @@ figures.save("detection-class-recall", table, caption=caption, provenance=origin
 # %%
 note = f"{images} frames, scoring distance 45 px"
 verdicts, near, others = (
-    detection_verdicts.combination_verdicts(rows, seed, note)
-    for rows in (attempts, detection_readings.as_diameter(attempts), cut)
+    detection_claims.combination_verdicts(rows, seed, note)
+    for rows in (attempts, detection_tables.as_diameter(attempts), cut)
 )
-verdicts = detection_readings.beside(verdicts, near, *detection_readings.DISTANCES)
-verdicts = detection_readings.beside(verdicts, others, *detection_readings.DIFFERENCES)
+verdicts = detection_claims.beside(verdicts, near, *detection_claims.DISTANCES)
+verdicts = detection_claims.beside(verdicts, others, *detection_claims.DIFFERENCES)
 reproduced = claims.count_reproduced(verdicts)
 total = total.set_index("method")
 result = (

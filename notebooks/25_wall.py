@@ -24,13 +24,7 @@ import pandas as pd
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import CylinderFit
-from kilnflight.experiments import (
-    detection,
-    detection_methods,
-    detection_pictures,
-    detection_readings,
-    wall_claims,
-)
+from kilnflight.experiments import detection, detection_claims, detection_pictures, detection_tables
 from kilnflight.project import claims, figures, style
 from kilnflight.scores.detections import NEAR_GATE_PX
 
@@ -48,12 +42,11 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 
 # %%
 walls = {
-    subset.name: detection_methods.wall_points(subset.recording, subset.frames[0])
-    for subset in subsets
+    subset.name: detection.wall_points(subset.recording, subset.frames[0]) for subset in subsets
 }
 fits = {name: CylinderFit()(wall, seed) for name, wall in walls.items()}
 fit, wall = fits[subsets[0].name], walls[subsets[0].name]
-cylinders = wall_claims.cylinder_table(fits, subsets[0].recording.scene.geometry)
+cylinders = detection_tables.cylinder_table(fits, subsets[0].recording.scene.geometry)
 caption = "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12."
 figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origin)
 
@@ -78,7 +71,7 @@ best = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
 detectors = {name: Combination(DoG(float(threshold))) for name, threshold in best.items()}
 marked, detected = detection.positions(subsets, detectors, fit)
 placed = marked.dropna(subset="distance_mm")
-thresholds = wall_claims.axis_thresholds(placed)
+thresholds = detection_tables.axis_thresholds(placed)
 
 # %%
 picture = detection_pictures.draw_axis_distances(placed, thresholds)
@@ -97,11 +90,12 @@ figures.save("fig-3-11-distances", table, picture=picture, caption=caption, prov
 # %%
 roi = subsets[0].recording.attributes.roi
 exact, measured = (
-    detection.classification_table(marked, spots, thresholds, roi) for spots in (marked, detected)
+    detection_tables.classification_table(marked, spots, thresholds, roi)
+    for spots in (marked, detected)
 )
 
 # %%
-table = detection.beside_published(exact, "table_5.13")
+table = detection_tables.beside_published(exact, "table_5.13")
 caption = (
     "Marked particles with 3D classified as in the air, after Table 5.13, with three thresholds of "
     "the distance from the fitted axis."
@@ -109,8 +103,8 @@ caption = (
 figures.save("table-5-13-classification", table, caption=caption, provenance=origin)
 
 # %%
-table = detection.beside_published(measured, "table_5.14")
-near = detection.classification_table(marked, detected, thresholds, roi, NEAR_GATE_PX)
+table = detection_tables.beside_published(measured, "table_5.14")
+near = detection_tables.classification_table(marked, detected, thresholds, roi, NEAR_GATE_PX)
 table = table.assign(f1_diameter_45_px=near["f1"])
 caption = (
     "Detections of SIFT with DBSCAN classified as in the air, after Table 5.14, scoring distance "
@@ -123,10 +117,10 @@ figures.save("table-5-14-classification", table, caption=caption, provenance=ori
 
 # %%
 crossing = thresholds["crossing"]
-verdicts = wall_claims.wall_verdicts(cylinders, crossing, exact, measured)
-others = wall_claims.wall_verdicts(cylinders, crossing, exact, near)
+verdicts = detection_claims.wall_verdicts(cylinders, crossing, exact, measured)
+others = detection_claims.wall_verdicts(cylinders, crossing, exact, near)
 others = [verdict for verdict in others if verdict.id == "wall-4"]
-verdicts = detection_readings.beside(verdicts, others, *detection_readings.DISTANCES)
+verdicts = detection_claims.beside(verdicts, others, *detection_claims.DISTANCES)
 reproduced = claims.count_reproduced(verdicts)
 total = exact.set_index(["subset", "threshold"])["f1"]["Total"]
 result = (

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder
-from kilnflight.experiments import detection, detection_claims, detection_methods
+from kilnflight.experiments import detection, detection_tables
 from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.scenes import open_scene
@@ -41,7 +43,7 @@ def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
     assert total.loc["all", "tp"] == len(subset.particles)
     assert total.loc["none", ["tp", "fp", "f1"]].tolist() == [0, 0, 0]
     assert total.loc["all", "f1_in_pixels"] > 0.9
-    recall = detection.class_recall(table, ["method"]).set_index(["method", "label"])
+    recall = detection_tables.class_recall(table, ["method"]).set_index(["method", "label"])
     there = subset.particles["label"].value_counts()
     for label in (2, 3, 4):
         assert recall.loc[("all", label), "tp"] == there.get(label, 0)
@@ -79,9 +81,9 @@ def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
 
 def test_detectors_of_each_kind_are_methods(subset):
     methods = {
-        "picture": detection_methods.from_foreground(DoG(1500.0)),
-        "cloud": detection_methods.from_cloud(DBSCAN(60.0, 4)),
-        **detection_methods.table_5_11_methods(1500.0, subset.recording.attributes.roi),
+        "picture": detection.from_foreground(DoG(1500.0)),
+        "cloud": detection.from_cloud(DBSCAN(60.0, 4)),
+        **detection.table_5_11_methods(1500.0, subset.recording.attributes.roi),
     }
     table = detection.run([subset._replace(frames=(75,))], methods, MEDIAN)
     assert list(table["method"]) == list(methods)
@@ -146,7 +148,7 @@ def test_the_parameter_of_a_subset_is_best_on_the_others():
 
 
 def test_thresholds_ascend():
-    assert list(detection_methods.THRESHOLDS) == sorted(set(detection_methods.THRESHOLDS))
+    assert list(detection.THRESHOLDS) == sorted(set(detection.THRESHOLDS))
 
 
 def test_one_call_for_all_thresholds_is_the_detector_at_each():
@@ -155,52 +157,19 @@ def test_one_call_for_all_thresholds_is_the_detector_at_each():
     none = np.empty((0, 2), dtype=np.intp)
     view = View(image.astype(np.uint16), image.astype(np.uint16), image, none, np.empty((0, 3)))
     for change in (lambda foreground: foreground, lambda foreground: foreground / 4):
-        methods = detection_methods.from_thresholds((2000, 200, 700), change)
+        methods = detection.from_thresholds((2000, 200, 700), change)
         assert sorted(methods) == [200, 700, 2000]
         for threshold, method in methods.items():
             expected = DoG(float(threshold))(change(image))
             np.testing.assert_array_equal(method(view), expected)
-    assert detection_methods.from_thresholds(()) == {}
-
-
-def test_counts_by_subset_stand_above_their_total():
-    table = attempts(one=(5, 8, 2)).drop(columns="method").assign(threshold=100)
-    rows = detection.with_total(table, ["threshold", "subset"])
-    assert rows["subset"].tolist() == ["V1", "V2", "V3", "Total"]
-    assert rows["tp"].iloc[-1] == rows["tp"].iloc[:3].sum()
-
-
-@pytest.mark.parametrize(("name", "f1"), [("table_5.5", 0.6432), ("table_5.6", 0.7827)])
-def test_the_published_f1_stands_beside_each_subset(name, f1):
-    table = pd.DataFrame({"subset": ["V5", "mine", "Total"], "f1": [0.6, 0.7, 0.8]})
-    beside = detection.beside_published(table, name)
-    pd.testing.assert_frame_equal(beside[["subset", "f1"]], table)
-    total = claims.published(name)["f1"].iloc[-1]
-    assert beside["f1_published"].tolist() == pytest.approx([f1, np.nan, total], nan_ok=True)
-
-
-def test_particles_are_classified_by_their_distance_from_the_axis():
-    marked = pd.DataFrame({"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"})
-    marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
-    thresholds = {"low": 750.0, "high": 800.0}
-    table = detection.classification_table(marked, marked, thresholds, None)
-    counts = table.set_index(["threshold", "subset"])[["tp", "fp", "fn"]]
-    assert counts.loc[("low", "V1")].tolist() == [1, 0, 1]
-    assert counts.loc[("high", "Total")].tolist() == [2, 1, 0]
-    more = pd.concat([marked, marked.assign(frame=1), marked.assign(subset="V2")])
-    table = detection.classification_table(more, more, thresholds, None)
-    counts = table.set_index(["threshold", "subset"])
-    assert counts.loc[("low", "V1"), ["tp", "fp", "fn"]].tolist() == [2, 0, 2]
-    assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]
-    assert counts.loc[("high", "Total"), ["tp", "fp", "fn"]].tolist() == [6, 3, 0]
-    assert counts.loc[("high", "Total"), ["precision", "recall"]].tolist() == [2 / 3, 1]
+    assert detection.from_thresholds(()) == {}
 
 
 def test_traces_are_where_a_particle_was_and_is_not(subset):
     subset = subset._replace(instances=lambda t: np.where(np.arange(6) == t % 6, 0, -1)[None])
     clean = np.zeros((1, 6))
     images = {"right": clean, "off": clean + 5.0, "now": np.where(np.arange(6) == 0, 9.0, 0.0)}
-    assert detection_claims.background_traces(subset, 30, images, clean) == {
+    assert detection_tables.background_traces(subset, 30, images, clean) == {
         "right": 0.0,
         "off": 5.0,
         "now": 0.0,
@@ -209,6 +178,73 @@ def test_traces_are_where_a_particle_was_and_is_not(subset):
 
 def test_a_detection_is_right_if_it_is_paired(subset):
     subset = subset._replace(frames=(75,), background=MEDIAN, cache={})
-    table = detection.precision_by_case([subset], {"V3": Combination(DoG(1500.0))})
+    marked, detected = detection.positions([subset], {"V3": Combination(DoG(1500.0))})
+    table = detection_tables.precision_by_case(marked, detected, subset.recording.attributes.roi)
+    assert table["detections"].sum() == len(detected)
     assert (table["right"] <= table["detections"]).all()
     assert table["precision"].between(0, 1).all()
+
+
+def counts_of(subsets, methods):
+    """Return two true positives of three particles for each method, as `detection.run` would."""
+    table = pd.DataFrame({"method": list(methods), "tp": 2, "fp": 1, "fn": 1, "seconds": 0.1})
+    counts = table[["tp", "fp", "fn"]]
+    table = table.join(counts.add_suffix("_pixels")).join(counts.add_suffix("_near"))
+    return pd.concat([table.assign(subset=name) for name in subsets], ignore_index=True)
+
+
+def named_subset(name):
+    recording = SimpleNamespace(attributes=SimpleNamespace(roi=f"roi of {name}"))
+    return detection.Subset(name, recording, tuple(range(75, 85)), pd.DataFrame(), dict.get)
+
+
+def test_one_threshold_at_a_time_is_timed_on_every_fifth_frame(monkeypatch):
+    frames = []
+
+    def run(subsets, methods):
+        frames.extend(subset.frames for subset in subsets)
+        return counts_of(["V1"], methods)
+
+    monkeypatch.setattr(detection, "run", run)
+    times = detection.time_thresholds([named_subset("V1")], "full")
+    assert frames == [(75, 80)]
+    assert set(range(400, 1001, 100)) | {100} <= set(times["threshold"])
+
+
+def test_each_subset_has_its_threshold(monkeypatch):
+    monkeypatch.setattr(detection, "table_5_11_methods", lambda *values: {values: None})
+    monkeypatch.setattr(
+        detection, "run", lambda subsets, methods: counts_of([subsets[0].name], methods)
+    )
+    thresholds = pd.Series({"V2": 400, "V1": 566})
+    table = detection.compare_methods([named_subset("V1"), named_subset("V2")], thresholds)
+    assert table["subset"].tolist() == ["V1", "V2"]
+    assert table["method"].tolist() == [(566.0, "roi of V1"), (400.0, "roi of V2")]
+
+
+def test_clouds_alone_are_left_out_where_the_picture_alone_changes(monkeypatch):
+    names = ("2D-OTSU", "3D-QCC Clustering", "Combi OTSU+QCC")
+    monkeypatch.setattr(detection, "table_5_11_methods", lambda *_: dict.fromkeys(names, None))
+    monkeypatch.setattr(detection, "run", lambda _, methods: counts_of(["V1"], methods))
+    table = detection.compare_methods([named_subset("V1")], pd.Series({"V1": 400}), False)
+    assert table["method"].tolist() == ["2D-OTSU", "Combi OTSU+QCC"]
+
+
+def test_another_background_keeps_no_view_of_the_first():
+    subset = named_subset("V1")._replace(background=MEDIAN, cache={75: None})
+    (other,) = detection.stopping_at_zero([subset])
+    assert other.background == background.StopsAtZero(MEDIAN)
+    assert other.cache == {}
+    assert other.frames == subset.frames
+    with pytest.raises(InputError, match="cannot stop at zero"):
+        detection.stopping_at_zero([subset._replace(background=background.TwoFrame())])
+
+
+def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monkeypatch):
+    monkeypatch.setattr(detection, "run", counts_of)
+    table = detection.morphology_readings(["V1", "V2"])
+    ends = ["none", "once (this work)", "twice", "until unchanged"]
+    assert table["dilations"].tolist() == 2 * ends
+    assert table["size_rule"].tolist() == 4 * [False] + 4 * [True]
+    assert table["tp"].tolist() == [4] * 8
+    assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 8

@@ -26,7 +26,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
-from kilnflight.experiments import detection, detection_methods
+from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, Landing, kept, straight_on
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource
@@ -92,7 +92,7 @@ def _settings(scale: str, seed: int) -> pd.DataFrame:
     subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
-    points = detection_methods.wall_points(subsets[0].recording, subsets[0].frames[0])
+    points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
     wall = CylinderFit()(points, seed)
     detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
     marked, _ = detection.positions(subsets, detectors, wall)

@@ -19,10 +19,10 @@ from scipy.stats import norm
 from kilnflight.detection import k_distances
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Clusters
-from kilnflight.experiments.detection_claims import PARAMETERS, TABLES
+from kilnflight.experiments.detection import TABLES
+from kilnflight.experiments.detection_tables import PARAMETERS, published_radius_mm
 from kilnflight.experiments.plots import draw_bars
 from kilnflight.experiments.space import upright
-from kilnflight.experiments.wall_claims import published_radius_mm
 from kilnflight.project import claims
 from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
 from kilnflight.twin.camera import Geometry
@@ -157,28 +157,50 @@ def draw_axis_distances(placed: pd.DataFrame, thresholds: Mapping[str, float]) -
     return picture
 
 
-def _part(axes: Axes, image: npt.NDArray[Any], box: Sequence[int], title: str, **look: Any) -> None:
-    """Draw a rectangle of an image, axes in pixels of the frame.
-
-    The rectangle is (top, bottom, left, right).
-    """
-    top, bottom, left, right = box
-    extent = (left, right, bottom, top)
-    axes.imshow(image[top:bottom, left:right], cmap="gray", extent=extent, **look)
-    axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+def _parts(
+    images: Mapping[str, tuple[npt.NDArray[Any], Sequence[int]]],
+    columns: int,
+    look: Mapping[str, Any] | None = None,
+    **size: Any,
+) -> tuple[Figure, list[Axes]]:
+    """Draw rectangles (top, bottom, left, right) of images by title, in pixels of the frame."""
+    picture, grid = canvas(-(-len(images) // columns), columns, **size)
+    for axes, (title, (image, box)) in zip(grid.flat, images.items(), strict=False):
+        top, bottom, left, right = box
+        extent = (left, right, bottom, top)
+        axes.imshow(image[top:bottom, left:right], cmap="gray", extent=extent, **(look or {}))
+        axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+    for axes in grid.flat[len(images) :]:
+        axes.axis("off")
+    return picture, list(grid.flat)
 
 
 def draw_flame(
     gray: npt.NDArray[np.uint16], mask: npt.NDArray[np.bool_], roi: Sequence[int]
 ) -> Figure:
     """Draw the burner's rectangle (top, bottom, left, right) and the flame in it."""
-    top, bottom, left, right = roi
-    picture, (panels,) = canvas(1, 2, width_mm=120, height_mm=70, sharey=True)
-    for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
-        _part(axes, gray, roi, title)
+    titles, (top, bottom, left, right) = ("rectangle around the burner", "segmented flame"), roi
+    size: dict[str, Any] = {"width_mm": 120, "height_mm": 70, "sharey": True}
+    picture, panels = _parts(dict.fromkeys(titles, (gray, roi)), 2, **size)
     panels[1].contour(mask, levels=[0.5], colors=COLOURS[1], extent=(left, right, top, bottom))
     panels[1].set_ylabel("")
     return picture
+
+
+def draw_cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Figure:
+    """Draw rectangles (top, bottom, left, right) of images; the first with its peaks."""
+    picture, panels = _parts(images, len(images), width_mm=PAGE_MM, height_mm=62)
+    panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=COLOURS[1], ms=8)
+    return picture
+
+
+def draw_backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
+    """Draw a rectangle (top, bottom, left, right) of a frame, the first, and of backgrounds."""
+    top, bottom, left, right = box
+    first = next(iter(images.values()))[top:bottom, left:right]
+    look = dict(zip(("vmin", "vmax"), np.quantile(first, [0.01, 0.99]), strict=True))
+    parts = {name: (image, box) for name, image in images.items()}
+    return _parts(parts, 2, look, width_mm=PAGE_MM, height_mm=135)[0]
 
 
 def draw_keypoints_and_clusters(
@@ -222,28 +244,4 @@ def draw_cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any
             half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
             axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
             axes.set_title(f"case {case}: {len(particles)} particle(s)", fontsize=6.5)
-    return picture
-
-
-def draw_cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -> Figure:
-    """Draw rectangles (top, bottom, left, right) of images; the first with its peaks."""
-    picture, (panels,) = canvas(1, len(images), width_mm=PAGE_MM, height_mm=62)
-    for axes, (title, (image, box)) in zip(panels, images.items(), strict=True):
-        _part(axes, image, box, title)
-    panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=COLOURS[1], ms=8)
-    return picture
-
-
-def draw_backgrounds(images: Mapping[str, Array], box: Sequence[int]) -> Figure:
-    """Draw a rectangle of a frame, the first, and of backgrounds.
-
-    The rectangle is (top, bottom, left, right).
-    """
-    top, bottom, left, right = box
-    picture, grid = canvas(3, 2, width_mm=PAGE_MM, height_mm=135)
-    first = next(iter(images.values()))[top:bottom, left:right]
-    low, high = np.quantile(first, [0.01, 0.99])
-    for axes, (name, image) in zip(grid.flat, images.items(), strict=False):
-        _part(axes, image, box, name, vmin=low, vmax=high)
-    grid.flat[-1].axis("off")
     return picture

@@ -24,7 +24,6 @@ from kilnflight.background import Median
 from kilnflight.background.difference import Frames
 from kilnflight.detection import Otsu
 from kilnflight.experiments import detection
-from kilnflight.experiments.detection_methods import from_foreground
 from kilnflight.experiments.twin_calibration import Search
 from kilnflight.project import cache, claims
 from kilnflight.scores import rates
@@ -121,7 +120,7 @@ def otsu_row(twins: Iterable[Twin], inputs: LightInputs) -> pd.DataFrame:
     subsets = (
         detection.labelled_subset(relit(twin, inputs), frames, SparseMedian()) for twin in twins
     )
-    table = detection.run(subsets, {"Otsu": from_foreground(Otsu())})
+    table = detection.run(subsets, {"Otsu": detection.from_foreground(Otsu())})
     counts = table.groupby("subset", sort=False).sum(numeric_only=True).reset_index()
     row = rates(*(counts[count] for count in detection.COUNTS))[["precision", "recall"]]
     unlit = rates(counts["tp_3"], 0 * counts["fn_3"], counts["fn_3"])["recall"]
