@@ -12,6 +12,16 @@ document.addEventListener("DOMContentLoaded", () => {
     });
   }
   // A folded cell is called what it shows, "Show code".
+  // Groups of the left bar are headings of a level; what scrolls is reached by keys.
+  document.querySelectorAll(".caption[role=heading]").forEach((part) => part.setAttribute("aria-level", "2"));
+  const reached = () => {
+    document.querySelectorAll(".cell_output, .highlight pre").forEach((part) => {
+      if (part.scrollWidth > part.clientWidth) part.tabIndex = 0;
+    });
+  };
+  reached();
+  addEventListener("load", reached);
+  addEventListener("resize", reached);
   document.querySelectorAll("summary[aria-label]").forEach((part) => part.removeAttribute("aria-label"));
   for (const field of document.querySelectorAll("input.filter")) {
     const table = field.nextElementSibling.querySelector("table");
