@@ -47,8 +47,8 @@ figures.save("table-5-2-ground-truth", table, caption=caption, provenance=origin
 # %%
 table = twin_mixture.share_table(labelled)
 caption = (
-    "Share of the labelled particles with depth and inside the region of interest in percent, "
-    "beside Tables 5.2 and 5.3. Both are inputs of the twin."
+    "Labelled particles with depth, and inside the region of interest, in percent of those of "
+    "their class, beside Tables 5.2 and 5.3. Both are inputs of the twin."
 )
 figures.save("table-5-3-ground-truth", table, caption=caption, provenance=origin)
 

@@ -102,15 +102,18 @@ attempts = detection.compare_clusterers(subsets)
 tables = {family: detection_tables.cluster_table(attempts, family) for family in detection.TABLES}
 
 # %%
-caption = f"DBSCAN on {images} frames, by subset and in total, with the parameters of Table 5.8."
+scored = (
+    f"on {images} frames by subset and in total, scoring distance 45 px, F1 also with a diameter"
+)
+caption = f"DBSCAN with the parameters of Table 5.8 {scored} of 45 px."
 figures.save("table-5-8-dbscan", tables["dbscan"], caption=caption, provenance=origin)
 
 # %%
-caption = f"Morphological clustering on {images} frames, with the grids of Table 5.9."
+caption = f"Morphological clustering with the grids of Table 5.9 {scored} of 45 px."
 figures.save("table-5-9-mo", tables["mo"], caption=caption, provenance=origin)
 
 # %%
-caption = f"Quasi-cluster centres on {images} frames, with the parameters of Table 5.10."
+caption = f"Quasi-cluster centres with the parameters of Table 5.10 {scored} of 45 px."
 figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -131,8 +134,8 @@ print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
 totals = detection_tables.cluster_totals(tables)
 picture, table = detection_pictures.draw_precision_recall(totals)
 caption = (
-    "Precision and recall of the three clusterers over their parameters, beside the tables'. "
-    "Numbers: values of the last parameter; lines join what differs in the first only."
+    "Precision and recall of the three clusterers over their parameters, beside those of Tables "
+    "5.8 to 5.10; scoring distance 45 px. Some settings are numbered, the table has them all."
 )
 figures.save("fig-5-8-parameters", table, picture=picture, caption=caption, provenance=origin)
 

@@ -42,10 +42,10 @@ def test_counts_are_those_of_ten_frames_beside_table_5_2():
 
 def test_shares_stand_beside_tables_5_2_and_5_3():
     table = mixture.share_table(labelled())
-    assert table["has_depth"].tolist() == [75, 0, 100]
-    assert table["in_roi"].tolist() == [0, 0, 100]
-    assert table["published_depth"].tolist() == ["99.39%", "78.79%", "93.09%"]
-    assert table["published_roi"].tolist() == ["87.82%", "90.86%", "50.53%"]
+    assert table["has_depth_percent"].tolist() == [75, 0, 100]
+    assert table["in_roi_percent"].tolist() == [0, 0, 100]
+    assert table["published_depth_percent"].tolist() == [99.39, 78.79, 93.09]
+    assert table["published_roi_percent"].tolist() == [87.82, 90.86, 50.53]
 
 
 def test_the_search_tries_neighbours_until_close():

@@ -30,6 +30,8 @@ from kilnflight.twin.camera import Geometry
 Array = npt.NDArray[np.float64]
 NAMES = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
 HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
+NUMBERED = {"dbscan": ("epsilon_mm", "eps (mm)"), "mo": ("R", "R"), "qcc": ("K", "K")}
+NUMBER_SIZE = (0.07, 0.04)  # of a number in the picture, in recall and precision
 
 
 def draw_k_distances(cloud: Array) -> tuple[Figure, pd.DataFrame]:
@@ -59,23 +61,25 @@ def draw_k_distances(cloud: Array) -> tuple[Figure, pd.DataFrame]:
 def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, pd.DataFrame]:
     """Draw precision over recall of clusterers, ours and published, and return ours.
 
-    ``totals`` is of `cluster_totals`; lines join settings with the same last parameter.
+    ``totals`` is of `cluster_totals`. Numbers are values of one parameter (eps, R, K), left of the
+    settings that have it; those that would lie on one another are left out.
     """
-    beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 5, "ha": "right"}
-    words = {"epsilon_mm": "eps (mm)", "R": "R", "alpha": "alpha"}
+    beside: dict[str, Any] = {"textcoords": "offset points", "fontsize": 5.5, "ha": "right"}
     picture, (panels,) = canvas(1, len(totals), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, ours) in zip(panels, totals.items(), strict=True):
         printed = claims.published(TABLES[name])
         kinds = {"simulated": (ours, HERE), "published": (printed, PUBLISHED)}
         for label, (table, (mark, colour)) in kinds.items():
-            look = {"color": colour, "mfc": "none", "label": label}
+            look = {"color": colour, "mfc": "none", "label": label, "clip_on": False}
             axes.plot(table["recall"], table["precision"], mark, **look)
-        last = PARAMETERS[name][-1]
-        for value, line in ours.groupby(last):
-            axes.plot(line["recall"], line["precision"], "-", color="0.6", lw=0.6, zorder=1)
-            end = (line["recall"].min(), line["precision"].max())
-            axes.annotate(f"{value:g}", end, (-4, -1), va="top", **beside)
-        axes.set(title=f"{NAMES[name]}, number: {words[last]}", xlabel="recall", xlim=(0, 1))
+        parameter, words = NUMBERED[name]
+        ends = ours.groupby(parameter).agg({"recall": "min", "precision": "max"})
+        last = np.full(2, np.inf)
+        for value, end in ends.sort_values("recall", ascending=False).iterrows():
+            if (np.abs(end - last) >= NUMBER_SIZE).any():
+                last = end.to_numpy()
+                axes.annotate(f"{value:g}", (last[0], last[1]), (-4, -1), va="top", **beside)
+        axes.set(title=f"{NAMES[name]}, number: {words}", xlabel="recall", xlim=(0, 1))
     panels[0].set(ylabel="precision", ylim=(0, 1))
     panels[0].legend(loc="upper left")
     points = pd.concat(totals, names=["family"]).reset_index("family")

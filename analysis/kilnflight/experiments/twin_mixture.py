@@ -53,15 +53,19 @@ def count_table(labelled: pd.DataFrame, frames: int) -> pd.DataFrame:
 
 
 def share_table(labelled: pd.DataFrame) -> pd.DataFrame:
-    """Return the percentages with depth and in the region of interest by class.
+    """Return how many labelled particles have depth and lie in the region of interest.
 
-    ``labelled`` is of `labelled_particles`; beside Tables 5.2 and 5.3.
+    ``labelled`` is of `labelled_particles`. By class, in percent of its particles, beside Tables
+    5.2 and 5.3: ``has_depth_percent``, ``in_roi_percent``, ``published_depth_percent``,
+    ``published_roi_percent``.
     """
     shares = labelled.groupby("label")[["has_depth", "in_roi"]].mean().mul(100).round(1)
+    shares = shares.add_suffix("_percent")
     shares.insert(0, "class", shares.index.map(truth.CLASSES))
-    depth = claims.published("table_5.2")["percentage_with_3d_info"].iloc[:3].to_numpy()
-    roi = claims.published("table_5.3")["percentage"].iloc[:3].to_numpy()
-    return shares.assign(published_depth=depth, published_roi=roi).reset_index()
+    for kind, name in {"depth": "5.2", "roi": "5.3"}.items():
+        printed = claims.published(f"table_{name}").filter(like="percentage").iloc[:3, 0]
+        shares[f"published_{kind}_percent"] = printed.str.rstrip("%").astype(float).to_numpy()
+    return shares.reset_index()
 
 
 def counted(scene: Scene) -> Counts:
