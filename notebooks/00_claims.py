@@ -30,7 +30,7 @@ origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values())
 table = claims.collect(pd.read_csv(path) for path in concluded.values())
 counts = claims.count(table)
 caption = "Every claim of the three works with verdict, measured value, notebook and cause."
-figures.save("claims", table, caption=caption, provenance=origin)
+_ = figures.save("claims", table, caption=caption, provenance=origin)  # shown below by chapter
 
 # %% [markdown]
 # ## Verdicts by chapter and cause

@@ -116,6 +116,21 @@ caption = (
 figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
+# ## One frame
+#
+# What the chain sees in a frame: detections in the air, and the tracks that lead to them.
+
+# %%
+window = windows[1]
+tracks = tracked[window.fraction, "GNN"][tracking_scores.STAGES[-1]]
+picture, table = tracking.draw_one_frame(window, tracks)
+caption = (
+    "Simulated: the frame of the window in which most particles are tracked, its detections in "
+    "the air (circles), and the tracks of GNN that lead to them, after post-processing."
+)
+figures.save("tracked-frame", table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
 # ## Verdicts
 
 # %%

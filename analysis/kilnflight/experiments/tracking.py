@@ -273,6 +273,34 @@ def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
     return picture
 
 
+def draw_one_frame(window: Window, tracks: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
+    """Draw the frame in which most particles are tracked, and their tracks up to it.
+
+    Parameters
+    ----------
+    window
+        Of a campaign.
+    tracks
+        Of its detections, after post-processing.
+
+    Returns
+    -------
+    tuple
+        The picture, and the positions that it shows: ``particle``, ``frame``, ``row``, ``col``.
+    """
+    flying = tracklets.tracked(tracks)
+    frame = int(flying["frame"].mode()[0])
+    now = flying.loc[flying["frame"] == frame, "particle"]
+    shown = flying[flying["particle"].isin(now) & (flying["frame"] <= frame)]
+    picture, ((axes,),) = style.canvas(width_mm=style.COLUMN_MM, height_mm=68)
+    style.draw_frame(axes, window.differences.run.source.recording().gray(frame), 4)
+    style.draw_tracks(axes, shown)
+    here = window.detections[window.detections["frame"] == frame]
+    axes.plot(here["col"], here["row"], "o", ms=5, mfc="none", mec="white", mew=0.6, ls="")
+    axes.set_title(f"{window.fraction}, frame {frame}")
+    return picture, shown[["particle", "frame", "row", "col"]]
+
+
 @dataclass(frozen=True)
 class StoredDifferences:
     """Sums of the differences to the background that were stored with detections.

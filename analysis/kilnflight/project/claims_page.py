@@ -99,5 +99,8 @@ def page_table(table: pd.DataFrame, saved: Mapping[str, str]) -> str:
             verdict += f"<br>{row['because']}"
         verdict += "<br><em>fails on the twin's own truth</em>" if on_truth else ""
         cells = (link, f"{row['published']} ({row['where']})", ours, verdict)
-        lines.append(f"<tr id='{row['id']}'>" + "".join(f"<td>{cell}</td>" for cell in cells))
+        kind = row["verdict"].replace(" ", "-")
+        lines.append(
+            f"<tr id='{row['id']}' class='{kind}'>" + "".join(f"<td>{cell}</td>" for cell in cells)
+        )
     return "\n".join([*lines, "</table>"])

@@ -59,6 +59,8 @@ CONFIGURATION: dict[str, object] = {
     "html_theme": "furo",
     "nb_execution_mode": "off",
     "nb_merge_streams": True,
+    "nb_code_prompt_show": "Code",
+    "nb_code_prompt_hide": "Code",
     "myst_enable_extensions": ["dollarmath", "amsmath", "colon_fence"],
     "myst_dmath_double_inline": True,
     "mathjax_path": MATHJAX,

@@ -5,6 +5,7 @@ Every number is read from figures/; none is typed.
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,8 +13,9 @@ from pathlib import Path
 import pandas as pd
 from PIL import Image
 
-from kilnflight.project import claims, claims_page
-from kilnflight.project.site.notebook import CLASSES
+from kilnflight.project import claims, claims_page, paths
+from kilnflight.project.site.blocks import three_digits
+from kilnflight.project.site.notebook import verdict_bar
 
 QUESTION = "Can the published flight and combustion numbers of refuse-derived fuel be reproduced?"
 ABSTRACT = (  # of the report, too
@@ -22,8 +24,17 @@ ABSTRACT = (  # of the report, too
     "known truth stands in; the belt's tracks and recordings are the authors' own. So methods and "
     "their errors can be judged, and the kiln's own numbers only as far as the twin is the kiln."
 )
+USE = """\
+<pre class="use">make          # notebooks with less input, and this site
+make full     # everything, at the scale of the publications
+kilnflight run chips.toml --to chips   # the same chain on a film of your own</pre>
+<p><a href="documents/made.html">How to reproduce it</a>,
+<a href="documents/own_recording.html">a recording of your own</a>,
+<a href="documents/limits.html">what the twin can and cannot tell</a>,
+<a href="01_published_tables.html">errata of the printed tables</a>. Under every figure and table
+stand its data and a citation to copy.</p>"""
 THUMB_PX = 200  # width of a thumbnail
-FRAME = "fig-5-17-optical"  # on the first screen
+FRAME = "tracked-frame"  # on the first screen
 # Pages of the chapters that `claims_page.CHAPTERS` names, by how their claims begin.
 PAGES = {
     "thesis 2": "02_depth_calibration", "thesis 3": "25_wall", "thesis 4": "31_tracklets",
@@ -58,6 +69,8 @@ class Front:
             self.way(),
             "## Figures and tables by number",
             self.wall(thumbnails),
+            "## Use it",
+            USE,
         ]
         return f"# {QUESTION}\n\n" + "\n\n".join(map(_raw, parts))
 
@@ -70,9 +83,10 @@ class Front:
         """Return three sentences, the bar of verdicts, and one picture."""
         frame = self._thumbnail(FRAME, thumbnails, 3 * THUMB_PX)
         picture = (
-            f'<figure class="first"><a href="54_ignition.html#{FRAME}"><img src="{frame}" alt='
-            '"Simulated flights of four fractions in the kiln"/></a><figcaption>Simulated: flights '
-            "of the four fractions in the twin of the kiln.</figcaption></figure>"
+            f'<figure class="first"><a href="32_tracking.html#{FRAME}"><img src="{frame}" alt='
+            '"A simulated frame of the kiln with detections and tracks"/></a><figcaption>Simulated: '
+            "a frame of the twin, what is detected in it, and the tracks up to it.</figcaption>"
+            "</figure>"
             if frame
             else ""
         )
@@ -152,20 +166,31 @@ class Front:
         )
 
     def chapters(self) -> str:
-        """Return the verdicts of each chapter as dots, with a link to its page."""
+        """Return each chapter's verdicts as dots, beside one of its numbers."""
         named = claims_page.by_chapter(self.verdicts)
-        starts = {title: start for start, title in claims_page.CHAPTERS.items()}
-        rows = []
-        for chapter, part in named.groupby("chapter", sort=False):
-            dots = "".join(
-                f'<a class="dot {CLASSES[row["verdict"]]}" href="00_claims.html#{row["id"]}" '
-                f'title="{escape(row["id"] + ": " + row["verdict"], quote=True)}">'
-                f"<span>{row['id']}</span></a>"
-                for row in part.to_dict("records")
-            )
-            page = PAGES[starts[str(chapter)]]
-            rows.append(f'<tr><td><a href="{page}.html">{chapter}</a></td><td>{dots}</td></tr>')
-        return f'<table class="chapters">{"".join(rows)}</table>'
+        keys = pd.read_csv(paths.reference() / "key_numbers.csv", dtype=str, keep_default_na=False)
+        names = ("chapter", "claims", "a number of it", "published", "ours", "true, in the twin")
+        lines = ["<tr>" + "".join(f"<th>{name}</th>" for name in names) + "</tr>"]
+        for key in keys.to_dict("records"):
+            part = named[named["chapter"] == claims_page.CHAPTERS[key["chapter"]]]
+            page = f'<a href="{PAGES[key["chapter"]]}.html">{part["chapter"].iloc[0]}</a>'
+            ours, true = self.measured(key)
+            texts = map(escape, (key["quantity"], key["published"], ours, true))
+            cells = (page, "".join(map(_dot, part.to_dict("records"))), *texts)
+            lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
+        return f'<div class="wide" tabindex="0"><table class="chapters">{"".join(lines)}</table></div>'
+
+    def measured(self, key: Mapping[Hashable, str]) -> tuple[str, str]:
+        """Return a number with its interval, and its true value; empty if this run has none."""
+        table = self.table(key["table"])
+        rows = table.query(key["rows"]) if len(table) else table
+        if rows.empty:
+            return "", ""
+        row = rows.iloc[0].astype(str)
+        ours = three_digits(row[key["value"]])
+        if key["low"] and row[key["low"]]:
+            ours += f" [{three_digits(row[key['low']])}, {three_digits(row[key['high']])}]"
+        return ours, three_digits(row[key["true"]]) if key["true"] else ""
 
     def way(self) -> str:
         """Return the steps of the chain with what each loses, as boxes that lead to pages."""
@@ -229,16 +254,13 @@ class Front:
         return f"_static/{folder.name}/{target.name}"
 
 
-def verdict_bar(verdicts: pd.DataFrame) -> str:
-    """Return the counts of verdicts as a bar that leads to the claims."""
-    counts = claims.count(verdicts)
-    parts = [
-        f'<a class="{CLASSES[verdict]}" style="flex-grow: {number}" href="00_claims.html">'
-        f"<b>{number}</b> {verdict}</a>"
-        for verdict, number in counts.items()
-        if number
-    ]
-    return f'<div class="bar">{"".join(parts)}</div>'
+def _dot(row: Mapping[Hashable, str]) -> str:
+    """Return the verdict on a claim as a mark that leads to the claim."""
+    told = escape(f"{row['id']}: {row['verdict']}", quote=True)
+    return (
+        f'<a class="dot {row["verdict"].replace(" ", "-")}" href="00_claims.html#{row["id"]}" '
+        f'title="{told}"><span>{row["id"]}</span></a>'
+    )
 
 
 def _raw(part: str) -> str:

@@ -11,12 +11,12 @@ import nbformat
 import pandas as pd
 from nbformat.v4 import new_markdown_cell
 
-from kilnflight.project import claims
+from kilnflight.project import claims, paths
 from kilnflight.project.site.blocks import Blocks
 
 FIGURE = re.compile(r"<figure id=['\"]([a-z0-9-]+)['\"]")
+SUMMARY = "00_claims"  # the notebook that collects the verdicts of all others
 PLOTLY = re.compile(r"<script[^>]*>(?:(?!</script>).)*plotly\.js v(?:(?!</script>).)*</script>", re.S)
-CLASSES = dict(zip(claims.VERDICTS, ("reproduced", "not-reproduced", "undecidable"), strict=True))
 
 
 def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbformat.NotebookNode:
@@ -44,14 +44,22 @@ def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbf
         elif cell.cell_type == "markdown":
             cells.append(new_markdown_cell(_linked(cell.source, blocks)))
         else:
-            cells.append(_folded(cell, blocks))
+            _append(cells, _folded(cell, blocks))
     title, _, rest = cells[0].source.partition("\n")
-    top = f"{title}\n\n{_badges(verdicts)}\n\n**Result.** {blocks.links(escape(result))}\n"
+    badges = _all_verdicts() if path.stem == SUMMARY else _badges(verdicts)
+    top = f"{title}\n\n{badges}\n\n**Result.** {blocks.links(escape(result))}\n"
     cells[0] = new_markdown_cell(f"{top}{rest}")
     for number, cell in enumerate(cells):  # ids depend on the place alone
         cell["id"] = f"cell-{number}"
     notebook.cells = cells
     return notebook
+
+
+def _append(cells: list[nbformat.NotebookNode], cell: nbformat.NotebookNode) -> None:
+    """Add a code cell; to a code cell before it that shows nothing, its lines are added."""
+    if cells and cells[-1].cell_type == "code" and not cells[-1].outputs:
+        cell.source = f"{cells.pop().source}\n\n{cell.source}"
+    cells.append(cell)
 
 
 def _linked(source: str, blocks: Blocks) -> str:
@@ -89,7 +97,7 @@ def _badges(verdicts: pd.DataFrame) -> str:
     if not len(verdicts):
         return '<p class="badges"><span class="badge">no claim is tested here</span></p>'
     badges = [
-        f'<a class="badge {CLASSES[row["verdict"]]}" title="{escape(row["published"], quote=True)}" '
+        f'<a class="badge {row["verdict"].replace(" ", "-")}" title="{escape(row["published"], quote=True)}" '
         f'href="00_claims.html#{row["id"]}">{row["id"]}: {row["verdict"]}{_full(row)}</a>'
         for row in verdicts.to_dict("records")
     ]
@@ -99,3 +107,24 @@ def _badges(verdicts: pd.DataFrame) -> str:
 def _full(row: Mapping[Hashable, str]) -> str:
     """Return the verdict at full scale, on the page of a reduced run where it differs."""
     return f" (full scale: {row['full']})" if row.get("full") else ""
+
+
+def _all_verdicts() -> str:
+    """Return how the page of claims begins: what filters it, and its files."""
+    table = pd.read_csv(paths.figures() / "claims.csv", keep_default_na=False)
+    return (
+        f"{verdict_bar(table)}<p class='downloads'><a id='all' href='#all'>all {len(table)}</a> "
+        '<a href="figures/claims.csv" download>CSV</a> '
+        '<a href="tables/claims.html">as a table, to sort and filter</a></p>'
+    )
+
+
+def verdict_bar(verdicts: pd.DataFrame) -> str:
+    """Return the counts of verdicts as a bar; each part shows its claims only."""
+    parts = [
+        f'<a class="{name}" id="{name}" style="flex-grow: {number}" href="{SUMMARY}.html#{name}">'
+        f"<b>{number}</b> {verdict}</a>"
+        for verdict, number in claims.count(verdicts).items()
+        if number and (name := verdict.replace(" ", "-"))
+    ]
+    return f'<div class="bar">{"".join(parts)}</div>'

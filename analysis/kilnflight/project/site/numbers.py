@@ -77,7 +77,9 @@ def page(row: Mapping[Hashable, object], blocks: Blocks, verdicts: pd.DataFrame)
     """
     kind, number = str(row["kind"]), str(row["number"])
     dot = "." if kind == "Fig" else ""
-    lines = [f"# {kind}{dot} {number}: {row['topic']}\n", f"{WORKS[str(row['work'])]}.\n"]
+    name = f"{kind}{dot} {number}"  # what the search finds first
+    indexed = f"```{{index}} {name}\n```\n"
+    lines = [indexed, f"# {name}: {row['topic']}\n", f"{WORKS[str(row['work'])]}.\n"]
     about = verdicts[
         (verdicts["seed"] == row["work"])
         & verdicts["where"].str.contains(rf"\b{kind}\.? {re.escape(number)}(?!\d)", regex=True)

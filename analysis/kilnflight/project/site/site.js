@@ -11,6 +11,15 @@ document.addEventListener("DOMContentLoaded", () => {
       }
     });
   }
+  // A verdict in the address shows the claims with it, #all shows them all again.
+  const claims = [...document.querySelectorAll("table.claims tr[id]")];
+  const chosen = () => {
+    const kind = location.hash.slice(1);
+    const known = ["reproduced", "not-reproduced", "not-decidable"].includes(kind);
+    claims.forEach((row) => (row.hidden = known && !row.classList.contains(kind)));
+  };
+  chosen();
+  addEventListener("hashchange", chosen);
   // A folded cell is called what it shows, "Show code".
   // Groups of the left bar are headings of a level; what scrolls is reached by keys.
   document.querySelectorAll(".caption[role=heading]").forEach((part) => part.setAttribute("aria-level", "2"));
