@@ -202,23 +202,36 @@ class Front:
         return f'<div class="way">{"".join(boxes)}</div>'
 
     def _losses(self) -> dict[str, str]:
-        """Return what is left after each step, of the particles that can be measured."""
+        """Return what each step finds or loses; a step whose table this run lacks has no words."""
+        words = {}
         steps = self.table("fig-accuracy-steps")
-        flights, losses = self.table("dwell-flights"), {}
-        methods = self.table("table-5-11-detection")
-        if len(methods):
-            row = methods.set_index("method").loc["Combi SIFT+DBSCAN"].iloc[0]
-            losses["detection"] = f"recall {float(row['recall']):.2f}"
         if len(steps):
-            whole = steps[steps["replaced_step"] == "whole chain"]
-            seen, all_ = whole["detected_particles"].sum(), whole["measurable_particles"].sum()
-            losses["regression"] = f"{100 * seen / all_:.0f} % of the particles have a flight"
+            columns = ["measurable_particles", "detected_particles"]
+            sums = steps.groupby("replaced_step")[columns].sum()
+            found = 100 * sums["detected_particles"] / sums["measurable_particles"]
+            words["recording"] = f"{sums.loc['whole chain'].iloc[0]} particles can be measured"
+            words["detection"] = f"{found['true links']:.0f} % of them are found often enough"
+            words["tracking"] = f"{found['whole chain']:.0f} % of them have a track"
+        backgrounds = self.table("table-5-4-background")
+        if len(backgrounds):
+            first = backgrounds[backgrounds["reading"] == "absolute"]
+            f1 = first.assign(f1=first["f1"].astype(float)).groupby("model")["f1"].mean()
+            words["background"] = f"F1 {f1.min():.2f} to {f1.max():.2f}, by model"
+        pieces = self.table("tracklet-steps")
+        if len(pieces):
+            tracks = pieces.groupby("step", sort=False)["tracks"].sum()
+            words["tracklets"] = f"{tracks.iloc[0]} pieces become {tracks.iloc[-1]} tracks"
+        fits = self.table("table-5-18-regression")
+        if len(fits):
+            r2 = fits.loc[fits["axis"] == "z", "r2"].astype(float)
+            words["regression"] = f"R2 of the depth {r2.min():.2f} to {r2.max():.2f}, by fraction"
+        flights = self.table("dwell-flights")
         if len(flights):
             refused = [name for name in flights if str(name).startswith("refused")]
-            gone = int(flights[refused].to_numpy().sum())
-            total_flights = int(flights["from_lance"].sum())
-            losses["flight"] = f"{gone} of {total_flights} refused, {flights['lost'].sum()} lost"
-        return losses
+            gone, lost = int(flights[refused].to_numpy().sum()), int(flights["lost"].sum())
+            total = int(flights["from_lance"].sum())
+            words["flight"] = f"of {total} from the lance {gone} are refused, {lost} lost"
+        return words
 
     def wall(self, thumbnails: Path) -> str:
         """Return a thumbnail for each figure and table of the works, with a filter."""
