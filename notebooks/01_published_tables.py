@@ -47,13 +47,14 @@ caption = (
     "Published values that disagree with what other published values determine. "
     "The last column says whether a conclusion of the publication depends on it."
 )
-shown = figures.save("errata", wrong, caption=caption, provenance=origin)
+figures.save("errata", wrong, caption=caption, provenance=origin)
+
+# %%
 caption = (
     "Every published number that others determine, beside its recomputed value. "
     "A value agrees when it is off by no more than half a unit of its last printed digit."
 )
-figures.save("table-published-recomputed", checks, caption=caption, provenance=origin)
-shown
+figures.save("published-recomputed", checks, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The best 3D method

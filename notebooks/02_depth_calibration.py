@@ -59,7 +59,7 @@ facts = {
 }
 limits = pd.DataFrame({"quantity": list(facts), "millimetres": list(facts.values())}).round(1)
 caption = "Where Eq. 2.4 jumps, falls and turns negative. A calibration should do none of these."
-figures.save("table-eq-2-4-limits", limits, caption=caption, provenance=origin)
+figures.save("eq-2-4-limits", limits, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The plate, as the twin's camera sees it

@@ -77,7 +77,7 @@ caption = (
     "what the calibration saw. Off by: units of half the bounds' width, at least 0.5 m/s, 5 %, "
     "0.05 s."
 )
-figures.save("table-twin-flights", table, caption=caption, provenance=origin)
+figures.save("twin-flights", table, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Velocity and remaining share along the way

@@ -137,7 +137,7 @@ caption = (
     "Precision and recall of the three clusterers over their parameters, beside those of Tables "
     "5.8 to 5.10; scoring distance 45 px. Some settings are numbered, the table has them all."
 )
-figures.save("fig-5-8-parameters", table, picture=picture, caption=caption, provenance=origin)
+figures.save("cluster-parameters", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Two readings of MO

@@ -75,9 +75,9 @@ picture = detection_pictures.draw_keypoints_and_clusters(
 table = pd.DataFrame(keypoints, columns=["row", "col", "radius_px"])
 caption = (
     "Keypoints of SIFT (circles) and clusters of DBSCAN (dots, one colour each) in a simulated "
-    "frame, with the region of interest. After Figs 3.1, 3.2 and 3.5."
+    "frame, with the region of interest. After Figs 3.1 and 3.2."
 )
-figures.save("fig-3-5-both", table, picture=picture, caption=caption, provenance=origin)
+figures.save("fig-3-2-both", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The five cases
@@ -102,8 +102,8 @@ counts = pd.DataFrame(
         for case, rows in examples.items()
     ]
 )
-caption = "Examples of the five cases in one simulated frame, after Figs 3.6 to 3.9; see the text."
-figures.save("fig-3-6-cases", counts, picture=picture, caption=caption, provenance=origin)
+caption = "Examples of the five cases in one simulated frame, after Figs 3.5 to 3.9; see the text."
+figures.save("fig-3-5-cases", counts, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # **Questions to the grey values.** Case 2 counts peaks in the cluster's rectangle. Cases 4 and 5

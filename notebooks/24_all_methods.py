@@ -76,7 +76,7 @@ caption = (
     "from its counts."
 )
 table = f1.reset_index()
-figures.save("fig-5-11-detection", table, picture=picture, caption=caption, provenance=origin)
+figures.save("detection-scores", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # The thesis shows the recall of each class for the detectors alone. Our table has it for the

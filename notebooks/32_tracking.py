@@ -99,7 +99,7 @@ caption = (
     "The 64 values of Table 5.17: recomputed from the lance (black, with 95 % intervals), of all "
     "tracks (grey), published (orange); from without (open) to with post-processing (filled)."
 )
-figures.save("fig-5-17-tracking", beside, picture=picture, caption=caption, provenance=origin)
+figures.save("tracking-scores", beside, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Trajectories beside the optical and the true ones

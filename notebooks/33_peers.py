@@ -76,7 +76,7 @@ caption = (
     "window; one with a star refused settings, of which the best may be one."
 )
 shown = tracker_ranks.filled(scores)
-figures.save("fig-peers", shown, picture=picture, caption=caption, provenance=origin)
+figures.save("peer-scores", shown, picture=picture, caption=caption, provenance=origin)
 
 # %%
 ranks = tracker_ranks.ahead_of_ours(scores, cells, limits)

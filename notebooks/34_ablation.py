@@ -64,7 +64,7 @@ for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 panels[0].invert_yaxis()
 caption = "What each part costs: measures with true and with real parts, mean over the fractions."
-figures.save("fig-tracking-ablation", mean, picture=picture, caption=caption, provenance=origin)
+figures.save("ablation-means", mean, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Why JPDA differs from GNN
@@ -84,7 +84,7 @@ caption = (
     "(bootstrap over true tracks): alpha (black) and beta (white) after post-processing, all "
     "tracks and those from the lance."
 )
-figures.save("fig-jpda-ablation", exchanged, picture=picture, caption=caption, provenance=origin)
+figures.save("jpda-ablation", exchanged, picture=picture, caption=caption, provenance=origin)
 
 # %%
 alpha = mean.set_index("configuration")["alpha"]

@@ -97,7 +97,7 @@ caption = (
     "velocity across it, of our simulation and of the authors' tracks. The free values were "
     "fitted to the spheres; cuboids and cylinders are predictions."
 )
-figures.save("fig-sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)
+figures.save("sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Misfits
@@ -148,7 +148,7 @@ options = {"caption": caption, "provenance": origin}
 if len(studied):
     changes = belt_sorter.changes(studied).round(2)
     options["picture"] = belt_sorter.plot_changes(changes)
-figures.save("fig-sorter-contacts", changes, **options) if len(studied) else None
+figures.save("sorter-contacts", changes, **options) if len(studied) else None
 
 # %% [markdown]
 # ## Claim belt20-6 on each source

@@ -157,7 +157,7 @@ caption = (
     "seen at the target."
 )
 part = {"picture": picture, "caption": caption, "provenance": origin}
-figures.save("fig-belt-real-models", models, **part) if files else None
+figures.save("belt-real-models", models, **part) if files else None
 
 # %% [markdown]
 # ## The sentences of the 2020 paper on this data

@@ -100,7 +100,7 @@ caption = (
     "arrival, then lateral. IV-Straight is what a line-scan camera assumes."
 )
 part = {"picture": figures_by_axis["open_ms"][0], "caption": caption, "provenance": origin}
-figures.save("fig-belt-separation", tables_by_axis["open_ms"], **part)
+figures.save("belt-separation", tables_by_axis["open_ms"], **part)
 
 # %% [markdown]
 # ## Over the width of a valve
@@ -116,7 +116,7 @@ caption = (
     f"5.6 mm are open for 5 ms each; one particle in ten is to be blown out ({source})."
 )
 part = {"picture": figures_by_axis["valve_mm"][0], "caption": caption, "provenance": origin}
-figures.save("fig-belt-separation-width", tables_by_axis["valve_mm"], **part)
+figures.save("belt-separation-width", tables_by_axis["valve_mm"], **part)
 
 # %% [markdown]
 # ## By the number of valves

@@ -75,7 +75,7 @@ caption = (
     "due to regression, landing and the test of ignition. True depth has our tracks with depths "
     "without scatter, true trajectories our tracks without regression."
 )
-figures.save("fig-accuracy-steps", data, picture=picture, caption=caption, provenance=origin)
+figures.save("accuracy-steps", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result

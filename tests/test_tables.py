@@ -115,7 +115,7 @@ def test_the_table_says_what_a_column_without_a_unit_is():
     assert impossible(medians) == []
     assert len(impossible(medians, "velocity-medians")) == 1
     steps = pd.DataFrame({"dwell_s_low": [-0.1], "dwell_s_bias": [-0.08], "dwell_s_high": [0.0]})
-    assert impossible(steps, "fig-accuracy-steps") == []
+    assert impossible(steps, "accuracy-steps") == []
 
 
 def test_every_column_with_a_unit_has_a_bound_and_words_have_none():

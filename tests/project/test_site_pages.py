@@ -1,5 +1,7 @@
 """Pages of the site: links in prose, blocks of figures, numbers of the works, notebooks."""
 
+import re
+
 import nbformat
 import pandas as pd
 import pytest
@@ -121,3 +123,15 @@ def test_a_notebook_page_has_result_and_badges_first_and_its_code_folded(blocks,
     assert "Parameters: seed = 5" in parameters.source
     assert code.metadata["tags"] == ["hide-input"]
     assert "figures/fig-5-19-dwell-time.png" in code.outputs[0]["data"]["text/html"]
+
+
+def test_ids_of_the_notebooks_are_numbers_of_the_works_or_plain_words():
+    table = numbers.load()
+    stems = numbers.own_ids(table)
+    for path in sorted((paths.root() / "notebooks").glob("*.py")):
+        for name in re.findall(r'figures\.save\(\s*f?"([^"{]+)', path.read_text()):
+            numbered = re.match(r"(fig|table)-", name)
+            known = any(
+                f"{name}-".startswith(f"{stem}-") or stem.startswith(name) for stem in stems
+            )
+            assert known or not numbered, f"{path.name}: {name} has no number of the works"

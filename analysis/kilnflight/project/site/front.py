@@ -100,8 +100,8 @@ class Front:
         cards = [
             self._card(*each, thumbnails)
             for each in (
-                ("24_all_methods", "fig-5-11-detection", "Detection", self._detection()),
-                ("32_tracking", "fig-5-17-tracking", "Tracking", self._tracking()),
+                ("24_all_methods", "detection-scores", "Detection", self._detection()),
+                ("32_tracking", "tracking-scores", "Tracking", self._tracking()),
                 ("52_dwell_time", "fig-5-19-dwell-time", "Dwell time", self._dwell()),
                 ("40_belt_arrival", "fig-belt20-9-arrival", "Sorting belt", self._belt()),
             )
@@ -125,7 +125,7 @@ class Front:
         return f"SIFT with DBSCAN has F1 {both:.3f}{told}; SIFT alone {alone:.3f} on the twin."
 
     def _tracking(self) -> str:
-        table = self.table("fig-5-17-tracking")
+        table = self.table("tracking-scores")
         if table.empty:
             return ""
         rows = table[(table["measure"] == "alpha") & (table["tracker"] == "GNN")]
@@ -204,7 +204,7 @@ class Front:
     def _losses(self) -> dict[str, str]:
         """Return what each step finds or loses; a step whose table this run lacks has no words."""
         words = {}
-        steps = self.table("fig-accuracy-steps")
+        steps = self.table("accuracy-steps")
         if len(steps):
             columns = ["measurable_particles", "detected_particles"]
             sums = steps.groupby("replaced_step")[columns].sum()

@@ -35,10 +35,8 @@ def load(saved: Iterable[str] = ()) -> pd.DataFrame:
         of its page, and ``ids``: the saved figures that show it, a list.
     """
     table = pd.read_csv(paths.reference() / "numbers.csv", dtype=str, keep_default_na=False)
-    stems = table["number"].str.lower().str.replace(".", "-")
-    kinds = table["kind"].str.lower()
-    table["name"] = table["work"] + "-" + kinds + "-" + stems
-    own = kinds + "-" + table["work"].map(STEMS) + stems
+    table["name"] = table["work"] + "-" + table["kind"].str.lower() + "-" + _stems(table)
+    own = own_ids(table)
     saved = sorted(saved)
     ids = [[name for name in saved if f"{name}-".startswith(f"{stem}-")] for stem in own]
     by_place = dict(zip(zip(table["work"], table["kind"], table["number"], strict=True), ids, strict=True))
@@ -47,6 +45,15 @@ def load(saved: Iterable[str] = ()) -> pd.DataFrame:
         for work, kind, absent, own in zip(table["work"], table["kind"], table["absent"], ids, strict=True)
     ]
     return table
+
+
+def own_ids(table: pd.DataFrame) -> pd.Series:
+    """Return how the ids of a work's figures and tables begin, for example "fig-5-19"."""
+    return table["kind"].str.lower() + "-" + table["work"].map(STEMS) + _stems(table)
+
+
+def _stems(table: pd.DataFrame) -> pd.Series:
+    return table["number"].str.lower().str.replace(".", "-")
 
 
 def links(table: pd.DataFrame, notebooks: Iterable[str]) -> Links:

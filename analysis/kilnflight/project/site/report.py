@@ -45,13 +45,13 @@ CHOSEN = {
     "fig-3-11-distances": "It decides which particles fly and which lie on the wall.",
     "fig-5-4-background": "Which background model is best depends on how differences are read.",
     "fig-5-5-recall": "It shows which class of particle the detection loses, and by which reading.",
-    "fig-tracking-ablation": "It says which step of the chain costs the tracking most.",
+    "ablation-means": "It says which step of the chain costs the tracking most.",
     "fig-5-16-trajectories": "It is what all numbers about flight are measured on.",
     "fig-5-19-dwell-time": "Dwell time is the main number of the thesis, here beside its truth.",
     "fig-5-20-remaining": "It tells how far particles get, which the design of a burner needs.",
     "fig-5-21-velocity": "Velocity by metre is the second main number, for four fractions.",
     "fig-5-25-ignition": "It is the only published measure of combustion, beside the truth.",
-    "fig-accuracy-steps": "It splits the error of each number into the steps that cause it.",
+    "accuracy-steps": "It splits the error of each number into the steps that cause it.",
     "fig-belt20-9-arrival": "It is the main result of the belt paper of 2020.",
 }
 
