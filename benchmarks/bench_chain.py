@@ -59,7 +59,7 @@ def save() -> None:
         "included: detection, then tracking, post-processing, regression and flights, and the peak "
         "of memory, by number of frames. Short stretches pay for the 150 frames around them."
     )
-    origin = figures.trace("benchmarks/bench_chain", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_chain", {"scale": "full"}, mark="")
     data = pd.DataFrame(table, columns=columns)
     figures.save("benchmark-chain", data, caption=caption, provenance=origin)
 

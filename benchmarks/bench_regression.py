@@ -111,7 +111,7 @@ def save() -> None:
         "Seconds, one core, of the regression of some trajectories of some points, which solves "
         "those of the 125 combinations of orders that its choice looks at, and of all 125."
     )
-    origin = figures.trace("benchmarks/bench_regression", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_regression", {"scale": "full"}, mark="")
     figures.save("benchmark-regression", table, caption=caption, provenance=origin)
 
 

@@ -113,7 +113,7 @@ def save() -> None:
     if missing_reason():
         print(f"bench_sorter: skipped. {missing_reason()}", flush=True)
         return
-    origin = figures.trace("benchmarks/bench_sorter", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_sorter", {"scale": "full"}, mark="")
     caption = (
         "Seconds of computing per simulated second of cuboids on the belt, one process; how high "
         "above it they get, and mean velocity minus what mechanics gives. Surface: ours; moving "

@@ -80,7 +80,7 @@ def save() -> None:
         "Rendering of the twin at full resolution with point cloud and labels, one process: speed "
         "and peak memory against the number of frames."
     )
-    origin = figures.trace("benchmarks/bench_twin", {"scale": "full"})
+    origin = figures.trace("benchmarks/bench_twin", {"scale": "full"}, mark="")
     figures.save(
         "benchmark-rendering",
         pd.DataFrame(table, columns=columns),

@@ -29,7 +29,7 @@ def main() -> None:
         "Time of our implementation and of a peer with the same result, best of three runs in "
         "turns on the same machine; the ratio is peer over ours."
     )
-    origin = figures.trace("benchmarks/run", {"scale": "full"})
+    origin = figures.trace("benchmarks/run", {"scale": "full"}, mark="")
     figures.save("benchmarks", table, caption=caption, provenance=origin)
 
 

@@ -100,10 +100,9 @@ for box in boxes:  # more outliers would only blacken the picture
     box["fliers"] = np.random.default_rng(seed).permutation(box["fliers"])[:60]
 axes.bxp(boxes, positions=metres, widths=0.5, flierprops=thin)
 deviation = plates["published_mm"] / 1000 - metres
-look = {"color": "#D55E00", "mfc": "white", "ms": 4, "label": "published (Eq. 2.4)"}
 
 # %% tags=["hide-input"]
-axes.plot(metres, deviation, "D", **look)
+axes.plot(metres, deviation, **{**style.PUBLISHED, "label": "published (Eq. 2.4)"})
 axes.set(xlabel="distance of the plate (m)", ylabel="captured minus true depth (m)")
 axes.set(ylim=(-3, 3), xlim=(0.3, 11.7), xticks=metres, xticklabels=range(1, 12))
 axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

@@ -52,8 +52,9 @@ picture, ((axes,),) = style.canvas(height_mm=62)
 axes.plot([0, 12], [0, 12], "--", color="0.6", label="expected")
 axes.plot(metres, medians / 1000, "o-", color="#0072B2", label="captured (median)")
 calibrated = metres + errors["printed_mm"] / 1000
-axes.plot(metres, calibrated, "s", color="#D55E00", mfc="white", ls=":", label="after Eq. 2.4")
-axes.set(xlabel="distance of the plate (m)", ylabel="depth (m)", xlim=(0.5, 11.5))
+axes.plot(metres, calibrated, "s", color="#E69F00", mfc="white", ls=":", label="after Eq. 2.4")
+axes.set(xlabel="distance of the plate (m)", ylabel="depth (m)", xlim=(0, 12), ylim=(0, 12))
+axes.set_aspect("equal")
 axes.legend(loc="upper left")
 caption = (
     "Median depth of the plate seen by the twin before and after Eq. 2.4, after Fig. 2.16. At 3 m "

@@ -93,11 +93,12 @@ radius = labelled["radius_px"].to_numpy()
 # %% tags=["hide-input"]
 picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=55)
 left.hist(radius, np.arange(0, 26), color="0.7", edgecolor="black", lw=0.5)
-left.axvline(7.7, color="#D55E00", label="published mean 7.7 px")
+at = {"transform": left.get_xaxis_transform(), "label": "published mean 7.7 px"}
+left.plot(7.7, 0.03, **{**style.PUBLISHED, **at})
 left.axvline(radius.mean(), color="k", ls="--", label=f"twin's mean {radius.mean():.1f} px")
 left.set(xlabel="radius (px)", ylabel="labelled particles")
 right.bar([0, 1, 2], steps, 0.6, color="0.7", edgecolor="black", lw=0.5, label="twin")
-right.plot([0, 1, 2], [1 / 3, 1 / 3, 0.9], "D", color="#D55E00", mfc="white", label="published")
+right.plot([0, 1, 2], [1 / 3, 1 / 3, 0.9], **style.PUBLISHED)
 right.set_xticks([0, 1, 2], ["below 1 mm", "1 to 2 mm", "below 4 mm"])
 right.set(xlabel="distance to the nearest point", ylabel="share of the points", ylim=(0, 1.25))
 for axes in (left, right):

@@ -23,7 +23,7 @@ from kilnflight.scores.detections import GATE_PX
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
 style.use_style()
-origin = figures.trace("30_association", {"scale": scale}, seed=seed)
+origin = figures.trace("30_association", {"scale": scale}, seed=seed, mark="example")
 gate = Gate(distance=3.0)
 
 # %% [markdown]

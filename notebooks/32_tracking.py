@@ -97,7 +97,7 @@ _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 caption = (
     "The 64 values of Table 5.17: recomputed from the lance (black, with 95 % intervals), of all "
-    "tracks (grey), published (orange); from without (open) to with post-processing (filled)."
+    "tracks (grey), published (diamonds); from without (open) to with post-processing (filled)."
 )
 figures.save("tracking-scores", beside, picture=picture, caption=caption, provenance=origin)
 

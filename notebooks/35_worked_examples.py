@@ -25,7 +25,7 @@ from kilnflight.project import figures, style
 from kilnflight.tracking.tracker import track
 
 style.use_style()
-origin = figures.trace("35_worked_examples", {"scale": scale}, seed=seed)
+origin = figures.trace("35_worked_examples", {"scale": scale}, seed=seed, mark="example")
 settings = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, settings, seed, jobs=jobs)
 elimination, outliers, connection, _ = tracklets.STEPS

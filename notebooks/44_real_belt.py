@@ -55,7 +55,8 @@ style.use_style()
 draws = draws or {"quick": 2, "standard": 50, "full": 200}[scale]
 used = {name: paths[:1] if scale == "quick" else paths for name, paths in files.items()}
 inputs = [path for paths in used.values() for path in paths]
-origin = figures.trace("44_real_belt", {"scale": scale, "draws": draws}, seed=seed, inputs=inputs)
+setting = {"scale": scale, "draws": draws}
+origin = figures.trace("44_real_belt", setting, seed=seed, inputs=inputs, mark="recorded")
 tables = {
     (name, path.name.partition(".")[0]): recordings.read_recording(path)
     for name, paths in used.items()

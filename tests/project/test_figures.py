@@ -79,6 +79,7 @@ def test_caption_and_provenance_are_inside_the_png():
         "inputs": {"a.csv": "0f"},
         "version": "0.1.0",
         "commit": "abc",
+        "mark": "simulated",
     }
 
 
@@ -286,3 +287,16 @@ def test_few_colours_keep_greys_grey_and_colours_near():
     assert np.ptp(shown[0], axis=1).max() == 0
     assert np.abs(shown[0] - grey[0]).max() <= 3
     assert np.abs(shown[1] - blend[0]).max() <= 12
+
+
+def test_a_picture_says_what_its_data_are_and_leaves_them_room():
+
+    for word in ("simulated", ""):
+        picture, ((axes,),) = style.canvas(width_mm=80, height_mm=40)
+        axes.set(xlabel="time (s)")
+        style.mark(picture, word)
+        picture.draw_without_rendering()
+        box = axes.get_tightbbox().transformed(picture.transFigure.inverted())
+        assert [text.get_text() for text in picture.texts] == [word]
+        mark = picture.texts[0].get_window_extent().transformed(picture.transFigure.inverted())
+        assert not word or box.y0 >= mark.y1 - 0.01

@@ -18,7 +18,7 @@ from kilnflight.camera import calibrate_points
 from kilnflight.detection import k_distances
 from kilnflight.experiments.detection import Subset
 from kilnflight.experiments.space import label_camera_space, upright
-from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas
+from kilnflight.project.style import COLOURS, LINES, PAGE_MM, PUBLISHED, canvas
 from kilnflight.recording.frames import calibrated_cloud
 
 Array = npt.NDArray[np.float64]
@@ -123,9 +123,9 @@ def draw_neighbour_distances(distances: dict[str, Array]) -> Figure:
     for (name, values), line in zip(distances.items(), LINES, strict=False):
         shown = np.unique(np.linspace(0, len(values) - 1, 600).astype(int))
         axes.plot(values[shown], (shown + 1) / len(values), ls=line, label=name)
-    look: dict[str, Any] = {"color": COLOURS[1], "ms": 6, "ls": ""}
-    axes.plot(list(PRINTED), list(PRINTED.values()), "D", label="published, about", **look)
-    axes.plot(list(LEAST), list(LEAST.values()), "^", label="published, at least", **look)
+    least = {**PUBLISHED, "marker": "^", "label": "published, at least"}
+    axes.plot(list(PRINTED), list(PRINTED.values()), **PUBLISHED)
+    axes.plot(list(LEAST), list(LEAST.values()), **least)
     axes.set(xlim=(0, 6), ylim=(0, 1.02), xlabel="distance to the nearest neighbour (mm)")
     axes.set_ylabel("share of the points")
     axes.legend(loc="lower right")

@@ -24,12 +24,26 @@ from kilnflight.experiments.detection_tables import PARAMETERS, published_radius
 from kilnflight.experiments.plots import draw_bars
 from kilnflight.experiments.space import upright
 from kilnflight.project import claims
-from kilnflight.project.style import COLOURS, LINES, PAGE_MM, canvas, draw_circles, draw_frame
+from kilnflight.project.style import (
+    COLOURS,
+    LINES,
+    PAGE_MM,
+    PUBLISHED,
+    canvas,
+    draw_circles,
+    draw_frame,
+)
 from kilnflight.twin.camera import Geometry
 
 Array = npt.NDArray[np.float64]
 NAMES = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
-HERE, PUBLISHED = ("o", "k"), ("D", COLOURS[1])
+HERE: dict[str, Any] = {
+    "marker": "o",
+    "color": "black",
+    "mfc": "none",
+    "ls": "",
+    "label": "simulated",
+}
 NUMBERED = {"dbscan": ("epsilon_mm", "eps (mm)"), "mo": ("R", "R"), "qcc": ("K", "K")}
 NUMBER_SIZE = (0.07, 0.04)  # of a number in the picture, in recall and precision
 
@@ -68,10 +82,8 @@ def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, p
     picture, (panels,) = canvas(1, len(totals), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, ours) in zip(panels, totals.items(), strict=True):
         printed = claims.published(TABLES[name])
-        kinds = {"simulated": (ours, HERE), "published": (printed, PUBLISHED)}
-        for label, (table, (mark, colour)) in kinds.items():
-            look = {"color": colour, "mfc": "none", "label": label, "clip_on": False}
-            axes.plot(table["recall"], table["precision"], mark, **look)
+        for table, look in ((ours, HERE), (printed, {**PUBLISHED, "mfc": "none"})):
+            axes.plot(table["recall"], table["precision"], clip_on=False, **look)
         parameter, words = NUMBERED[name]
         ends = ours.groupby(parameter).agg({"recall": "min", "precision": "max"})
         last = np.full(2, np.inf)
@@ -105,8 +117,7 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
         draw_bars(axes, table, "subset", "kind", "recall")
         axes.set_title(NAMES.get(str(name), str(name)))
     if len(published):
-        look = {"color": "black", "mfc": "white", "ms": 3.5, "label": "published, non-burning"}
-        panels[0].plot(published, "D", **look)
+        panels[0].plot(published, **{**PUBLISHED, "label": "published, non-burning"})
     panels[0].set_ylabel("recall")
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return picture

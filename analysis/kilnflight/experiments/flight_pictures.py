@@ -33,7 +33,17 @@ from kilnflight.experiments.plots import (
 )
 from kilnflight.experiments.space import draw_curves, draw_flown_paths
 from kilnflight.flight import kept
-from kilnflight.project.style import COLOURS, HATCHES, LINES, MARKERS, PAGE_MM, canvas, draw_boxes
+from kilnflight.project.style import (
+    COLOURS,
+    HATCHES,
+    LINES,
+    MARKERS,
+    PAGE_MM,
+    PUBLISHED,
+    PUBLISHED_BAR,
+    canvas,
+    draw_boxes,
+)
 from kilnflight.regression import fits
 from kilnflight.scores.flights import METRES, box, ignition_histogram
 from kilnflight.twin.flight import ENDS, Flights
@@ -41,6 +51,7 @@ from kilnflight.twin.particles import FRACTIONS
 
 Array = npt.NDArray[np.float64]
 TOPS = {"velocity": 18.0, "remaining": 105.0}  # of the axes: m/s above all true medians, %
+ALL = 0.95  # s: where the share that ignites at any time is drawn
 LABELS = {"velocity": "median velocity (m/s)", "remaining": "remaining particles (%)"}
 
 
@@ -124,7 +135,7 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
         }
         draw_grouped_boxes(axes, groups, names)
         if bar == 4.5:
-            axes.axhspan(0.3, 0.5, color=COLOURS[1], alpha=0.15, label="published medians")
+            axes.axhspan(0.3, 0.5, color=PUBLISHED["color"], alpha=0.15, label="published medians")
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
         _say_if_empty(axes, sum(len(each) for group in groups.values() for each in group))
     grid[0, 0].set_ylabel("dwell time (s)")
@@ -166,7 +177,7 @@ def draw_still_flying(curves: pd.DataFrame, keys: Sequence[CampaignKey]) -> Figu
             shade = {"color": COLOURS[len(sources) - 1], "alpha": 0.2, "lw": 0, "step": "post"}
             axes.fill_between(part["time_s"], part["low"], part["high"], **shade)
         if bar == 4.5:
-            axes.hlines(0.5, 0.3, 0.5, color=COLOURS[1], lw=3, ls="-", label="published medians")
+            axes.hlines(0.5, 0.3, 0.5, **{**PUBLISHED_BAR, "label": "published medians"})
         axes.set(title=f"{name}, {bar} bar", xlim=(0, 1.2), ylim=(0, 1.03))
         _say_if_empty(axes, len(rows))
     for axes in grid[:, 0]:
@@ -214,19 +225,22 @@ def draw_ignition_bars(
         `kilnflight.experiments.statements.statements`, for the share within 0.1 s.
     """
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharex=True)
-    early = printed[printed["outcome"] == "ignited < 0.1 s (%)"].set_index(KEYS)["high"].to_dict()
+    bounds = printed.assign(
+        at=printed["outcome"].map({"ignited < 0.1 s (%)": 0.05, "ignited (%)": ALL})
+    )
     width, tables = 0.09 / len(kinds), {}
     for axes, key in zip(grid.flat, keys, strict=False):
         for k, (kind, values) in enumerate(kinds.items()):
             bins = tables[kind, *key] = ignition_histogram(values[key].ignition_s)
             look = {"hatch": HATCHES[k], "color": ("white", "0.7", COLOURS[6])[k]}
-            at = bins["from_s"] + 0.05 + width * (k - (len(kinds) - 1) / 2)
-            axes.bar(at, bins["percent"], width, ec="black", lw=0.5, label=kind, **look)
-        look = {"color": COLOURS[1], "label": "published, within 0.1 s"}
-        axes.plot(0.05, early.get(key, np.nan), "D", **look)
+            at = np.array([*bins["from_s"] + 0.05, ALL]) + width * (k - (len(kinds) - 1) / 2)
+            heights = [*bins["percent"], bins["percent"].sum()]
+            axes.bar(at, heights, width, ec="black", lw=0.5, label=kind, **look)
+        draw_published(axes, of_campaign(bounds.dropna(subset="at"), key))
         axes.set(title=f"{key[0]}, {key[1]} bar", ylabel="% of all particles")
     for axes in grid[1]:
-        axes.set_xlabel("time from the lance (s); the last bin holds all later")
+        axes.set_xlabel('time from the lance (s); the bin before "any" holds all later')
+        axes.set_xticks([0, 0.2, 0.4, 0.6, 0.8, ALL], ["0", "0.2", "0.4", "0.6", "0.8", "any"])
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
     return picture, pd.concat(tables, names=["kind", *KEYS]).reset_index(["kind", *KEYS])
 
@@ -382,7 +396,7 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
         top = TOPS[quantity]
         panel = table[(table["quantity"] == quantity) & (table["fraction"] == name)]
         axes.set(title=name, ylim=(0, top), xlim=(0, 5.3))
-        looks = {4.5: (COLOURS[2], "o", -0.08), 5.0: (COLOURS[1], "s", 0.08)}
+        looks = {4.5: ("black", "o", -0.08), 5.0: (COLOURS[6], "s", 0.08)}
         for bar, (colour, mark, aside) in looks.items():
             rows = panel[panel["pressure_bar"] == bar].set_index("version")
             for version, line in zip(versions, (":", "-", "--"), strict=False):
@@ -390,8 +404,8 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
                 look = {"label": f"{version}, {bar} bar", "color": colour, "ls": line}
                 axes.plot(part["distance_m"], part["value"], marker=mark, lw=1, ms=2.5, **look)
             ends = rows[rows.index == "published"].fillna({"low": 0, "high": top})
-            wide = {"lw": 3.5, "alpha": 0.45, "ls": "-", "color": colour}
-            wide["label"] = f"published, {bar} bar"
+            side = "left" if aside < 0 else "right"
+            wide = {**PUBLISHED_BAR, "label": f"published, {bar} bar ({side})"}
             pad, at = 0.012 * top, ends["distance_m"] + aside
             axes.vlines(at, ends["low"] - pad, ends["high"] + pad, **wide)
     for panels, quantity in zip(grid, quantities, strict=True):
@@ -409,7 +423,8 @@ def draw_true_dwell(table: pd.DataFrame) -> Figure:
         panels[0].set_ylabel("dwell time (s)")
         for axes, bar in zip(panels, (4.5, 5.0), strict=True):
             rows = table[(table["version"] == version) & (table["pressure_bar"] == bar)]
-            axes.axhspan(0.3, 0.5, color=COLOURS[6], alpha=0.25 if bar == 4.5 else 0.0)
+            if bar == 4.5:
+                axes.axhspan(0.3, 0.5, color=PUBLISHED["color"], alpha=0.15)
             draw_boxes(axes, rows)
             names = list(rows["fraction"])
             axes.set(title=f"{version}, {bar} bar", xticks=range(len(names)), xticklabels=names)

@@ -20,7 +20,17 @@ from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.experiments.space import SAMPLES, upright
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
-from kilnflight.project.style import BOXES, COLOURS, HATCHES, LINES, PAGE_MM, canvas, draw_frame
+from kilnflight.project.style import (
+    BOXES,
+    COLOURS,
+    HATCHES,
+    LINES,
+    PAGE_MM,
+    PUBLISHED,
+    PUBLISHED_BAR,
+    canvas,
+    draw_frame,
+)
 from kilnflight.recording.frames import Recording
 from kilnflight.regression import Fit
 from kilnflight.twin.flight import Flights
@@ -68,19 +78,17 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     A number is a diamond, two bounds are a bar; what is open on one side is an arrow.
     """
     bottom, top = axes.get_ylim()
-    look: dict[str, Any] = {"color": COLOURS[1], "ls": "none", "zorder": 3, "mec": "black"}
-    look |= {"mew": 0.5, "ms": 5}
     low, high, at = bounds["low"] * scale, bounds["high"] * scale, bounds["at"]
     reach = 0.09 * (top - bottom)
     ends = low.fillna(high - reach), high.fillna(low + reach)
-    axes.vlines(at, *ends, color=COLOURS[1], lw=3, alpha=0.6, ls="-", zorder=3)
+    axes.vlines(at, *ends, **{**PUBLISHED_BAR, "label": None})
     for mark, places, values in (
         ("D", low == high, low),
         ("^", high.isna(), ends[1]),
         ("v", low.isna(), ends[0]),
     ):
-        axes.plot(at[places], values[places], mark, **look)
-    axes.plot([], [], "D", label="published", **look)
+        axes.plot(at[places], values[places], **{**PUBLISHED, "marker": mark, "label": None})
+    axes.plot([], [], **PUBLISHED)
     axes.set_ylim(bottom, top)
 
 
@@ -277,8 +285,8 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
         ``low`` and ``high``, ``all_tracks`` and ``published``.
     """
     wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
-    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "D", 0.0)}
-    places["published"] = (COLOURS[1], "s", -0.25)
+    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "s", 0.0)}
+    places["published"] = (str(PUBLISHED["color"]), str(PUBLISHED["marker"]), -0.25)
     names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
     for source, (color, marker, shift) in places.items():
         look = {"marker": marker, "color": color, "ms": 3}
@@ -361,7 +369,7 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
     reach = np.abs(table[["f1_low", "f1_high"]].to_numpy().T - table["f1"].to_numpy())
     axes.errorbar(table["f1"], place, xerr=reach, fmt="o", color="black", capsize=2, label=label)
     axes.plot(table[f1_in_pixels], place, "s", mfc="none", color=COLOURS[2], label="in pixels")
-    axes.plot(table[published_f1], place, "D", color=COLOURS[1], label="published")
+    axes.plot(table[published_f1], place, **PUBLISHED)
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="best")

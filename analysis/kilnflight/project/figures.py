@@ -36,7 +36,7 @@ from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, paths
 from kilnflight.project.cache import locked, write_whole
-from kilnflight.project.style import style, table_picture
+from kilnflight.project.style import mark, style, table_picture
 from kilnflight.tables import impossible
 
 PNG_DPI = 300
@@ -64,6 +64,7 @@ class Provenance:
     inputs: Mapping[str, str] = field(default_factory=dict)  # name -> SHA-256
     version: str = __version__
     commit: str = ""
+    mark: str = "simulated"  # stands inside each picture
 
 
 def trace(
@@ -72,6 +73,7 @@ def trace(
     *,
     seed: int | None = None,
     inputs: Iterable[Path] = (),
+    mark: str = "simulated",
 ) -> Provenance:
     """Return the provenance of what a notebook makes.
 
@@ -85,9 +87,11 @@ def trace(
         Seed of every random draw, if there is any.
     inputs
         Files that were read; their SHA-256 is stored.
+    mark
+        What the data of its pictures are, in a word that stands inside each of them.
     """
     checksums = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs}
-    return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit())
+    return Provenance(notebook, dict(parameters), seed, checksums, __version__, _commit(), mark)
 
 
 def _commit() -> str:
@@ -165,7 +169,7 @@ def save(
         )
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = picture if picture is not None else table_picture(table)
+    drawn = table_picture(table) if picture is None else mark(picture, provenance.mark)
     draft = provenance.parameters.get("scale") == "quick"
     dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
     texts = {

@@ -19,10 +19,12 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle
 
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
+MARK_MM = 3.0  # height of the strip for `mark`
 LONGEST_PICTURE = 45  # rows of a table that are drawn; the CSV has all
 TALLEST_PICTURE = 150  # lines of text of a table that are drawn
 
@@ -32,6 +34,15 @@ COLOURS = ("#000000", "#D55E00", "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#5
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "--", "oo")
+
+# What a work prints has one look in all pictures; an interval of it is a bar.
+PUBLISHED: dict[str, Any] = {
+    "marker": "D", "color": COLOURS[1], "mec": "black", "mew": 0.5, "ms": 4.5, "ls": "none",
+    "zorder": 3, "label": "published",
+}  # fmt: skip
+PUBLISHED_BAR: dict[str, Any] = {
+    "color": COLOURS[1], "lw": 3, "alpha": 0.6, "ls": "-", "zorder": 3, "label": "published"
+}  # fmt: skip
 
 THIN: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-"}
 BOXES: dict[str, Any] = {  # of `Axes.boxplot` and `Axes.bxp`
@@ -102,6 +113,16 @@ def canvas(
         )
     plt.close(picture)  # a page shows it where it is saved, and only there
     return picture, grid
+
+
+def mark(picture: Figure, word: str) -> Figure:
+    """Write what the data are below a picture, in a strip of its own at the right; return it."""
+    strip = MARK_MM / 25.4 / picture.get_figheight()
+    engine = picture.get_layout_engine()
+    if word and isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
+    picture.text(0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35")
+    return picture
 
 
 def draw_frame(axes: Axes, gray: npt.NDArray[np.generic], step: int = 2) -> None:
