@@ -23,14 +23,16 @@ seed = 0  # nothing random happens here
 import pandas as pd
 from IPython.display import HTML, Markdown, display
 
-from kilnflight.project import claims, claims_page, figures
+from kilnflight.project import claims, claims_page, figures, style
 
 concluded = figures.concluded()
-origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values())
+origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values(), mark="")
 table = claims.collect(pd.read_csv(path) for path in concluded.values())
 counts = claims.count(table)
 caption = "Every claim of the three works with verdict, measured value, notebook and cause."
-_ = figures.save("claims", table, caption=caption, provenance=origin)  # shown below by chapter
+short = table[["id", "verdict", "because", "notebook"]]
+picture = style.table_picture(short, len(short))
+_ = figures.save("claims", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Verdicts by chapter and cause

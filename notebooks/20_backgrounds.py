@@ -52,7 +52,8 @@ print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
 # %%
 parameters = pd.DataFrame([{"model": name} | asdict(model) for name, model in models.items()])
 caption = (
-    "Parameters of the six background models, after Table 5.4; frames, and shares from 0 to 1."
+    "Parameters of the six background models, all as printed in Table 5.4; frames, and shares "
+    "from 0 to 1."
 )
 figures.save("table-5-4-parameters", parameters, caption=caption, provenance=origin)
 
@@ -107,6 +108,9 @@ table = detection_tables.with_total(both, ["model", "subset", "reading"]).merge(
 unlit = detection_tables.class_recall(both, ["model", "reading"]).query("label == 3")
 unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
 table = table.merge(unlit[["model", "reading", "subset", "recall_non_burning"]], how="left")
+printed = {"Median": 0.8592, "TwoFrame": 0.8385}  # in the text; the others are only drawn
+first = (table["subset"] == "Total") & (table["reading"] == absolute)
+table["f1_published"] = table["model"].map(printed).where(first)
 caption = (
     "Detection by SIFT on six backgrounds with the values of Table 5.4, by subset and in total. "
     f"{frames} labelled frames of each subset within the region of interest, scoring distance 45 "
@@ -118,8 +122,7 @@ figures.save("table-5-4-background", table, caption=caption, provenance=origin)
 
 # %%
 names = both["model"].where(both["reading"] == absolute, both["model"] + " (stops at 0)")
-# the others are only drawn
-printed = {"Median": 0.8592, "Median (stops at 0)": 0.8592, "TwoFrame": 0.8385}
+printed["Median (stops at 0)"] = printed["Median"]
 summary = detection_tables.f1_with_intervals(both.assign(method=names), pd.Series(printed), seed)
 summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[False, True])
 

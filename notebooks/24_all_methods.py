@@ -56,6 +56,7 @@ caption = (
 )
 rates = ["precision", "recall", "f1", "f1_diameter_45_px", "f1_in_pixels"]
 table = both[["method", *detection.COUNTS, *rates, "reading"]]
+table = detection_tables.reading_last(detection_tables.beside_published(table, "table_5.11"))
 figures.save("table-5-11-detection", table, caption=caption, provenance=origin)
 
 # %% [markdown]

@@ -85,7 +85,8 @@ caption = (
     f"scoring distance {tracking_scores.GATE_PX:.0f} px; after Table 5.17, with 95 % intervals. "
     "With fewer than six true trajectories an interval is 0 to 1."
 )
-figures.save("table-5-17-tracking", measured, caption=caption, provenance=origin)
+table = table_5_17.with_table_5_17(measured)
+figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%
 beside = table_5_17.beside_table_5_17(measured)

@@ -208,3 +208,11 @@ def test_counts_by_subset_stand_above_their_total():
     rows = detection_tables.with_total(table, ["threshold", "subset"])
     assert rows["subset"].tolist() == ["V1", "V2", "V3", "Total"]
     assert rows["tp"].iloc[-1] == rows["tp"].iloc[:3].sum()
+
+
+def test_all_published_rates_stand_beside_each_method():
+    printed = claims.published("table_5.11")
+    table = printed[["method", *detection_tables.RATES]].assign(reading="absolute")
+    beside = detection_tables.beside_published(table, "table_5.11")
+    for rate in detection_tables.RATES:
+        assert beside[f"{rate}_published"].tolist() == beside[rate].tolist()

@@ -300,3 +300,10 @@ def test_a_picture_says_what_its_data_are_and_leaves_them_room():
         assert [text.get_text() for text in picture.texts] == [word]
         mark = picture.texts[0].get_window_extent().transformed(picture.transFigure.inverted())
         assert not word or box.y0 >= mark.y1 - 0.01
+
+
+def test_a_long_table_is_drawn_with_its_totals_first():
+    table = pd.DataFrame({"subset": [*("V1" for _ in range(60)), "Total"], "tp": range(61)})
+    texts = [text.get_text() for text in style.table_picture(table).axes[0].texts]
+    assert texts[2:4] == ["Total", "60"]
+    assert texts[-2].startswith("... 16 more rows")

@@ -27,6 +27,7 @@ from kilnflight.twin.camera import Geometry
 
 # Parameters in the tables of clusterers, and the row whose recall section 5.1.3 discusses.
 PARAMETERS = {"dbscan": ["minPts", "epsilon_mm"], "mo": ["R"], "qcc": ["K", "alpha"]}
+RATES = ["precision", "recall", "f1"]
 ANALYSED = {"dbscan": 5, "mo": 1, "qcc": 2}
 ABSOLUTE, STOPS = "absolute", "stops at zero"  # column ``reading``, of differences
 DRAWS = Bootstrap().draws
@@ -39,9 +40,15 @@ def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def beside_published(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return counts by subset with ``f1_published``, from a table of the thesis."""
-    printed = claims.published(name).rename(columns={"test_set": "subset", "f1": "f1_published"})
-    return table.merge(printed[["subset", "f1_published"]], how="left")
+    """Return counts with the published rates, from a table of the thesis, where it prints them.
+
+    Rows belong together by the columns that both have, such as ``subset`` or ``method``.
+    """
+    printed = claims.published(name).rename(columns={"test_set": "subset"})
+    keys = [key for key in ("subset", "method") if key in printed]
+    rates = [rate for rate in RATES if rate in table]
+    printed = printed[[*keys, *rates]].rename(columns={rate: f"{rate}_published" for rate in rates})
+    return table.merge(printed, how="left", on=keys)
 
 
 def sum_with_unlit(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -109,14 +116,14 @@ def background_traces(
 
 
 def cluster_table(attempts: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Return `with_total` of a family's settings, with ``f1_published`` in the total.
+    """Return `with_total` of a family's settings, with the published rates in the total.
 
     ``attempts`` is of `detection.compare_clusterers`, ``family`` one of `detection.TABLES`.
     """
     table = with_total(attempts[attempts["family"] == family], ["row", "subset"])
     settings = claims.published(TABLES[family]).loc[table.pop("row")].reset_index(drop=True)
-    f1 = settings["f1"].where(table["subset"] == "Total")
-    return pd.concat([settings[PARAMETERS[family]], table.assign(f1_published=f1)], axis=1)
+    printed = settings[RATES].where(table["subset"] == "Total").add_suffix("_published")
+    return pd.concat([settings[PARAMETERS[family]], table, printed], axis=1)
 
 
 def cluster_totals(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:

@@ -64,6 +64,20 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def with_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
+    """Return measures of `tracking_scores.tabulate` with the published ones, ``*_published``."""
+    wide = _printed().pivot(index=KEYS[:3], columns="measure", values="published")
+    return measured.merge(wide.add_suffix("_published").reset_index(), how="left")
+
+
+def _printed() -> pd.DataFrame:
+    """Return Table 5.17 with our names: `KEYS` but the reading, ``measure``, ``published``."""
+    printed = claims.published("table_5.17")
+    names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
+    fraction, measure = printed["fraction"].map(SINGULARS), printed["measure"].str.lower()
+    return printed.assign(fraction=fraction, measure=measure).rename(columns=names)
+
+
 def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
     """Return measures in the reading of the print beside Table 5.17's.
 
@@ -78,11 +92,6 @@ def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
         `KEYS`, ``measure``; ``recomputed`` with ``low`` and ``high``, ``all_tracks`` (the other
         reading) and ``published``.
     """
-    printed = claims.published("table_5.17")
-    printed = printed.assign(
-        fraction=printed["fraction"].map(SINGULARS), measure=printed["measure"].str.lower()
-    )
-    names = {"algorithm": "tracker", "post_processing": "postprocessing", "value": "published"}
     ends = {"recomputed": "", "low": "_low", "high": "_high"}
     values = pd.concat(
         measured[KEYS].assign(
@@ -95,7 +104,7 @@ def beside_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
     return (
         values[values["reading"] == FROM_LANCE]
         .merge(whole[[*cell, "all_tracks"]])
-        .merge(printed.rename(columns=names)[[*cell, "published"]])
+        .merge(_printed()[[*cell, "published"]])
     )
 
 

@@ -26,6 +26,7 @@ COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
 MARK_MM = 3.0  # height of the strip for `mark`
 LONGEST_PICTURE = 45  # rows of a table that are drawn; the CSV has all
+TOTALS = ("all", "sum", "Total", "mean of fractions")  # in a row of a column of words
 TALLEST_PICTURE = 150  # lines of text of a table that are drawn
 
 # Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
@@ -187,9 +188,19 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
         axes.annotate(f"{row['q3'] - row['q1']:.2g}", (i, row["whishi"]), fontsize=6, **place)
 
 
-def table_picture(table: pd.DataFrame) -> Figure:
-    """Return a table as a figure: a rule above and below the heading, text wrapped."""
-    drawn = [list(table.columns), *table.head(LONGEST_PICTURE).to_numpy(object).tolist()]
+def totals(table: pd.DataFrame) -> pd.Series:
+    """Return which rows of a table sum up others."""
+    return table.isin(TOTALS).any(axis=1)
+
+
+def table_picture(table: pd.DataFrame, longest: int = LONGEST_PICTURE) -> Figure:
+    """Return a table as a figure: a rule above and below the heading, text wrapped.
+
+    Of more rows than the ``longest`` table has, those that sum up others come first.
+    """
+    first = totals(table) if len(table) > longest else pd.Series(True, table.index)
+    ordered = pd.concat([table[first], table[~first]])
+    drawn = [list(table.columns), *ordered.head(longest).to_numpy(object).tolist()]
     cells = [[textwrap.fill(_text(value), 34) for value in row] for row in drawn]
     lines = np.cumsum([max(text.count("\n") + 1 for text in row) for row in cells])
     cells = cells[: max(2, int(np.count_nonzero(lines <= TALLEST_PICTURE)))]

@@ -17,9 +17,9 @@ from PIL import Image
 from kilnflight.project import figures
 from kilnflight.project.figures import SCREEN_DPI, Entry
 from kilnflight.project.site.links import Links
+from kilnflight.project.style import totals
 
 LONGEST_TABLE = 25  # rows that a page shows; the rest has a page of its own
-TOTALS = ("all", "sum", "total", "mean of fractions")  # of a text column: rows that come first
 UNITS = {
     "m_s": "m/s", "mm": "mm", "px": "px", "ms": "ms", "s": "s", "m": "m", "bar": "bar",
     "percent": "%", "degrees": "degrees", "gray": "grey value",
@@ -63,7 +63,7 @@ class Blocks:
         table = pd.read_csv(self.folder / f"{identifier}.csv", keep_default_na=False, dtype=str)
         if len(table) <= LONGEST_TABLE:
             return html_table(table)
-        words = table.isin(TOTALS).any(axis=1)
+        words = totals(table)
         shown = table[words] if 0 < words.sum() <= LONGEST_TABLE else table.head(LONGEST_TABLE)
         kind = "totals" if 0 < words.sum() <= LONGEST_TABLE else "first rows"
         return (
