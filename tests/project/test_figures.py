@@ -307,3 +307,12 @@ def test_a_long_table_is_drawn_with_its_totals_first():
     texts = [text.get_text() for text in style.table_picture(table).axes[0].texts]
     assert texts[2:4] == ["Total", "60"]
     assert texts[-2].startswith("... 16 more rows")
+
+
+def test_the_address_of_the_repository_is_in_every_citation_once_it_is_set(tmp_path, monkeypatch):
+    save(picture=drawn())
+    (entry,) = figures.entries()
+    assert "url " not in figures.citations(entry)["BibTeX"]
+    monkeypatch.setattr(paths, "root", lambda: tmp_path)
+    (tmp_path / "CITATION.cff").write_text('repository-code: "https://example.org/kilnflight"\n')
+    assert "url    = {https://example.org/kilnflight}," in figures.citations(entry)["BibTeX"]

@@ -376,7 +376,13 @@ def gallery(folder: Path) -> str:
         "inside the PNG and the PDF.\n\n## Results by notebook\n"
     )
     table = markdown(overview(folder).drop(columns="notebook"))
-    return "\n".join([heading, table, *map(_gallery_entry, saved)])
+    cited = [entry for entry in saved if not is_empty(folder, entry.identifier)]
+    return "\n".join([heading, table, *map(_gallery_entry, cited)])
+
+
+def is_empty(folder: Path, identifier: str) -> bool:
+    """Return whether a saved table has no rows, as that of a notebook that tests no claim."""
+    return len((folder / f"{identifier}.csv").read_text().splitlines()) < 2
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -399,7 +405,22 @@ def _gallery_entry(entry: Entry) -> str:
         latex_title=_latex(title_of(entry.caption)),
         latex_caption=_latex(entry.caption),
         year=YEAR,
+        address=_address(),
     )
+
+
+def _address() -> str:
+    """Return where the repository is published, as a line of BibTeX; empty: nowhere yet.
+
+    It is set in one place, ``repository-code`` of CITATION.cff.
+    """
+    path = paths.root() / "CITATION.cff"
+    found = (
+        re.search(r"^repository-code: *\"?([^\"\s]+)", path.read_text(), re.M)
+        if path.is_file()
+        else None
+    )
+    return f"  url    = {{{found[1]}}},\n" if found else ""
 
 
 def citations(entry: Entry) -> dict[str, str]:

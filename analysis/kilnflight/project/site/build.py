@@ -155,6 +155,8 @@ def _check_concluded(stems: Sequence[str]) -> None:
 def _contents(stems: Sequence[str]) -> str:
     """Return the left bar: every page in its group."""
     groups = {name: [stem for stem in stems if re.match(start, stem)] for name, start in GROUPS.items()}
+    known = {stem for group in groups.values() for stem in group}
+    groups["Further notebooks"] = [stem for stem in stems if stem not in known]
     groups[PRINTED].append("numbers")
     groups["The package"] = ["rooms"]
     return "\n".join(

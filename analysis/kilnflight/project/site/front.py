@@ -141,15 +141,15 @@ class Front:
 
     def _dwell(self) -> str:
         table = self.table("dwell-medians")
-        known = table.replace("", None).dropna(subset=["with_lost_low", "with_lost_high"])
-        if table.empty or known.empty:
+        if table.empty:
             return ""
+        known = table[(table["with_lost_low"] != "") & (table["with_lost_high"] != "")]
         low, true, high = (
             known[name].astype(float) for name in ("with_lost_low", "true_s", "with_lost_high")
         )
         return (
             f"The true median dwell time lies in the measured 95 % interval in "
-            f"{int(((low <= true) & (true <= high)).sum())} of {len(known)} campaigns, if flights "
+            f"{((low <= true) & (true <= high)).sum()} of {len(known)} campaigns, if flights "
             "that were lost are counted as censored."
         )
 

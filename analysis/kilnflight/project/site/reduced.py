@@ -42,5 +42,5 @@ def beside_full(verdicts: pd.DataFrame) -> pd.DataFrame:
     if not scales():
         return verdicts
     whole = full_verdicts().set_index("id")["verdict"]
-    other = verdicts["id"].map(whole)
+    other = verdicts["id"].map(whole).astype(object)
     return verdicts.assign(full=other.where(other != verdicts["verdict"]).fillna(""))
