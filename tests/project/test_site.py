@@ -5,6 +5,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths, site
 from kilnflight.project.figures import Provenance
+from kilnflight.project.site import documents
 
 
 @pytest.fixture
@@ -44,6 +45,14 @@ def test_a_site_has_an_index_with_results_and_its_own_mathjax(executed, tmp_path
     assert "A title" in text
     assert "<b>1</b> reproduced" in text
     assert "<b>78</b> not decidable" in text
+    methods = (tmp_path / "site" / "documents" / "methods.html").read_text()
+    asked = (paths.reference().parents[1] / "docs" / "methods.md").read_text().count("{py:obj}")
+    assert methods.count("xref py py-obj") == methods.count('href="../api/') - len(
+        documents.rooms()
+    )
+    assert asked == methods.count("xref py py-obj")
+    for name in (*documents.METHODS, *documents.USE):
+        assert f'href="documents/{name}.html"' in text
     page = (tmp_path / "site" / "07_test.html").read_text()
     assert "One result." in page
     assert f'src="_static/{site.MATHJAX}' in page

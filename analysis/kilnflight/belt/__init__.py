@@ -1,6 +1,6 @@
 r"""The belt sorter: when and where a particle leaves the belt.
 
-The 2016 and 2020 papers.
+The 2016 and 2020 papers::
 
     pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
@@ -10,26 +10,26 @@ The 2016 and 2020 papers.
 Pictures and bodies (`sorter`, `friction`, the authors' tracks in `recordings`) are input. The
 tracker takes filter, gate and assignment from the kiln's.
 
-==========  ==========  ==========================================  ================
-arrival     equation    parameter from calibration                  reference
-==========  ==========  ==========================================  ================
-`IV`        Eq. 1       median velocity in the prediction phase     sec. 4.1
-`CV`        Eq. 3       none                                        sec. 4.1
-`CVBC`      Eq. 3       median delay of CV (bias)                   sec. 4.1
-`CA`        Eqs 5, 6    none                                        sec. 4.1
-`CALV`      Eqs 5, 6    none; limit 1500 mm/s (belt velocity)       sec. 4.1
-`IA`        Eq. 5       median acceleration that would have fitted  sec. 4.1
-==========  ==========  ==========================================  ================
+==========  ==========  ===========================================  ================
+arrival     equation    parameter from calibration                   reference
+==========  ==========  ===========================================  ================
+`IV`        Eq. 1       median velocity in the prediction phase      sec. 4.1
+`CV`        Eq. 3       none                                         sec. 4.1
+`CVBC`      Eq. 3       median delay of CV (bias)                    sec. 4.1
+`CA`        Eqs 5, 6    none                                         sec. 4.1
+`CALV`      Eqs 5, 6    none; limit 1500 mm/s (belt velocity)        sec. 4.1
+`IA`        Eq. 5       median acceleration that would have fitted   sec. 4.1
+==========  ==========  ===========================================  ================
 
-==========  ==========  ==========================================  ================
-lateral     equation    parameter from calibration                  reference
-==========  ==========  ==========================================  ================
-`Straight`  y = y_Last  none                                        sec. 4.2
-`CV`        Eq. 3       none                                        sec. 4.2
-`CA`        Eq. 7       none                                        sec. 4.2
-`CADSC`     Eq. 7       none                                        sec. 4.2
+==========  ==========  ===========================================  ================
+lateral     equation    parameter from calibration                   reference
+==========  ==========  ===========================================  ================
+`Straight`  y = y_Last  none                                         sec. 4.2
+`CV`        Eq. 3       none                                         sec. 4.2
+`CA`        Eq. 7       none                                         sec. 4.2
+`CADSC`     Eq. 7       none                                         sec. 4.2
 `Ratio`     Eq. 7       median share of lateral velocity that stays  sec. 4.2
-==========  ==========  ==========================================  ================
+==========  ==========  ===========================================  ================
 """
 
 from kilnflight.belt import models

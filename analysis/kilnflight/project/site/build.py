@@ -24,7 +24,7 @@ import nbformat
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import figures, paths
-from kilnflight.project.site import long_tables, notebook, numbers, reduced
+from kilnflight.project.site import documents, long_tables, notebook, numbers, reduced
 from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.front import Front
 from kilnflight.project.site.readme import claims_table, update_readme
@@ -54,7 +54,13 @@ CONFIGURATION: dict[str, object] = {
     "copyright": "The kilnflight founders",
     "release": __version__,
     "html_title": f"kilnflight {__version__}",
-    "extensions": ["myst_nb", "sphinx.ext.mathjax", "sphinx_copybutton", "sphinx_design"],
+    "extensions": ["myst_nb", "sphinx.ext.mathjax", "sphinx_copybutton", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon",
+        documents.__name__],
+    "autodoc_typehints": "none",
+    "autodoc_member_order": "bysource",
+    "add_module_names": False,
+    "default_role": "py:obj",
+    "napoleon_use_ivar": True,
     "copybutton_selector": "div.highlight pre, .downloads pre",
     "html_theme": "furo",
     "nb_execution_mode": "off",
@@ -121,6 +127,8 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     numbers.write(sources / "works", table, below, collected)
     (sources / "numbers.md").write_text(numbers.index(table))
     long_tables.write(sources / "tables", below)
+    documents.write(sources / "documents", collected, blocks.links)
+    documents.write_api(sources / "api")
     front = Front(paths.figures(), collected, table)(sources / "_static" / "thumbs")
     (sources / "index.md").write_text(f"{front}\n\n{_contents(stems)}")
 
@@ -158,7 +166,9 @@ def _contents(stems: Sequence[str]) -> str:
     known = {stem for group in groups.values() for stem in group}
     groups["Further notebooks"] = [stem for stem in stems if stem not in known]
     groups[PRINTED].append("numbers")
-    groups["The package"] = ["rooms"]
+    groups["Methods"] = [f"documents/{name}" for name in documents.METHODS]
+    groups["Use it"] = [f"documents/{name}" for name in documents.USE]
+    groups["API"] = ["rooms", *(f"api/{room}" for room in documents.rooms())]
     return "\n".join(
         "\n".join(["```{toctree}", ":hidden:", f":caption: {name}\n", *pages, "```\n"])
         for name, pages in groups.items()
@@ -172,7 +182,7 @@ def _sphinx(sources: Path, target: Path, doctrees: Path) -> None:
     settings = "".join(f"{name} = {value!r}\n" for name, value in configuration.items())
     (sources / "conf.py").write_text(settings)
     shutil.rmtree(doctrees, ignore_errors=True)
-    options = ["-b", "html", "-q", "--no-color", "-W", "--keep-going", "-d", str(doctrees)]
+    options = ["-b", "html", "-q", "--no-color", "-W", "--keep-going", "-j", "auto", "-d", str(doctrees)]
     command = [sys.executable, "-m", "sphinx", *options, str(sources), str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -77,7 +77,7 @@ class Front:
     def table(self, name: str) -> pd.DataFrame:
         """Return a saved table; empty if this run has none."""
         path = self.folder / f"{name}.csv"
-        return pd.read_csv(path, keep_default_na=False) if path.is_file() else pd.DataFrame()
+        return pd.read_csv(path) if path.is_file() else pd.DataFrame()
 
     def first_screen(self, thumbnails: Path) -> str:
         """Return three sentences, the bar of verdicts, and one picture."""
@@ -143,7 +143,7 @@ class Front:
         table = self.table("dwell-medians")
         if table.empty:
             return ""
-        known = table[(table["with_lost_low"] != "") & (table["with_lost_high"] != "")]
+        known = table.dropna(subset=["with_lost_low", "with_lost_high"])
         low, true, high = (
             known[name].astype(float) for name in ("with_lost_low", "true_s", "with_lost_high")
         )
@@ -186,7 +186,7 @@ class Front:
         rows = table.query(key["rows"]) if len(table) else table
         if rows.empty:
             return "", ""
-        row = rows.iloc[0].astype(str)
+        row = {name: "" if pd.isna(value) else str(value) for name, value in rows.iloc[0].items()}
         ours = three_digits(row[key["value"]])
         if key["low"] and row[key["low"]]:
             ours += f" [{three_digits(row[key['low']])}, {three_digits(row[key['high']])}]"

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-NOTEBOOKS = re.compile(r"\bnotebooks? (\d\d(?:(?:, | and | to )\d\d)*)")
-NUMBERS = re.compile(r"\b(Fig|Table)s?\.? ((?:A|\d)\.\d+(?:(?:, | and | to )(?:A|\d)\.\d+)*)")
+NOTEBOOKS = re.compile(r"\bnotebooks?\s(\d\d(?:(?:,\s|\sand\s|\sto\s)\d\d)*)")
+NUMBERS = re.compile(r"\b(Fig|Table)s?\.?\s((?:A|\d)\.\d+(?:(?:,\s|\sand\s|\sto\s)(?:A|\d)\.\d+)*)")
 
 
 @dataclass(frozen=True)
