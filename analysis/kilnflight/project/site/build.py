@@ -59,6 +59,7 @@ CONFIGURATION: dict[str, object] = {
     "autodoc_typehints": "none",
     "autodoc_member_order": "bysource",
     "add_module_names": False,
+    "toc_object_entries": False,
     "default_role": "py:obj",
     "napoleon_use_ivar": True,
     "copybutton_selector": "div.highlight pre, .downloads pre",

@@ -86,7 +86,7 @@ def page(row: Mapping[Hashable, object], blocks: Blocks, verdicts: pd.DataFrame)
     dot = "." if kind == "Fig" else ""
     name = f"{kind}{dot} {number}"  # what the search finds first
     indexed = f"```{{index}} {name}\n```\n"
-    lines = [indexed, f"# {name}: {row['topic']}\n", f"{WORKS[str(row['work'])]}.\n"]
+    lines = ["---\norphan: true\n---\n", indexed, f"# {name}: {row['topic']}\n", f"{WORKS[str(row['work'])]}.\n"]
     about = verdicts[
         (verdicts["seed"] == row["work"])
         & verdicts["where"].str.contains(rf"\b{kind}\.? {re.escape(number)}(?!\d)", regex=True)
@@ -115,8 +115,7 @@ def index(table: pd.DataFrame) -> str:
             name = f"{row['kind']}{dot} {row['number']}"
             lines.append(f"- [{name}](works/{row['name']}.md): {row['topic']}{absent}")
         lines.append("")
-    pages = "\n".join(f"works/{name}" for name in table["name"])
-    return "\n".join([*lines, f"```{{toctree}}\n:hidden:\n\n{pages}\n```\n"])
+    return "\n".join(lines) + "\n"
 
 
 def write(folder: Path, table: pd.DataFrame, blocks: Blocks, collected: pd.DataFrame) -> list[str]:
