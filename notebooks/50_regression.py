@@ -18,15 +18,14 @@ jobs = 2  # processes
 
 # %%
 import numpy as np
-from IPython.display import HTML
 
 from kilnflight.experiments import (
     campaigns,
     confidence,
     flight_claims,
     flight_pictures,
+    inside,
     order_readings,
-    space,
 )
 from kilnflight.project import figures, style
 from kilnflight.project.parallel import Workers
@@ -114,14 +113,25 @@ caption = (
 figures.save("fig-5-16-trajectories", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ### To be turned
-#
-# The first 25 fitted trajectories from the lance of one campaign; drag to turn, scroll to come
-# nearer.
+# ### All fractions inside the kiln
 
 # %%
-fits, tracks = campaigns.fits_from_lance(tables, keys[-1], 25)
-HTML(space.turning(fits, tracks, f"{keys[-1][0]}, 4.5 bar: {len(fits)} trajectories"))
+paths = inside.fitted_paths(tables, keys[0][1], 40)
+view = inside.Inside(paths, origin.mark)
+caption = (
+    "Fitted trajectories from the lance inside the kiln at 4.5 bar, the first 40 of each fraction. "
+    "Left from the side, right as the camera looks; grey the kiln, dark the lance. What a fit has "
+    "beyond the wall is not drawn."
+)
+texts = {"caption": caption, "provenance": origin}
+figures.save("trajectories-in-the-kiln", view.table(), picture=view.picture(), **texts)
+
+# %% [markdown]
+# The same to be turned: drag turns, the wheel brings nearer, a click on a name hides a fraction.
+# Across and up are drawn larger than along the kiln.
+
+# %%
+view
 
 # %% [markdown]
 # ## Verdicts

@@ -18,7 +18,7 @@ jobs = 2  # processes
 particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 
 # %%
-from kilnflight.experiments import campaigns, confidence, flight_pictures, statements
+from kilnflight.experiments import campaigns, confidence, flight_pictures, inside, statements
 from kilnflight.project import figures, style
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import flight_inputs
@@ -47,6 +47,13 @@ by_source = {"simulated": simulated, "measured": measured}
 picture, data = flight_pictures.draw_simulated_in_space(flown, 30, bar)
 caption = "Thirty simulated flights each, dots 1 m apart, after Fig. A.5; the table: how all end."
 figures.save("fig-a-5-simulated", data, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# All fractions inside the kiln, to be turned: drag turns, the wheel brings nearer, a click on a
+# name hides a fraction. Across and up are drawn larger than along the kiln.
+
+# %%
+inside.Inside(inside.simulated_paths(flown, 40), origin.mark)
 
 # %% [markdown]
 # ## Dwell times

@@ -159,9 +159,7 @@ def visited(context, path, axe):
     visit.problems += page.evaluate(BROKEN)
     visit.unnamed = page.evaluate(UNNAMED)
     visit.formulas = page.locator(".math").count()
-    if visit.formulas:
-        page.wait_for_function("document.querySelectorAll('mjx-container').length > 0")
-        visit.unset = page.locator("mjx-container").count() != visit.formulas
+    visit.unset = page.locator(".math svg[aria-label]").count() != visit.formulas
     for width in (WIDE, NARROW):
         page.set_viewport_size({"width": width, "height": 900})
         if page.evaluate(OVERFLOW) > 1:

@@ -1,6 +1,4 @@
-"""Pictures in space: up is up, right is right, and nothing comes from a network."""
-
-import re
+"""Pictures in space: up is up, right is right."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -43,8 +41,6 @@ def test_a_falling_particle_ends_lower_on_the_drawn_axis(room):
     assert up[-1] - up[0] == pytest.approx(-4.9e-3 * 0.4**2)
     bottom, top = room.get_zlim()
     assert bottom < top
-    page = space.turning({3: CURVE}, GRAY_TRACK, "falls")
-    assert '"zaxis":{"title":{"text":"up, y (m)"}}' in page
 
 
 def test_what_lies_to_the_right_in_the_picture_is_drawn_to_the_right(room):
@@ -65,13 +61,3 @@ def test_curves_start_at_the_lance_and_points_without_depth_are_left_out(room):
     depth, across, _ = room.lines[0].get_data_3d()
     assert (depth[0], across[0]) == (pytest.approx(6.5), pytest.approx(0.0))
     assert len(room.lines[1].get_data_3d()[0]) == 1
-
-
-def test_the_view_that_turns_needs_no_network():
-    page = space.turning({3: CURVE}, GRAY_TRACK, "confetti")
-    assert "Plotly.newPlot" in page
-    assert not re.search(r"<(script|link)[^>]+(src|href)=", page)
-
-
-def test_no_trajectory_gives_an_empty_view():
-    assert "Plotly.newPlot" in space.turning({}, GRAY_TRACK.head(0), "none")

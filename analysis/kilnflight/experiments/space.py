@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -89,36 +89,3 @@ def draw_flown_paths(axes: Any, flights: Flights, most: int) -> None:
         axes.scatter(*path[marks].T, s=3, color="black", depthshade=False)
     _label_space(axes, ("from the lance (m)", "across (m)", "up (m)"), (0, -4, -4), -1)
     axes.set_box_aspect((2.2, 1.0, 1.0), zoom=1.1)
-
-
-def turning(fits: Mapping[int, Fit], tracks: pd.DataFrame, title: str) -> str:
-    """Return fitted trajectories as a view to turn by mouse, HTML without network.
-
-    Parameters
-    ----------
-    fits
-        By particle.
-    tracks
-        Their detections, drawn as points by grey value.
-    title
-        Above it.
-    """
-    import plotly.graph_objects as graph  # only notebooks need it
-
-    lines = []
-    for name, fit in fits.items():
-        way = upright(fit(np.linspace(fit.t0, fit.last_s, SAMPLES)))
-        places = dict(zip("xyz", way, strict=True))
-        lines.append(graph.Scatter3d(**places, name=f"{name}", mode="lines", line={"width": 4}))
-    detections = tracks[tracks["particle"].isin(list(fits))].dropna(subset="z")
-    look = {"size": 1.5, "color": detections["gray"], "colorscale": "Inferno", "showscale": True}
-    look["colorbar"] = {"title": "grey value", "len": 0.6}
-    places = dict(zip("xyz", upright(detections[["x", "y", "z"]]), strict=True))
-    lines.append(graph.Scatter3d(**places, mode="markers", marker=look, name="detections"))
-    figure = graph.Figure(lines)
-    scene = {"xaxis_title": "depth z (m)", "yaxis_title": "x (m)", "zaxis_title": "up, y (m)"}
-    scene |= {"aspectmode": "data", "yaxis_autorange": "reversed"}
-    figure.update_layout(
-        title=title, scene=scene, height=560, showlegend=False, margin={"l": 0, "r": 0, "b": 0}
-    )
-    return str(figure.to_html(full_html=False, include_plotlyjs=True, div_id="turning"))

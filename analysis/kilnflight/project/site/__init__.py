@@ -3,14 +3,13 @@
 executed notebooks, figures/, docs/ -> pages -> Sphinx -> site
 """
 
-from kilnflight.project.site.build import MATHJAX, build_site, main
+from kilnflight.project.site.build import build_site, main
 from kilnflight.project.site.readme import END_MARK, MARK, results_block, update_readme
 from kilnflight.project.site.rooms import draw_rooms, imports
 
 __all__ = [
     "END_MARK",
     "MARK",
-    "MATHJAX",
     "build_site",
     "draw_rooms",
     "imports",

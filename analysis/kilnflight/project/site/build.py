@@ -1,9 +1,8 @@
 """Render executed notebooks as a site that builds and reads without a network.
 
-Sphinx with myst-nb and the furo theme, whose left bar carries groups; MathJax lies beside the
-pages. The index lists
-the notebooks with title, one-line result and verdict counts, which it takes from what
-the notebooks saved (`kilnflight.project.figures.conclude`). One page shows the rooms of
+Sphinx with myst-nb and the furo theme, whose left bar carries groups; formulas are drawings.
+The index lists the notebooks with title, one-line result and verdict counts, which it takes from
+what the notebooks saved (`kilnflight.project.figures.conclude`). One page shows the rooms of
 the package and their imports, read from the code.
 """
 
@@ -24,15 +23,12 @@ import nbformat
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import figures, paths
-from kilnflight.project.site import documents, long_tables, notebook, numbers, reduced
+from kilnflight.project.site import documents, long_tables, mathematics, notebook, numbers, reduced
 from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.front import Front
 from kilnflight.project.site.readme import claims_table, update_readme
 from kilnflight.project.site.rooms import draw_rooms, imports, rooms_page
 
-# One self-contained script: MathJax with SVG output needs no font files, which a browser
-# would refuse to load from a page opened as a file.
-MATHJAX = "tex-svg-full.js"
 STYLE_SHEET = Path(__file__).with_name("site.css")
 SCRIPT = Path(__file__).with_name("site.js")
 
@@ -54,8 +50,15 @@ CONFIGURATION: dict[str, object] = {
     "copyright": "The kilnflight founders",
     "release": __version__,
     "html_title": f"kilnflight {__version__}",
-    "extensions": ["myst_nb", "sphinx.ext.mathjax", "sphinx_copybutton", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon",
-        documents.__name__],
+    "extensions": [
+        "myst_nb",
+        "sphinx_copybutton",
+        "sphinx_design",
+        "sphinx.ext.autodoc",
+        "sphinx.ext.napoleon",
+        documents.__name__,
+        mathematics.__name__,
+    ],
     "autodoc_typehints": "none",
     "autodoc_member_order": "bysource",
     "add_module_names": False,
@@ -70,7 +73,7 @@ CONFIGURATION: dict[str, object] = {
     "nb_code_prompt_hide": "Code",
     "myst_enable_extensions": ["dollarmath", "amsmath", "colon_fence"],
     "myst_dmath_double_inline": True,
-    "mathjax_path": MATHJAX,
+    "html_math_renderer": "drawn",
     "exclude_patterns": ["jupyter_execute"],
     "html_static_path": ["_static"],
     "html_css_files": [STYLE_SHEET.name],
@@ -95,7 +98,6 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
     for folder in (sources, fresh):
         shutil.rmtree(folder, ignore_errors=True)
     (sources / "_static").mkdir(parents=True)
-    shutil.copyfile(_mathjax(), sources / "_static" / MATHJAX)
     for path in (STYLE_SHEET, SCRIPT, _plotly()):
         shutil.copy(path, sources / "_static")
     _write_pages(notebooks, sources)
@@ -134,13 +136,8 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     (sources / "index.md").write_text(f"{front}\n\n{_contents(stems)}")
 
 
-def _mathjax() -> Path:
-    """Return the MathJax script that the package sphinx-mathjax-offline ships."""
-    return _package("sphinx-mathjax-offline") / "static" / "mathjax" / MATHJAX
-
-
 def _plotly() -> Path:
-    """Return the script that the package plotly ships; pages with a view that turns load it."""
+    """Return the script that the package plotly ships; pages with a view in space load it on a click."""
     return _package("plotly") / "package_data" / "plotly.min.js"
 
 

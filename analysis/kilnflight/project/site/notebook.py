@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Hashable, Mapping
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import nbformat
 import pandas as pd
@@ -16,7 +18,7 @@ from kilnflight.project.site.blocks import Blocks
 
 FIGURE = re.compile(r"<figure id=['\"]([a-z0-9-]+)['\"]")
 SUMMARY = "00_claims"  # the notebook that collects the verdicts of all others
-PLOTLY = re.compile(r"<script[^>]*>(?:(?!</script>).)*plotly\.js v(?:(?!</script>).)*</script>", re.S)
+PLOTLY = "application/vnd.plotly.v1+json"  # a view that turns
 
 
 def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbformat.NotebookNode:
@@ -81,15 +83,24 @@ def _folded(cell: nbformat.NotebookNode, blocks: Blocks) -> nbformat.NotebookNod
     """Return a code cell that is folded, with linked figures instead of embedded ones."""
     cell.metadata["tags"] = sorted({*cell.metadata.get("tags", []), "hide-input"})
     for output in cell.outputs:
-        data: Mapping[str, str] = output.get("data", {})
+        data: Mapping[str, Any] = output.get("data", {})
         text = data.get("text/html", "")
         found = FIGURE.search(text)
         if found and found[1] in blocks.entries:
             output["data"] = {"text/html": blocks(found[1])}
-        elif PLOTLY.search(text):
-            script = f'<script src="{blocks.above}_static/plotly.min.js"></script>'
-            output["data"] = {"text/html": PLOTLY.sub(lambda _: script, text)}
+        elif PLOTLY in data:
+            output["data"] = {"text/html": _turning(data[PLOTLY], blocks.above)}
     return cell
+
+
+def _turning(view: object, above: str) -> str:
+    """Return a button that shows a view in space; its script is loaded then, and not before."""
+    data = json.dumps(view, separators=(",", ":")).replace("</", "<\\/")
+    return (
+        f'<div class="turning"><button type="button" data-script="{above}_static/plotly.min.js">'
+        "Show in 3D (loads 5 MB)</button>"
+        f'<script type="application/json">{data}</script></div>'
+    )
 
 
 def _badges(verdicts: pd.DataFrame) -> str:

@@ -32,6 +32,23 @@ document.addEventListener("DOMContentLoaded", () => {
   addEventListener("load", reached);
   addEventListener("resize", reached);
   document.querySelectorAll("summary[aria-label]").forEach((part) => part.removeAttribute("aria-label"));
+  // A view in space: its script is loaded when a reader asks for one, and once.
+  for (const button of document.querySelectorAll(".turning button")) {
+    button.addEventListener("click", () => {
+      const view = JSON.parse(button.nextElementSibling.textContent);
+      const draw = () => {
+        const place = document.createElement("div");
+        button.replaceWith(place);
+        Plotly.newPlot(place, view.data, view.layout, view.config);
+      };
+      if (window.Plotly) return draw();
+      button.disabled = true;
+      const script = document.createElement("script");
+      script.src = button.dataset.script;
+      script.onload = draw;
+      document.head.append(script);
+    });
+  }
   for (const field of document.querySelectorAll("input.filter")) {
     const table = field.nextElementSibling.querySelector("table");
     const rows = [...table.tBodies[0].rows];
