@@ -23,7 +23,7 @@ import nbformat
 from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import figures, paths
-from kilnflight.project.site import documents, long_tables, mathematics, notebook, numbers, reduced
+from kilnflight.project.site import documents, long_tables, notebook, numbers, reduced
 from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.front import Front
 from kilnflight.project.site.readme import claims_table, update_readme
@@ -57,7 +57,7 @@ CONFIGURATION: dict[str, object] = {
         "sphinx.ext.autodoc",
         "sphinx.ext.napoleon",
         documents.__name__,
-        mathematics.__name__,
+        f"{__package__}.mathematics",
     ],
     "autodoc_typehints": "none",
     "autodoc_member_order": "bysource",
