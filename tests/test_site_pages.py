@@ -126,24 +126,30 @@ def axe(tmp_path_factory) -> str:
 
 
 @pytest.fixture(scope="module")
-def visits(site, parsed, axe):
-    """Every page, opened in headless Chromium without a network."""
+def browser():
+    """Headless Chromium without a network."""
     browser_file = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser_file is None:
         pytest.skip("no Chromium on this machine; on Debian: apt-get install chromium")
     from playwright.sync_api import sync_playwright
 
+    with sync_playwright() as run:
+        opened = run.chromium.launch(executable_path=browser_file, args=["--no-sandbox"])
+        context = opened.new_context(offline=True)
+        context.set_default_timeout(180_000)  # no test asserts a time
+        yield context
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def visits(site, parsed, axe, browser):
+    """Every page, opened in a browser."""
     alike: dict[Path, int] = {}
     found = {}
-    with sync_playwright() as run:
-        browser = run.chromium.launch(executable_path=browser_file, args=["--no-sandbox"])
-        context = browser.new_context(offline=True)
-        context.set_default_timeout(180_000)  # no test asserts a time
-        for path in parsed:
-            alike[path.parent] = alike.get(path.parent, 0) + 1
-            looked_at = path.parent == site or alike[path.parent] <= ALIKE
-            found[str(path.relative_to(site))] = visited(context, path, axe if looked_at else "")
-        browser.close()
+    for path in parsed:
+        alike[path.parent] = alike.get(path.parent, 0) + 1
+        looked_at = path.parent == site or alike[path.parent] <= ALIKE
+        found[str(path.relative_to(site))] = visited(browser, path, axe if looked_at else "")
     return found
 
 
@@ -210,3 +216,22 @@ def test_pages_are_light(visits):
         name: f"{visit.bytes:,}" for name, visit in visits.items() if visit.bytes > limits[name]
     }
     assert heavy == {}
+
+
+def test_a_view_in_space_is_drawn_on_a_click_and_loads_its_script_then(site, visits, browser):
+    def scripts(urls):
+        return [url for url in urls if "plotly" in url]
+
+    assert not any(scripts(visit.requests) for visit in visits.values())
+    shown = [name for name in visits if "Show in 3D" in (site / name).read_text()]
+    assert shown
+    for name in shown:
+        page, asked, problems = browser.new_page(), [], []
+        page.on("request", lambda request, asked=asked: asked.append(request.url))
+        page.on("pageerror", lambda error, problems=problems: problems.append(str(error)))
+        page.goto((site / name).as_uri(), wait_until="load")
+        page.click(".turning button")
+        page.wait_for_selector(".turning canvas")
+        assert len(scripts(asked)) == 1
+        assert problems == []
+        page.close()
