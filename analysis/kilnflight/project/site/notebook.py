@@ -124,7 +124,7 @@ def _all_verdicts() -> str:
     """Return how the page of claims begins: what filters it, and its files."""
     table = pd.read_csv(paths.figures() / "claims.csv", keep_default_na=False)
     return (
-        f"{verdict_bar(table)}<p class='downloads'><a id='all' href='#all'>all {len(table)}</a> "
+        f"{verdict_bar(table)}<p class='downloads' id='claims'><a id='all' href='#all'>all {len(table)}</a> "
         '<a href="figures/claims.csv" download>CSV</a> '
         '<a href="tables/claims.html">as a table, to sort and filter</a></p>'
     )
