@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The claims and what became of them
+# # Claims and verdicts
 #
 # **Published.** Three works make claims about how well particles can be seen, followed and
 # predicted. Each was turned into something that can fail before it was tested

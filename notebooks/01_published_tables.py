@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The published tables, recomputed
+# # Errata: the published tables, recomputed
 #
 # **Published.** Tables 5.2 to 5.14 of the thesis count particles, hits and misses, and derive
 # precision, recall and F1 from them. Its text draws conclusions from those rates. Quasi-cluster

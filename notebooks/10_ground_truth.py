@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The ground truth of the twin
+# # Ground truth of the twin
 #
 # **Published** (thesis, sections 3.3 and 5.1.1). Fifty frames of five sequences V1 to V5 were
 # labelled by hand. They hold 5701 particles in three classes (Tables 5.1 and 5.2), 77 % of them

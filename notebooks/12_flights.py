@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What flies: the twin's true flights beside the published ones
+# # True flights of the twin beside the published ones
 #
 # **Published** (sections 5.3.1, 5.3.2 and A.2). How fast four fractions fly at 4.5 and 5 bar, how
 # far, how long, and when they ignite, as tracked trajectories gave it. The box plots are

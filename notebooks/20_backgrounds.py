@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Six models of the background
+# # Background models, six beside each other
 #
 # **Published** (thesis, sections 2.2.1 and 5.1.2). Six backgrounds, each with its best values
 # (Table 5.4), were subtracted from 50 labelled frames; SIFT then looked for particles. The

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Particles in pictures: Otsu and SIFT
+# # Detection in pictures: Otsu and SIFT
 #
 # **Published** (thesis, sections 2.2.2, 2.2.3 and 5.1.3). On 50 labelled frames, after the median
 # background, Otsu's threshold finds nearly all that burns and little that does not (F1 0.8436,
@@ -129,8 +129,8 @@ total = both.assign(name=panels.to_numpy())
 total = detection.sum_counts(total, ["name"]).set_index("name")["f1"]
 result = (
     f"{reproduced} of 8 claims reproduced; what agrees with what was fitted is not counted. F1 of "
-    f"Otsu {total['Otsu']:.4f} (published 0.8436), of SIFT {total['SIFT']:.4f} (0.8749); with "
-    f"differences that stop at zero {total[f'Otsu, {stops}']:.4f} and "
-    f"{total[f'SIFT, {stops}']:.4f}."
+    f"Otsu {total['Otsu']:.3f} (published 0.844), of SIFT {total['SIFT']:.3f} (0.875); with "
+    f"differences that stop at zero {total[f'Otsu, {stops}']:.3f} and "
+    f"{total[f'SIFT, {stops}']:.3f}."
 )
 figures.conclude(result, verdicts, origin)

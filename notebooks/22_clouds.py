@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Particles in point clouds: DBSCAN, morphology, quasi-cluster centres
+# # Detection in point clouds: DBSCAN, morphology, quasi-cluster centres
 #
 # **Published** (thesis, sections 2.2.4 to 2.2.6 and 5.1.3). Clustering the cloud alone finds
 # nearly all that burns in the air, but many clusters are no particle. The best F1 is about 0.6

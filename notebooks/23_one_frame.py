@@ -1,5 +1,5 @@
 # %% [markdown]
-# # One frame through the combined detector
+# # The combined detector in one frame
 #
 # **Published** (thesis, section 3.1). Keypoints of a picture and clusters of a cloud are held
 # against each other. Local grey-value peaks and the difference to the frame before decide five

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # In the air or on the wall
+# # The wall: particles in the air or on it
 #
 # **Published** (thesis, sections 3.2 and 5.1.4). MLESAC fits a cylinder to the wall's points
 # (radius 772 mm where 700 are nominal, Table 5.12). Distances of particles from its axis form two

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Data association explained on small cases
+# # Data association on small cases
 #
 # **Published** (thesis, sections 2.3.2 to 2.3.4, 3.3, 4.1.2; Figs 2.20 to 2.23, 3.13 and 4.2). In
 # sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not. Both take

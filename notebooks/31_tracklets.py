@@ -1,5 +1,5 @@
 # %% [markdown]
-# # From tracklets to trajectories, step by step
+# # Post-processing: from tracklets to trajectories
 #
 # **Published** (thesis, section 4.2, Figs 4.13 to 4.21, Table 5.16). What a tracker links is in
 # pieces. Four steps make trajectories of them: false tracklets and outliers go, what belongs
@@ -129,7 +129,7 @@ first, last = alpha["tracker"], alpha[type(tracklets.STEPS[-1]).__name__]
 parts = [f"{name} alpha {first[name]:.2f} to {last[name]:.2f}" for name in last.index]
 edge = texture.set_index("masks")["ratio"]["LE"]
 result = (
-    f"From the tracker through the four steps: {'; '.join(parts)}. LE separates windows "
-    f"{edge:.1f} times."
+    f"From the tracker through the four steps: {'; '.join(parts)}. Laws' "
+    f"Level-Edge energy is {edge:.1f} times higher in windows with a particle's trace."
 )
 figures.conclude(result, verdicts, origin)

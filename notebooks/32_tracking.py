@@ -1,5 +1,5 @@
 # %% [markdown]
-# # GNN and JPDA on four fractions
+# # Tracking: GNN and JPDA on four fractions
 #
 # **Published** (thesis, sections 5.2.1 to 5.2.3, Tables 5.15 to 5.17). Particles of each fraction
 # are tracked in windows in which 7 to 37 trajectories from the lance were followed by hand.

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Our tracker beside published trackers
+# # Other trackers beside ours
 #
 # **Published** (thesis, sections 4.1 and 5.2). GNN and JPDA with a 2.5D gate and a Kalman filter
 # of constant velocity, followed by the post-processing of chapter 4.2. They were compared with
@@ -92,5 +92,5 @@ figures.save("peers-ranks", ranks, caption=caption, provenance=origin)
 # ## Result
 
 # %%
-result = f"{tracker_ranks.describe(ranks, scores)} Chosen: {tuning.describe_chosen(tried)}."
+result = tracker_ranks.describe(ranks, scores)
 figures.conclude(result, [], origin)

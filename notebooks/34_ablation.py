@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What detection, association and post-processing each cost
+# # Ablation: what detection, association and post-processing cost
 #
 # **Published** (thesis, section 5.2.3). Deficiencies of the tracks are "primarily caused by
 # detection inaccuracies": missing detections, false ones, duplicates. How much each part costs

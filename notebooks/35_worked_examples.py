@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What the post-processing does to single tracklets
+# # Post-processing of single tracklets
 #
 # **Published** (thesis, sections 4.2.1 to 4.2.3, Figs 4.4 to 4.7, 4.9, 4.10 and 4.12). Sketches
 # of tracklets that are dropped, cut or joined: three conditions for a tracklet, three situations

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # When a particle leaves the sorting belt
+# # Arrival time: when a particle leaves the belt
 #
 # The 2020 paper compares six models of when a particle leaves the belt; we run them on the authors'
 # tracks and on our own simulated sorter.

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Where a particle leaves the sorting belt
+# # Lateral position: where a particle leaves the belt
 #
 # The 2020 paper compares seven models of where across the belt a particle leaves; we run them on
 # the authors' tracks and on our own simulated sorter.
@@ -69,8 +69,8 @@ figures.save("fig-belt20-8-lateral-velocity", table, **options)
 # %% [markdown]
 # ## What a prediction means for the valves
 #
-# Fig. 4 sketches eight nozzles. Here they are told of one of the spheres: the first whose valve
-# a straight prediction gets wrong and constant velocity right.
+# Fig. 4 sketches eight nozzles. Here one sphere passes them: the first whose valve a straight
+# prediction gets wrong and constant velocity right.
 
 # %%
 of_source = {name: particles for (key, name), particles in observed.items() if key == source}

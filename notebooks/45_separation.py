@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What better predictions mean for a bar of valves
+# # Separation by a bar of valves
 #
 # The papers predict when and where a particle leaves so that a valve can hit it; we turn their
 # deviations into hits and misses of a bar of valves.

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What a camera sees of the belt, and how its tracker decides
+# # What a camera sees of the belt
 #
 # The 2016 paper shows one picture of the belt and how tracks begin and end; we render such pictures
 # and show what the camera and the tracker make of them.

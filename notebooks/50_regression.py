@@ -1,5 +1,5 @@
 # %% [markdown]
-# # Three polynomials through the lance
+# # Regression: three polynomials through the lance
 #
 # **Published** (thesis, sections 4.3 and 5.2.4, Figs 4.22 to 4.24, 5.16, Table 5.18). Tracks in
 # space scatter too much in depth for statistics. Each is fitted with three polynomials in time

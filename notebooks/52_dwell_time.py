@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How long particles fly
+# # Dwell time: how long particles fly
 #
 # **Published** (thesis, section 5.3.1, Figs 5.18 and 5.19, A.6). From the lance to landing or
 # complete burning out: medians of 0.3 to 0.5 s at 4.5 bar. Wood chips are first at both

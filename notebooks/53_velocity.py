@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How fast particles fly, metre by metre
+# # Velocity by metre: how fast particles fly
 #
 # **Published** (thesis, section 5.3.1, Eq. 5.8, Figs 5.20 to 5.24). The mean velocity in depth
 # within each metre from the lance, and the share of particles that pass it. Wood chips fly at

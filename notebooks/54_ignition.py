@@ -1,5 +1,5 @@
 # %% [markdown]
-# # When particles ignite
+# # Ignition: when particles burn
 #
 # **Published** (thesis, sections 5.2.4 and 5.3.2, Figs 5.17, 5.25 and 5.26). Wood chips and PE
 # granules do not ignite in flight: so the sum of all difference images shows. Where the grey

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How accurate the measured flights are
+# # Accuracy of the measured flights
 #
 # **Published.** Nothing: the thesis could not know how long a particle truly flew. It calls the
 # regression "qualified" and compares fractions and pressures by medians without intervals.
@@ -42,7 +42,7 @@ table = accuracy.accuracy_in_words(whole, results)
 caption = (
     "Particles that the whole chain detects, with the 95 % interval of the share, and the errors "
     "particle by particle. An error is the median of measured minus true with its 95 % interval. "
-    "After +-: half the range that holds 68 %. Campaign dwell: the median that would be published, "
+    "Scatter: half the range that holds 68 %. Campaign dwell: the median that would be published, "
     "of complete flights, and of all true ones. It also depends on which particles are detected "
     "and which flights are lost. False flights: those from the lance of no particle, of all that "
     "count; refused: those that count nowhere. Of those detected, in how many ignition was "

@@ -149,7 +149,7 @@ def test_coverage_and_differences_are_described():
     rows += [(1.0, -1.0, False, False)]
     columns = ["estimate", "true", "resolved", "resolved_with_table_5_15"]
     assert confidence.describe_resolved(pd.DataFrame(rows, columns=columns)) == (
-        "3 of 4 differences are resolved (1 with the wrong sign, 1 without a true one). "
+        "Of 4 comparisons 3 look significant; 2 of them are wrong. "
         "With as few flights as in Table 5.15 it is 1."
     )
 

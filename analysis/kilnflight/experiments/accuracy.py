@@ -318,16 +318,17 @@ def accuracy_in_words(whole: pd.DataFrame, results: Results) -> pd.DataFrame:
                 row[f"{name}_{k}"] for k in ("bias", "low", "high", "spread")
             )
             interval = f"[{low:+.3f}, {high:+.3f}]" if np.isfinite(low) else "[fewer than six]"
-            error = f"{bias:+.3f} {interval} +- {spread:.3f}"
+            there = bool(row[f"{name}_n"])
             short = f"{name.removesuffix('_s').removesuffix('_m')} ({unit})"
-            text[short] = error if row[f"{name}_n"] else ""
+            text[f"error of {short}"] = f"{bias:+.3f} {interval}" if there else ""
+            text[f"scatter of {short}"] = f"{spread:.3f}" if there else ""
         ours, real = (quartiles(each[key].dwell_s)[1] for each in (results.measured, results.true))
         known = [f"{each:.3f}" if np.isfinite(each) else "unknown" for each in (ours, real)]
         text["campaign dwell (s)"] = f"{known[0]}, true {known[1]}"
         text["false flights"] = f"{row['false_flights']:.0f} of {row['flights']:.0f}"
         text["refused"] = f"{row['refused']:.0f}"
-        text["ignition detected, rightly"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"
-        text["detected of the unlit"] = f"{row['unlit_detected']:.0f} of {row['unlit']:.0f}"
+        text["lit reported as ignited"] = f"{row['lit_detected']:.0f} of {row['lit']:.0f}"
+        text["unlit reported as ignited"] = f"{row['unlit_detected']:.0f} of {row['unlit']:.0f}"
         rows[key] = text
     return rows_by_campaign(rows)
 

@@ -336,8 +336,8 @@ def describe_resolved(differences: pd.DataFrame) -> str:
     wrong = int((np.sign(resolved["estimate"]) * np.sign(resolved["true"]) < 0).sum())
     nothing, theirs = (resolved["true"] == 0).sum(), differences["resolved_with_table_5_15"].sum()
     return (
-        f"{len(resolved)} of {len(differences)} differences are resolved ({wrong} with the wrong "
-        f"sign, {nothing} without a true one). With as few flights as in Table 5.15 it is {theirs}."
+        f"Of {len(differences)} comparisons {len(resolved)} look significant; {wrong + nothing} of "
+        f"them are wrong. With as few flights as in Table 5.15 it is {theirs}."
     )
 
 

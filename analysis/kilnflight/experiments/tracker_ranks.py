@@ -128,21 +128,20 @@ def ahead_of_ours(
 
 
 def describe(ranks: pd.DataFrame, scores: pd.DataFrame) -> str:
-    """Describe the ranks of `ahead_of_ours`, best first, and which trackers did not run."""
-    sentences = []
-    for (reading, stage), part in ranks.groupby(["reading", "postprocessing"], sort=False):
-        order = []
-        for row in part.to_dict("records"):
-            least = "at least " if row["held_back"] else ""
-            words = f"{row['tracker']} {least}{row['beta']:.3f}"
-            if row["tracker"] != row["ours"]:
-                ends = f"{row['difference_low']:+.3f} to {row['difference_high']:+.3f}"
-                words += f" ({row['beta_minus_ours']:+.3f}, {ends})"
-            order.append(words)
-        sentences.append(f"{reading}, {stage} post-processing: {', '.join(order)}.")
+    """Describe the ranks of `ahead_of_ours` after post-processing, best first.
+
+    It says which trackers did not run, too.
+    """
+    words = []
+    for reading, part in ranks[ranks["postprocessing"] == "with"].groupby("reading", sort=False):
+        order = [
+            f"{row['tracker']} {'at least ' if row['held_back'] else ''}{row['beta']:.2f}"
+            for row in part.to_dict("records")
+        ]
+        words.append(f"{reading}: {', '.join(order)}")
     left = scores.loc[scores["note"] != "", "tracker"].unique()
-    sentences += [f"Not run on every window: {', '.join(left)}."] if len(left) else []
-    return f"Mean beta (difference to our best, 95 %). {' '.join(sentences)}"
+    missing = f" Not run on every window: {', '.join(left)}." if len(left) else ""
+    return f"Mean beta after post-processing. {'; '.join(words)}.{missing}"
 
 
 def draw(scores: pd.DataFrame, limits: Mapping[str, str]) -> Figure:
