@@ -70,7 +70,7 @@ unlit = targets.set_index("subset").filter(like="unlit").loc["V4"]
 result = (
     f"The misfit to Table 5.5 falls from {record['cost_inputs_only']:.0f} to "
     f"{record['cost_calibrated']:.0f} by fitting the exposure. In V4 "
-    f"{unlit['unlit_calibrated']:.0%} of what does not burn is detected (published {unlit['unlit_published']:.0%}). No claim is "
-    "tested here."
+    f"{unlit['unlit_calibrated']:.0%} of what does not burn is detected "
+    f"(published {unlit['unlit_published']:.0%}). No claim is tested here."
 )
 figures.conclude(result, [], origin)
