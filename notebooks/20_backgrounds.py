@@ -73,7 +73,7 @@ images = {
 }
 
 # %%
-named = {f"frame {t}": gray, **images}
+named = {f"frame {t}": gray, **{style.words(name): each for name, each in images.items()}}
 picture = detection_pictures.draw_backgrounds(named, (950, 1400, 500, 1500))
 caption = (
     f"Part of a simulated frame of subset {subset.name} and of four backgrounds, after Fig. 5.2; "
@@ -128,7 +128,7 @@ summary = summary.rename_axis("model").sort_values(["f1", "model"], ascending=[F
 
 # %% tags=["hide-input"]
 picture, ((axes,),) = style.canvas(height_mm=62)
-plots.draw_intervals(axes, summary, "f1_published", "f1_in_pixels")
+plots.draw_intervals(axes, summary.rename(style.words), "f1_published", "f1_in_pixels")
 caption = (
     "Simulated F1 of SIFT on six backgrounds, after Fig. 5.4. Dots: scoring distance 45 px, 95 % "
     "intervals over draws of frames; squares: within a particle's pixels (section 5.1.1); "

@@ -93,7 +93,7 @@ beside = table_5_17.beside_table_5_17(measured)
 picture, grid = style.canvas(2, 2, width_mm=style.PAGE_MM, height_mm=150, sharex=True)
 for axes, measure in zip(grid.flat, tracking_scores.MEASURES, strict=True):
     plots.draw_beside_published(axes, beside[beside["measure"] == measure])
-    axes.set(title=measure, xlim=(-0.02, 1.02))
+    axes.set(title=plots.SYMBOLS[measure], xlim=(-0.02, 1.02))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 caption = (

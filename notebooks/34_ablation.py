@@ -16,7 +16,14 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
-from kilnflight.experiments import campaigns, jpda_ablation, tracking, tracking_scores, tuning
+from kilnflight.experiments import (
+    campaigns,
+    jpda_ablation,
+    plots,
+    tracking,
+    tracking_scores,
+    tuning,
+)
 from kilnflight.project import figures, style
 
 style.use_style()
@@ -58,7 +65,8 @@ mean["configuration"] = (
 picture, (panels,) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=80, sharey=True)
 for axes, names in zip(panels, (("alpha", "beta"), ("jsc", "jsc_theta")), strict=True):
     for name, marker, face in zip(names, "os", ("black", "white"), strict=True):
-        axes.plot(mean[name], mean["configuration"], marker, color="black", mfc=face, label=name)
+        look = {"color": "black", "mfc": face, "label": plots.SYMBOLS[name]}
+        axes.plot(mean[name], mean["configuration"], marker, **look)
     axes.set(xlim=(-0.02, 1.02), xlabel="mean over the fractions")
     axes.grid(axis="y", lw=0.3)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

@@ -16,6 +16,8 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
+from dataclasses import replace
+
 import pandas as pd
 
 from kilnflight import tracklets
@@ -26,6 +28,7 @@ from kilnflight.tracking.tracker import track
 
 style.use_style()
 origin = figures.trace("35_worked_examples", {"scale": scale}, seed=seed, mark="example")
+simulated = replace(origin, mark="simulated")  # tracklets of the windows
 settings = campaigns.settings_from_labels(scale, seed)
 windows = tracking.windows(scale, settings, seed, jobs=jobs)
 elimination, outliers, connection, _ = tracklets.STEPS
@@ -50,7 +53,7 @@ caption = (
     f"Of {len(judged)} tracklets so many fail, by what: "
     f"{', '.join(f'{name} {count}' for name, count in fails.items())}."
 )
-figures.save("fig-4-4-eligible", chosen, picture=picture, caption=caption, provenance=origin)
+figures.save("fig-4-4-eligible", chosen, picture=picture, caption=caption, provenance=simulated)
 
 # %% [markdown]
 # ## Outliers
@@ -147,7 +150,7 @@ caption = (
     f"{len(joints)} joints, {merged} of them mergings, the longest of each kind; a kind that did "
     "not occur is not drawn."
 )
-figures.save("fig-4-12-windows", joints, picture=picture, caption=caption, provenance=origin)
+figures.save("fig-4-12-windows", joints, picture=picture, caption=caption, provenance=simulated)
 
 # %%
 result = (

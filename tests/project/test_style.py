@@ -78,3 +78,20 @@ def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
     (path,) = axes.collections[0].get_paths()
     assert path.get_extents().get_points().tolist() == [[1.5, 0.5], [4.5, 3.5]]
     style.plt.close("all")
+
+
+def test_a_name_of_the_code_becomes_words():
+    names = ["RunningGaussian", "OutlierRemoval", "belt_time_s 0.001", "Median (stops at 0)"]
+    spoken = ["running Gaussian", "outlier removal", "belt time (s) 0.001", "median (stops at 0)"]
+    assert [style.words(name) for name in names] == spoken
+
+
+def test_what_the_data_are_stands_below_the_legend():
+    picture, ((axes,),) = style.canvas()
+    axes.plot([0, 1], label="a line")
+    legend = picture.legend(loc="outside lower right")
+    word = style.mark(picture, "simulated").texts[-1]
+    picture.draw_without_rendering()
+    assert word.get_text() == "simulated"
+    assert word.get_window_extent().y1 <= legend.get_window_extent().y0 + 0.5
+    assert axes.get_tightbbox().y0 >= legend.get_window_extent().y1 - 0.5

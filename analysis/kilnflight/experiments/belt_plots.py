@@ -179,7 +179,6 @@ def draw_decisions(table: pd.DataFrame) -> Figure:
         axes.set(title=f"{title} ({name})", xlabel="time after the arrival (ms)")
         axes.set(xlim=(-6, last), ylim=(near.min() - PITCH_MM, near.max() + 2 * PITCH_MM))
     panels[0].set_ylabel("y across the belt (mm)")
-    panels[0].text(0.03, 0.93, "simulated", transform=panels[0].transAxes)
     return picture
 
 
@@ -214,14 +213,15 @@ def crossing(track: pd.DataFrame, target_mm: float) -> pd.DataFrame:
 def draw_crossing(points: pd.DataFrame, target_mm: float) -> Figure:
     """Draw both observations, the line between them and the crossing."""
     picture, ((axes,),) = canvas(width_mm=PAGE_MM / 2, height_mm=60)
-    axes.axvline(target_mm, color="0.5", lw=1.0, ls="--", label="target")
-    axes.plot(points["x_mm"], points["y_mm"], "-", color="0.4")
+    axes.axvline(0, color="0.5", lw=1.0, ls="--", label="target")
+    along = points["x_mm"] - target_mm
+    across = 1000.0 * (points["y_mm"] - points["y_mm"].iloc[0])
+    passed = points["time_ms"] - points["time_ms"].iloc[0]
+    axes.plot(along, across, "-", color="0.4")
     looks = {"before": ("o", "0.6"), "after": ("o", "0.1"), "crossing": ("x", COLOURS[1])}
     for name, (mark, colour) in looks.items():
-        row = points.loc[name]
-        text = f"{name}, {row['time_ms'] - points['time_ms'].iloc[0]:.2f} ms"
-        axes.plot(row["x_mm"], row["y_mm"], mark, color=colour, ms=7, label=text, ls="none")
-    axes.set(xlabel="x along the belt (mm)", ylabel="y across the belt (mm)")
-    axes.text(0.03, 0.05, "simulated", transform=axes.transAxes)
+        text = f"{name}, {passed[name]:.2f} ms"
+        axes.plot(along[name], across[name], mark, color=colour, ms=7, label=text, ls="none")
+    axes.set(xlabel="x from the target (mm)", ylabel="y from the first position (µm)")
     axes.legend()
     return picture

@@ -31,7 +31,7 @@ from kilnflight.belt.sorter import (
 )
 from kilnflight.checks import check_between, check_count
 from kilnflight.experiments.belt_2020 import DATA_SETS, OWN, Key, load_tracks
-from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas
+from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas, words
 from kilnflight.tables import BELT_BODIES
 
 IMPEDANCE = 0.99  # MuJoCo's solimp in `kilnflight.belt.bodies`
@@ -183,7 +183,7 @@ def plot_changes(differences: pd.DataFrame) -> Figure:
     for axes, name, label in zip(panels, differences.columns[2:], labels, strict=False):
         for k, (data_set, table) in enumerate(differences.groupby("data_set", sort=False)):
             look: dict[str, Any] = {"marker": MARKERS[k], "color": COLOURS[k], "ls": "", "ms": 4}
-            axes.plot(table[name], table["setting"], label=data_set, mfc="none", **look)
+            axes.plot(table[name], table["setting"].map(words), label=data_set, mfc="none", **look)
         axes.axvline(0, color="0.6", lw=0.8, ls="-")
         axes.set(title=label, xlabel="change (mm/s)")
     panels[0].invert_yaxis()

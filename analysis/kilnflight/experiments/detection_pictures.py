@@ -82,7 +82,7 @@ def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, p
     picture, (panels,) = canvas(1, len(totals), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, ours) in zip(panels, totals.items(), strict=True):
         printed = claims.published(TABLES[name])
-        for table, look in ((ours, HERE), (printed, {**PUBLISHED, "mfc": "none"})):
+        for table, look in ((ours, HERE), (printed, {**PUBLISHED, "zorder": 1})):
             axes.plot(table["recall"], table["precision"], clip_on=False, **look)
         parameter, words = NUMBERED[name]
         ends = ours.groupby(parameter).agg({"recall": "min", "precision": "max"})
@@ -117,7 +117,7 @@ def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] 
         draw_bars(axes, table, "subset", "kind", "recall")
         axes.set_title(NAMES.get(str(name), str(name)))
     if len(published):
-        panels[0].plot(published, **{**PUBLISHED, "label": "published, non-burning"})
+        panels[0].plot(published, clip_on=False, **{**PUBLISHED, "label": "published, non-burning"})
     panels[0].set_ylabel("recall")
     picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return picture
@@ -138,13 +138,16 @@ def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     middle = np.array(fit.centre_mm) + reach * np.array(fit.direction)
     ring = np.array([np.cos(around), np.sin(around), np.zeros(len(around))]).T
     _, across, up = upright(middle + fit.radius_mm * ring)
-    panels[0].plot(across, up, "-", color=COLOURS[1], label=f"fit, {fit.radius_mm:.0f} mm")
+    panels[0].plot(across, up, "-", color=COLOURS[2], label=f"fit, {fit.radius_mm:.0f} mm")
     panels[0].set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal")
     panels[0].legend(loc="upper right")
-    levels = {"fit": (fit.radius_mm, "-"), "true": (Geometry().kiln_radius_mm, ":")}
-    levels["published"] = (published_radius_mm(), "--")
-    for text, (level, line) in levels.items():
-        panels[1].axhline(level, color=COLOURS[1], ls=line, label=f"{text}, {level:.0f} mm")
+    levels = {
+        "fit": (fit.radius_mm, "-", COLOURS[2]),
+        "true": (Geometry().kiln_radius_mm, ":", "black"),
+    }
+    levels["published"] = (published_radius_mm(), "--", PUBLISHED["color"])
+    for text, (level, line, colour) in levels.items():
+        panels[1].axhline(level, color=colour, ls=line, label=f"{text}, {level:.0f} mm")
     panels[1].set(xlabel="depth z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))
     panels[1].legend(loc="lower left")
     return picture
@@ -206,6 +209,8 @@ def draw_cuts(images: Mapping[str, tuple[Array, Sequence[int]]], peaks: Array) -
     """Draw rectangles (top, bottom, left, right) of images; the first with its peaks."""
     picture, panels = _parts(images, len(images), width_mm=PAGE_MM, height_mm=62)
     panels[0].plot(peaks[:, 1] + 0.5, peaks[:, 0] + 0.5, "x", color=COLOURS[1], ms=8)
+    for axes in panels:
+        axes.locator_params(axis="x", nbins=3, integer=True)
     return picture
 
 
@@ -258,5 +263,6 @@ def draw_cases(gray: npt.NDArray[np.uint16], examples: Mapping[int, Sequence[Any
                 axes.plot(particle.col, particle.row, "x", color=COLOURS[1], ms=7)
             half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
             axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
-            axes.set_title(f"case {case}: {len(particles)} particle(s)", fontsize=6.5)
+            number = f"{len(particles)} particle{'s' * (len(particles) != 1)}"
+            axes.set_title(f"case {case}: {number}", fontsize=6.5)
     return picture

@@ -239,8 +239,8 @@ def draw_ignition_bars(
         draw_published(axes, of_campaign(bounds.dropna(subset="at"), key))
         axes.set(title=f"{key[0]}, {key[1]} bar", ylabel="% of all particles")
     for axes in grid[1]:
-        axes.set_xlabel('time from the lance (s); the bin before "any" holds all later')
-        axes.set_xticks([0, 0.2, 0.4, 0.6, 0.8, ALL], ["0", "0.2", "0.4", "0.6", "0.8", "any"])
+        axes.set_xlabel("time from the lance (s)")
+        axes.set_xticks([0, 0.2, 0.4, 0.6, 0.75, ALL], ["0", "0.2", "0.4", "0.6", "later", "any"])
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
     return picture, pd.concat(tables, names=["kind", *KEYS]).reset_index(["kind", *KEYS])
 

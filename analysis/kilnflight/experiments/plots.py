@@ -37,6 +37,8 @@ from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
+SUBSCRIPTS = "₀₁₂₃₄₅₆₇₈₉"
+SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}  # of scores
 LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
@@ -237,7 +239,7 @@ def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
     axes.hlines(depth[1:], 0, time[1:], color="0.6", lw=0.6, ls=":")
     velocity = np.diff(depth) / np.diff(time)
     for n, value in enumerate(velocity.tolist(), start=1):
-        text = f"$V_{{{n}}}$ = {value:.1f} m/s"
+        text = f"V{SUBSCRIPTS[n]} = {value:.1f} m/s"
         where = float(time[n]), float(depth[n - 1 : n + 1].mean())
         axes.annotate(text, where, xytext=(4, 0), **look)
 
@@ -286,10 +288,10 @@ def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
     """
     wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
     places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "s", 0.0)}
-    places["published"] = (str(PUBLISHED["color"]), str(PUBLISHED["marker"]), -0.25)
+    places["published"] = (str(PUBLISHED["color"]), "", -0.25)
     names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
     for source, (color, marker, shift) in places.items():
-        look = {"marker": marker, "color": color, "ms": 3}
+        look = PUBLISHED if source == "published" else {"marker": marker, "color": color, "ms": 3}
         looks = {
             stage: {**look, "mfc": face, "label": f"{names[source]}, {stage}"}
             for stage, face in (("without", "white"), ("with", color))

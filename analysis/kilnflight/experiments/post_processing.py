@@ -238,7 +238,7 @@ def draw_steps(windows: Sequence[Window], tables: Tables) -> Figure:
         low, high = (window.truth[["row", "col"]].agg(edge) for edge in ("min", "max"))
         for axes, (name, table) in zip(column, stages.items(), strict=True):
             style.draw_tracks(axes, tracklets.tracked(table))
-            axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)")
+            axes.set(title=f"{window.fraction}: {style.words(name)}", ylabel="row (px)")
             axes.set(xlim=(low["col"] - 80, high["col"] + 80))
             axes.set(ylim=(high["row"] + 80, low["row"] - 80))
         column[-1].set_xlabel("column (px)")

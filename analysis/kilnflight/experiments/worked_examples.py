@@ -92,7 +92,7 @@ def draw_assignment(score: FrameScore, costs: pd.DataFrame, gate: float) -> Figu
         right.add_patch(Circle((col, row), gate, fill=False, color="0.5", lw=0.7, ls=":"))
     right.set(xlabel="column (px)", ylabel="row (px)", aspect="equal")
     right.set(xlim=(0, 320), ylim=(215, -40))
-    picture.legend(*right.get_legend_handles_labels(), loc="outside lower right", ncols=2)
+    picture.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return picture
 
 

@@ -5,6 +5,7 @@ It is readable by the colour-blind, too.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -117,11 +118,17 @@ def canvas(
 
 
 def mark(picture: Figure, word: str) -> Figure:
-    """Write what the data are below a picture, in a strip of its own at the right; return it."""
+    """Write what the data are below a picture, in a strip of its own at the right; return it.
+
+    Legends of the picture stay above the strip.
+    """
     strip = MARK_MM / 25.4 / picture.get_figheight()
     engine = picture.get_layout_engine()
     if word and isinstance(engine, ConstrainedLayoutEngine):
         engine.set(rect=(0.0, strip, 1.0, 1.0 - strip))
+        for legend in picture.legends:
+            if getattr(legend, "_outside_loc", None) == "lower":
+                legend.borderaxespad += MARK_MM / 25.4 * 72 / legend.prop.get_size_in_points()
     picture.text(0.99, 0.2 * strip, word, ha="right", va="bottom", fontsize=6, color="0.35")
     return picture
 
@@ -223,6 +230,12 @@ def table_picture(table: pd.DataFrame, longest: int = LONGEST_PICTURE) -> Figure
         axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
         axes.axis("off")
     return figure
+
+
+def words(name: str) -> str:
+    """Return a name of the code as a picture has it: ``"RunningGaussian"`` is two words."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", re.sub(r"_s\b", " (s)", name))
+    return spaced.lower().replace("gaussian", "Gaussian")
 
 
 def _width(text: str) -> int:
