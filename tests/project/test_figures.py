@@ -316,3 +316,11 @@ def test_the_address_of_the_repository_is_in_every_citation_once_it_is_set(tmp_p
     monkeypatch.setattr(paths, "root", lambda: tmp_path)
     (tmp_path / "CITATION.cff").write_text('repository-code: "https://example.org/kilnflight"\n')
     assert "url    = {https://example.org/kilnflight}," in figures.citations(entry)["BibTeX"]
+
+
+def test_no_sentence_holds_a_nan():
+    assert figures.NO_NUMBER.sub("too few", "alpha nan (0.67), +nan, nan % of nanometres") == (
+        "alpha too few (0.67), too few, too few of nanometres"
+    )
+    save(picture=drawn(), caption="Half of nan %.")
+    assert figures.entries()[0].caption == "Half of too few."

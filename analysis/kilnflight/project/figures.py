@@ -47,6 +47,7 @@ LARGEST_PNG = 300_000  # bytes
 # Share of the resolution, greys and other colours: tried in turn until a PNG is small enough
 REDUCTIONS = ((1.0, 64, 192), (0.8, 64, 192), (0.64, 64, 64), (0.5, 32, 32), (0.4, 16, 0))
 TABLE_REDUCTIONS = ((1.0, 16, 0), (0.8, 16, 0))  # text
+NO_NUMBER = re.compile(r"[+-]?\bnan\b( ?%)?")  # of a reduced run; a sentence says "too few"
 YEAR = 2026  # of the release
 IMPOSSIBLE = "Impossible values"  # begins the sentence of a caption that says why they stand
 ENTRY = Template(Path(__file__).with_name("gallery_entry.md").read_text("utf-8"))
@@ -167,6 +168,7 @@ def save(
             f"figure {identifier}: {'; '.join(absurd)}. Refuse what cannot be where it is made, "
             f"or say in the caption why it stands: '{IMPOSSIBLE} ...'."
         )
+    caption = NO_NUMBER.sub("too few", caption)
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
     drawn = table_picture(table) if picture is None else mark(picture, provenance.mark)
