@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from PIL import Image
 
 from kilnflight.project import claims, figures, site
 
@@ -32,6 +33,23 @@ def test_every_picture_has_its_table_and_the_gallery_shows_it(published):
     for path in published.glob("*.png"):
         assert path.with_suffix(".csv").is_file(), path.name
     assert (published / "README.md").read_text() == figures.gallery(published)
+
+
+def test_no_file_is_large_and_no_two_pictures_show_the_same(published):
+    seen = {}
+    for path in sorted(published.glob("*.png")):
+        assert path.stat().st_size <= figures.LARGEST_PNG, path.name
+        if not figures.is_empty(published, path.stem):
+            with Image.open(path) as image:
+                pixels = image.size, image.convert("RGB").tobytes()
+            assert seen.setdefault(hash(pixels), path.name) == path.name
+
+
+def test_every_picture_says_inside_what_its_data_are(published):
+    for entry in figures.entries(published):
+        if not entry.provenance["notebook"].startswith(("00_claims", "benchmarks")):
+            mark = entry.provenance.get("mark")
+            assert mark in {"simulated", "example", "recorded"}, f"{entry.identifier}: {mark}"
 
 
 def test_no_table_holds_an_impossible_number(published):
