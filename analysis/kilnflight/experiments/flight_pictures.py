@@ -275,13 +275,14 @@ def draw_measures_by_order(by_order: pd.DataFrame) -> Figure:
     """
     picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=100, sharex=True)
     titles = {"rmse_mm": "RMSE (mm)", "mape_percent": "MAPE (%)"}
-    titles |= {"r2": "R2", "r2_adjusted": "adjusted R2"}
+    titles |= {"r2": "R²", "r2_adjusted": "adjusted R²"}
     for axes, (name, title) in zip(grid.flat, titles.items(), strict=True):
         for k, (axis, part) in enumerate(by_order.groupby("axis")):
             axes.plot(part["order"], part[name], ls=LINES[k], marker=MARKERS[k], label=axis)
         axes.set(ylabel=title, yscale="log" if name == "rmse_mm" else "linear")
     for axes in grid[1]:
         axes.set_xlabel("order of the polynomials")
+    grid[1, 0].sharey(grid[1, 1])
     grid[0, 0].yaxis.set_major_formatter("{x:g}")
     grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels(), title="axis")
     return picture
