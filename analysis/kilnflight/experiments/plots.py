@@ -309,7 +309,7 @@ def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: s
     """Draw the columns "without" and "with", each in its look, joined by a line."""
     axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")
     for stage, look in looks.items():
-        axes.plot(wide[stage], place, ls="", **look)
+        axes.plot(wide[stage], place, **{**look, "ls": ""})
 
 
 def draw_before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
