@@ -24,7 +24,7 @@ document.addEventListener("DOMContentLoaded", () => {
   // Groups of the left bar are headings of a level; what scrolls is reached by keys.
   document.querySelectorAll(".caption[role=heading]").forEach((part) => part.setAttribute("aria-level", "2"));
   const reached = () => {
-    document.querySelectorAll(".cell_output, .table-wrapper, pre").forEach((part) => {
+    document.querySelectorAll(".announcement, .cell_output, .table-wrapper, pre").forEach((part) => {
       if (part.scrollWidth > part.clientWidth) part.tabIndex = 0;
     });
   };
