@@ -235,3 +235,14 @@ def test_a_view_in_space_is_drawn_on_a_click_and_loads_its_script_then(site, vis
         assert len(scripts(asked)) == 1
         assert problems == []
         page.close()
+
+
+@pytest.mark.parametrize("name", ["Fig. 5.19", "Table 5.17"])
+def test_the_search_finds_a_number_first_and_reads_no_other_page(site, browser, name):
+    page, problems = browser.new_page(), []
+    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
+    page.goto(f"{(site / 'search.html').as_uri()}?q={name.replace(' ', '+')}")
+    first = page.locator("ul.search li a").first
+    first.wait_for()
+    assert first.inner_text().startswith(f"{name}:")
+    assert problems == []

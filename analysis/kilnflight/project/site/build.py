@@ -81,6 +81,7 @@ CONFIGURATION: dict[str, object] = {
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_show_sphinx": False,
+    "html_show_search_summary": False,  # it would fetch pages, which files may not
 }
 
 

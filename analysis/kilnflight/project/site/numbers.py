@@ -85,7 +85,7 @@ def page(row: Mapping[Hashable, object], blocks: Blocks, verdicts: pd.DataFrame)
     kind, number = str(row["kind"]), str(row["number"])
     dot = "." if kind == "Fig" else ""
     name = f"{kind}{dot} {number}"  # what the search finds first
-    indexed = f"```{{index}} {name}\n```\n"
+    indexed = f"```{{index}} ! {name}\n```\n"
     lines = ["---\norphan: true\n---\n", indexed, f"# {name}: {row['topic']}\n", f"{WORKS[str(row['work'])]}.\n"]
     about = verdicts[
         (verdicts["seed"] == row["work"])
