@@ -56,6 +56,19 @@ def test_no_table_holds_an_impossible_number(published):
     assert figures.absurdities(published) == []
 
 
+def test_every_saved_table_of_the_thesis_has_published_values_beside_ours(published):
+    # Table 5.4 lists what is used, as printed; Table 5.7 names the print in its own words.
+    printed = {"table-5-4-parameters": "window", "table-5-7-sift-time": "computation_time_s"}
+    for path in sorted(published.glob("table-[0-9]-*.csv")):
+        columns = list(pd.read_csv(path))
+        if path.stem == "table-5-2-ground-truth":  # rows
+            assert "published" in set(pd.read_csv(path)["source"])
+        elif path.stem in printed:
+            assert printed[path.stem] in columns
+        else:
+            assert any("published" in name or name == "printed" for name in columns), path.name
+
+
 def test_the_claims_are_those_of_the_notebooks(published):
     tables = [pd.read_csv(path) for path in figures.concluded(published).values()]
     collected = claims.collect(tables)

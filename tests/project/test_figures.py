@@ -309,6 +309,11 @@ def test_a_long_table_is_drawn_with_its_totals_first():
     assert texts[-2].startswith("... 16 more rows")
 
 
+def test_a_reading_of_all_tracks_is_no_total():
+    table = pd.DataFrame({"reading": ["all", "from the lance"], "fraction": ["shred", "all"]})
+    assert style.totals(table).tolist() == [False, True]
+
+
 def test_the_address_of_the_repository_is_in_every_citation_once_it_is_set(tmp_path, monkeypatch):
     save(picture=drawn())
     (entry,) = figures.entries()

@@ -196,8 +196,8 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
 
 
 def totals(table: pd.DataFrame) -> pd.Series:
-    """Return which rows of a table sum up others."""
-    return table.isin(TOTALS).any(axis=1)
+    """Return which rows of a table sum up others; "all" as a reading sums up nothing."""
+    return table.drop(columns="reading", errors="ignore").isin(TOTALS).any(axis=1)
 
 
 def table_picture(table: pd.DataFrame, longest: int = LONGEST_PICTURE) -> Figure:
