@@ -58,4 +58,4 @@ def test_what_fails_on_the_truth_says_so_and_links_to_notebook_and_figure(table)
     assert "<a href='24_x.html'>wall-5</a>" in page
     assert "<a href='21_x.html#table-5-5-otsu'>Table 5.5</a>" in page
     assert "1 &lt; 2 &amp; so on: NO" in page
-    assert page.count("<tr>") == 5
+    assert page.count("<tr") == 5

@@ -9,6 +9,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_outp
 
 from kilnflight.project import figures, paths
 from kilnflight.project.figures import Provenance
+from kilnflight.project.site import blocks as blocks_of
 from kilnflight.project.site import long_tables, notebook, numbers
 from kilnflight.project.site.blocks import Blocks
 from kilnflight.project.site.links import Links
@@ -135,3 +136,10 @@ def test_ids_of_the_notebooks_are_numbers_of_the_works_or_plain_words():
                 f"{name}-".startswith(f"{stem}-") or stem.startswith(name) for stem in stems
             )
             assert known or not numbered, f"{path.name}: {name} has no number of the works"
+
+
+def test_what_is_published_stands_beside_ours():
+    columns = ["tp", "precision", "f1_in_pixels", "f1", "f1_published", "precision_published"]
+    text = blocks_of.html_table(pd.DataFrame([["1"] * 6], columns=columns))
+    heads = re.findall(r"<th>([^<]+)</th>", text)
+    assert heads == ["TP", "precision", "precision published", "F1 in pixels", "F1", "F1 published"]

@@ -105,8 +105,16 @@ def is_drawn(folder: Path, identifier: str) -> bool:
 
 
 def html_table(table: pd.DataFrame) -> str:
-    """Return a table of texts as HTML: words as headers, numbers with three digits."""
-    cells = table.rename(columns=header).map(three_digits)
+    """Return a table of texts as HTML: words as headers, numbers with three digits.
+
+    What is published stands beside ours.
+    """
+    order = [str(name) for name in table]
+    for name in [name for name in order if name.endswith("_published")]:
+        if (ours := name.removesuffix("_published")) in order:
+            order.remove(name)
+            order.insert(order.index(ours) + 1, name)
+    cells = table[order].rename(columns=header).map(three_digits)
     return f'<div class="wide" tabindex="0">{cells.to_html(index=False, border=0, na_rep="")}</div>'
 
 
@@ -115,13 +123,13 @@ def header(column: str) -> str:
 
     Examples
     --------
-    >>> header("measured_m_s"), header("pressure_bar"), header("f1")
-    ('measured (m/s)', 'pressure (bar)', 'F1')
+    >>> header("measured_m_s"), header("pressure_bar"), header("f1_published")
+    ('measured (m/s)', 'pressure (bar)', 'F1 published')
     """
-    for suffix, unit in UNITS.items():
-        if column.endswith(f"_{suffix}"):
-            return f"{column.removesuffix(f'_{suffix}').replace('_', ' ')} ({unit})"
-    return {"f1": "F1", "jsc": "JSC", "jsc_theta": "JSC theta"}.get(column, column.replace("_", " "))
+    unit = next((unit for unit in UNITS if column.endswith(f"_{unit}")), "")
+    words = column.removesuffix(f"_{unit}").replace("_", " ")
+    words = re.sub(r"\b(f1|jsc|tp|fp|fn|rmse|mape|r2)\b", lambda found: found[0].upper(), words)
+    return f"{words} ({UNITS[unit]})" if unit else words
 
 
 def three_digits(text: str) -> str:
