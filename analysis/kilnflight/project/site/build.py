@@ -165,9 +165,7 @@ def _contents(stems: Sequence[str]) -> str:
     known = {stem for group in groups.values() for stem in group}
     groups["Further notebooks"] = [stem for stem in stems if stem not in known]
     groups[PRINTED].append("numbers")
-    groups["Methods"] = [f"documents/{name}" for name in documents.METHODS]
-    groups["Use it"] = [f"documents/{name}" for name in documents.USE]
-    groups["API"] = ["rooms", *(f"api/{room}" for room in documents.rooms())]
+    groups |= documents.groups()
     return "\n".join(
         "\n".join(["```{toctree}", ":hidden:", f":caption: {name}\n", *pages, "```\n"])
         for name, pages in groups.items()

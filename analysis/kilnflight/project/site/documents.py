@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import pkgutil
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -18,6 +17,7 @@ from kilnflight.checks import InputError
 from kilnflight.project import claims
 from kilnflight.project.site.links import Links
 
+FOLDER = Path(__file__).parents[4] / "docs"
 METHODS = ("methods", "limits", "glossary")
 USE = ("own_recording", "made")
 PLACE = re.compile(r"@([a-z-]+)@")  # of a number that comes from figures/
@@ -44,7 +44,7 @@ def write(folder: Path, verdicts: pd.DataFrame, links: Links) -> None:
     counts = {name.replace(" ", "-"): number for name, number in claims.count(verdicts).items()}
     numbers = {"claims": len(verdicts), **counts}
     folder.mkdir(parents=True)
-    for path in sorted((Path(__file__).parents[4] / "docs").glob("*.md")):
+    for path in sorted(FOLDER.glob("*.md")):
         text = path.read_text()
         if unknown := set(PLACE.findall(text)) - set(numbers):
             known = ", ".join(numbers)
@@ -66,16 +66,27 @@ def _bars(*given: object) -> None:
     lines[:] = [line.replace("|", r"\|") for line in lines]
 
 
+def groups() -> dict[str, list[str]]:
+    """Return the pages of the left bar by group; none, API neither, of a project without docs/."""
+    if not FOLDER.is_dir():
+        return {"API": ["rooms"]}
+    return {
+        "Methods": [f"documents/{name}" for name in METHODS],
+        "Use it": [f"documents/{name}" for name in USE],
+        "API": ["rooms", *(f"api/{room}" for room in rooms())],
+    }
+
+
 def rooms() -> list[str]:
     """Return the rooms of the package that a user imports."""
     modules = pkgutil.iter_modules(kilnflight.__path__)
     return [module.name for module in modules if module.name not in NOT_LIBRARY]
 
 
-def write_api(folder: Path) -> Iterable[str]:
-    """Write a page for each room with all that it offers; return the rooms."""
+def write_api(folder: Path) -> None:
+    """Write a page for each room with all that it offers."""
     folder.mkdir(parents=True)
-    for room in rooms():
+    for room in rooms() if FOLDER.is_dir() else ():
         package = Path(kilnflight.__path__[0]) / room
         inside = sorted(each.name for each in pkgutil.iter_modules([str(package)]))
         names = [room, *(f"{room}.{name}" for name in inside)]
@@ -87,4 +98,3 @@ def write_api(folder: Path) -> Iterable[str]:
             directive = f".. automodule:: kilnflight.{name}\n{options}"
             parts.append(f"```{{eval-rst}}\n{directive}\n```")
         (folder / f"{room}.md").write_text("\n\n".join(parts) + "\n")
-    return rooms()
