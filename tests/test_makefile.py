@@ -184,7 +184,7 @@ def test_make_is_incremental(shared):
 
     changed = make(shared, "PARAMETERS=01.seed=5")
     assert ran(changed) == ["01_one", "00_claims"]
-    assert "Seed 5" in (shared / "site" / "index.html").read_text()
+    assert "Seed 5" in (shared / "site" / "01_one.html").read_text()
 
     # targets that run no notebook leave the settings alone
     assert make(shared, "help").returncode == 0
