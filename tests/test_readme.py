@@ -2,10 +2,16 @@
 
 import ast
 import re
+import shlex
 from functools import reduce
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
+import tifffile
+
+from kilnflight.__main__ import main
 
 PROJECT = Path(__file__).resolve().parents[1]
 TEXTS = ("README.md", "CONTRIBUTING.md", "data/README.md")
@@ -22,6 +28,37 @@ def test_the_example_imports_and_calls_what_is_there():
         path = ast.unparse(node).split(".") if isinstance(node, ast.Attribute) else []
         if path and path[0] in names and all(part.isidentifier() for part in path):
             assert reduce(getattr, path[1:], names[path[0]]) is not None
+
+
+@pytest.fixture
+def film(tmp_path, monkeypatch):
+    """Write a film of three spots that cross 12 frames, as one TIFF and as files, and be there."""
+    row, col = np.mgrid[:64, :96]
+    frames = np.random.default_rng(0).normal(1000, 20, (12, 64, 96))
+    for t, first in ((t, first) for t in range(12) for first in (12, 32, 52)):
+        frames[t] += 800 * np.exp(-((row - first) ** 2 + (col - 12 - 5 * t) ** 2) / 12)
+    frames = frames.astype(np.uint16)
+    monkeypatch.chdir(tmp_path)
+    tifffile.imwrite("film.tif", frames, photometric="minisblack")
+    for t, frame in enumerate(frames):
+        tifffile.imwrite(f"frame_{t:04d}.tif", frame)
+    gray = '[gray]\npattern = "frame_{frame:04d}.tif"\n'
+    Path("chips.toml").write_text(f'name = "chips"\nframe_rate_hz = 330.0\n{gray}')
+
+
+def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
+    text = (PROJECT / "docs" / "own_recording.md").read_text()
+    names = {}
+    exec(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], names)
+    assert names["tracks"]["particle"].max() == 2
+    assert Path("tracks.png").is_file()
+    names["detections"].to_csv("detections.csv")
+    commands = re.findall(r"^[ `]*\.venv/bin/kilnflight ([^`#\n]+)", text, re.MULTILINE)
+    assert [command.split()[0] for command in commands] == ["import", "info", "run", "track"]
+    for command in commands:
+        assert main(shlex.split(command)) == 0
+    assert Path("chips", "report.html").is_file()
+    assert pd.read_csv("tracks.csv")["particle"].max() == 2
 
 
 @pytest.mark.parametrize("name", TEXTS)
