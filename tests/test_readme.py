@@ -54,9 +54,9 @@ def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
     assert Path("tracks.png").is_file()
     names["detections"].to_csv("detections.csv")
     commands = re.findall(r"^[ `]*\.venv/bin/kilnflight ([^`#\n]+)", text, re.MULTILINE)
-    assert [command.split()[0] for command in commands] == ["import", "info", "run", "track"]
-    for command in commands:
-        assert main(shlex.split(command)) == 0
+    steps = [shlex.split(command) for command in commands if "--help" not in command]
+    assert [step[0] for step in steps] == ["import", "info", "run", "track"]
+    assert [main(step) for step in steps] == [0, 0, 0, 0]
     assert Path("chips", "report.html").is_file()
     assert pd.read_csv("tracks.csv")["particle"].max() == 2
 
