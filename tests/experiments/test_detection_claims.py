@@ -13,7 +13,8 @@ SUBSETS = ("V1", "V2", "V3", "V4", "V5")
 
 
 def counted(rows):
-    table = pd.DataFrame(rows).assign(frame=0, seconds=0.1)
+    one = pd.DataFrame(rows).assign(seconds=0.1)
+    table = pd.concat([one.assign(frame=t) for t in range(2)], ignore_index=True)
     counts = table[["tp", "fp", "fn"]]
     return table.join(counts.add_suffix("_pixels")).join(counts.add_suffix("_near"))
 
@@ -95,6 +96,20 @@ def test_unlit_particles_are_missed_most_where_the_thesis_misses_all():
     assert "V4 lowest: NO" in verdicts["otsu-3"].measured
     assert "V4 lowest in 0% of the draws" in verdicts["otsu-3"].reason
     assert "the light's fit to it ends at 0.21 in V4" in verdicts["otsu-3"].reason
+
+
+def test_one_frame_per_subset_has_no_interval_and_decides_nothing():
+    f1 = {"Median": 900, "Mean": 898, "Adaptive": 889, "ThreeFrame": 400, "TwoFrame": 300}
+    one = backgrounds(**f1).query("frame == 0")
+    verdicts = detection_claims.background_verdicts(one, {}, 0, "two frames")
+    assert set(outcomes(verdicts).values()) == {claims.NOT_DECIDABLE}
+    assert {v.reason for v in verdicts} == {"two frames; no interval: one frame per subset"}
+    assert verdicts[0].measured == "first is Median: yes"
+    gains = methods(pairs([(100, 20)] * 3, [(120, -20)] * 3), clouds=0).query("frame == 0")
+    verdicts = detection_claims.combination_verdicts(gains, 0, "")
+    assert set(outcomes(verdicts).values()) == {claims.NOT_DECIDABLE}
+    scores = detection_tables.f1_with_intervals(one.assign(method=one["model"]), pd.Series(), 0)
+    assert scores[["f1_low", "f1_high"]].isna().all(axis=None)
 
 
 def test_eps_matters_three_times_as_much_as_min_points():

@@ -129,18 +129,20 @@ def test_the_texture_that_tells_most_comes_first(window):
         (0.01, 0.05, claims.NOT_REPRODUCED, "method"),
         (-0.05, -0.01, claims.REPRODUCED, ""),
         (-0.05, 0.01, claims.NOT_DECIDABLE, "criterion"),
+        (np.nan, np.nan, claims.NOT_DECIDABLE, "chain"),  # too few trajectories
     ],
 )
 def test_the_interval_decides_between_the_methods_of_fig_4_14(low, high, verdict, because):
     """`low` and `high` are of the Hungarian method's gain, so dual nearest leads below 0."""
     row = {"variant": "Hungarian", "fraction": "mean of fractions", "reading": "from the lance"}
-    row |= {"alpha_gain": (low + high) / 2, "alpha_gain_low": low, "alpha_gain_high": high}
+    row |= {"alpha_gain": 0.01, "alpha_gain_low": low, "alpha_gain_high": high}
     texture = pd.DataFrame({"masks": ["LE", "EE"], "ratio": [8.0, 2.0]})
     judged = post_processing.verdicts(pd.DataFrame([row]), texture)
     verdicts = {one.id: one for one in judged}
     assert set(verdicts) == {"track-7", "track-8"}
     assert verdicts["track-7"].verdict == verdict
     assert verdicts["track-7"].because == because
+    assert "nan" not in verdicts["track-7"].measured
     assert "print: one made-up instance" in verdicts["track-7"].reason
 
 

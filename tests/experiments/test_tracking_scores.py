@@ -1,5 +1,7 @@
 """Both readings of Table 5.17 on hand-made tracks."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -115,7 +117,7 @@ def test_no_track_from_the_lance_scores_nothing_and_no_truth_is_no_score():
     assert score is None
     row = scores.row_of(scores.scored(("a", "GNN", "with", FROM_LANCE), score, (1, 1, 1)))
     assert np.isnan([row[name] for name in scores.MEASURES]).all()
-    assert (row["alpha_low"], row["jsc_theta_high"]) == (0.0, 1.0)
+    assert np.isnan([row["alpha_low"], row["jsc_theta_high"]]).all()
 
 
 def window_of(fraction, truth, detections=None):
@@ -190,7 +192,18 @@ def test_a_window_with_few_trajectories_says_nothing():
     window = window_of("wood chip", many(5))
     table = scores.tabulate(tracking.cells([window], tracking.follow_all([window], {"GNN": right})))
     assert (table["alpha"] == 1).all()
-    assert (table[["alpha_low", "alpha_high"]] == [0.0, 1.0]).all(axis=None)
+    assert table[["alpha_low", "alpha_high"]].isna().all(axis=None)
+
+
+def test_claims_say_fewer_than_six_and_no_infinity():
+    windows = [window_of(name, many(5)) for name in FRACTIONS]
+    trackers = {"GNN": right, "JPDA": first_half, ANY_GATE: first_half}
+    readings = (ALL, FROM_LANCE, AFTERWARDS)
+    found = tracking.cells(windows, tracking.follow_all(windows, trackers), readings)
+    verdicts = tracking_claims.verdicts({cell.key: cell for cell in found})
+    words = " ".join(verdict.measured + verdict.reason for verdict in verdicts)
+    assert "+0.00 [fewer than six trajectories]" in words
+    assert not re.search(r"\b(inf|nan)\b", words)
 
 
 def test_claims_are_judged_from_the_lance_and_time_decides_nothing(cells):

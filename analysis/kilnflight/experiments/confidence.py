@@ -47,9 +47,10 @@ PLURALS |= {"paper shred": "Paper shreds", "PE granule": "PE granules"}
 
 
 def interval_columns(interval: Interval) -> dict[str, float]:
-    """Return an interval as columns; infinite bounds become empty."""
-    low, high = (np.nan if np.isinf(edge) else edge for edge in (interval.low, interval.high))
+    """Return an interval as columns; ends that say nothing (of too few, of none) are empty."""
     number = sum(interval.numbers)
+    known = number > 0 and np.isfinite([interval.low, interval.high])
+    low, high = np.where(known, [interval.low, interval.high], np.nan).tolist()
     return {"number": number, "estimate": interval.estimate, "low": low, "high": high}
 
 

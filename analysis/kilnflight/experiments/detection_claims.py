@@ -1,7 +1,8 @@
 """Verdicts on the detection claims of sections 5.1.2 to 5.1.4.
 
 A rank or a difference is decided by the sums over all frames. How often it holds when frames are
-drawn anew, or the interval of the difference, stands beside it. Times are of our own programs
+drawn anew, or the interval of the difference, stands beside it. With one frame per subset there
+is none, and such a claim is not decidable. Times are of our own programs
 and decide nothing. Everywhere ``seed`` is that of the draws of frames, and ``note`` says how many
 frames there are and which scoring distance.
 """
@@ -17,6 +18,7 @@ import pandas as pd
 from kilnflight.experiments import twin_exposure
 from kilnflight.experiments.detection import COUNTS, TABLES, sum_counts
 from kilnflight.experiments.detection_tables import (
+    NOT_DRAWN,
     PARAMETERS,
     analysed_recall,
     class_recall,
@@ -69,8 +71,15 @@ def beside(
 def _judged(
     claim: str, measured: claims.Measured, note: str, because: str = "twin", shown: str = ""
 ) -> claims.Verdict:
-    """Return a verdict that says what shows its cause, by default judgement alone."""
+    """Return a verdict that says what shows its cause, by default judgement alone.
+
+    Without draws of frames chance is not known, and nothing is decided.
+    """
     verdict = claims.judge(claim, measured, note=note, because=because)
+    if NOT_DRAWN in note:
+        parts = [part for part in note.split("; ") if NOT_DRAWN not in part]
+        reason = "; ".join([*filter(None, parts), NOT_DRAWN])
+        return claims.undecidable(claim, reason, verdict.measured, because="chain")
     return claims.with_cause(verdict, shown)
 
 

@@ -31,6 +31,7 @@ RATES = ["precision", "recall", "f1"]
 ANALYSED = {"dbscan": 5, "mo": 1, "qcc": 2}
 ABSOLUTE, STOPS = "absolute", "stops at zero"  # column ``reading``, of differences
 DRAWS = Bootstrap().draws
+NOT_DRAWN = "no interval: one frame per subset"
 
 
 def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -243,9 +244,12 @@ def resampled(
     """Return sums over draws of frames with replacement, within each subset.
 
     All methods of ``table`` (of `detection.run`) see the same draws, so that differences are
-    paired. A row per draw; columns by subset, count and method.
+    paired. A row per draw; columns by subset, count and method. No row at all if a subset has
+    one frame: drawn again it is always itself, which would look like certainty.
     """
     generator, sums = np.random.default_rng(seed), {}
+    if table.groupby("subset")["frame"].nunique().min() < 2:
+        draws = 0
     for subset, rows in table.groupby("subset", sort=False):
         wide = rows.pivot(index="frame", columns="method", values=list(columns))
         if wide.isna().to_numpy().any():
@@ -278,8 +282,8 @@ def subset_draws(
 def f1_with_intervals(table: pd.DataFrame, published: pd.Series, seed: int) -> pd.DataFrame:
     """Return each method's F1 with its 95 % interval over draws of frames.
 
-    By ``method``: ``f1``, ``f1_low``, ``f1_high``, ``f1_in_pixels``, ``f1_published`` (NaN where
-    ``published`` has none).
+    By ``method``: ``f1``, ``f1_low``, ``f1_high`` (NaN with one frame per subset),
+    ``f1_in_pixels``, ``f1_published`` (NaN where ``published`` has none).
     """
     total = sum_counts(table, ["method"]).set_index("method")
     draws = resampled_rates(table, seed)["f1"]
@@ -300,23 +304,27 @@ def f1_beside_published(attempts: pd.DataFrame, seed: int) -> pd.DataFrame:
 
 
 def interval(values: npt.ArrayLike) -> str:
-    """Return the 95 % interval of draws in words.
+    """Return the 95 % interval of draws in words; without any, `NOT_DRAWN`.
 
     Examples
     --------
-    >>> interval([0.1] * 9)
+    >>> interval([0.1, 0.1, 0.1])
     '95 % [+0.100, +0.100]'
     """
+    if not np.size(values):
+        return NOT_DRAWN
     low, high = percentiles(values)
     return f"95 % [{low:+.3f}, {high:+.3f}]"
 
 
 def share(holds: npt.ArrayLike) -> str:
-    """Return in how many draws a condition holds, in words.
+    """Return in how many draws a condition holds, in words; without any, `NOT_DRAWN`.
 
     Examples
     --------
     >>> share([True, True, False, True])
     'in 75% of the draws of frames'
     """
+    if not np.size(holds):
+        return NOT_DRAWN
     return f"in {np.mean(np.asarray(holds, dtype=bool)):.0%} of the draws of frames"

@@ -145,9 +145,12 @@ def describe(table: pd.DataFrame) -> str:
     free = float(gains["alpha_gain"][BEST_SETTING])
     matter = parts[(parts["alpha_gain_low"] > 0) | (parts["alpha_gain_high"] < 0)]
     named = "; ".join(f"{name} {row['alpha_gain']:+.3f}" for name, row in matter.iterrows())
+    ends = f"{whole['alpha_gain_low']:+.3f} to {whole['alpha_gain_high']:+.3f}"
+    if np.isnan(whole["alpha_gain_low"]):
+        ends, named = "no interval: fewer than six trajectories", "not known"
     return (
         f"Alpha of tracks ({reading}): GNN has {whole['alpha_gain']:+.3f} against JPDA "
-        f"({whole['alpha_gain_low']:+.3f} to {whole['alpha_gain_high']:+.3f}), in JPDA's setting "
+        f"({ends}), in JPDA's setting "
         f"{same:+.3f}; JPDA's best setting with any gate has {free:+.3f}. Exchanged alone, "
         f"these parts of JPDA change its alpha beyond the interval: {named or 'none'}."
     )

@@ -215,13 +215,17 @@ def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:
     """
     rows = measures[(measures["variant"] == "Hungarian") & (measures["fraction"] == MEAN)]
     by_reading = rows.set_index("reading")
+    few = "fewer than six trajectories in a window"
     parts = [
-        f"{name}: {-row['alpha_gain']:+.4f} ({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})"
+        f"{name}: {-row['alpha_gain']:+.4f} "
+        + (f"({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})" if row[LOW] == row[LOW] else f"({few})")
         for name, row in by_reading.iterrows()
     ]
     told = f"mean alpha, dual nearest minus Hungarian, {'; '.join(parts)}"
     lance = by_reading.loc[FROM_LANCE if FROM_LANCE in by_reading.index else ALL]
     note = "print: one made-up instance; ours: mean alpha and its interval, bootstrap over tracks"
+    if np.isnan(lance[LOW]):
+        return claims.undecidable("track-7", f"{few}; {note}", told, because="chain")
     if lance[LOW] <= 0.0 <= lance[HIGH]:
         reason = f"the interval of the difference holds 0; {note}"
         return claims.undecidable("track-7", reason, told, because="criterion")

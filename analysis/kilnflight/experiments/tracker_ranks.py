@@ -102,7 +102,7 @@ def ahead_of_ours(
     -------
     DataFrame
         ``reading``, ``postprocessing``, ``tracker``, ``beta`` (mean over the fractions), ``ours``
-        (our best by that mean), ``beta_minus_ours`` and its 95 % interval's ends (-1 and 1 where a
+        (our best by that mean), ``beta_minus_ours`` and its 95 % interval's ends (NaN where a
         window has too few true trajectories to say), ``held_back`` (why, or ""). Only trackers
         that ran on every window with a true trajectory in the reading.
     """

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+import numpy as np
 import pandas as pd
 
 from kilnflight.experiments.tracking import Window
@@ -36,6 +37,7 @@ SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 HIGHEST = 0.43  # alpha and beta without post-processing, but for wood chips, Table 5.17
 NEAR = 0.05  # of alpha and beta; "comparable" names no number, this is ours
 Cells = Mapping[tuple[str, str, str, str], Scored]
+FEW = "fewer than six trajectories"  # of `TrackBootstrap.least`
 Conditions = dict[str, bool | None]
 OTHERS = (ALL, AFTERWARDS)  # readings that a verdict's note tells
 
@@ -171,7 +173,9 @@ def _state(interval: Interval, least: float = 0.0) -> bool | None:
 
 
 def _words(interval: Interval) -> str:
-    """Return a difference with the ends of its interval."""
+    """Return a difference with the ends of its interval, if there are enough for one."""
+    if not np.isfinite(interval.low):
+        return f"{interval.estimate:+.2f} [{FEW}]"
     return f"{interval.estimate:+.2f} [{interval.low:+.2f}, {interval.high:+.2f}]"
 
 
@@ -208,8 +212,8 @@ def _low_before(cells: Cells, reading: str) -> Conditions:
             continue
         row = row_of(cell)
         for name in ("alpha", "beta"):
-            value, least = float(row[name]), float(row[f"{name}_low"])
-            low[value] = True if value <= HIGHEST else None if least <= HIGHEST else False
+            value, least = float(row[name]), float(row[f"{name}_low"])  # NaN: too few to say
+            low[value] = True if value <= HIGHEST else False if least > HIGHEST else None
             apart[key[0], key[1], name] = mean_difference([(chips[key[1]], cell)], [name])
     smallest = min(apart, key=lambda key: apart[key].estimate)
     name = f"wood chip - {', '.join(smallest)} {_words(apart[smallest])}"

@@ -185,14 +185,14 @@ def scored(key: tuple[str, str, str, str], score: TrackScore | None, seed: Seque
 def row_of(cell: Scored) -> dict[str, float | str]:
     """Return a cell as a row: measures, and the ends of their 95 % intervals.
 
-    With fewer true trajectories than `TrackBootstrap.least` an interval is 0 to 1.
+    With fewer true trajectories than `TrackBootstrap.least` an interval has no ends (NaN).
     """
     row: dict[str, float | str] = dict(zip(KEYS, cell.key, strict=True))
     row |= measures_of(cell.score)
     for k, name in enumerate(MEASURES):
         interval = _interval(float(row[name]), cell.draws[:, k], [cell])
-        low, high = np.clip([interval.low, interval.high], 0.0, 1.0)
-        row |= {f"{name}_low": float(low), f"{name}_high": float(high)}
+        low, high = _ends(interval, 0.0)
+        row |= {f"{name}_low": low, f"{name}_high": high}
     return row
 
 
@@ -209,7 +209,8 @@ def gains(cells: Iterable[Scored], first: str) -> pd.DataFrame:
     DataFrame
         ``tracker``, ``reading``, ``fraction`` (`MEAN`: of all), ``true_tracks``, the four
         measures, and for alpha and beta the gain over ``first`` with its 95 % interval
-        (``_gain``, ``_gain_low``, ``_gain_high``). Cells without a true track are left out.
+        (``_gain``, ``_gain_low``, ``_gain_high``; NaN: fewer than six true tracks in a window).
+        Cells without a true track are left out.
     """
     by_key = {cell.key: cell for cell in cells if cell.score is not None}
     pairs: dict[tuple[str, str], list[tuple[Scored, Scored]]] = {}
@@ -226,8 +227,8 @@ def gains(cells: Iterable[Scored], first: str) -> pd.DataFrame:
             row |= measures[list(MEASURES)].mean()
             for measure in ("alpha", "beta"):
                 gain = mean_difference(part, [measure])
-                ends = np.clip([gain.low, gain.high], -1.0, 1.0)
-                for end, value in zip(("", "_low", "_high"), (gain.estimate, *ends), strict=True):
+                values = gain.estimate, *_ends(gain, -1.0)
+                for end, value in zip(("", "_low", "_high"), values, strict=True):
                     row[f"{measure}_gain{end}"] = float(value)
             rows.append(row)
     return pd.DataFrame(rows)
@@ -246,6 +247,12 @@ def mean_difference(pairs: Sequence[tuple[Scored, Scored]], measures: Sequence[s
         estimates.append(np.mean([one[name] - other[name] for name in measures]))
     cells = [cell for pair in pairs for cell in pair]
     return _interval(float(np.mean(estimates)), np.mean(values, axis=0), cells)
+
+
+def _ends(interval: Interval, least: float) -> tuple[float, float]:
+    """Return the ends of an interval, from ``least`` to 1; NaN where the sample is too small."""
+    low, high = np.clip([interval.low, interval.high], least, 1.0)
+    return (float(low), float(high)) if np.isfinite(interval.low) else (np.nan, np.nan)
 
 
 def _interval(

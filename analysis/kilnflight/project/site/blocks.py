@@ -20,6 +20,7 @@ from kilnflight.project.site.links import Links
 from kilnflight.project.style import totals
 
 LONGEST_TABLE = 25  # rows that a page shows; the rest has a page of its own
+AS_SAVED = ("errata", "published-recomputed")  # the last printed digits are what they are about
 UNITS = {
     "m_s": "m/s", "mm": "mm", "px": "px", "ms": "ms", "s": "s", "m": "m", "bar": "bar",
     "percent": "%", "degrees": "degrees", "gray": "grey value",
@@ -64,12 +65,12 @@ class Blocks:
         """Return the table: whole if it is short, else its totals or first rows."""
         table = pd.read_csv(self.folder / f"{identifier}.csv", keep_default_na=False, dtype=str)
         if len(table) <= LONGEST_TABLE:
-            return html_table(table)
+            return html_table(table, identifier)
         words = totals(table)
         shown = table[words] if 0 < words.sum() <= LONGEST_TABLE else table.head(LONGEST_TABLE)
         kind = "totals" if 0 < words.sum() <= LONGEST_TABLE else "first rows"
         return (
-            f'{html_table(shown)}<p class="more">Shown: the {kind}. '
+            f'{html_table(shown, identifier)}<p class="more">Shown: the {kind}. '
             f'<a href="{self.above}tables/{identifier}.html">All {len(table)} rows</a>, to sort '
             "and filter.</p>"
         )
@@ -104,17 +105,18 @@ def is_drawn(folder: Path, identifier: str) -> bool:
         return bool(kind == "picture" if kind else image.info["dpi"][0] > 1.05 * figures.TABLE_DPI)
 
 
-def html_table(table: pd.DataFrame) -> str:
+def html_table(table: pd.DataFrame, identifier: str = "") -> str:
     """Return a table of texts as HTML: words as headers, numbers with three digits.
 
-    What is published stands beside ours.
+    What is published stands beside ours. Tables of `AS_SAVED` keep their digits.
     """
     order = [str(name) for name in table]
     for name in [name for name in order if name.endswith("_published")]:
         if (ours := name.removesuffix("_published")) in order:
             order.remove(name)
             order.insert(order.index(ours) + 1, name)
-    cells = table[order].rename(columns=header).map(three_digits)
+    cells = table[order].rename(columns=header)
+    cells = cells if identifier in AS_SAVED else cells.map(three_digits)
     return f'<div class="wide" tabindex="0">{cells.to_html(index=False, border=0, na_rep="")}</div>'
 
 

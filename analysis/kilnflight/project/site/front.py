@@ -27,7 +27,9 @@ ABSTRACT = (  # of the report, too
 USE = """\
 <pre class="use">make          # notebooks with less input, and this site
 make full     # everything, at the scale of the publications
-kilnflight run chips.toml --to chips   # the same chain on a film of your own</pre>
+# the same chain on a film of your own; chips.toml says where it lies
+kilnflight import chips.toml --to chips.zarr
+kilnflight run chips.zarr --to chips</pre>
 <p><a href="documents/made.html">How to reproduce it</a>,
 <a href="documents/own_recording.html">a recording of your own</a>,
 <a href="documents/limits.html">what the twin can and cannot tell</a>,

@@ -27,7 +27,7 @@ def write(folder: Path, blocks: Blocks) -> list[str]:
             f"{blocks.links(entry.caption, blocks.above)}{part}\n\n"
             f'```{{raw}} html\n<div id="{name}"><input class="filter" type="search" '
             'placeholder="filter rows" '
-            f'aria-label="filter rows"/>\n{html_table(shown)}\n{blocks.downloads(entry)}</div>\n```\n'
+            f'aria-label="filter rows"/>\n{html_table(shown, name)}\n{blocks.downloads(entry)}</div>\n```\n'
         )
         names.append(name)
     return names
