@@ -1,10 +1,11 @@
 # %% [markdown]
 # # Data association on small cases
 #
-# **Published** (thesis, sections 2.3.2 to 2.3.4, 3.3, 4.1.2; Figs 2.20 to 2.23, 3.13 and 4.2). In
-# sketches: the nearest neighbour (NN) fails in a crowd, the global one (GNN) does not. Both take
-# clutter that lies nearer. Probabilistic association (PDA, JPDA) lands in between. JPDA sums over
-# joint events, eleven in the example. The gate is an elliptical cylinder.
+# **Published** (thesis, sections 2.3.2 to 2.3.4, 3.3, 4.1.2 and 4.1.3 with Eqs 4.9 to 4.12; Figs
+# 2.20 to 2.23, 3.13 and 4.2). In sketches: the nearest neighbour (NN) fails in a crowd, the global
+# one (GNN) does not. Both take clutter that lies nearer. Probabilistic association (PDA, JPDA)
+# lands in between. JPDA sums over joint events, eleven in the example. The gate is an elliptical
+# cylinder.
 #
 # **Here.** The sketches have no scales, so these are cases of our own of the same kind. The
 # functions that track the recordings compute them. No claim is tested.

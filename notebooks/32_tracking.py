@@ -83,7 +83,8 @@ measured = tracking_scores.tabulate(cells.values())
 caption = (
     "GNN and JPDA with and without post-processing on windows like those of Table 5.15, "
     f"scoring distance {tracking_scores.GATE_PX:.0f} px; after Table 5.17, with 95 % intervals. "
-    "With fewer than six true trajectories an interval is 0 to 1."
+    "The reading from the lance decides the claims; the others only stand beside it. No interval: "
+    "fewer than six true trajectories."
 )
 table = table_5_17.with_table_5_17(measured)
 figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)

@@ -27,7 +27,6 @@ from kilnflight.experiments import (
     dwell,
     flight_claims,
     flight_pictures,
-    statements,
 )
 from kilnflight.project import figures, style
 
@@ -164,11 +163,10 @@ figures.save("dwell-medians", rows.round(4), caption=caption, provenance=origin)
 
 # %%
 verdicts = flight_claims.dwell_verdicts(results, generator)
-first = statements.by_pressure(results.measured, "dwell median (s)").iloc[:, 0]
-parts = [f"{name} {value:.2f}" for name, value in first.dropna().items()]
+middle = confidence.medians_in_words(results.measured, "dwell median (s)", digits=2)
 result = (
-    f"{dwell.describe(counts)} Median dwell time of complete flights at {first.name} bar (s): "
-    f"{', '.join(parts) or 'none'}; the intervals of {int(rows['covers'].sum())} of {len(rows)} "
-    f"campaigns cover the true median. {dwell.describe_refused(refused)}"
+    f"{dwell.describe(counts)} Median dwell time in s of complete flights {middle}. "
+    f"Of the {rows['covers'].count()} campaigns with an interval and a truth, "
+    f"{rows['covers'].sum()} cover the true median. {dwell.describe_refused(refused)}"
 )
 figures.conclude(result, verdicts, origin)

@@ -149,14 +149,13 @@ confidence.slices_behind_lance(results.tables.slices)
 
 # %%
 verdicts = flight_claims.velocity_verdicts(results, printed, generator)
-first = statements.by_pressure(results.measured, "velocity 0-1 m (m/s)").iloc[:, 0]
-parts = [f"{name} {value:.1f}" for name, value in first.dropna().items()]
+middle = confidence.medians_in_words(results.measured, "velocity 0-1 m (m/s)", digits=1)
 off = (pairs["measured_m_s"] - pairs["true_m_s"])[pairs["slice_m"] == 1.0].dropna()
 both = f"median {off.median():+.2f} m/s ({len(off)} particles)" if len(off) else "no particle"
 
 # %%
 result = (
-    f"Median velocity in the first metre at {first.name} bar (m/s): {', '.join(parts) or 'none'}. "
+    f"Median velocity in m/s in the first metre {middle}. "
     f"Measured minus true, particle by particle: {both}. "
     f"{confidence.describe_before_detection(metres)}"
 )

@@ -1,5 +1,6 @@
 """The built site: in headless Chromium without a network, at two widths, and link by link."""
 
+import re
 import shutil
 import subprocess
 from dataclasses import dataclass, field
@@ -27,6 +28,9 @@ BROKEN = """async () => {
 UNNAMED = """() => [...document.images]
     .filter(image => !image.hasAttribute('alt'))  // empty: it adds nothing to the words beside it
     .map(image => image.src)"""
+MACHINE = re.compile(
+    r"[^<>\s]*(?<![\w.])/(?:tmp|home|root|usr)/[^<\s]*|[^<\s]*site-packages[^<\s]*"
+)
 OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]
     .filter(part => part.getBoundingClientRect().right > innerWidth + 1)
@@ -89,6 +93,11 @@ def test_every_download_exists(site, parsed):
     links = [(page, link) for page, content in parsed.items() for link in content.downloads]
     files = [(page, target(page, link)) for page, link in links]
     assert [page.name for page, found in files if not (found and found[0].stat().st_size)] == []
+
+
+def test_no_page_names_a_folder_of_this_machine(site, parsed):
+    found = {page.relative_to(site): MACHINE.search(page.read_text()) for page in parsed}
+    assert {str(page): at[0] for page, at in found.items() if at} == {}
 
 
 @dataclass

@@ -45,7 +45,7 @@ def test_a_metre_of_few_has_a_median_but_no_interval():
         row = table.loc[outcome]
         assert (row["number"], row["estimate"]) == (5, 3.0)
         assert row[["low", "high"]].isna().all()
-        assert not row["covers"]
+        assert pd.isna(row["covers"])
 
 
 def test_a_difference_resolved_with_our_numbers_need_not_be_with_those_of_the_thesis():
@@ -186,8 +186,17 @@ def test_an_interval_covers_the_true_median_or_not():
     assert len(table) == 2 * 8
     dwell = table[table["outcome"] == "dwell median (s)"]
     assert dwell["low"].isna().tolist() == [True, False]
-    assert dwell["covers"].tolist() == [False, True]
+    assert dwell["covers"].tolist() == [pd.NA, True]
     assert dwell["true_number"].tolist() == [60, 60]
+
+
+def test_medians_say_of_how_many_and_one_flight_is_too_few():
+    values = {CELL: flights(60), ("wood chip", 4.5): flights(1), ("confetti", 5.0): flights(60)}
+    median = np.median(flights(60).dwell_s)
+    assert confidence.medians_in_words(values, "dwell median (s)", 2) == (
+        f"at 4.5 bar (in brackets: of how many flights): confetti {median:.2f} (60), "
+        "wood chip too few (1)"
+    )
 
 
 def test_pairs_differ_in_fraction_or_pressure_but_not_in_both():

@@ -107,7 +107,7 @@ def test_few_or_no_complete_flights_are_counted_and_have_no_interval(ours):
     assert (row["complete"], row["lost"]) == (len(ours.dwell_s), len(ours.censored_s))
     assert np.isnan([row["low"], row["high"], row["with_lost_low"]]).all()
     assert np.isnan(row["measured_s"]) == (len(ours.dwell_s) == 0)
-    assert row["covers"] is False
+    assert pd.isna(row["covers"])
     curves = dwell.curves({"true": made, "measured": made})
     assert curves["source"].nunique() in (0, 2)
     picture = flight_pictures.draw_still_flying(curves, [CHIP])

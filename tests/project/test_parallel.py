@@ -2,6 +2,7 @@
 
 import os
 import sys
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from tqdm import tqdm
 
 from kilnflight.checks import InputError
+from kilnflight.project import parallel
 from kilnflight.project.parallel import Workers
 
 
@@ -47,6 +49,13 @@ def test_a_cluster_does_the_same(cluster, tmp_path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["1", "2", "3"]
     with pytest.raises(InputError, match="piece 1 is bad"):
         Workers(scheduler=cluster)(fails, [1], [5], "failing")
+
+
+def test_results_are_in_order_and_a_renewed_process_is_no_warning():
+    for jobs in (1, 2):
+        assert parallel.results(pow, [(2, 3), (3, 2)], jobs) == [8, 9]
+    with parallel.unwarned():  # warnings are errors here
+        warnings.warn("A worker stopped while some jobs were given.", UserWarning, stacklevel=1)
 
 
 @pytest.fixture

@@ -67,6 +67,32 @@ def test_a_picture_is_linked_with_its_files_and_citations(blocks):
     assert 'href="works/thesis-fig-5-19.html"' in text
 
 
+def test_a_reduced_figure_is_not_cited(blocks):
+    origin = Provenance("52_dwell_time", {"scale": "standard"}, commit="0" * 40)
+    table = pd.DataFrame({"f1": [0.5]})
+    figures.save("table-5-17-tracking", table, caption="F1.", provenance=origin)
+    entries = {entry.identifier: entry for entry in figures.entries()}
+    text = Blocks(paths.figures(), LINKS, entries=entries)("table-5-17-tracking")
+    assert "scale standard, do not cite" in text
+    assert "@misc" not in text
+
+
+def test_misprints_stand_on_the_page_of_their_table_with_the_digits_that_differ(blocks):
+    origin = Provenance("01_published_tables", {"scale": "full"})
+    row = ["Table 5.17, GNN: f1", "0.5020", "0.50208", "no: last digits only"]
+    wrong = pd.DataFrame([row], columns=["where", "printed", "recomputed", "consequence"])
+    figures.save("errata", wrong, caption="Misprints.", provenance=origin)
+    assert "<td>0.5020</td>" in blocks.table("errata")
+    assert "<td>0.50208</td>" in blocks.table("errata")
+    table = numbers.load(["table-5-17-tracking"]).set_index("name", drop=False)
+    none = pd.DataFrame(columns=["id", "verdict", "seed", "where", "published"], dtype=str)
+    page = numbers.page(table.loc["thesis-table-5-17"].to_dict(), blocks, none)
+    assert "printed 0.5020, recomputed 0.50208" in page
+    assert "01_published_tables.html#errata" in page
+    other = numbers.page(table.loc["thesis-table-5-1"].to_dict(), blocks, none)
+    assert "misprint" not in other
+
+
 def test_a_table_has_words_and_three_digits_and_a_long_one_its_totals(blocks):
     assert "<th>F1</th>" in blocks("table-5-17-tracking")
     text = blocks("table-5-8-dbscan")

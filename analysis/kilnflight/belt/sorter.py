@@ -24,7 +24,7 @@ from tqdm import tqdm
 from kilnflight.belt.bodies import Batch, engine
 from kilnflight.belt.machine import BULKS, Bulk, Contacts, Conveyor, Slide, check_material
 from kilnflight.checks import check_count
-from kilnflight.project import cache, data, paths
+from kilnflight.project import cache, data, parallel, paths
 from kilnflight.tables import BELT_BODIES
 
 BATCH = 500  # particles that are simulated together: about two seconds of feed
@@ -145,9 +145,11 @@ def simulate_tracks(
     folder = paths.derived().absolute()  # a reused process may have another one
     simulate = joblib.delayed(partial(_batch, sorter, material, seed, folder))
     run = joblib.Parallel(n_jobs=min(jobs, len(sizes)) or 1, return_as="generator")
-    batches = run(simulate(number, size) for number, size in enumerate(sizes))
-    bar = tqdm(batches, desc=f"belt with {material}", total=len(sizes), unit="batch", disable=None)
-    return _joined(bar, sizes, sorter.conveyor.sampling_hz)
+    label = f"belt with {material}"
+    with parallel.unwarned():
+        batches = run(simulate(number, size) for number, size in enumerate(sizes))
+        bar = tqdm(batches, desc=label, total=len(sizes), unit="batch", disable=None)
+        return _joined(bar, sizes, sorter.conveyor.sampling_hz)
 
 
 def _joined(

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import joblib
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
@@ -33,6 +32,7 @@ from kilnflight.experiments.confidence import interval_columns, median_of
 from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.kiln import KilnRun
+from kilnflight.project import parallel
 from kilnflight.regression import Regression
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES, quartiles
@@ -283,10 +283,11 @@ def error_budget(results: Results, jobs: int = 1) -> pd.DataFrame:
     """Return `errors` of every campaign and replaced step, in `jobs` processes."""
     keys = [campaign.key for campaign in results.campaigns]
     measured = results.tables[:2]  # tracks and trajectories
-    parts = joblib.Parallel(n_jobs=jobs)(
-        joblib.delayed(_budget)(campaign, *(of_campaign(table, campaign.key) for table in measured))
+    pieces = (
+        (campaign, *(of_campaign(table, campaign.key) for table in measured))
         for campaign in results.campaigns
     )
+    parts = parallel.results(_budget, pieces, jobs)
     return stack(dict(zip(keys, parts, strict=True)))
 
 

@@ -73,7 +73,7 @@ def median_table(measured: Values, true: Values, generator: np.random.Generator)
     DataFrame
         ``fraction``, ``pressure_bar``, ``outcome`` as in `kilnflight.scores.flights.outcomes`,
         ``number`` of particles, ``estimate``, ``low``, ``high`` (empty where the sample is too
-        small), ``true`` (median of all flights in the same frames), ``true_number``, ``covers``.
+        small), ``true`` (median of all flights in the same frames), ``true_number``, `covers`.
     """
     rows = []
     for key, flight_values in measured.items():
@@ -84,7 +84,13 @@ def median_table(measured: Values, true: Values, generator: np.random.Generator)
             row |= {"true": quartiles(truth[outcome])[1], "true_number": len(truth[outcome])}
             rows.append(row)
     table = pd.DataFrame(rows)
-    return table.assign(covers=table["true"].between(table["low"], table["high"]))
+    return table.assign(covers=covers(table, "true"))
+
+
+def covers(table: pd.DataFrame, true: str) -> pd.Series:
+    """Return whether intervals hold the true values of a column; NA where either is unknown."""
+    known = table[["low", "high", true]].notna().all(axis=1)
+    return table[true].between(table["low"], table["high"]).astype("boolean").where(known)
 
 
 def _samples(flight_values: FlightValues) -> dict[str, Array]:
@@ -318,6 +324,21 @@ def in_words(table: pd.DataFrame, quantity: str) -> str:
     parts += [f"not: {' / '.join(close)}"] if close else []
     few = int(table["resolved_with_table_5_15"].sum())
     return "; ".join([*parts, f"with the numbers of Table 5.15: {few} of {len(table)}"])
+
+
+def medians_in_words(values: Values, outcome: str, digits: int) -> str:
+    """Return a median of each fraction at the lowest pressure, and of how many flights it is.
+
+    Of fewer than six it says "too few": one flight is no median.
+    """
+    lowest, parts = min(bar for _, bar in values), []
+    for (fraction, bar), each in values.items():
+        sample = _samples(each)[outcome]
+        if bar == lowest:
+            few = len(sample) < Bootstrap.least
+            median = "too few" if few else f"{np.median(sample):.{digits}f}"
+            parts.append(f"{fraction} {median} ({len(sample)})")
+    return f"at {lowest} bar (in brackets: of how many flights): {', '.join(parts)}"
 
 
 def describe_coverage(medians: pd.DataFrame) -> str:

@@ -27,7 +27,7 @@ from kilnflight.experiments.campaigns import (
     rows_by_campaign,
     stack,
 )
-from kilnflight.experiments.confidence import Values, interval_columns, median_of
+from kilnflight.experiments.confidence import Values, covers, interval_columns, median_of
 from kilnflight.flight import LANDED, LOST
 from kilnflight.scores.flights import censored_median, quartiles, still_flying
 from kilnflight.tables import TRAJECTORIES
@@ -156,9 +156,9 @@ def medians(
         row["followed_with_lost_s"] = censored_median(followed[key]).estimate
         row["true_s"] = float(quartiles(true[key].dwell_s)[1])
         row["true_number"] = len(true[key].dwell_s)
-        row["covers"] = bool(row["low"] <= row["true_s"] <= row["high"])
         rows[key] = row
-    return rows_by_campaign(rows)
+    table = rows_by_campaign(rows)
+    return table.assign(covers=covers(table, "true_s"))
 
 
 def curves(sources: Mapping[str, Values]) -> pd.DataFrame:

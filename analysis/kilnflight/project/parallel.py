@@ -13,7 +13,7 @@ import gc
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +27,7 @@ from kilnflight.checks import InputError, check_count
 from kilnflight.project import paths
 
 Piece = TypeVar("Piece")
+Made = TypeVar("Made")
 LOGGED_S = 30.0  # between two states of the bar in a log
 
 
@@ -119,9 +120,7 @@ class Workers:
         """Yield the numbers of the pieces that processes of this machine have finished."""
         run = joblib.Parallel(n_jobs=min(self.jobs, len(pieces)), return_as="generator_unordered")
         calls = (joblib.delayed(_numbered)(make, k, piece) for k, piece in enumerate(pieces))
-        with warnings.catch_warnings():
-            # joblib warns when it renews a process that has grown
-            warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        with unwarned():
             try:
                 yield from run(calls)
             except BrokenExecutor as error:
@@ -193,6 +192,27 @@ class Workers:
                     f"scheduler {self.scheduler}: worker {address} has no kilnflight. Install the "
                     "same version there as here."
                 )
+
+
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """Keep joblib from warning when it renews a process that has grown."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        yield
+
+
+def results(make: Callable[..., Made], pieces: Iterable[tuple[Any, ...]], jobs: int) -> list[Made]:
+    """Return ``make(*piece)`` of every piece in order, from processes of this machine."""
+    with unwarned():
+        run = joblib.Parallel(n_jobs=jobs)
+        return list(run(joblib.delayed(_returned)(make, piece) for piece in pieces))
+
+
+def _returned(make: Callable[..., Made], piece: tuple[Any, ...]) -> Made:
+    made = make(*piece)
+    _give_back()
+    return made
 
 
 def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int:

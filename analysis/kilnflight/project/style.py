@@ -245,4 +245,4 @@ def _width(text: str) -> int:
 def _text(value: object) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.5g}"
-    return str(value)
+    return "" if value is pd.NA else str(value)

@@ -88,11 +88,18 @@ class Blocks:
             page = f"{self.above}{notebook}.html#{name}"
             files.append(f'<a href="{page}">notebook {notebook[:2]}</a>')
         files.append(f'<a href="#{name}">link</a>')
-        cited = "".join(
+        return f'<div class="downloads">{" ".join(files)}{self.citations(entry)}</div>'
+
+    @staticmethod
+    def citations(entry: Entry) -> str:
+        """Return the citations to copy; figures/ holds no figure of a reduced run to cite."""
+        scale = entry.provenance["parameters"].get("scale", "full")
+        if scale != "full":
+            return f" <span>scale {scale}, do not cite</span>"
+        return "".join(
             f"<details><summary>{label}</summary><pre>{escape(text)}</pre></details>"
             for label, text in figures.citations(entry).items()
         )
-        return f'<div class="downloads">{" ".join(files)}{cited}</div>'
 
     def _has(self, name: str, kind: str) -> bool:
         return (self.folder / f"{name}.{kind}").is_file()

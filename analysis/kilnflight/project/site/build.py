@@ -133,8 +133,9 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     long_tables.write(sources / "tables", below)
     documents.write(sources / "documents", collected, blocks.links)
     documents.write_api(sources / "api")
-    front = Front(paths.figures(), collected, table)(sources / "_static" / "thumbs")
-    (sources / "index.md").write_text(f"{front}\n\n{_contents(stems)}")
+    front = Front(paths.figures(), collected, table, list(saved.values()))
+    first = front(sources / "_static" / "thumbs")
+    (sources / "index.md").write_text(f"{first}\n\n{_contents(stems)}")
 
 
 def _plotly() -> Path:

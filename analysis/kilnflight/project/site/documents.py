@@ -8,6 +8,7 @@ from __future__ import annotations
 import pkgutil
 import re
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from sphinx.application import Sphinx
@@ -54,9 +55,18 @@ def write(folder: Path, verdicts: pd.DataFrame, links: Links) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Let Sphinx read docstrings in which bars mean an absolute value."""
+    """Let Sphinx read docstrings in which bars mean an absolute value, and shorten paths."""
     app.connect("autodoc-process-docstring", _bars)
+    app.connect("autodoc-process-signature", _short_paths)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _short_paths(*given: Any) -> tuple[str, str] | None:
+    """Return a signature whose default paths begin at the package, not on this machine."""
+    arguments, returned = given[-2:]
+    if not arguments:
+        return None
+    return re.sub(r"\w*Path\('[^']*/(kilnflight/[^']*)'\)", r"Path('\1')", arguments), returned
 
 
 def _bars(*given: object) -> None:

@@ -5,7 +5,7 @@ Every number is read from figures/; none is typed.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -14,6 +14,7 @@ import pandas as pd
 from PIL import Image
 
 from kilnflight.project import claims, claims_page, paths
+from kilnflight.project.figures import Entry
 from kilnflight.project.site.blocks import three_digits
 from kilnflight.project.site.notebook import verdict_bar
 
@@ -58,6 +59,7 @@ class Front:
     folder: Path
     verdicts: pd.DataFrame
     numbers: pd.DataFrame  # `kilnflight.project.site.numbers.load`
+    entries: Sequence[Entry] = ()  # of the figures
 
     def __call__(self, thumbnails: Path) -> str:
         """Return the page as Markdown, and write its small pictures into a folder."""
@@ -145,14 +147,16 @@ class Front:
         table = self.table("dwell-medians")
         if table.empty:
             return ""
-        known = table.dropna(subset=["with_lost_low", "with_lost_high"])
+        known = table.dropna(subset=["with_lost_low", "with_lost_high", "true_s"])
+        if known.empty:
+            return ""
         low, true, high = (
             known[name].astype(float) for name in ("with_lost_low", "true_s", "with_lost_high")
         )
         return (
-            f"The true median dwell time lies in the measured 95 % interval in "
-            f"{((low <= true) & (true <= high)).sum()} of {len(known)} campaigns, if flights "
-            "that were lost are counted as censored."
+            "The measured 95 % interval holds the true median dwell time in "
+            f"{((low <= true) & (true <= high)).sum()} of {len(known)} campaigns that have both. "
+            "Lost flights count as censored."
         )
 
     def _belt(self) -> str:
@@ -177,10 +181,16 @@ class Front:
             part = named[named["chapter"] == claims_page.CHAPTERS[key["chapter"]]]
             page = f'<a href="{PAGES[key["chapter"]]}.html">{part["chapter"].iloc[0]}</a>'
             ours, true = self.measured(key)
-            texts = map(escape, (key["quantity"], key["published"], ours, true))
-            cells = (page, "".join(map(_dot, part.to_dict("records"))), *texts)
+            quantity, *texts = map(escape, (key["quantity"], key["published"], ours, true))
+            number = f'<a href="{self.page_of(key["table"])}">{quantity}</a>'
+            cells = (page, "".join(map(_dot, part.to_dict("records"))), number, *texts)
             lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
         return f'<div class="wide" tabindex="0"><table class="chapters">{"".join(lines)}</table></div>'
+
+    def page_of(self, name: str) -> str:
+        """Return the place of a saved table on its notebook's page; without it, all numbers."""
+        notebooks = {each.identifier: each.provenance["notebook"] for each in self.entries}
+        return f"{notebooks[name]}.html#{name}" if name in notebooks else "numbers.html"
 
     def measured(self, key: Mapping[Hashable, str]) -> tuple[str, str]:
         """Return a number with its interval, and its true value; empty if this run has none."""

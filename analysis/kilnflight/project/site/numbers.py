@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Iterable, Mapping
+from html import escape
 from pathlib import Path
 
 import pandas as pd
@@ -96,12 +97,28 @@ def page(row: Mapping[Hashable, object], blocks: Blocks, verdicts: pd.DataFrame)
             f"- **{claim['verdict']}**: {claim['published']} "
             f"(<a href='../00_claims.html#{claim['id']}'>{claim['id']}</a>)"
         )
+    lines += _misprints(str(row["work"]), rf"\b{kind}\.? {re.escape(number)}(?!\d)", blocks)
     if row["absent"]:
         lines.append(f"\nNot drawn here on its own: {row['absent']}.\n")
     ids = row["ids"]
     assert isinstance(ids, list)
     lines += [f"\n```{{raw}} html\n{blocks(name)}\n```\n" for name in ids]
     return "\n".join(lines) + "\n"
+
+
+def _misprints(work: str, place: str, blocks: Blocks) -> list[str]:
+    """Return what the errata say of a place of the thesis, as lines of a list."""
+    path = blocks.folder / "errata.csv"
+    if work != "thesis" or not path.is_file():
+        return []
+    wrong = pd.read_csv(path, dtype=str, keep_default_na=False)
+    here = wrong[wrong["where"].str.contains(place) & ~wrong["where"].str.startswith("Belt")]
+    link = "<a href='../01_published_tables.html#errata'>errata</a>"
+    return [
+        f"- **misprint** ({link}): {escape(row['where'])}: printed {escape(row['printed'])}, "
+        f"recomputed {escape(row['recomputed'])}"
+        for row in here.to_dict("records")
+    ]
 
 
 def index(table: pd.DataFrame) -> str:
