@@ -28,9 +28,7 @@ BROKEN = """async () => {
 UNNAMED = """() => [...document.images]
     .filter(image => !image.hasAttribute('alt'))  // empty: it adds nothing to the words beside it
     .map(image => image.src)"""
-MACHINE = re.compile(
-    r"[^<>\s]*(?<![\w.])/(?:tmp|home|root|usr)/[^<\s]*|[^<\s]*site-packages[^<\s]*"
-)
+MACHINE = re.compile(r"(?<![\w.])/(?:tmp|home|root|usr)/.{0,60}|site-packages")
 OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]
     .filter(part => part.getBoundingClientRect().right > innerWidth + 1)
