@@ -122,6 +122,6 @@ crowd = tracks.groupby("fraction")["particle"].nunique().reindex(list(sums), fil
 result = (
     f"Particles in the air during up to {frames} frames of the tracking windows: "
     + ", ".join(f"{name} {count}" for name, count in crowd.items())
-    + f"; the wall's temperature profile is recovered within {off:.0f} K."
+    + f". The wall's temperature profile is recovered within {off:.0f} K."
 )
 figures.conclude(result, [], origin)

@@ -47,7 +47,7 @@ subsets = detection.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
 for name in ("Mean", "Median", "Adaptive") if scale == "quick" else ():  # few are rendered
     models[name] = replace(models[name], window=12)
-print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %%
 parameters = pd.DataFrame([{"model": name} | asdict(model) for name, model in models.items()])
@@ -165,8 +165,9 @@ others = detection_claims.background_verdicts(other, {}, seed, note)
 verdicts = detection_claims.beside(verdicts, others, *detection_claims.DIFFERENCES)
 reproduced = claims.count_reproduced(verdicts)
 f1 = summary.loc[list(models), "f1"].sort_values(ascending=False)
+last, best = (f"{f1.iloc[k]:.3f} ({style.words(f1.index[k])})" for k in (-1, 0))
 result = (
-    f"{reproduced} of 6 claims reproduced. F1 from {f1.iloc[-1]:.3f} ({f1.index[-1]}) to "
-    f"{f1.iloc[0]:.3f} ({f1.index[0]}); published 0.8385 (2-frame difference) to 0.8592 (median)."
+    f"{reproduced} of 6 claims reproduced. F1 from {last} to {best}; published 0.8385 (2-frame "
+    "difference) to 0.8592 (median)."
 )
 figures.conclude(result, verdicts, origin)

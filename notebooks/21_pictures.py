@@ -37,7 +37,7 @@ frames = frames or detection.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("21_pictures", setting, seed=seed, inputs=[LIGHT_FILE])
 subsets = detection.labelled_subsets(scale, seed, frames)
-print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %% [markdown]
 # ## Both detectors
@@ -92,8 +92,8 @@ recall = detection_tables.class_recall(both.assign(method=panels), ["method", "s
 printed = [twin_exposure.UNLIT_RECALL[subset.name] for subset in subsets]
 picture = detection_pictures.draw_class_recall(recall, "method", printed)
 caption = (
-    "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6, with "
-    "absolute differences and with differences that stop at zero."
+    "Simulated recall of each class by Otsu's method and by SIFT, after Figs 5.5 and 5.6. With "
+    "absolute differences, and with differences that stop at zero."
 )
 figures.save("fig-5-5-recall", recall, picture=picture, caption=caption, provenance=origin)
 

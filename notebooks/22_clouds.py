@@ -46,7 +46,7 @@ origin = figures.trace("22_clouds", {"scale": scale, "frames": frames}, seed=see
 subsets = detection.labelled_subsets(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 images = frames * len(subsets)
-print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %% [markdown]
 # ## A cloud in space
@@ -103,7 +103,7 @@ tables = {family: detection_tables.cluster_table(attempts, family) for family in
 
 # %%
 scored = (
-    f"on {images} frames by subset and in total, scoring distance 45 px, F1 also with a diameter"
+    f"on {images} frames, by subset and in total. Scoring distance 45 px, F1 also with a diameter"
 )
 caption = f"DBSCAN with the parameters of Table 5.8 {scored} of 45 px."
 figures.save("table-5-8-dbscan", tables["dbscan"], caption=caption, provenance=origin)

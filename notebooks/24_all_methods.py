@@ -29,12 +29,12 @@ frames = frames or detection.FRAMES[scale]
 origin = figures.trace("24_all_methods", {"scale": scale, "frames": frames}, seed=seed)
 subsets = detection.labelled_subsets(scale, seed, frames)
 images = frames * len(subsets)
-print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %%
 threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
 attempts = detection.compare_methods(subsets, threshold)
-print(f"thresholds of DoG: {threshold.to_dict()}")
+print("Thresholds of SIFT (grey values):", detection_tables.in_words(threshold))
 
 # %% [markdown]
 # The same with differences that stop at zero, and the thresholds that are best then.
@@ -43,7 +43,7 @@ print(f"thresholds of DoG: {threshold.to_dict()}")
 stopping = detection.stopping_at_zero(subsets)
 threshold = detection.chosen_thresholds(detection.compare_thresholds(stopping, scale))
 cut = detection.compare_methods(stopping, threshold, clouds_alone=False)
-print(f"thresholds of DoG: {threshold.to_dict()}")
+print("Thresholds of SIFT (grey values):", detection_tables.in_words(threshold))
 
 # %%
 total = detection.sum_counts(attempts, ["method"]).assign(reading=detection_tables.ABSOLUTE)

@@ -33,7 +33,7 @@ style.use_style()
 frames = frames or detection.FRAMES[scale]
 origin = figures.trace("25_wall", {"scale": scale, "frames": frames}, seed=seed)
 subsets = detection.labelled_subsets(scale, seed, frames)
-print(f"{frames} of the ten labelled frames of each of {len(subsets)} subsets")
+print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %% [markdown]
 # ## The cylinder

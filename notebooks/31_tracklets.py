@@ -104,7 +104,8 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 variants = post_processing.compare_variants(windows, post_processing.variants())
 caption = (
     "Post-processing under six readings of section 4.2.3, tracks of GNN, all tracks and those from "
-    "the lance; gains in alpha and beta over the first, with 95 % intervals."
+    "the lance. Gains in alpha and beta over the first, with 95 % intervals. No interval: a window "
+    "has fewer than six true trajectories."
 )
 figures.save("tracklet-readings", variants, caption=caption, provenance=origin)
 

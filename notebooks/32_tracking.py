@@ -40,7 +40,7 @@ table = table_5_17.window_table(windows)
 caption = (
     "Windows of the campaigns in which about as many leave the lance and last as Table 5.15 "
     "counts, or their busiest part. The published frames hold other numbers on the twin. "
-    "trajectories: all that a person could follow; trajectories_from_lance: by the rule of the "
+    "Trajectories: all that a person could follow; trajectories from lance: by the rule of the "
     "scores."
 )
 figures.save("table-5-15-windows", table, caption=caption, provenance=origin)
@@ -58,10 +58,11 @@ tried = tuning.tried_settings(scale, tuning.OURS, seed, jobs)
 trackers = tuning.our_trackers(tried)
 picture = tracker_ranks.draw_curves(tried)
 caption = (
-    "What was tried for GNN and JPDA on frames that are not reported: mean beta after "
-    "post-processing, tracks from the lance (grey), the largest at each value (line), the chosen "
-    "setting (circle). JPDA's gates end below GNN's by the text (section 5.2.3). Without the "
-    "texture term, for which these frames have no differences (notebook 31 asks what it does). "
+    "What was tried for GNN and JPDA on frames that are not reported. Mean beta after "
+    "post-processing, tracks from the lance: every setting (grey), the largest at each value "
+    "(line), the chosen setting (circle). JPDA's gates end below GNN's by the text (section "
+    "5.2.3). Without the texture term, for which these frames have no differences (notebook 31 "
+    "asks what it does). "
     f"Chosen: {tuning.describe_chosen(tried)}."
 )
 shown = tracker_ranks.filled(tried)
@@ -99,7 +100,7 @@ _ = [axes.set_xlabel("measure") for axes in grid[-1]]
 picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
 caption = (
     "The 64 values of Table 5.17: recomputed from the lance (black, with 95 % intervals), of all "
-    "tracks (grey), published (diamonds); from without (open) to with post-processing (filled)."
+    "tracks (grey), published (diamonds). From without (open) to with post-processing (filled)."
 )
 figures.save("tracking-scores", beside, picture=picture, caption=caption, provenance=origin)
 
@@ -127,7 +128,7 @@ window = windows[1]
 tracks = tracked[window.fraction, "GNN"][tracking_scores.STAGES[-1]]
 picture, table = tracking.draw_one_frame(window, tracks)
 caption = (
-    "Simulated: the frame of the window in which most particles are tracked, its detections in "
+    "Simulated: the frame of the window in which most particles are tracked. Its detections in "
     "the air (circles), and the tracks of GNN that lead to them, after post-processing."
 )
 figures.save("tracked-frame", table, picture=picture, caption=caption, provenance=origin)

@@ -52,10 +52,10 @@ tried = tuning.tried_settings(scale, tuning.all_grids(), seed, jobs)
 best = tuning.chosen_trackers(tried)
 picture = tracker_ranks.draw_curves(tried)
 caption = (
-    "All settings that were tried, the same number for each tracker, with mean measures after "
-    "post-processing, tracks from the lance, on frames that are not reported (frames: of each "
-    "stretch). Line: the largest at each value; circle: chosen. at_end, if any, names the chosen "
-    "one's parameters at an end of the grid, untried how many of its neighbours were not tried."
+    "All settings that were tried, the same number for each tracker, on frames that are not "
+    "reported (frames: of each stretch). Mean measures after post-processing, tracks from the "
+    "lance. Line: the largest at each value; circle: chosen. At end, if any: which parameters of "
+    "the chosen one lie at an end of the grid. Untried: how many of its neighbours were not tried."
 )
 shown = tracker_ranks.filled(tried)
 figures.save("peers-settings", shown, picture=picture, caption=caption, provenance=origin)
@@ -82,9 +82,10 @@ figures.save("peer-scores", shown, picture=picture, caption=caption, provenance=
 ranks = tracker_ranks.ahead_of_ours(scores, cells, limits)
 caption = (
     "Mean beta over the fractions, and by how much it is above that of our best tracker, with the "
-    "95 % interval of this difference; trackers that ran on every window. held_back: settings were "
-    "refused by our limit of joint tracks (Stone Soup) or by trackpy's own. The best may be among "
-    "them, so such a beta is a lower bound and no rank among equals."
+    "95 % interval of this difference (none: a window has fewer than six true trajectories). Only "
+    "trackers that ran on every window. Held back: settings were refused by our limit of joint "
+    "tracks (Stone Soup) or by trackpy's own. The best may be among them. Such a beta is a lower "
+    "bound and no rank among equals."
 )
 figures.save("peers-ranks", ranks, caption=caption, provenance=origin)
 

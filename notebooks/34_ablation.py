@@ -43,8 +43,8 @@ table = tracking.ablate(windows, {name: trackers[name] for name in ("GNN", "JPDA
 keys = ["input", "tracker", "postprocessing"]
 columns = ["fraction", *keys, *tracking_scores.MEASURES, "jsc_spurious_only"]
 caption = (
-    "Tracking with one part after the other replaced by the truth, by fraction; trackers in "
-    f"their chosen settings, scoring distance {tracking_scores.GATE_PX:.0f} px; tracks and "
+    "Tracking with one part after the other replaced by the truth, by fraction. Trackers in "
+    f"their chosen settings, scoring distance {tracking_scores.GATE_PX:.0f} px, tracks and "
     "trajectories from the lance."
 )
 figures.save("tracking-ablation", table[columns], caption=caption, provenance=origin)
@@ -89,8 +89,8 @@ exchanged = jpda_ablation.ablate(windows, variants)
 picture = jpda_ablation.draw(exchanged)
 caption = (
     "What JPDA gains or loses by one exchanged part, mean over the fractions, with 95 % intervals "
-    "(bootstrap over true tracks): alpha (black) and beta (white) after post-processing, all "
-    "tracks and those from the lance."
+    "(bootstrap over true tracks; none with fewer than six in a window). Alpha (black) and beta "
+    "(white) after post-processing, all tracks and those from the lance."
 )
 figures.save("jpda-ablation", exchanged, picture=picture, caption=caption, provenance=origin)
 

@@ -93,7 +93,7 @@ by |= {
 }
 picture = worked_examples.draw_outliers(table, by)
 caption = (
-    "An outlier in the second position, forwards only and backwards too, after Fig. 4.6; on the "
+    "An outlier in the second position, forwards only and backwards too, after Fig. 4.6. On the "
     "right with two more positions, where the first is judged before it. Hand-made."
 )
 figures.save("fig-4-6-backwards", table, picture=picture, caption=caption, provenance=origin)
@@ -128,7 +128,7 @@ figures.save("fig-4-9-joined", table, picture=picture, caption=caption, provenan
 picture = worked_examples.draw_joined(pairs, parts=True)
 caption = (
     "The same pairs with frame and, in brackets, time cardinality of each position, after Fig. "
-    "4.10; dashed: the connected part, by which the pair is judged. Hand-made."
+    "4.10. Dashed: the connected part, by which the pair is judged. Hand-made."
 )
 figures.save("fig-4-10-parts", table, picture=picture, caption=caption, provenance=origin)
 

@@ -96,8 +96,9 @@ track = tracks[source, "spheres"]
 one = track[track["particle"] == observed[source, "spheres"].arrival["particle"].iloc[0]]
 points = belt_plots.crossing(one, PHASE.target_mm)
 caption = (
-    "How the reference is made, after Fig. 5 of the 2020 paper: two observations of one simulated "
-    f"sphere ({source}) around the target and the crossing between them; times after the first."
+    "How the reference is made, after Fig. 5 of the 2020 paper. Two observations of one simulated "
+    f"sphere of {belt_2020.CALLED[source]} around the target, and the crossing between them. Times "
+    "after the first."
 )
 picture = belt_plots.draw_crossing(points, PHASE.target_mm)
 options = {"picture": picture, "caption": caption, "provenance": origin}
@@ -141,7 +142,7 @@ figures.save("belt-arrival-rate", table, **options)
 
 # %%
 lowest = belt_2020.describe_lowest(by_rate)
-rate_effect = f"{belt_2020.describe_changes(by_rate, study.answers)}; at {lowest}."
+rate_effect = f"{belt_2020.describe_changes(by_rate, study.answers)}. {lowest}."
 Markdown(rate_effect)
 
 # %% [markdown]
@@ -161,7 +162,7 @@ Markdown(rate_effect)
 # %%
 answers, deciding = study.answer(observed, source, scale, seed)
 caption = (
-    "Differences between models that decide claims, by measure, in ms: by how much the right ones "
+    "Differences between models that decide claims, by measure, in ms. By how much the right ones "
 )
 caption += "exceed the left ones, with 95 % interval over particles (paired bootstrap)."
 table = study.labelled(deciding)
@@ -181,7 +182,8 @@ verdicts = study.judge(answers, by_target, 100 if files else by_rate["sampling_h
 mae = belt_claims.by_model(judged, "mae")
 reproduced = claims.count_reproduced(verdicts)
 result = (
-    f"{reproduced} of {len(verdicts)} claims reproduced ({source}); identical acceleration is off "
+    f"{reproduced} of {len(verdicts)} claims reproduced on {belt_2020.CALLED[source]}. "
+    "Identical acceleration is off "
     f"by {mae['IA'].min():.2f} to {mae['IA'].max():.2f} ms on average, identical velocity by "
     f"{mae['IV'].min():.2f} to {mae['IV'].max():.2f} ms. {rate_effect}"
 )

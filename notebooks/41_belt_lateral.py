@@ -60,7 +60,7 @@ for axes, (name, steps) in zip(panels, samples.groupby("data_set", sort=False), 
 panels[0].set_ylabel("velocity across the belt (m/s)")
 caption = (
     "Velocity across the belt of 15 particles of each bulk material, after Fig. 8 of the 2020 "
-    f"paper ({source}); velocities above 0.13 m/s are cut off."
+    f"paper, on {belt_2020.CALLED[source]}. Velocities above 0.13 m/s are cut off."
 )
 table = samples.rename(columns={"x": "x_mm"})
 options = {"picture": picture, "caption": caption, "provenance": origin}
@@ -77,8 +77,8 @@ of_source = {name: particles for (key, name), particles in observed.items() if k
 material, decided = belt_plots.decisions(of_source, PHASE, seed)
 caption = (
     f"Valve decisions for one simulated particle ({material}) and a bar of 8 nozzles, after Fig. 4 "
-    f"of the 2020 paper ({source}). Dot: where and when it arrives. Box: the valve that opens, for "
-    f"{belt_plots.OPEN_MS:g} ms (our choice). Hatched: a bad decision. "
+    f"of the 2020 paper, on {belt_2020.CALLED[source]}. Dot: where and when it arrives. Box: the "
+    f"valve that opens, for {belt_plots.OPEN_MS:g} ms (our choice). Hatched: a bad decision. "
     "Straight has no time of its own and gets the true one."
 )
 picture = belt_plots.draw_decisions(decided)
@@ -136,7 +136,7 @@ Markdown(rate_effect)
 # %%
 answers, deciding = study.answer(observed, source, scale, seed)
 caption = (
-    "Differences between models that decide claims, by measure, in mm: by how much the right ones "
+    "Differences between models that decide claims, by measure, in mm. By how much the right ones "
 )
 caption += "exceed the left ones, with 95 % interval over particles (paired bootstrap)."
 table = study.labelled(deciding)
@@ -155,7 +155,8 @@ reproduced = claims.count_reproduced(verdicts)
 iqr = belt_claims.by_model(judged, "iqr")
 gain = 1 - iqr["CV-CV"] / iqr["Straight"]
 result = (
-    f"{reproduced} of {len(verdicts)} claims reproduced ({source}); constant lateral velocity "
+    f"{reproduced} of {len(verdicts)} claims reproduced on {belt_2020.CALLED[source]}. "
+    "Constant lateral velocity "
     f"narrows the spread of the straight model by {100 * gain.min():.0f} to "
     f"{100 * gain.max():.0f} %. {rate_effect}"
 )

@@ -134,7 +134,7 @@ worse = [
 answers = belt_claims.tracking_answers(every[every["material"] == "spheres"])
 images, noise_free = (100 * answers[claim].item() for claim in ("belt16-3", "belt16-1"))
 result = (
-    f"{reproduced} of {len(verdicts)} claims reproduced ({engine}): {images:.0f} % of "
+    f"{reproduced} of {len(verdicts)} claims reproduced on {engine}. {images:.0f} % of "
     f"the spheres are predicted to 1.5 mm from images, {noise_free:.0f} % to 0.2 mm "
     "without noise. From images the lateral spread of Tracking is larger than that of Straight for "
     f"{', '.join(worse) or 'no material'}."

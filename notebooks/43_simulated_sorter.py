@@ -93,8 +93,8 @@ for axes in grid[0, [0, 2]]:
 
 # %%
 caption = (
-    "Mean and standard deviation of the velocity along the belt, and median of the absolute "
-    "velocity across it, of our simulation and of the authors' tracks. The free values were "
+    "Velocity of our simulation and of the authors' tracks. Mean and standard deviation along the "
+    "belt, and median of its absolute value across. The free values were "
     "fitted to the spheres; cuboids and cylinders are predictions."
 )
 figures.save("sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)

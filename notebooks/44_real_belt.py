@@ -83,9 +83,10 @@ phase = PredictionPhase(1150.0, 1550.0)
 # %%
 by_recording = belt_real.tabulate_velocities(tables, velocities) if files else pd.DataFrame()
 caption = (
-    "Velocity of particles along the belt in each recording: median and robust standard deviation "
-    "of their distance from frame to frame, the pairs of measurements it rests on, and the share "
-    "of measurements that have such a pair. Linked: median distance by the authors' own tracks."
+    "Velocity of particles along the belt in each recording. Median and robust standard deviation "
+    "of their distance from frame to frame, and the pairs of measurements it rests on. Then the "
+    "share of measurements that have such a pair. Linked: median distance by the authors' own "
+    "tracks."
 )
 options = {"caption": caption, "provenance": origin}
 figures.save("belt-real-velocity", by_recording, **options) if files else None

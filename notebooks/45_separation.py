@@ -96,7 +96,8 @@ for axis, (_, grid) in figures_by_axis.items():
 # %%
 caption = (
     "Hits and inadvertent hits over the time that a valve is open, by model. There are 32 valves; "
-    f"one particle in ten is to be blown out ({source}, exact positions, no camera). Models: "
+    f"one particle in ten is to be blown out. By {belt_2020.CALLED[source]}: exact positions, no "
+    "camera. Models: "
     "arrival, then lateral. IV-Straight is what a line-scan camera assumes."
 )
 part = {"picture": figures_by_axis["open_ms"][0], "caption": caption, "provenance": origin}
@@ -113,7 +114,8 @@ figures.save("belt-separation", tables_by_axis["open_ms"], **part)
 # %%
 caption = (
     "Hits and inadvertent hits over the width of a valve's jet, by model. 32 valves at a pitch of "
-    f"5.6 mm are open for 5 ms each; one particle in ten is to be blown out ({source})."
+    f"5.6 mm are open for 5 ms each; one particle in ten is to be blown out. By "
+    f"{belt_2020.CALLED[source]}."
 )
 part = {"picture": figures_by_axis["valve_mm"][0], "caption": caption, "provenance": origin}
 figures.save("belt-separation-width", tables_by_axis["valve_mm"], **part)
@@ -135,7 +137,7 @@ hits = along(table, "", default).set_index(["model", "data_set"])["hit_percent"]
 straight, ratio = hits["IV-Straight"], hits["IA-Ratio"]
 result = (
     f"32 valves open for 5 ms hit {straight.min():.0f} to {straight.max():.0f} % of the particles "
-    f"by the old model (IV-Straight), {ratio.min():.0f} to {ratio.max():.0f} % by IA-Ratio "
-    f"({source}, exact positions, no camera). No claim is tested."
+    f"by the old model (IV-Straight), {ratio.min():.0f} to {ratio.max():.0f} % by IA-Ratio. "
+    f"That is on {belt_2020.CALLED[source]}: exact positions, no camera. No claim is tested."
 )
 figures.conclude(result, [], origin)

@@ -153,6 +153,6 @@ corners, along = errors["corner_error_mm"].max(), errors.set_index("material")["
 result = (
     f"The belt's corners are found to {corners:.3f} mm, places of spheres to "
     f"{along['spheres']:.2f} mm "
-    f"along the belt ({engine}). No claim is tested."
+    f"along the belt. All on {engine}. No claim is tested."
 )
 figures.conclude(result, [], origin)

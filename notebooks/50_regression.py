@@ -83,7 +83,7 @@ readings = order_readings.compare_orders(results.campaigns, Workers(jobs))
 caption = (
     "Two readings of section 4.3: orders are raised until RMSE, or adjusted R2, improves by less "
     "than 1 %. Mean orders by axis of trajectories from the lance, how many these are, and how "
-    "many of them are refused; of the others the median RMSE in depth and dwell time (complete)."
+    "many of them are refused. Of the others: median RMSE in depth and dwell time (complete)."
 )
 figures.save("regression-orders", readings.round(4), caption=caption, provenance=origin)
 
@@ -143,7 +143,7 @@ parts = [f"{row.fraction} {row.rmse_mm:.0f}" for row in deep.itertuples()]
 change = f"{gain:.4f}" if np.isfinite(gain) else "an unknown amount"
 result = (
     f"{table['from_lance'].sum()} trajectories from the lance, {table['refused'].sum()} of them "
-    f"refused, {table['few_points_refused'].sum()} of these with fewer than 15 points; median RMSE "
+    f"refused, {table['few_points_refused'].sum()} of these with fewer than 15 points. Median RMSE "
     f"in depth (mm): {', '.join(parts) or 'none'}. From order 6 to 7 adjusted "
     f"R2 changes by {change}."
 )

@@ -16,7 +16,7 @@ jobs = 2  # processes
 pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
 
 # %%
-from kilnflight.experiments import campaigns, plots
+from kilnflight.experiments import campaigns, confidence, plots
 from kilnflight.project import figures, style
 
 # %%
@@ -33,9 +33,9 @@ results = campaigns.results(scale, seed, jobs)
 # %%
 count = campaigns.count_tracks(results)
 caption = (
-    "Length of the campaigns, detections in the air or without depth, those in tracks, tracks "
-    "after post-processing, tracks that start at the lance, and how many of these are refused, as "
-    "no particle flies like their trajectories in space (notebook 50 says why)."
+    "Length of the campaigns, detections in the air or without depth, and those in tracks. Then "
+    "tracks after post-processing, those that start at the lance, and how many of these are "
+    "refused: no particle flies like their trajectories in space (notebook 50 says why)."
 )
 figures.save("campaign-tracks", count, caption=caption, provenance=origin)
 
@@ -83,9 +83,9 @@ saved[-1]
 # ## Result
 
 # %%
-parts = [f"{row.fraction} {row.pressure_bar} bar {row.from_lance}" for row in count.itertuples()]
+rows = [(row.fraction, row.pressure_bar, row.from_lance) for row in count.itertuples()]
 result = (
-    f"Trajectories from the lance: {', '.join(parts)}. Of these {count['refused'].sum()} are "
-    "refused and not drawn."
+    f"Trajectories from the lance. {confidence.by_fraction(rows)} Of these "
+    f"{count['refused'].sum()} are refused and not drawn."
 )
 figures.conclude(result, [], origin)

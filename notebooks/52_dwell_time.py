@@ -59,8 +59,8 @@ figures.save("dwell-flights", counts, caption=caption, provenance=origin)
 # %%
 refused = accuracy.compare_refused(results.campaigns, results.tables)
 caption = (
-    "Flights from the lance that count and that are refused, by fraction: how many, positions in "
-    "each (median), and what is true of their particles whose whole flight is recorded: median "
+    "Flights from the lance that count and that are refused, by fraction: how many, and positions "
+    "in each (median). What is true of their particles whose whole flight is recorded: median "
     "dwell time and velocity in the first metre. Where these medians differ, refusing selects."
 )
 figures.save("dwell-refused", refused.round(4), caption=caption, provenance=origin)
@@ -77,8 +77,9 @@ table = confidence.median_table(unrefused, results.true, generator)
 table = table[~table["outcome"].str.startswith("ignition")]
 caption = (
     "Median dwell time (s) of complete flights and velocity (m/s) in each metre if nothing is "
-    "refused, with 95 % intervals, beside the true ones; compare dwell-medians and "
-    "velocity-medians (notebook 53)."
+    "refused. With 95 % intervals, beside the true ones. Velocities of hundreds of m/s are not "
+    "physical: polynomials swing where nothing was detected. Compare the medians below and those "
+    "of notebook 53."
 )
 figures.save("medians-unrefused", table.round(4), caption=caption, provenance=origin)
 
@@ -150,11 +151,11 @@ figures.save("fig-5-19-still-flying", curves, picture=picture, caption=caption, 
 # %%
 rows = dwell.medians(results.measured, followed, results.true, generator)
 caption = (
-    "Median dwell time in s by fraction and pressure, of complete flights with its 95 % interval "
+    "Median dwell time in s by fraction and pressure. Of complete flights with its 95 % interval "
     "(bootstrap over flights), and with lost ones censored (interval from that of the curve). "
-    "Beside them the same two of the true flights as a person could follow them, the true median "
-    "of all flights in the same frames, and whether the first interval covers it. Empty: fewer "
-    "than six flights, or a curve that ends before one half."
+    "Beside them the same two of the true flights as a person could follow them. Last: the true "
+    "median of all flights in the same frames, and whether the first interval covers it. Empty: "
+    "fewer than six flights, or a curve that ends before one half."
 )
 figures.save("dwell-medians", rows.round(4), caption=caption, provenance=origin)
 

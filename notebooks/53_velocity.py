@@ -86,7 +86,7 @@ table = table[table["quantity"] == "remaining"]
 picture = flight_pictures.draw_along_the_way(table, list(readings))
 caption = (
     "Share of the particles that pass each metre. True of all flights in the same frames, and "
-    "measured: a flight that is lost on the way is censored there (Kaplan and Meier over the "
+    "measured. A flight that is lost on the way is censored there (Kaplan and Meier over the "
     "distance). Beside it all with lost ones counted as ended where they were lost; in the table "
     "also complete flights only (A.1). Broad bars: published, to "
     "the left 4.5 bar, to the right 5 bar; open bounds run to the edge."
@@ -107,7 +107,7 @@ caption = (
     "Median velocity in depth (m/s) within each metre, measured and true. Measured with the number "
     "of particles that passed it and its 95 % interval (bootstrap over these; empty for fewer than "
     "six). A metre that was passed before the first detection may come out at any velocity "
-    "(velocity-unseen)."
+    "(counted in the next table)."
 )
 figures.save("velocity-medians", medians.round(3), caption=caption, provenance=origin)
 

@@ -72,8 +72,8 @@ both = {name: accuracy.compare_campaigns(results.campaigns, each) for name, each
 table = ignition.ignition_errors(both)
 caption = (
     "Detected particles that truly ignite in flight (lit) and that do not (unlit). In how many of "
-    "them ignition was detected, in per cent with 95 % intervals, by our test of grey values as "
-    "they are and above the background. Median and spread of the error of its time in s."
+    "them ignition was detected, in per cent with 95 % intervals. By our test of grey values as "
+    "they are, and above the background. Median and spread of the error of its time in s."
 )
 figures.save("ignition-detected", table, caption=caption, provenance=origin)
 

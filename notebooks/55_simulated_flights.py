@@ -88,7 +88,7 @@ picture = flight_pictures.draw_simulated_paths(flown, speeds, shown, "velocity i
 data = flight_pictures.simulated_velocities(simulated, shown)
 caption = (
     "The same flights coloured by their velocity in depth (scale: 5 to 95 % of all moments), after "
-    "the left part of Fig. A.7; the table has the mean velocity in each metre (Eq. 5.8), empty "
+    "the left part of Fig. A.7. The table has the mean velocity in each metre (Eq. 5.8), empty "
     "where it was not passed."
 )
 figures.save("fig-a-7-paths", data, picture=picture, caption=caption, provenance=origin)
@@ -116,7 +116,7 @@ caption = (
 figures.save("simulated-agreement", agree, caption=caption, provenance=origin)
 
 # %% [markdown]
-# Ours: the one number that the appendix prints about the simulation, beside by_source.
+# Ours: the one number that the appendix prints about the simulation, beside ours by source.
 
 # %%
 reach = statements.beside_published(measured, simulated, ["penetration"])

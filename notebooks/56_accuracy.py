@@ -99,8 +99,8 @@ span, of_campaigns = (f"{s.min():+.3f} to {s.max():+.3f} s" if len(s) else "unkn
 # %%
 result = (
     f"Of the measurable particles {share:.0f} % are detected. Dwell times of complete flights are "
-    f"off by {span} (medians over the particles of each campaign), the medians of the campaigns by "
-    f"{of_campaigns}. "
+    f"off by {span} (medians over the particles of each campaign). The medians of the campaigns "
+    f"are off by {of_campaigns}. "
     f"{confidence.describe_coverage(medians)} {confidence.describe_resolved(apart)}"
 )
 figures.conclude(result, [], origin)

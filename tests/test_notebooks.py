@@ -93,7 +93,7 @@ def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
     assert (table.loc[table["verdict"] == claims.NOT_DECIDABLE, "reason"] != "").all()
     shapes_move = is_installed()
     assert (table.loc["belt20-3", "verdict"] == claims.NOT_DECIDABLE) != shapes_move
-    assert "own-simulation" in table.loc["belt20-5", "reason"]
+    assert "our own simulation" in table.loc["belt20-5", "reason"]
     assert table.loc["cluster-10", "verdict"] == claims.NOT_REPRODUCED
 
 

@@ -272,12 +272,10 @@ def test_what_the_rate_changes_is_described_and_by_source_our_rates_stay_apart()
     by_rate = pd.concat([slow, fast], ignore_index=True)
     text = belt_2020.describe_changes(by_rate, arrival_answers)
     assert text.startswith("From 100 to 1000 Hz belt20-1 changes its verdict")
-    assert text.endswith("single data sets belt20-1 for spheres")
+    assert text.endswith("Single data sets change: belt20-1 for spheres")
     assert "One rate only" in belt_2020.describe_changes(slow, arrival_answers)
     lowest = belt_2020.describe_lowest(by_rate)
-    assert lowest == (
-        "1000 Hz the lowest mean absolute error has: spheres IA, cuboids IA, cylinders IA"
-    )
+    assert lowest == ("At 1000 Hz the lowest mean error has: spheres IA, cuboids IA, cylinders IA")
     others = table(models).assign(source=belt_2020.AUTHORS)
     own = others.assign(source=belt_2020.OWN)
     by_source = belt_2020.verdicts_by_source(pd.concat([others, own]), by_rate, arrival_answers)
@@ -302,7 +300,7 @@ def test_without_a_simulation_of_contacts_shapes_decide_nothing(small):
     assert list(verdicts) == [f"belt20-{k}" for k in range(7, 11)]
     for name in study.shapes:
         assert verdicts[name].verdict == claims.NOT_DECIDABLE
-    assert "decided by own-simulation at 100 Hz" in verdicts["belt20-7"].reason
+    assert "decided by our own simulation at 100 Hz" in verdicts["belt20-7"].reason
 
 
 def test_tables_and_captions_carry_the_unit_of_the_study():

@@ -104,7 +104,7 @@ def test_one_frame_per_subset_has_no_interval_and_decides_nothing():
     verdicts = detection_claims.background_verdicts(one, {}, 0, "two frames")
     assert set(outcomes(verdicts).values()) == {claims.NOT_DECIDABLE}
     assert {v.reason for v in verdicts} == {"two frames; no interval: one frame per subset"}
-    assert verdicts[0].measured == "first is Median: yes"
+    assert verdicts[0].measured == "first is median: yes"
     gains = methods(pairs([(100, 20)] * 3, [(120, -20)] * 3), clouds=0).query("frame == 0")
     verdicts = detection_claims.combination_verdicts(gains, 0, "")
     assert set(outcomes(verdicts).values()) == {claims.NOT_DECIDABLE}

@@ -84,8 +84,8 @@ def test_ranks_are_by_the_mean_and_beside_our_best(ranked):
 
 def test_the_description_names_all_and_who_did_not_run(ranked):
     text = tracker_ranks.describe(ranked[1], ranked[0])
-    assert "from the lance: A 1.00, " in text
-    assert "all: " in text
+    assert "From the lance: A 1.00; " in text
+    assert "All tracks: " in text
     assert text.endswith("Not run on every window: C.")
 
 

@@ -130,11 +130,18 @@ def test_a_notebook_page_has_result_and_badges_first_and_its_code_folded(blocks,
     shown = new_output(
         "display_data", {"text/html": "<figure id='fig-5-19-dwell-time'>old</figure>"}
     )
+    html = pd.DataFrame({"x": [0.123456]}).to_html()
+    given = "seed = 0  # a comment\nframes = 0  # 0: 1 or 10 by scale"
+    table = new_output("execute_result", {"text/html": html}, execution_count=1)
     cells = [
         new_markdown_cell("# How long\n\n**Published** notebook 13."),
-        new_code_cell("seed = 0  # a comment", metadata={"tags": ["parameters"]}),
+        new_code_cell(
+            given,
+            metadata={"tags": ["parameters"]},
+        ),
         new_code_cell("seed = 5", metadata={"tags": ["injected-parameters"]}),
         new_code_cell("figures.save()", outputs=[shown]),
+        new_code_cell("table", outputs=[table]),
     ]
     made = new_notebook(cells=cells, metadata={"papermill": {"parameters": {"seed": 5}}})
     path = tmp_path / "52_dwell_time.ipynb"
@@ -143,11 +150,12 @@ def test_a_notebook_page_has_result_and_badges_first_and_its_code_folded(blocks,
         {"id": ["dwell-1"], "verdict": ["reproduced"], "published": ['Medians "lie" there']}
     )
     page = notebook.page(path, blocks, "All is well.", verdicts)
-    first, parameters, code = page.cells
+    first, parameters, code, drawn = page.cells
     assert first.source.index("dwell-1: reproduced") < first.source.index("Published")
     assert "All is well." in first.source
     assert '<a href="13_light.html">notebook 13</a>' in first.source
-    assert "Parameters: seed = 5" in parameters.source
+    assert "Parameters: seed = 5, frames by scale" in parameters.source
+    assert "<td>0.123</td>" in drawn.outputs[0]["data"]["text/html"]
     assert code.metadata["tags"] == ["hide-input"]
     assert "figures/fig-5-19-dwell-time.png" in code.outputs[0]["data"]["text/html"]
 

@@ -40,6 +40,7 @@ from kilnflight.project import claims
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
+CALLED = {AUTHORS: "the authors' tracks", OWN: "our own simulation"}  # in sentences
 # Particles of each material in the simulated sorter, by scale; None: as many as published.
 PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
 DRAWS = {"quick": 5, "standard": 200, "full": 1000}  # of calibration particles, by scale
@@ -256,7 +257,7 @@ def describe_changes(by_rate: pd.DataFrame, answers: Answers) -> str:
     single = [f"{claim} for {data_set}" for claim, data_set in changed if data_set]
     return (
         f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(overall) or 'no claim'} changes its "
-        f"verdict on the own simulation, and of single data sets {', '.join(single) or 'none'}"
+        f"verdict on our own simulation. Single data sets change: {', '.join(single) or 'none'}"
     )
 
 
@@ -265,7 +266,7 @@ def describe_lowest(by_rate: pd.DataFrame) -> str:
     fastest = by_rate[by_rate["sampling_hz"] == by_rate["sampling_hz"].max()]
     best = fastest.loc[fastest.groupby("data_set")["mae"].idxmin()].set_index("data_set")["model"]
     models = ", ".join(f"{name} {best[name]}" for name in DATA_SETS)
-    return f"{fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean absolute error has: {models}"
+    return f"At {fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean error has: {models}"
 
 
 def verdicts_by_source(
@@ -319,19 +320,19 @@ class Study:
         """Captions of its table, box plots, rates and verdicts."""
         (sign, unit), (model, reading, figure) = self.unit, self.models
         return {
-            "table": f"Deviation of the predicted from the true {self.quantity} in {unit}: "
-            f"median, quartiles and mean absolute error of each {model}, as medians over the "
+            "table": f"Deviation of the predicted from the true {self.quantity} in {unit}. "
+            f"Median, quartiles and mean absolute error of each {model}, as medians over the "
             f"calibration draws. Predicted over the 150 mm to {PHASE.target_mm:.0f} mm.",
-            "boxes": f"Deviation of the {self.quantity}, after {figure} of the 2020 paper: box "
+            "boxes": f"Deviation of the {self.quantity}, after {figure} of the 2020 paper. Box "
             f"plots without outliers, the numbers are the widths of the boxes ({sign}). {reading} "
             "Axes differ between panels. The table has the interval that holds 95 % of the "
             "calibration draws, too.",
             "rates": f"Deviation of the {self.quantity} in {unit} by sampling rate, own "
-            f"simulation, over the last 150 mm to the edge ({AT_EDGE.target_mm:.0f} mm): "
-            "interquartile range and mean absolute error of the particles that are observed at "
+            f"simulation, over the last 150 mm to the edge ({AT_EDGE.target_mm:.0f} mm). "
+            "Interquartile range and mean absolute error of the particles that are observed at "
             "every rate.",
             "verdicts": f"Verdicts on the claims about the {self.quantity} by source and sampling "
-            "rate; the own simulation predicted to the edge (788 mm), other tracks to 773 mm.",
+            "rate. Our own simulation is predicted to the edge (788 mm), other tracks to 773 mm.",
         }
 
     def labelled(self, deviations: pd.DataFrame) -> pd.DataFrame:
@@ -396,7 +397,7 @@ class Study:
     ) -> list[claims.Verdict]:
         """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`."""
         source = by_target["source"].iloc[0]
-        notes = self.notes(by_target, f"decided by {source} at {sampling_hz:.0f} Hz")
+        notes = self.notes(by_target, f"decided by {CALLED[source]} at {sampling_hz:.0f} Hz")
         because = "method" if source == AUTHORS else "twin"  # on the authors' own tracks
         verdicts = {
             id: claims.with_cause(claims.judge(id, answer, note=notes[id], because=because))

@@ -326,6 +326,20 @@ def in_words(table: pd.DataFrame, quantity: str) -> str:
     return "; ".join([*parts, f"with the numbers of Table 5.15: {few} of {len(table)}"])
 
 
+def by_fraction(rows: Iterable[tuple[str, float, object]]) -> str:
+    """Return values of campaigns in words, a sentence for each fraction.
+
+    Examples
+    --------
+    >>> by_fraction([("confetti", 4.5, 7), ("confetti", 5.0, 9), ("wood chip", 4.5, "1 of 2")])
+    'Confetti: 7 at 4.5 bar, 9 at 5.0 bar. Wood chip: 1 of 2 at 4.5 bar.'
+    """
+    parts: dict[str, list[str]] = {}
+    for fraction, bar, value in rows:
+        parts.setdefault(fraction[0].upper() + fraction[1:], []).append(f"{value} at {bar} bar")
+    return " ".join(f"{name}: {', '.join(values)}." for name, values in parts.items())
+
+
 def medians_in_words(values: Values, outcome: str, digits: int) -> str:
     """Return a median of each fraction at the lowest pressure, and of how many flights it is.
 

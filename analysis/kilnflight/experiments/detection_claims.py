@@ -24,6 +24,7 @@ from kilnflight.experiments.detection_tables import (
     class_recall,
     cluster_table,
     cluster_totals,
+    in_words,
     interval,
     resampled_rates,
     share,
@@ -31,6 +32,7 @@ from kilnflight.experiments.detection_tables import (
     with_total,
 )
 from kilnflight.project import claims
+from kilnflight.project.style import words
 from kilnflight.twin import truth
 
 # Two readings of the text each: what is subtracted (2.2.1), and what 45 px are (3.3).
@@ -38,6 +40,7 @@ DIFFERENCES = ("absolute differences", "differences that stop at zero")
 DISTANCES = ("45 px as a distance", "45 px as a diameter")
 # Otsu's row is no prediction: the light of the twin was fitted to it.
 FITTED = "the picture was fitted to Otsu's row (notebook 13)"
+FAMILIES = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
 OUR_TIME = "a time of our own program; the thesis's was another"
 ABOUT = 0.05  # a bound of ours, half of the printed digit
 BOUND = f"about is within {ABOUT}, a bound of ours"
@@ -106,8 +109,8 @@ def background_verdicts(
     behind = draws.max(axis=1) - draws["Adaptive"]
     first_in, last_in = share(draws.idxmax(axis=1) == best), share(draws.idxmin(axis=1) == last)
     verdicts = [
-        ("bg-1", {f"first is {best}": best == "Median"}, f"first {first_in}"),
-        ("bg-2", {f"last is {last}": last == "TwoFrame"}, f"last {last_in}"),
+        ("bg-1", {f"first is {words(str(best))}": best == "Median"}, f"first {first_in}"),
+        ("bg-2", {f"last is {words(str(last))}": last == "TwoFrame"}, f"last {last_in}"),
         ("bg-3", abs(f1["Median"] - f1["Mean"]), f"median less mean {interval(apart)}"),
         ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
         ("bg-5", static_first, f"so ranked {share(ranked)}"),
@@ -225,9 +228,9 @@ def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
     printed = attempts[(attempts["family"] != "mo") | (attempts["subset"] != "V4")]
     burning = analysed_recall(printed, ["family"]).query("label == 2").set_index("family")["recall"]
     pooled = analysed_recall(attempts, ["family"])
-    by_class = pooled.pivot(index="family", columns="label", values="recall")
+    by_class = pooled.pivot(index="family", columns="label", values="recall").rename(FAMILIES)
     most = {
-        f"{truth.CLASSES[k]}: {by_class[k].round(2).to_dict()}": by_class[k].idxmax() == "qcc"
+        f"{truth.CLASSES[k]}: {in_words(by_class[k])}": by_class[k].idxmax() == "QCC"
         for k in (3, 4)
     }
     walls = analysed_recall(attempts, ["family", "subset"]).query("label == 4")

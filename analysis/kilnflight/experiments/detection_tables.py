@@ -303,6 +303,17 @@ def f1_beside_published(attempts: pd.DataFrame, seed: int) -> pd.DataFrame:
     return f1.assign(f1_published_recomputed=recomputed)
 
 
+def in_words(values: Mapping[str, float] | pd.Series) -> str:
+    """Return named numbers as a list.
+
+    Examples
+    --------
+    >>> in_words({"V1": 500, "V2": 0.913})
+    'V1 500, V2 0.91'
+    """
+    return ", ".join(f"{name} {value:.{0 if value >= 1 else 2}f}" for name, value in values.items())
+
+
 def interval(values: npt.ArrayLike) -> str:
     """Return the 95 % interval of draws in words; without any, `NOT_DRAWN`.
 

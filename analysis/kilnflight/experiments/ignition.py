@@ -34,6 +34,7 @@ from kilnflight.experiments.campaigns import (
 from kilnflight.experiments.confidence import (
     Array,
     Values,
+    by_fraction,
     group_differences,
     interval_columns,
 )
@@ -301,8 +302,8 @@ def _evidence(
 ) -> dict[str, Conditions]:
     """Return what the claims ask for: papers by their ignition times, the others by traces."""
     never: Conditions = {
-        f"{name} {lit} of {number}": None if 0 < lit < BASICALLY * number else not lit
-        for name, lit, number in _light_up(traces)
+        f"{name} {bar} bar {lit} of {number}": None if 0 < lit < BASICALLY * number else not lit
+        for name, bar, lit, number in _light_up(traces)
     }
     shares = {
         claim: _printed_shares(values, name, generator)
@@ -311,13 +312,10 @@ def _evidence(
     return {"ign-1": never, **shares, "ign-4": _more_and_earlier(values)}
 
 
-def _light_up(traces: pd.DataFrame) -> list[tuple[str, int, int]]:
-    """Return campaigns of wood and PE: name, how many flights light up, and of how many."""
-    heavy = traces[traces["fraction"].isin(HEAVY)].to_dict("records")
-    return [
-        (f"{row['fraction']} {row['pressure_bar']} bar", int(row["light_up"]), int(row["number"]))
-        for row in heavy
-    ]
+def _light_up(traces: pd.DataFrame) -> list[tuple[str, float, int, int]]:
+    """Return campaigns of wood and PE, how many flights light up, and of how many."""
+    heavy = traces[traces["fraction"].isin(HEAVY)].astype({"light_up": int, "number": int})
+    return list(heavy[[*KEYS, "light_up", "number"]].itertuples(index=False, name=None))
 
 
 def _printed_shares(values: Values, name: str, generator: np.random.Generator) -> Conditions:
@@ -354,19 +352,18 @@ def _more_and_earlier(values: Values) -> Conditions:
 
 
 def in_words(results: Results, values: Mapping[str, Values], traces: pd.DataFrame) -> str:
-    """Return the shares of the verdicts beside the truth, in one sentence."""
+    """Return the shares of the verdicts beside the truth, a sentence for each fraction."""
     first, above, true = (
         by_pressure(each, IGNITED) for each in (values[AS_THEY_ARE], values[ABOVE], results.true)
     )
     papers = [
-        f"{name} {bar} bar {first[bar][name]:.0f} % (above the background "
-        f"{above[bar][name]:.0f} %, true {true[bar][name]:.0f} %)"
+        (name, bar, " / ".join(f"{each[bar][name]:.0f}" for each in (first, above, true)))
         for name, bar in results.true
         if name in PAPERS
     ]
     lit = _light_up(traces[traces["picture"] == LIGHTER])
-    heavy = [f"{name} {light} of {number}" for name, light, number in lit]
+    heavy = [(name, bar, f"{light} of {number}") for name, bar, light, number in lit]
     return (
-        f"Traces that light up in the optical picture: {', '.join(heavy)}. Ignition by our test "
-        f"of grey values as they are: {', '.join(papers)}."
+        f"Traces that light up in the optical picture. {by_fraction(heavy)} Ignition in %, by our "
+        f"test of grey values as they are / above the background / true. {by_fraction(papers)}"
     )

@@ -151,6 +151,6 @@ def describe(table: pd.DataFrame) -> str:
     return (
         f"Alpha of tracks ({reading}): GNN has {whole['alpha_gain']:+.3f} against JPDA "
         f"({ends}), in JPDA's setting "
-        f"{same:+.3f}; JPDA's best setting with any gate has {free:+.3f}. Exchanged alone, "
+        f"{same:+.3f}. JPDA's best setting with any gate has {free:+.3f}. Exchanged alone, "
         f"these parts of JPDA change its alpha beyond the interval: {named or 'none'}."
     )

@@ -18,6 +18,7 @@ from kilnflight.checks import InputError
 from kilnflight.experiments import plots
 from kilnflight.experiments.tracking import Stages, Tracker, Window, cells, follow
 from kilnflight.experiments.tracking_scores import (
+    ALL,
     KEYS,
     MEAN,
     READINGS,
@@ -138,10 +139,11 @@ def describe(ranks: pd.DataFrame, scores: pd.DataFrame) -> str:
             f"{row['tracker']} {'at least ' if row['held_back'] else ''}{row['beta']:.2f}"
             for row in part.to_dict("records")
         ]
-        words.append(f"{reading}: {', '.join(order)}")
+        title = "All tracks" if reading == ALL else str(reading).capitalize()
+        words.append(f" {title}: {'; '.join(order)}.")
     left = scores.loc[scores["note"] != "", "tracker"].unique()
     missing = f" Not run on every window: {', '.join(left)}." if len(left) else ""
-    return f"Mean beta after post-processing. {'; '.join(words)}.{missing}"
+    return f"Mean beta after post-processing, best first.{''.join(words)}{missing}"
 
 
 def draw(scores: pd.DataFrame, limits: Mapping[str, str]) -> Figure:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from kilnflight.experiments.plots import SYMBOLS
 from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import (
     AFTERWARDS,
@@ -116,13 +117,14 @@ def describe(beside: pd.DataFrame) -> str:
     parts = []
     for fraction, rows in after.groupby("fraction", sort=False):
         values = [f"{row.recomputed:.2f} ({row.published:.2f})" for row in rows.itertuples()]
-        parts.append(f"{fraction} {' and '.join(values)}")
+        name = str(fraction)
+        parts.append(f"{name[0].upper()}{name[1:]}: {' and '.join(values)}.")
     place = ["fraction", "tracker", "measure"]
     wide = beside.pivot(index=place, columns="postprocessing", values="recomputed")
     gain = wide["with"] - wide["without"]
     return (
         f"Alpha of tracks from the lance after post-processing, {' and '.join(TRACKERS)} "
-        f"(published): {', '.join(parts)}; {(gain > 0).sum()} of {len(gain)} cells rise."
+        f"(published). {' '.join(parts)} {(gain > 0).sum()} of {len(gain)} cells rise."
     )
 
 
@@ -188,7 +190,7 @@ def _worst(states: Iterable[bool | None]) -> bool | None:
 def _rises(cells: Cells, reading: str) -> Conditions:
     """Return whether post-processing raises all measures (track-1)."""
     rises = {
-        f"{fraction} {tracker} {name}": mean_difference(
+        f"{fraction} {tracker} {SYMBOLS[name]}": mean_difference(
             [(cell, cells[fraction, tracker, "without", reading])], [name]
         )
         for (fraction, tracker, stage, read), cell in cells.items()

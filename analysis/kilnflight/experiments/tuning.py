@@ -338,7 +338,8 @@ def describe_chosen(tried: pd.DataFrame) -> str:
     """Describe the chosen settings, their beta, and which are at an end of the grid."""
     parts = []
     for row in tried[tried["chosen"]].to_dict("records"):
-        end = f", at the end of {row['at_end']}" if row["at_end"] else ""
+        end = f", at the end of {row['at_end'].replace('_', ' ')}" if row["at_end"] else ""
         open_ = f", {row['untried']} neighbours not tried" if row["untried"] else ""
-        parts.append(f"{row['tracker']} {row['setting']} (beta {row['beta']:.3f}{end}{open_})")
-    return "; ".join(parts)
+        setting = row["setting"].replace("_", " ")
+        parts.append(f"{row['tracker']} {setting} (beta {row['beta']:.3f}{end}{open_})")
+    return ". ".join(parts)

@@ -14,9 +14,11 @@ import pandas as pd
 from nbformat.v4 import new_markdown_cell
 
 from kilnflight.project import claims, paths
-from kilnflight.project.site.blocks import Blocks
+from kilnflight.project.site.blocks import Blocks, three_digits
 
 FIGURE = re.compile(r"<figure id=['\"]([a-z0-9-]+)['\"]")
+CELL = re.compile("<td>([^<]*)</td>")
+MISPRINTS = "01_published_tables"  # the last printed digits are what it is about
 SUMMARY = "00_claims"  # the notebook that collects the verdicts of all others
 PLOTLY = "application/vnd.plotly.v1+json"  # a view that turns
 
@@ -46,7 +48,7 @@ def page(path: Path, blocks: Blocks, result: str, verdicts: pd.DataFrame) -> nbf
         elif cell.cell_type == "markdown":
             cells.append(new_markdown_cell(_linked(cell.source, blocks)))
         else:
-            _append(cells, _folded(cell, blocks))
+            _append(cells, _folded(cell, blocks, short=path.stem != MISPRINTS))
     title, _, rest = cells[0].source.partition("\n")
     badges = _all_verdicts() if path.stem == SUMMARY else _badges(verdicts)
     top = f"{title}\n\n{badges}\n\n**Result.** {blocks.links(escape(result))}\n"
@@ -73,14 +75,26 @@ def _linked(source: str, blocks: Blocks) -> str:
 def _parameters(notebook: nbformat.NotebookNode, source: str) -> str:
     """Return the parameters of a run in one line."""
     given = notebook.metadata.get("papermill", {}).get("parameters", {})
-    defaults = dict(re.findall(r"^(\w+) = ([^#\n]+?)\s*(?:#.*)?$", source, re.MULTILINE))
-    values = defaults | {name: repr(value) for name, value in given.items()}
-    shown = ", ".join(f"{name} = {value}" for name, value in values.items())
+    lines = re.findall(r"^(\w+) = ([^#\n]+?)\s*(#.*)?$", source, re.MULTILINE)
+    values = {name: value for name, value, _ in lines}
+    values |= {name: repr(value) for name, value in given.items()}
+    by_scale = {name for name, _, told in lines if re.search(r"\b0: .*by scale", told)}
+    shown = ", ".join(
+        f"{name} by scale" if name in by_scale and value == "0" else f"{name} = {value}"
+        for name, value in values.items()
+    )
     return f'<p class="parameters">Parameters: {escape(shown, quote=False)}</p>'
 
 
-def _folded(cell: nbformat.NotebookNode, blocks: Blocks) -> nbformat.NotebookNode:
-    """Return a code cell that is folded, with linked figures instead of embedded ones."""
+def _three_digits(found: re.Match[str]) -> str:
+    return f"<td>{three_digits(found[1])}</td>"
+
+
+def _folded(cell: nbformat.NotebookNode, blocks: Blocks, short: bool) -> nbformat.NotebookNode:
+    """Return a code cell that is folded, with linked figures instead of embedded ones.
+
+    ``short``: whether numbers of its tables get three digits.
+    """
     cell.metadata["tags"] = sorted({*cell.metadata.get("tags", []), "hide-input"})
     for output in cell.outputs:
         data: Mapping[str, Any] = output.get("data", {})
@@ -90,6 +104,8 @@ def _folded(cell: nbformat.NotebookNode, blocks: Blocks) -> nbformat.NotebookNod
             output["data"] = {"text/html": blocks(found[1])}
         elif PLOTLY in data:
             output["data"] = {"text/html": _turning(data[PLOTLY], blocks.above)}
+        elif 'class="dataframe"' in text and short:
+            output["data"] = {**data, "text/html": CELL.sub(_three_digits, text)}
     return cell
 
 
