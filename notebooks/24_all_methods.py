@@ -34,7 +34,7 @@ print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.
 # %%
 threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
 attempts = detection.compare_methods(subsets, threshold)
-print("Thresholds of SIFT (grey values):", detection_tables.in_words(threshold))
+print("Thresholds of SIFT (grey values):", detection_tables.listed(threshold))
 
 # %% [markdown]
 # The same with differences that stop at zero, and the thresholds that are best then.
@@ -43,7 +43,7 @@ print("Thresholds of SIFT (grey values):", detection_tables.in_words(threshold))
 stopping = detection.stopping_at_zero(subsets)
 threshold = detection.chosen_thresholds(detection.compare_thresholds(stopping, scale))
 cut = detection.compare_methods(stopping, threshold, clouds_alone=False)
-print("Thresholds of SIFT (grey values):", detection_tables.in_words(threshold))
+print("Thresholds of SIFT (grey values):", detection_tables.listed(threshold))
 
 # %%
 total = detection.sum_counts(attempts, ["method"]).assign(reading=detection_tables.ABSOLUTE)

@@ -169,8 +169,8 @@ def test_a_png_is_small_even_of_noise_and_stays_as_wide_on_the_page():
     assert widths[0] == pytest.approx(widths[1], abs=2)
 
 
-def save_one(identifier, caption, **more):
-    made = Provenance("02_x", {"scale": "quick"}, commit="a" * 40, **more)
+def save_one(identifier, caption, scale="full", **more):
+    made = Provenance("02_x", {"scale": scale}, commit="a" * 40, **more)
     figures.save(identifier, pd.DataFrame({"a": [1]}), caption=caption, provenance=made)
 
 
@@ -186,7 +186,7 @@ def test_every_figure_has_its_entry_in_order(page):
     assert "![fig-a](fig-a.png)" in page
     assert "Second figure. It has 50 % & more_less." in page
     assert "notebooks/02_x.py" in page
-    assert "(scale = quick)" in page
+    assert "(scale = full)" in page
 
 
 def test_citations_are_ready_to_paste(page):
@@ -195,6 +195,14 @@ def test_citations_are_ready_to_paste(page):
     assert r"\includegraphics[width=\columnwidth]{fig-b.pdf}" in page
     assert r"It has 50 \% \& more\_less." in page
     assert page.count("{") == page.count("}")
+
+
+def test_a_figure_of_a_reduced_run_has_no_citation():
+    save_one("fig-a", "First figure.", scale="quick")
+    page = (paths.figures() / "README.md").read_text()
+    assert "do not cite" in page
+    assert "bibtex" not in page
+    assert "latex" not in page
 
 
 def test_pictures_of_others_do_not_count():

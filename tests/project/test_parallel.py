@@ -53,7 +53,7 @@ def test_a_cluster_does_the_same(cluster, tmp_path):
 
 def test_results_are_in_order_and_a_renewed_process_is_no_warning():
     for jobs in (1, 2):
-        assert parallel.results(pow, [(2, 3), (3, 2)], jobs) == [8, 9]
+        assert parallel.run_all(pow, [(2, 3), (3, 2)], jobs) == [8, 9]
     with parallel.unwarned():  # warnings are errors here
         warnings.warn("A worker stopped while some jobs were given.", UserWarning, stacklevel=1)
 

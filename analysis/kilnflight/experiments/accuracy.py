@@ -287,7 +287,7 @@ def error_budget(results: Results, jobs: int = 1) -> pd.DataFrame:
         (campaign, *(of_campaign(table, campaign.key) for table in measured))
         for campaign in results.campaigns
     )
-    parts = parallel.results(_budget, pieces, jobs)
+    parts = parallel.run_all(_budget, pieces, jobs)
     return stack(dict(zip(keys, parts, strict=True)))
 
 

@@ -1,9 +1,9 @@
 """Verdicts on the detection claims of sections 5.1.2 to 5.1.4.
 
 A rank or a difference is decided by the sums over all frames. How often it holds when frames are
-drawn anew, or the interval of the difference, stands beside it. With one frame per subset there
-is none, and such a claim is not decidable. Times are of our own programs
-and decide nothing. Everywhere ``seed`` is that of the draws of frames, and ``note`` says how many
+drawn anew, or the interval of the difference, stands beside it. One frame per subset gives no
+draws, and a claim that needs them is then not decidable. Times are those of our own programs and
+decide no claim. Everywhere ``seed`` is that of the draws of frames, and ``note`` says how many
 frames there are and which scoring distance.
 """
 
@@ -24,8 +24,8 @@ from kilnflight.experiments.detection_tables import (
     class_recall,
     cluster_table,
     cluster_totals,
-    in_words,
     interval,
+    listed,
     resampled_rates,
     share,
     subset_draws,
@@ -74,16 +74,22 @@ def beside(
 def _judged(
     claim: str, measured: claims.Measured, note: str, because: str = "twin", shown: str = ""
 ) -> claims.Verdict:
-    """Return a verdict that says what shows its cause, by default judgement alone.
-
-    Without draws of frames chance is not known, and nothing is decided.
-    """
+    """Return a verdict that says what shows its cause, by default judgement alone."""
     verdict = claims.judge(claim, measured, note=note, because=because)
-    if NOT_DRAWN in note:
-        parts = [part for part in note.split("; ") if NOT_DRAWN not in part]
-        reason = "; ".join([*filter(None, parts), NOT_DRAWN])
-        return claims.undecidable(claim, reason, verdict.measured, because="chain")
     return claims.with_cause(verdict, shown)
+
+
+def _judged_beyond_chance(
+    claim: str, measured: claims.Measured, note: str, sure: str, shown: str = ""
+) -> claims.Verdict:
+    """Return a verdict beside which stands how ``sure`` it is.
+
+    Without draws of frames ``sure`` is empty, chance is not known, and nothing is decided.
+    """
+    if sure:
+        return _judged(claim, measured, f"{note}; {sure}", shown=shown)
+    value = claims.judge(claim, measured).measured
+    return claims.undecidable(claim, f"{note}; {NOT_DRAWN}", value, because="chain")
 
 
 def background_verdicts(
@@ -107,15 +113,18 @@ def background_verdicts(
     static_first[f"moving behind by {gap:+.4f} > 0"] = bool(gap > 0)
     apart = draws["Median"] - draws["Mean"]
     behind = draws.max(axis=1) - draws["Adaptive"]
-    first_in, last_in = share(draws.idxmax(axis=1) == best), share(draws.idxmin(axis=1) == last)
+    first_in = share(draws.idxmax(axis=1) == best, "first")
+    last_in = share(draws.idxmin(axis=1) == last, "last")
     verdicts = [
-        ("bg-1", {f"first is {words(str(best))}": best == "Median"}, f"first {first_in}"),
-        ("bg-2", {f"last is {words(str(last))}": last == "TwoFrame"}, f"last {last_in}"),
-        ("bg-3", abs(f1["Median"] - f1["Mean"]), f"median less mean {interval(apart)}"),
+        ("bg-1", {f"first is {words(str(best))}": best == "Median"}, first_in),
+        ("bg-2", {f"last is {words(str(last))}": last == "TwoFrame"}, last_in),
+        ("bg-3", abs(f1["Median"] - f1["Mean"]), interval(apart, "median less mean")),
         ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
-        ("bg-5", static_first, f"so ranked {share(ranked)}"),
+        ("bg-5", static_first, share(ranked, "so ranked")),
     ]
-    judged = [_judged(claim, measured, f"{note}; {sure}") for claim, measured, sure in verdicts]
+    judged = [
+        _judged_beyond_chance(claim, measured, note, sure) for claim, measured, sure in verdicts
+    ]
     if not traces:
         return judged
     kept = {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]}
@@ -142,15 +151,15 @@ def picture_verdicts(
     fifth = sift["f1"]["V5"] - otsu["f1"]["V5"]
     v5 = {f"last is {last_of_sift}": last_of_sift == "V5", f"V5 {fifth:+.3f} > 0": fifth > 0}
     tp, fp, fn = subset_draws(attempts, "SIFT", COUNTS, seed)
-    v5_last = share((2 * tp / (2 * tp + fp + fn).clip(lower=1)).idxmin(axis=1) == "V5")
+    last_in = (2 * tp / (2 * tp + fp + fn).clip(lower=1)).idxmin(axis=1)
     precision = _judged("otsu-1", otsu.loc[subsets, "precision"], note)
     rank = _judged("otsu-4", {f"last is {last}": last == "V5"}, note)
     first = {ahead: sift["f1"]["Total"] > otsu["f1"]["Total"]}
     verdicts = [
         claims.fitted(precision, FITTED),
         claims.fitted(rank, FITTED),
-        _judged("sift-1", first, f"{note}; lead {interval(gain)}"),
-        _judged("sift-3", v5, f"{note}; V5 last {v5_last}"),
+        _judged_beyond_chance("sift-1", first, note, interval(gain, "lead")),
+        _judged_beyond_chance("sift-3", v5, note, share(last_in == "V5", "V5 last")),
         *_unlit_verdicts(attempts, seed, note),
     ]
     if len(times):
@@ -172,7 +181,8 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
     for name in ("Otsu", "SIFT"):
         tp, fn = subset_draws(attempts, name, ["tp_3", "fn_3"], seed)
         drawn[name] = tp / (tp + fn).clip(lower=1)
-    v4, mean = share(drawn["Otsu"].idxmin(axis=1) == "V4"), drawn["SIFT"].mean(axis=1)
+    v4 = share(drawn["Otsu"].idxmin(axis=1) == "V4", "V4 lowest")
+    mean = interval(drawn["SIFT"].mean(axis=1), "mean")
     half = {
         f"mean of the subsets {more.mean():.2f} about 0.5": claims.about(more.mean(), 0.5, ABOUT),
         f"above Otsu's {unlit.mean():.2f}": bool(more.mean() > unlit.mean()),
@@ -180,12 +190,12 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
     by_subset = ", ".join(f"{name} {value:.2f}" for name, value in more.items())
     record = pd.DataFrame(twin_exposure.read_fit()["calibrated"]).set_index("subset")["unlit"]
     fit = f"the light's fit to it ends at {record['V4']:.2f} in V4 (notebook 13), published 0"
-    reason = f"{note}; mean {interval(mean)}; {by_subset}; {BOUND}"
-    ranked = _judged("otsu-3", less, f"{note}; V4 lowest {v4}", shown=fit)
+    ranked = _judged_beyond_chance("otsu-3", less, note, v4, shown=fit)
+    sure = mean and f"{mean}; {by_subset}; {BOUND}"
     return [
         _judged("otsu-2", burning, note),
         claims.fitted(ranked, FITTED),
-        _judged("sift-2", half, reason),
+        _judged_beyond_chance("sift-2", half, note, sure),
     ]
 
 
@@ -230,8 +240,7 @@ def _class_verdicts(attempts: pd.DataFrame, note: str) -> list[claims.Verdict]:
     pooled = analysed_recall(attempts, ["family"])
     by_class = pooled.pivot(index="family", columns="label", values="recall").rename(FAMILIES)
     most = {
-        f"{truth.CLASSES[k]}: {in_words(by_class[k])}": by_class[k].idxmax() == "QCC"
-        for k in (3, 4)
+        f"{truth.CLASSES[k]}: {listed(by_class[k])}": by_class[k].idxmax() == "QCC" for k in (3, 4)
     }
     walls = analysed_recall(attempts, ["family", "subset"]).query("label == 4")
     half = walls.query("family == 'dbscan'").set_index("subset")["recall"].filter(["V1", "V4"])
@@ -252,11 +261,11 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
     rates = sum_counts(attempts, ["method"]).set_index("method")[["precision", "recall", "f1"]]
     draws = resampled_rates(attempts, seed)
     f1, best = rates["f1"], str(rates["f1"].idxmax())
-    first = share(draws["f1"].idxmax(axis=1) == best)
+    first = share(draws["f1"].idxmax(axis=1) == best, "first")
     ranked = {f"first is {best}": best == "Combi SIFT+DBSCAN"}
     verdicts = [
         *_gain_verdicts(rates, draws, f"{note}; mean of three combinations"),
-        _judged("combi-2", ranked, f"{note}; first {first}"),
+        _judged_beyond_chance("combi-2", ranked, note, first),
     ]
     verdicts.sort(key=lambda verdict: verdict.id)
     clouds = f1[f1.index.str.startswith("3D")]
@@ -283,13 +292,13 @@ def _gain_verdicts(
         "falls by less than recall rises": abs(otsu["precision"]) < otsu["recall"],
     }
     both = {f"{name} {sift[name]:+.3f} > 0": sift[name] > 0 for name in ("precision", "recall")}
-    spread = [", ".join(f"{name} {interval(of_draws[name][detector])}" for name in draws)
-              for detector in ("OTSU", "SIFT")]  # fmt: skip
-    mean = ", ".join(f"{name} {interval(of_draws['f1'][name])}" for name in gains.index)
+    spread = [", ".join(filter(None, (interval(of_draws[name][k], name) for name in draws)))
+              for k in ("OTSU", "SIFT")]  # fmt: skip
+    mean = ", ".join(filter(None, (interval(of_draws["f1"][k], str(k)) for k in gains.index)))
     return [
-        _judged("combi-1", gains["f1"], f"{note}; {mean}"),
-        _judged("combi-3", much, f"{note}; {spread[0]}"),
-        _judged("combi-4", both, f"{note}; {spread[1]}"),
+        _judged_beyond_chance("combi-1", gains["f1"], note, mean),
+        _judged_beyond_chance("combi-3", much, note, spread[0]),
+        _judged_beyond_chance("combi-4", both, note, spread[1]),
     ]
 
 

@@ -303,19 +303,19 @@ def f1_beside_published(attempts: pd.DataFrame, seed: int) -> pd.DataFrame:
     return f1.assign(f1_published_recomputed=recomputed)
 
 
-def in_words(values: Mapping[str, float] | pd.Series) -> str:
+def listed(values: Mapping[str, float] | pd.Series) -> str:
     """Return named numbers as a list.
 
     Examples
     --------
-    >>> in_words({"V1": 500, "V2": 0.913})
+    >>> listed({"V1": 500, "V2": 0.913})
     'V1 500, V2 0.91'
     """
     return ", ".join(f"{name} {value:.{0 if value >= 1 else 2}f}" for name, value in values.items())
 
 
-def interval(values: npt.ArrayLike) -> str:
-    """Return the 95 % interval of draws in words; without any, `NOT_DRAWN`.
+def interval(values: npt.ArrayLike, what: str = "") -> str:
+    """Return the 95 % interval of draws in words, behind ``what`` it is of; "" without draws.
 
     Examples
     --------
@@ -323,13 +323,13 @@ def interval(values: npt.ArrayLike) -> str:
     '95 % [+0.100, +0.100]'
     """
     if not np.size(values):
-        return NOT_DRAWN
+        return ""
     low, high = percentiles(values)
-    return f"95 % [{low:+.3f}, {high:+.3f}]"
+    return f"{what} 95 % [{low:+.3f}, {high:+.3f}]".lstrip()
 
 
-def share(holds: npt.ArrayLike) -> str:
-    """Return in how many draws a condition holds, in words; without any, `NOT_DRAWN`.
+def share(holds: npt.ArrayLike, what: str = "") -> str:
+    """Return in how many draws a condition, ``what``, holds, in words; "" without draws.
 
     Examples
     --------
@@ -337,5 +337,5 @@ def share(holds: npt.ArrayLike) -> str:
     'in 75% of the draws of frames'
     """
     if not np.size(holds):
-        return NOT_DRAWN
-    return f"in {np.mean(np.asarray(holds, dtype=bool)):.0%} of the draws of frames"
+        return ""
+    return f"{what} in {np.mean(np.asarray(holds, dtype=bool)):.0%} of the draws of frames".lstrip()

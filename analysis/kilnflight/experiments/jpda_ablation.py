@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from kilnflight.association import GNN, JPDA, PDA, Associator, Pairs, one_hot
 from kilnflight.experiments.tracking import Tracker, Window, compare, follow
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEAN
+from kilnflight.experiments.tracking_scores import ALL, FEW, FROM_LANCE, MEAN
 from kilnflight.project import style
 from kilnflight.tracking.tracker import AVERAGED, record, track
 
@@ -147,7 +147,7 @@ def describe(table: pd.DataFrame) -> str:
     named = "; ".join(f"{name} {row['alpha_gain']:+.3f}" for name, row in matter.iterrows())
     ends = f"{whole['alpha_gain_low']:+.3f} to {whole['alpha_gain_high']:+.3f}"
     if np.isnan(whole["alpha_gain_low"]):
-        ends, named = "no interval: fewer than six trajectories", "not known"
+        ends, named = f"no interval: {FEW}", "not known"
     return (
         f"Alpha of tracks ({reading}): GNN has {whole['alpha_gain']:+.3f} against JPDA "
         f"({ends}), in JPDA's setting "

@@ -17,7 +17,14 @@ from matplotlib.figure import Figure
 from kilnflight import tracklets
 from kilnflight.checks import InputError
 from kilnflight.experiments.tracking import Tables, Window, compare
-from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, MEAN, MEASURES, measure_tracks
+from kilnflight.experiments.tracking_scores import (
+    ALL,
+    FEW,
+    FROM_LANCE,
+    MEAN,
+    MEASURES,
+    measure_tracks,
+)
 from kilnflight.project import claims, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.joining import Joining
@@ -215,17 +222,16 @@ def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:
     """
     rows = measures[(measures["variant"] == "Hungarian") & (measures["fraction"] == MEAN)]
     by_reading = rows.set_index("reading")
-    few = "fewer than six trajectories in a window"
     parts = [
         f"{name}: {-row['alpha_gain']:+.4f} "
-        + (f"({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})" if row[LOW] == row[LOW] else f"({few})")
+        + (f"({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})" if np.isfinite(row[LOW]) else f"({FEW})")
         for name, row in by_reading.iterrows()
     ]
     told = f"mean alpha, dual nearest minus Hungarian, {'; '.join(parts)}"
     lance = by_reading.loc[FROM_LANCE if FROM_LANCE in by_reading.index else ALL]
     note = "print: one made-up instance; ours: mean alpha and its interval, bootstrap over tracks"
     if np.isnan(lance[LOW]):
-        return claims.undecidable("track-7", f"{few}; {note}", told, because="chain")
+        return claims.undecidable("track-7", f"{FEW}; {note}", told, because="chain")
     if lance[LOW] <= 0.0 <= lance[HIGH]:
         reason = f"the interval of the difference holds 0; {note}"
         return claims.undecidable("track-7", reason, told, because="criterion")

@@ -20,6 +20,7 @@ from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import (
     AFTERWARDS,
     ALL,
+    FEW,
     FROM_LANCE,
     KEYS,
     MEASURES,
@@ -38,7 +39,6 @@ SINGULARS |= {"Paper shreds": "paper shred", "PE granules": "PE granule"}
 HIGHEST = 0.43  # alpha and beta without post-processing, but for wood chips, Table 5.17
 NEAR = 0.05  # of alpha and beta; "comparable" names no number, this is ours
 Cells = Mapping[tuple[str, str, str, str], Scored]
-FEW = "fewer than six trajectories"  # of `TrackBootstrap.least`
 Conditions = dict[str, bool | None]
 OTHERS = (ALL, AFTERWARDS)  # readings that a verdict's note tells
 

@@ -35,6 +35,7 @@ READINGS = (ALL, FROM_LANCE)  # the two that are reported everywhere
 STAGES = ("without", "with")  # post-processing
 KEYS = ["fraction", "tracker", "postprocessing", "reading"]
 MEAN = "mean of fractions"
+FEW = "fewer than six trajectories"  # of `TrackBootstrap.least`
 
 
 class Lance(NamedTuple):

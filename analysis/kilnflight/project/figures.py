@@ -394,7 +394,20 @@ def markdown(table: pd.DataFrame) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
 
 
+def may_be_cited(entry: Entry) -> bool:
+    """Return whether a figure is not of a reduced run; what has no scale is whole."""
+    return entry.provenance["parameters"].get("scale", "full") == "full"
+
+
 def _gallery_entry(entry: Entry) -> str:
+    """Return the entry of a figure; one of a reduced run has no citation to paste."""
+    whole = _with_citations(entry)
+    if may_be_cited(entry):
+        return whole
+    return whole.partition("<details>")[0] + "*Of a reduced run: do not cite.*\n"
+
+
+def _with_citations(entry: Entry) -> str:
     origin = entry.provenance
     commit = str(origin["commit"])
     return ENTRY.substitute(
@@ -427,7 +440,7 @@ def _address() -> str:
 
 def citations(entry: Entry) -> dict[str, str]:
     """Return the citation of a figure to paste, as BibTeX and as LaTeX."""
-    blocks = dict(re.findall(r"```(bibtex|latex)\n(.*?)\n```", _gallery_entry(entry), re.DOTALL))
+    blocks = dict(re.findall(r"```(bibtex|latex)\n(.*?)\n```", _with_citations(entry), re.DOTALL))
     return {"BibTeX": blocks["bibtex"], "LaTeX": blocks["latex"]}
 
 

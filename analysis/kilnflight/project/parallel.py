@@ -202,7 +202,7 @@ def unwarned() -> Iterator[None]:
         yield
 
 
-def results(make: Callable[..., Made], pieces: Iterable[tuple[Any, ...]], jobs: int) -> list[Made]:
+def run_all(make: Callable[..., Made], pieces: Iterable[tuple[Any, ...]], jobs: int) -> list[Made]:
     """Return ``make(*piece)`` of every piece in order, from processes of this machine."""
     with unwarned():
         run = joblib.Parallel(n_jobs=jobs)

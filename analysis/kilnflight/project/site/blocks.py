@@ -93,8 +93,8 @@ class Blocks:
     @staticmethod
     def citations(entry: Entry) -> str:
         """Return the citations to copy; figures/ holds no figure of a reduced run to cite."""
-        scale = entry.provenance["parameters"].get("scale", "full")
-        if scale != "full":
+        if not figures.may_be_cited(entry):
+            scale = entry.provenance["parameters"]["scale"]
             return f" <span>scale {scale}, do not cite</span>"
         return "".join(
             f"<details><summary>{label}</summary><pre>{escape(text)}</pre></details>"
