@@ -21,9 +21,7 @@ particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 from kilnflight.experiments import campaigns, confidence, flight_pictures, inside, statements
 from kilnflight.project import figures, style
 from kilnflight.twin import truth
-from kilnflight.twin.fitted import flight_inputs
-from kilnflight.twin.flight import Flight
-from kilnflight.twin.gas import Gas
+from kilnflight.twin.fitted import first_kiln
 
 # %%
 style.use_style()
@@ -34,8 +32,8 @@ bar = max(pressure for _, pressure in results.true)
 names = list(dict.fromkeys(name for name, _ in results.true))
 
 # %%
-inputs = flight_inputs().applied(Flight(), Gas())
-flown = {name: truth.released(name, bar, inputs, particles, seed + 55) for name in names}
+kiln = first_kiln()
+flown = {name: truth.released(name, bar, kiln, particles, seed + 55) for name in names}
 simulated = {(name, bar): truth.true_flight_values(each) for name, each in flown.items()}
 measured = {key: results.measured[key] for key in simulated}
 by_source = {"simulated": simulated, "measured": measured}

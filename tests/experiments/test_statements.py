@@ -10,6 +10,8 @@ from kilnflight.project import claims
 from kilnflight.scores import flights as flight_scores
 from kilnflight.scores.flights import FlightValues
 from kilnflight.twin import truth
+from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import Kiln
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import FRACTIONS
@@ -24,7 +26,7 @@ def test_every_number_about_flight_and_ignition_is_expressed():
 
 
 def test_every_statement_names_an_outcome():
-    flights = truth.released("confetti", 4.5, (Flight(step_s=2e-3), Gas()), 5, 1)
+    flights = truth.released("confetti", 4.5, Kiln(Flight(step_s=2e-3), Gas(), Geometry()), 5, 1)
     assert set(statements.statements()["outcome"]) <= set(
         flight_scores.outcomes(truth.true_flight_values(flights)).index
     )

@@ -23,7 +23,8 @@ from kilnflight import __version__
 from kilnflight.experiments import statements
 from kilnflight.project import cache
 from kilnflight.twin import truth
-from kilnflight.twin.fitted import FLIGHT_FILE, FlightInputs, LightInputs
+from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import FLIGHT_FILE, FlightInputs, Kiln, LightInputs
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
@@ -145,7 +146,7 @@ def cost(
     count, seed
         Particles per campaign; the same seed gives the same ones for all inputs.
     """
-    applied = inputs.applied(Flight(step_s=STEP_S), Gas())
+    applied = Kiln(*inputs.applied(Flight(step_s=STEP_S), Gas()), Geometry())
     flights = {key: truth.released(*key, applied, count, seed) for key in statements.FIT_CAMPAIGNS}
     values = statements.answer(targets, statements.true_outcomes(flights))
     return float((statements.misfits(targets, values) ** 2).sum())

@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from kilnflight.project import cache
 from kilnflight.twin.background import Surroundings
-from kilnflight.twin.camera import FULL_SCALE, Optics
+from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import OnTheWall
@@ -22,6 +23,14 @@ from kilnflight.twin.scene import Scene
 
 FLIGHT_FILE = Path(__file__).with_name("calibrated.json")
 LIGHT_FILE = Path(__file__).with_name("exposure.json")
+
+
+class Kiln(NamedTuple):
+    """All that decides a flight: its settings, the gas (at any pressure) and the geometry."""
+
+    flight: Flight
+    gas: Gas
+    geometry: Geometry
 
 
 @dataclass(frozen=True)
@@ -96,3 +105,8 @@ def light_inputs(path: Path = LIGHT_FILE) -> LightInputs:
     """
     content = cache.read_calibration(path, None, "kilnflight.experiments.twin_exposure")
     return cache.calibrated(LightInputs, path, content)
+
+
+def first_kiln() -> Kiln:
+    """Return the kiln of the first twin, with its fitted inputs."""
+    return Kiln(*flight_inputs().applied(Flight(), Gas()), Geometry())

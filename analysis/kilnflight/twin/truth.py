@@ -7,6 +7,7 @@ seen. Their distances are along the kiln from the lance.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -18,9 +19,8 @@ from tqdm import tqdm
 from kilnflight.camera import inside
 from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
-from kilnflight.twin.camera import Geometry
-from kilnflight.twin.flight import ENDS, Flight, Flights, fly
-from kilnflight.twin.gas import Gas
+from kilnflight.twin.fitted import Kiln
+from kilnflight.twin.flight import ENDS, Flights, fly
 from kilnflight.twin.particles import FRACTIONS, find_fraction
 from kilnflight.twin.scene import Twin
 from kilnflight.twin.scenes import PRESSURES_BAR
@@ -142,9 +142,7 @@ def sightings(twin: Twin, t: int) -> pd.DataFrame:
     )
 
 
-def released(
-    name: str, pressure_bar: float, inputs: tuple[Flight, Gas], count: int, seed: int
-) -> Flights:
+def released(name: str, pressure_bar: float, kiln: Kiln, count: int, seed: int) -> Flights:
     """Return the flights of particles of a fraction that are launched at once.
 
     Parameters
@@ -153,27 +151,24 @@ def released(
         Name of the fraction.
     pressure_bar
         Pressure of the lance's air.
-    inputs
-        Settings of the flight, and the gas (at any pressure).
+    kiln
+        Settings of the flight, gas (at any pressure) and geometry.
     count
         Number of particles.
     seed
         The same seed gives the same particles for all inputs.
     """
-    flight, gas = inputs
     kind = find_fraction(name)
-    at_pressure = Gas(**{**vars(gas), "pressure_bar": pressure_bar})
+    at_pressure = replace(kiln.gas, pressure_bar=pressure_bar)
     drawn = kind.draw(count, np.random.default_rng([seed, 1]))
     generator = np.random.default_rng([seed, 2])
-    return fly(drawn, at_pressure, Geometry(), generator, flight).cut()
+    return fly(drawn, at_pressure, kiln.geometry, generator, kiln.flight).cut()
 
 
-def released_all(
-    inputs: tuple[Flight, Gas], count: int, seed: int
-) -> dict[tuple[str, float], Flights]:
+def released_all(kiln: Kiln, count: int, seed: int) -> dict[tuple[str, float], Flights]:
     """Return the flights of every fraction at both pressures; see `released`."""
     runs = product(FRACTIONS, PRESSURES_BAR)
-    return {run: released(*run, inputs, count, seed) for run in runs}
+    return {run: released(*run, kiln, count, seed) for run in runs}
 
 
 def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:

@@ -1,0 +1,234 @@
+"""What the twin can and cannot do, by facts: eight campaigns, five facts each.
+
+The facts are sentences of the thesis (facts.csv and rankings.csv in data/reference). Which of them
+count, their bounds and the rule of their tolerance were fixed from the text before an outcome was
+computed; data/reference/README.md states the rule. Two null models stand beside: all fractions
+alike, and inputs drawn from the limits of a calibration. The twin has skill only where it beats
+both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.stats import norm
+
+from kilnflight.experiments import statements
+from kilnflight.experiments.campaigns import KEYS, CampaignKey, outcome_table
+from kilnflight.experiments.confidence import trajectory_counts
+from kilnflight.experiments.twin_calibration import Inputs, Search
+from kilnflight.project import paths
+from kilnflight.scores.flights import FlightValues
+from kilnflight.twin import truth
+from kilnflight.twin.fitted import Kiln
+
+PARTICLES = 300  # per campaign, of a twin
+SPREAD = 0.3  # relative, of speed, reach and dwell time within a fraction; none is printed
+OF_MEDIAN = np.sqrt(np.pi / 2)  # error of a median over that of a mean (normal distribution)
+LENGTH = 0.1  # error of printed lengths: 772 mm were fitted to a kiln of 700 mm (Table 5.12)
+FURTHEST = 2.0  # standard deviations
+SHARE = "share that ignites"
+COLUMNS = [*KEYS, "fact", "published", "low", "high", "tolerance", "measured", "true", "z"]
+COLUMNS += ["holds", "null_same", "null_prior"]
+
+Array = npt.NDArray[np.float64]
+Values = Mapping[CampaignKey, FlightValues]
+
+
+def sentences() -> pd.DataFrame:
+    """Return facts.csv: the facts, and the sentences that are left out, with the reason."""
+    return pd.read_csv(paths.reference() / "facts.csv")
+
+
+def facts() -> pd.DataFrame:
+    """Return the facts with their tolerance, a row each.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``fact``, ``outcome`` (of
+        `kilnflight.scores.flights.outcomes`), ``printed``, ``low``, ``high``, ``where``, ``quote``,
+        ``tolerance`` (a standard deviation in the unit of the outcome).
+    """
+    table = sentences()
+    table = table[table["left_out"].isna()].drop(columns="left_out").reset_index(drop=True)
+    counts = trajectory_counts([(name, 0.0) for name in table["fraction"].unique()])
+    number = np.array([float(counts[name, 0.0]) for name in table["fraction"]])
+    lit = table[table["fact"] == SHARE].set_index(KEYS)["high"] / 100.0
+    share = np.array([lit[key] for key in table[KEYS].itertuples(index=False, name=None)])
+    of_lit = table["outcome"].str.contains("of ignited").to_numpy()
+    number = np.where(of_lit, number * share, number)
+    ends = [end_tolerance(table, table[side].to_numpy(float), number) for side in ("low", "high")]
+    error = np.hypot(np.fmax(*ends), table["wording"].to_numpy(float))
+    return table.drop(columns="wording").assign(tolerance=error)
+
+
+def end_tolerance(table: pd.DataFrame, end: Array, number: Array) -> Array:
+    """Return what sampling and length leave open at an end of the bounds, a standard deviation.
+
+    Parameters
+    ----------
+    table
+        Rows with ``outcome``.
+    end
+        Lower or upper bounds (n,), NaN if open.
+    number
+        Trajectories behind each (n,).
+    """
+    outcome = table["outcome"].str
+    share = (end / 100.0 * number + 1.0) / (number + 2.0)
+    of_share = np.sqrt(share * (1.0 - share) / number)
+    moved = LENGTH / SPREAD * norm.pdf(norm.ppf(share)) * outcome.startswith("remaining")
+    of_median = OF_MEDIAN * SPREAD * end / np.sqrt(number)
+    longer = LENGTH * end * outcome.startswith("velocity")
+    percent = outcome.contains("%").to_numpy()
+    both = np.where(percent, 100.0 * np.hypot(of_share, moved), np.hypot(of_median, longer))
+    return np.asarray(both, np.float64)
+
+
+def answers(rows: pd.DataFrame, values: Values) -> pd.Series:
+    """Return the value of each row's outcome; NaN where its campaign is not among them."""
+    keys = [key in values for key in rows[KEYS].itertuples(index=False, name=None)]
+    known = statements.answer(rows[keys], outcome_table(values)) if any(keys) else pd.Series()
+    return known.reindex(rows.index).astype(float)
+
+
+def z_scores(rows: pd.DataFrame, value: pd.Series) -> pd.Series:
+    """Return how many standard deviations values lie outside their bounds, 0 within.
+
+    Negative below; NaN where there is no value.
+    """
+    outside = (value - rows["high"]).clip(lower=0.0) - (rows["low"] - value).clip(lower=0.0)
+    return outside / rows["tolerance"]
+
+
+def holding(rows: pd.DataFrame, values: Values) -> pd.Series:
+    """Return which facts hold: within two standard deviations of the bounds.
+
+    What has no value fails.
+    """
+    return z_scores(rows, answers(rows, values)).abs() <= FURTHEST
+
+
+def true_values(
+    kiln: Kiln, count: int = PARTICLES, seed: int = 0
+) -> dict[CampaignKey, FlightValues]:
+    """Return the true values of flights of all campaigns, launched at once."""
+    flown = truth.released_all(kiln, count, seed)
+    return {key: truth.true_flight_values(each) for key, each in flown.items()}
+
+
+def all_alike(values: Values) -> dict[CampaignKey, FlightValues]:
+    """Return values in which each fraction flies as all of them together do at its pressure."""
+    alike = {}
+    for key in values:
+        parts = [each for other, each in values.items() if other[1] == key[1]]
+        alike[key] = FlightValues(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return alike
+
+
+def prior(search: Search[Inputs], count: int, seed: int) -> list[Inputs]:
+    """Return inputs drawn from the limits of a calibration, as its search measures them."""
+    generator = np.random.default_rng([seed, 14])
+
+    def draw(name: str, low: float, high: float) -> float:
+        if name in search.logarithmic:
+            return float(np.exp(generator.uniform(np.log(low), np.log(high))))
+        return float(generator.uniform(low, high))
+
+    return [
+        search.kind(**{name: draw(name, *ends) for name, ends in search.limits.items()})
+        for _ in range(count)
+    ]
+
+
+def prior_values(
+    search: Search[Inputs], kiln_of: Callable[[Inputs], Kiln], draws: int, count: int, seed: int
+) -> list[dict[CampaignKey, FlightValues]]:
+    """Return the `true_values` of `prior` inputs; ``kiln_of`` puts them into a kiln."""
+    return [true_values(kiln_of(each), count, seed) for each in prior(search, draws, seed)]
+
+
+def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> pd.DataFrame:
+    """Return every fact with what is published, measured and true, and both null models.
+
+    Returns
+    -------
+    DataFrame
+        `COLUMNS`. ``low`` and ``high`` are the bounds as printed, ``tolerance`` a standard
+        deviation. ``z`` and ``holds`` are of what is measured: empty where nothing is.
+        ``null_same``: whether it holds with all fractions alike (true values). ``null_prior``: in
+        which share of the draws.
+    """
+    rows = facts()
+    keys = rows[KEYS].itertuples(index=False, name=None)
+    known = np.array([key in measured for key in keys])
+    table = rows.rename(columns={"printed": "published"})
+    table = table.assign(
+        fact=rows["fact"] + ": " + rows["outcome"],
+        measured=answers(rows, measured),
+        true=answers(rows, true),
+        z=z_scores(rows, answers(rows, measured)),
+        holds=holding(rows, measured).astype("boolean").where(known),
+        null_same=holding(rows, all_alike(true)),
+        null_prior=np.mean([holding(rows, each) for each in draws], axis=0),
+    )
+    return table[COLUMNS]
+
+
+def side_by_side(versions: Mapping[str, Values]) -> pd.DataFrame:
+    """Return every fact with its bounds, and by version its value and whether it holds."""
+    rows = facts()
+    table = rows[[*KEYS, "fact", "outcome", "printed", "low", "high", "tolerance"]]
+    for name, values in versions.items():
+        value = answers(rows, values)
+        columns = {name: value, f"{name}_z": z_scores(rows, value)}
+        table = table.assign(**columns, **{f"{name}_holds": holding(rows, values)})
+    return table
+
+
+def count_holding(versions: Mapping[str, Iterable[Values]]) -> pd.DataFrame:
+    """Return how many facts, cells and orders hold, by version.
+
+    Parameters
+    ----------
+    versions
+        By name: the values of one run, or of many draws.
+
+    Returns
+    -------
+    DataFrame
+        ``version``, ``draws``, ``facts_hold`` of ``facts`` (of draws the mean, ``facts_low`` and
+        ``facts_high`` the range that holds 90 %), ``cells_hold`` of ``cells``: campaign and fact,
+        of which every sentence holds; ``orders_hold`` of ``orders``.
+    """
+    rows, orders, counts = facts(), rankings(), []
+    for name, runs in versions.items():
+        held = pd.DataFrame([holding(rows, each) for each in runs]).T.set_index(rows.index)
+        total, cells = held.sum(), held.groupby([rows[key] for key in (*KEYS, "fact")]).all()
+        kept = [in_order(orders, each).mean() * len(orders) for each in runs]
+        row = {"version": name, "draws": held.shape[1], "facts_hold": total.mean()}
+        row |= {"facts_low": total.quantile(0.05), "facts_high": total.quantile(0.95)}
+        row |= {"facts": len(rows), "cells_hold": cells.sum().mean(), "cells": len(cells)}
+        counts.append(row | {"orders_hold": np.mean(kept), "orders": len(orders)})
+    return pd.DataFrame(counts)
+
+
+def rankings() -> pd.DataFrame:
+    """Return the printed orders of fractions, a row for each pair."""
+    table = pd.read_csv(paths.reference() / "rankings.csv")
+    for side in ("lower", "higher"):
+        table = table.assign(**{side: table[side].str.split("+")}).explode(side, ignore_index=True)
+    return table
+
+
+def in_order(orders: pd.DataFrame, values: Values) -> pd.Series:
+    """Return whether the one lies below the other; false where they are equal or unknown."""
+    sides = []
+    for side in ("lower", "higher"):
+        rows = orders[["pressure_bar", "outcome"]].assign(fraction=orders[side])
+        sides.append(answers(rows, values))
+    return sides[0] < sides[1]
