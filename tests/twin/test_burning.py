@@ -20,7 +20,9 @@ def at_rest(kind, n=1):
 def heat(state, seconds, slip=2.0):
     n = len(state.index)
     for _ in range(round(seconds / STEP)):
-        burning.heat_and_burn(state, GAS, np.full(n, 1373.0), np.full(n, slip), STEP)
+        burning.heat_and_burn(
+            state, GAS.wall_temperature_k, np.full(n, 1373.0), np.full(n, slip), STEP
+        )
 
 
 def test_a_sheet_heats_like_a_lumped_body():

@@ -127,3 +127,52 @@ def test_conduction_agrees_with_the_semi_infinite_solid():
     outermost = flux * (3e-3 / 60 / 2) / 0.15  # from the last node to the surface
     assert nodes[0, -1] + outermost - 300.0 == pytest.approx(rise, rel=2e-3)
     assert nodes[0, 0] == pytest.approx(300.0, abs=0.5)
+
+
+def test_a_choked_lance_gives_both_printed_velocities():
+    """Sec. 2.1.1: about 4 m/s at 0.5 bar, 16 m/s at 5 bar; 0.5 bar itself is refused."""
+    at_4_bar, at_5_bar = Gas(pressure_bar=4.0, choked=True), Gas(pressure_bar=5.0, choked=True)
+    per_bar = at_5_bar.jet_velocity_m_s - at_4_bar.jet_velocity_m_s
+    assert at_5_bar.jet_velocity_m_s == 16.0
+    assert at_5_bar.jet_velocity_m_s - 4.5 * per_bar == pytest.approx(4.0, abs=0.1)
+
+
+def test_gas_goes_back_around_the_jet_and_recovers_downstream():
+    gas = Gas(choked=True, lance_stream_m_s=-0.6)
+    stream = gas.stream(on_axis(0.0, 2.1, 20.0))
+    assert stream[0] == pytest.approx(-0.6)
+    assert (np.diff(stream) > 0).all()
+    assert stream[1] == pytest.approx(1.5 - 2.1 * np.exp(-1))
+    assert stream[2] == pytest.approx(1.5, abs=1e-3)
+    # in the core the air is as fast as at the outlet, whatever flows around it
+    total = gas.stream(on_axis(0.05)) + gas.excess_velocity(on_axis(0.05))
+    assert total[0] == pytest.approx(gas.jet_velocity_m_s)
+
+
+def test_oxygen_lies_between_flue_gas_and_air():
+    points = np.random.default_rng(1).uniform(-1, 5, (500, 3))
+    oxygen = JET.oxygen(np.concatenate([points, on_axis(0.05)]))
+    assert (oxygen >= JET.flue_oxygen).all()
+    assert (oxygen <= forces.AIR_OXYGEN).all()
+    assert oxygen[-1] == pytest.approx(forces.AIR_OXYGEN)
+
+
+def test_a_load_takes_its_momentum_from_the_air():
+    free, loaded = Gas(choked=True), Gas(choked=True, load=0.25)
+    assert loaded.jet_velocity_m_s == pytest.approx(free.jet_velocity_m_s / 1.25)
+    assert loaded.air_kg_s == pytest.approx(free.air_kg_s)
+    # 76.6 m3/h leave the lance at 5 bar (sec. 2.1.1), of air of 330 K
+    printed = density(330.0) * 76.6 / 3600
+    assert Gas(pressure_bar=5.0).air_kg_s == pytest.approx(printed, rel=0.06)
+
+
+def test_the_wall_can_be_colder_downstream():
+    assert JET.wall_k(on_axis(3.0)) == JET.wall_temperature_k
+    fallen = Gas(wall_fall_k_m=24.0).wall_k(on_axis(-1.0, 0.0, 5.0))
+    np.testing.assert_allclose(JET.wall_temperature_k - fallen, [0.0, 0.0, 120.0])
+
+
+@pytest.mark.parametrize("wrong", [{"load": -0.1}, {"flue_oxygen": 0.3}])
+def test_a_gas_that_cannot_be_is_refused(wrong):
+    with pytest.raises(InputError, match="expected a load of 0 or more"):
+        Gas(**wrong)

@@ -2,7 +2,14 @@ import numpy as np
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.twin.particles import FRACTIONS, PE_GRANULES, Burst, by_hand, find_fraction
+from kilnflight.twin.particles import (
+    FRACTIONS,
+    PE_GRANULES,
+    Burst,
+    air_load,
+    by_hand,
+    find_fraction,
+)
 
 
 @pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
@@ -61,3 +68,20 @@ def test_impossible_bursts_are_told():
     for wrong in ({"fraction": "coal"}, {"count": -1}, {"duration_s": 0.0}):
         with pytest.raises(InputError):
             Burst(**{"fraction": "confetti", "count": 1, "start_s": 0.0, **wrong})
+
+
+def test_a_handful_that_is_dumped_loads_the_air_a_few_times_more():
+    thrown = [Burst("paper shred", 6, 0.0, 0.4), Burst("paper shred", 2, 5.0, 0.4)]
+    dumped = [Burst("paper shred", 6, 0.0, 0.05), Burst("paper shred", 2, 5.0, 0.05)]
+    shred = 32.5e-3 * 6e-3 * 0.1e-3 * 800.0 * 1.06
+    flow = (6 * 6 + 2 * 2) / 8 * shred / 0.4
+    assert air_load(thrown, 0.02) == pytest.approx(flow / 0.02)
+    assert air_load(dumped, 0.02) == pytest.approx(8 * air_load(thrown, 0.02))
+    assert air_load([], 0.02) == 0.0
+
+
+@pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
+def test_the_middle_mass_lies_among_the_drawn_ones(kind):
+    drawn = kind.draw(2000, np.random.default_rng(1))
+    masses = drawn.dry_mass_kg * (1 + kind.moisture)
+    assert kind.middle_mass_kg == pytest.approx(np.mean(masses), rel=0.08)

@@ -123,3 +123,22 @@ def test_a_scene_that_is_not_there_is_told_as_ever(name, seed, message):
     for call in (scenes.open_scene, scenes.cached_scene):
         with pytest.raises(InputError, match=message):
             call(name, seed)
+
+
+def test_scenarios_are_joined_in_their_order():
+    both = scenes.open_scene("V1@choked-lance+recirculation").scene
+    assert both.gas == replace(
+        scenes.open_scene("V1").scene.gas, choked=True, lance_stream_m_s=-0.6
+    )
+    assert both.name == "V1@choked-lance+recirculation"
+    with pytest.raises(InputError, match="such as V1@no-jet"):
+        scenes.open_scene("V1@small+nonsense")
+
+
+def test_dumped_handfuls_load_the_air():
+    thrown, dumped = (
+        scenes.open_scene(name).scene for name in ("wood-chip-4.5-bar", "wood-chip-4.5-bar@dumped")
+    )
+    assert dumped.gas.load > 0.1
+    assert dumped.gas.jet_velocity_m_s < thrown.gas.jet_velocity_m_s
+    assert sum(burst.count for burst in dumped.feed) == sum(burst.count for burst in thrown.feed)

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from kilnflight.twin.gas import (
     DRYING_K,
-    Gas,
     apparent_heat_capacity,
     conduct,
     heat_flux,
@@ -111,11 +110,12 @@ class State:
         return np.maximum(now, 0.02 * self.release_mass_kg)
 
 
-def heat_and_burn(state: State, gas: Gas, gas_k: Array, slip_m_s: Array, step_s: float) -> None:
+def heat_and_burn(
+    state: State, wall_k: Array | float, gas_k: Array, slip_m_s: Array, step_s: float
+) -> None:
     """Advance temperatures and masses by one step, in place."""
     coefficient = heat_transfer(slip_m_s, state.diameter_m, gas_k)
-    wall = gas.wall_temperature_k
-    flux = heat_flux(state.surface_k, gas_k, wall, coefficient, state.kind.emissivity)
+    flux = heat_flux(state.surface_k, gas_k, wall_k, coefficient, state.kind.emissivity)
     unlit = state.burning == UNLIT
     nodes, surface = _heated(state, flux, step_s)
     state.nodes_k = np.where(unlit[:, None], nodes, state.nodes_k)

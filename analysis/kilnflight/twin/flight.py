@@ -38,6 +38,12 @@ class Flight:
     lance_length_m: float = 2.5  # over which particles are accelerated; assumption
     wall_friction: float = 0.3  # of particles sliding in the lance; assumption
     solids_friction: float = 0.01  # additional loss of pneumatic conveying, 0.003 to 0.01
+    # Bouncing through the lance instead of sliding. A particle flies from wall to wall at an angle
+    # and loses friction times (1 + restitution) of its transverse velocity at each impact. That is
+    # a solids friction of 2 friction (1 + restitution) tan^2(angle), which replaces the two above.
+    bouncing: bool = False
+    bounce_angle_deg: float = 5.0  # to the wall, 2 to 8 (Sommerfeld 1992 measures 5); assumption
+    restitution: float = 0.6  # of wood and plastic on steel, 0.5 to 0.7 (handbooks)
     slip_spread: float = 0.08  # relative, of the exit velocity; assumption
     launch_elevation_deg: float = 0.0  # of the lance over the axis; assumption
     launch_spread_factor: float = 1.0  # on the fractions' own spread
@@ -170,7 +176,8 @@ def fly(
         if step % every == 0:
             flights.store(step // every, state)
         gas_k, slip = _move(state, gas, geometry, generator, settings)
-        heat_and_burn(state, gas, gas_k, slip, settings.step_s)
+        wall_k = gas.wall_k(state.position - geometry.lance_m)
+        heat_and_burn(state, wall_k, gas_k, slip, settings.step_s)
         limits = (settings.ignition_gas_k, settings.extinction_1_s)
         lit, cause = ignite(state, gas_k, slip, *limits)
         flights.ignition_s[state.index[lit]] = time + settings.step_s
@@ -205,7 +212,7 @@ def launch(
 def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
     """Return the velocity in m/s at the lance's outlet, before its spread, (n,).
 
-    From rest over the length of the lance, against wall friction and solids friction.
+    From rest over the length of the lance, against the friction of what slides or bounces.
     """
     air_k = np.full(len(state.index), gas.lance_temperature_k)
     speed, way = np.full(len(state.index), 0.1), np.zeros(len(state.index))
@@ -215,12 +222,21 @@ def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
             break
         slip = gas.jet_velocity_m_s - speed
         rate = drag_rate(state, np.abs(slip), air_k)
-        solids = settings.solids_friction * speed**2 / (2 * gas.lance_diameter_m)
-        braking = settings.wall_friction * GRAVITY_M_S2 + solids
+        braking = _lance_friction(speed, gas.lance_diameter_m, settings)
         gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
         speed = np.where(inside, np.maximum(speed + gain, 0.1), speed)
         way = way + speed * settings.step_s
     return speed
+
+
+def _lance_friction(speed_m_s: Array, diameter_m: float, settings: Flight) -> Array:
+    """Return the deceleration in m/s2 by the wall of the lance."""
+    if settings.bouncing:
+        across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
+        impacts_1_s = across / diameter_m
+        return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
+    solids = settings.solids_friction * speed_m_s**2 / (2 * diameter_m)
+    return settings.wall_friction * GRAVITY_M_S2 + solids
 
 
 def drag_rate(state: State, slip_m_s: Array, gas_k: Array) -> Array:
@@ -248,7 +264,7 @@ def _move(
     gas_k, excess = gas.temperature(from_lance), gas.excess_velocity(from_lance)
     _wander(state, excess, gas, generator, settings)
     wind = state.turbulence.copy()
-    wind[:, 0] += gas.stream_m_s + excess
+    wind[:, 0] += gas.stream(from_lance) + excess
     relative = wind - state.velocity
     slip = np.linalg.norm(relative, axis=1)
     rate = drag_rate(state, slip, gas_k)[:, None]

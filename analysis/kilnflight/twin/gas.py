@@ -5,6 +5,9 @@ turbulent and has a variable density. The law of constant density holds with the
 diameter ``d sqrt(rho_jet / rho_gas)`` (Thring and Newby 1953). Decay and spreading are after
 Pope, Turbulent Flows, 2000. Being heavier than the hot gas, it sinks. Kiln coordinates
 in metres, see `kilnflight.twin.camera`.
+
+The defaults are those of the twin's first look. Scenarios of `kilnflight.twin.scenes` choke the
+outlet of the lance, draw gas back around the jet, load it, or cool the wall along the axis.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ HEAT_CAPACITY_J_KG_K = 1150.0  # of air at about 1000 K
 STEFAN_BOLTZMANN = 5.670e-8  # W/m2/K4
 LATENT_HEAT_J_KG = 2.26e6  # of water at ambient pressure
 DRYING_K = (373.0, 383.0)  # the water leaves while the body warms through this range
+AIR_OXYGEN = 0.232  # mass share of oxygen in air
+AMBIENT_BAR = PRESSURE_PA / 1e5
 
 
 def density(temperature_k: npt.ArrayLike) -> Array:
@@ -58,6 +63,22 @@ class Gas:
     scalar_decay: float = 5.0  # of the cold air's share over d_eff / x (Pope 2000)
     scalar_spreading: float = 0.127  # 1/e width of the cold air's share over x (Pope 2000)
     jet_persistence: float = 1.0  # factor on the jet's excess velocity; 0: no jet
+    # A choked outlet passes air in proportion to the absolute pressure. The printed 4 m/s at 0.5
+    # bar and 16 m/s at 5 bar (sec. 2.1.1) stand like 1.51 to 6.01 bar. False: by the square root.
+    choked: bool = False
+    # Axial velocity of the gas around the jet at the lance, -1.5 to 2.5 m/s: less than
+    # ``stream_m_s`` where a confined jet draws gas back. None: ``stream_m_s`` everywhere.
+    lance_stream_m_s: float | None = None
+    # Way over which it becomes ``stream_m_s``: 1.5 diameters of the kiln. Eddies of confined jets
+    # end 2 to 4 diameters behind the nozzle (Barchilon and Curtet 1964); assumption.
+    recirculation_m: float = 2.1
+    flue_oxygen: float = 0.045  # mass share in the flue gas: 20 % excess air of oil; assumption
+    load: float = (
+        0.0  # kg of particles in a kg of the lance's air, see `kilnflight.twin.particles.air_load`
+    )
+    # How much colder the wall is at the outlet than at the lance, in K per m; 0: Fig. 2.4 shows a
+    # profile without an axis that can be read. A scenario.
+    wall_fall_k_m: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a lance that blocks: below 4 bar the particles stick (sec. 2.1.1)."""
@@ -67,14 +88,48 @@ class Gas:
                 "(sec. 2.1.1), above 6 bar nothing is published; the runs used 4.5 and 5."
             )
         check_positive(self.temperature_k, "Gas: temperature_k")
+        check_positive(self.recirculation_m, "Gas: recirculation_m")
+        if self.load < 0.0 or not 0.0 <= self.flue_oxygen <= AIR_OXYGEN:
+            raise InputError(
+                f"Gas: load {self.load} or flue_oxygen {self.flue_oxygen}: expected a load of 0 or "
+                f"more and a mass share between 0 and {AIR_OXYGEN}, that of air."
+            )
 
     @property
     def jet_velocity_m_s(self) -> float:
         """Return the velocity of the air at the lance's outlet.
 
-        It is scaled from 5 bar by the square root.
+        It is scaled from 5 bar (gauge) by the absolute pressure of a choked outlet, else by the
+        square root of the pressure. A load takes its momentum from the air.
         """
-        return float(self.velocity_at_5_bar_m_s * np.sqrt(self.pressure_bar / 5.0))
+        ratio = (self.pressure_bar + AMBIENT_BAR) / (5.0 + AMBIENT_BAR)
+        scale = ratio if self.choked else np.sqrt(self.pressure_bar / 5.0)
+        return float(self.velocity_at_5_bar_m_s * scale / (1.0 + self.load))
+
+    @property
+    def air_kg_s(self) -> float:
+        """Return the mass flow of the lance's air without particles."""
+        area = np.pi * self.lance_diameter_m**2 / 4
+        free = self.jet_velocity_m_s * (1.0 + self.load)
+        return float(density(self.lance_temperature_k) * free * area)
+
+    def stream(self, from_lance_m: Array) -> Array | float:
+        """Return the axial velocity of the gas around the jet in m/s, at (n, 3) positions."""
+        if self.lance_stream_m_s is None:
+            return self.stream_m_s
+        rest = np.exp(-np.maximum(from_lance_m[:, 0], 0.0) / self.recirculation_m)
+        return self.stream_m_s + (self.lance_stream_m_s - self.stream_m_s) * rest
+
+    def wall_k(self, from_lance_m: Array) -> Array | float:
+        """Return the temperature in K of the wall beside (n, 3) positions."""
+        if not self.wall_fall_k_m:
+            return self.wall_temperature_k
+        return self.wall_temperature_k - self.wall_fall_k_m * np.maximum(from_lance_m[:, 0], 0.0)
+
+    def oxygen(self, from_lance_m: Array) -> Array:
+        """Return the mass share of oxygen, 0 to `AIR_OXYGEN`, at (n, 3) positions."""
+        cold = self.cold_share(from_lance_m)
+        return self.flue_oxygen + cold * (AIR_OXYGEN - self.flue_oxygen)
 
     @property
     def effective_diameter_m(self) -> float:
@@ -105,11 +160,11 @@ class Gas:
         return np.where(distance > 0, core * np.exp(-square / width**2), 0.0)
 
     def excess_velocity(self, from_lance_m: Array) -> Array:
-        """Return the jet's velocity over the stream's in m/s.
+        """Return the jet's velocity over that of the gas around it in m/s.
 
         It is along s, at (n, 3) positions.
         """
-        excess = self.jet_persistence * (self.jet_velocity_m_s - self.stream_m_s)
+        excess = self.jet_persistence * (self.jet_velocity_m_s - self.stream(from_lance_m))
         return excess * self._profile(from_lance_m, self.decay, self.spreading)
 
     def cold_share(self, from_lance_m: Array) -> Array:
@@ -157,7 +212,7 @@ def heat_transfer(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> A
 
 
 def heat_flux(
-    surface_k: Array, gas_k: Array, wall_k: float, coefficient: Array, emissivity: float
+    surface_k: Array, gas_k: Array, wall_k: Array | float, coefficient: Array, emissivity: float
 ) -> Array:
     """Return the heat flux into a surface in W/m2.
 

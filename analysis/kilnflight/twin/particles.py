@@ -69,8 +69,7 @@ class Fraction:
             width = length.copy()
         if self.body == SPHERE:
             thickness = length.copy()
-        filled = np.pi / 6 if self.body == SPHERE else np.pi / 4 if self.round else 1.0
-        volume = filled * length * width * thickness
+        volume = self._filled * length * width * thickness
         return Particles(
             fraction=self,
             length_m=length,
@@ -80,6 +79,21 @@ class Fraction:
             ignition_k=generator.normal(self.ignition_k, self.ignition_spread_k, count),
             orientation=uniform(self.orientation),
         )
+
+    @property
+    def _filled(self) -> float:
+        """Share of the box of length, width and thickness that the body fills."""
+        return np.pi / 6 if self.body == SPHERE else np.pi / 4 if self.round else 1.0
+
+    @property
+    def middle_mass_kg(self) -> float:
+        """Mass at release, water included, of a particle in the middle of every range."""
+        length, width, thickness, dry_density = map(
+            np.mean, (self.length_m, self.width_m, self.thickness_m, self.density_kg_m3)
+        )
+        width = length if self.round else width
+        thickness = length if self.body == SPHERE else thickness
+        return float(self._filled * length * width * thickness * dry_density * (1 + self.moisture))
 
 
 @dataclass(frozen=True)
@@ -236,6 +250,17 @@ class Burst:
         particles = find_fraction(self.fraction).draw(self.count, generator)
         times = self.start_s + self.duration_s * generator.beta(2.0, 2.0, self.count)
         return particles, np.sort(times)
+
+
+def air_load(feed: Sequence[Burst], air_kg_s: float) -> float:
+    """Return the mass flow of particles over that of the lance's air, mean over particles.
+
+    Every particle has the flow of its handful, and the mass of the middle of every range.
+    """
+    count = np.array([burst.count for burst in feed], dtype=np.float64)
+    masses = np.array([find_fraction(burst.fraction).middle_mass_kg for burst in feed])
+    flow = count * masses / np.array([burst.duration_s for burst in feed])
+    return float((count * flow).sum() / max(count.sum(), 1.0) / air_kg_s)
 
 
 def by_hand(

@@ -28,7 +28,7 @@ from kilnflight.twin.camera import Optics
 from kilnflight.twin.fitted import FlightInputs, LightInputs, flight_inputs, light_inputs
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.particles import FRACTIONS, Burst, by_hand
+from kilnflight.twin.particles import FRACTIONS, Burst, air_load, by_hand
 from kilnflight.twin.scene import Scene, Twin
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
@@ -187,6 +187,17 @@ def _with_assumed_inputs(scene: Scene) -> Scene:
     return LightInputs().applied(replace(scene, flight=flight, gas=gas))
 
 
+DUMP_S = 0.05  # in which a handful that is dumped leaves the lance; assumption
+
+
+def dumped(scene: Scene) -> Scene:
+    """Return a scene whose handfuls are dumped into the lance, so that they load its air."""
+    feed = tuple(replace(burst, duration_s=DUMP_S) for burst in scene.feed)
+    return replace(
+        scene, feed=feed, gas=replace(scene.gas, load=air_load(feed, scene.gas.air_kg_s))
+    )
+
+
 def downscaled(scene: Scene) -> Scene:
     """Return a scene for trials: a camera with a quarter of the rows and columns."""
     place, around, depth = scene.geometry, scene.surroundings, scene.depth
@@ -225,11 +236,19 @@ SCENARIOS = {
     "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
     # the calibrated value is near 280; half of it
     "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=140.0)),
+    # The second look at the lance and the gas, each by itself (see `Gas` and `Flight`)
+    "choked-lance": lambda s: replace(s, gas=replace(s.gas, choked=True)),
+    # near the lance the gas goes back; bounded only (-1.5 to 2.5 m/s)
+    "recirculation": lambda s: replace(s, gas=replace(s.gas, lance_stream_m_s=-0.6)),
+    "bouncing": lambda s: replace(s, flight=replace(s.flight, bouncing=True)),
+    "dumped": dumped,
+    # 200 K over the length of the kiln; Fig. 2.4 has no axis that can be read
+    "wall-profile": lambda s: replace(s, gas=replace(s.gas, wall_fall_k_m=24.0)),
 }
 
 
 def open_scene(name: str, seed: int | None = None) -> Twin:
-    """Return the recording of a scene; ``name@scenario`` varies it.
+    """Return the recording of a scene; ``name@scenario`` varies it, ``+`` joins scenarios.
 
     Raises
     ------
@@ -238,24 +257,26 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
 
     Examples
     --------
-    >>> len(open_scene("V1@no-jet"))
+    >>> len(open_scene("V1@no-jet+small"))
     160
     """
-    plain, _, scenario = name.partition("@")
-    scenario = scenario or "base"
+    plain, _, joined = name.partition("@")
+    scenarios = joined.split("+") if joined else []
     runs = product(FRACTIONS, PRESSURES_BAR)
     campaigns = {campaign_name(fraction, bar): (fraction, bar) for fraction, bar in runs}
-    if plain not in (*SUBSETS, *campaigns) or scenario not in SCENARIOS:
+    if plain not in (*SUBSETS, *campaigns) or not SCENARIOS.keys() >= set(scenarios):
         raise InputError(
             f"no scene {name!r}; there are {', '.join((*SUBSETS, *campaigns))}, each also "
-            f"with a variant behind @, such as V1@small: {', '.join(SCENARIOS)}."
+            f"with variants behind @, such as V1@no-jet+small: {', '.join(SCENARIOS)}."
         )
     number = seed or 0
     if number < 0:
         raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
     run = campaigns.get(plain)
-    scene = SCENARIOS[scenario](campaign(*run, number) if run else ground_truth(plain, number))
-    return Twin(scene if scenario == "base" else replace(scene, name=name))
+    scene = campaign(*run, number) if run else ground_truth(plain, number)
+    for scenario in scenarios:
+        scene = SCENARIOS[scenario](scene)
+    return Twin(replace(scene, name=plain if joined in ("", "base") else name))
 
 
 CACHED = ("life", "_bodies", "_wall")  # of the recording; of its background the level
