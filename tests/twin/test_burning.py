@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from kilnflight.checks import InputError
 from kilnflight.twin import burning
 from kilnflight.twin import gas as forces
-from kilnflight.twin.burning import BURNING, CHAR, State
+from kilnflight.twin.burning import BURNING, CHAR, UNLIT, State, VolatileIgnition
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.particles import CONFETTI, PE_GRANULES
+from kilnflight.twin.particles import CONFETTI, PE_GRANULES, WOOD_CHIPS
 
 GAS, STEP = Gas(), 0.5e-3
+# Between these temperatures in K; thick bodies of one temperature give off more than real ones
+IGNITE_AT = [(CONFETTI, 600.0, 700.0), (WOOD_CHIPS, 530.0, 700.0), (PE_GRANULES, 600.0, 750.0)]
 
 
 def at_rest(kind, n=1):
@@ -66,9 +69,9 @@ def test_ignition_needs_all_three_and_names_the_last(missing):
     first = {**good, **({names[missing]: bad[names[missing]]} if missing is not None else {})}
     for step, values in enumerate((first, good)):
         state.surface_k[:] = values["surface"]
-        lit, cause = burning.ignite(
-            state, np.array([values["gas"]]), np.array([values["slip"]]), 950.0, 800.0
-        )
+        hot = state.surface_k >= state.ignition_k
+        holds = np.array([values["slip"]]) / state.diameter_m < 800.0
+        lit, cause = burning.ignite(state, np.array([values["gas"]]), hot, holds, 950.0)
         expected = (step == 0) if missing is None else (step == 1)
         assert lit[0] == expected
         if lit[0]:
@@ -103,3 +106,47 @@ def test_the_energy_to_burn_off_the_volatiles_is_the_stated_one():
     lost = before - state.volatiles_kg[0]
     assert lost == pytest.approx(float(flux[0] * state.surface_m2[0] * 10 * STEP / 1.2e6), rel=1e-9)
     assert state.burning[0] == BURNING
+
+
+def test_a_flame_outlasts_less_slip_and_more_oxygen():
+    rule, short = VolatileIgnition(), np.full(3, 6e-3)
+    gas_k, air = np.full(3, 1100.0), np.full(3, forces.AIR_OXYGEN)
+    slower = rule.damkoehler(short, np.array([1.0, 2.0, 4.0]), gas_k, air)
+    np.testing.assert_allclose(slower[:-1] / slower[1:], 2.0)
+    thinner = rule.damkoehler(short, np.full(3, 2.0), gas_k, np.array([0.2, 0.1, 0.05]))
+    assert (np.diff(thinner) < 0).all()
+    # at the reference, in air, it is the ratio of the two times
+    at_reference = replace(rule, reference_k=burning.HOTTEST_FLAME_K)
+    number = at_reference.damkoehler(np.array([6e-3]), np.array([2.0]), gas_k[:1], air[:1])
+    assert number[0] == pytest.approx(3e-3 / rule.chemical_time_s)
+    still = rule.damkoehler(short, np.array([0.0, 0.1, 0.3]), gas_k, air)
+    np.testing.assert_array_equal(still, still[0])
+
+
+@pytest.mark.parametrize(("kind", "low", "high"), IGNITE_AT)
+def test_volatiles_are_enough_at_the_handbooks_temperatures(kind, low, high):
+    """A body of one temperature gives off 3 g/m2 s between the piloted and the spontaneous."""
+    state = at_rest(kind)
+    flux = []
+    for kelvin in (low, high):
+        state.nodes_k[:] = kelvin
+        flux.append(float(state.volatile_flux[0]))
+    assert flux[0] < VolatileIgnition().critical_flux_kg_m2_s < flux[1]
+
+
+def test_unlit_paper_loses_its_volatiles_and_then_glows_only_in_oxygen():
+    state = at_rest(CONFETTI, 2)
+    whole = state.volatiles_kg.copy()
+    state.nodes_k[:], state.surface_k[:] = 650.0, 650.0
+    rate = state.volatiles_1_s.copy()
+    burning.lose_volatiles(state, 0.1)
+    np.testing.assert_allclose(state.volatiles_kg, whole * np.exp(-0.1 * rate))
+    state.surface_k[:], state.volatiles_kg[:] = 1100.0, 0.01 * whole
+    glows = burning.glow(state, np.array([0.05, 0.2]))
+    np.testing.assert_array_equal(glows, [False, True])
+    np.testing.assert_array_equal(state.burning, [UNLIT, CHAR])
+
+
+def test_an_ignition_that_cannot_be_is_refused():
+    with pytest.raises(InputError, match="chemical_time_s"):
+        VolatileIgnition(chemical_time_s=0.0)

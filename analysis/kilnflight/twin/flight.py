@@ -16,7 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.checks import InputError, check_positive
-from kilnflight.twin.burning import CHAR, State, heat_and_burn, ignite
+from kilnflight.twin.burning import (
+    CAUSES,
+    CHAR,
+    State,
+    VolatileIgnition,
+    glow,
+    heat_and_burn,
+    ignite,
+    lose_volatiles,
+)
 from kilnflight.twin.camera import Geometry, unit_vectors
 from kilnflight.twin.gas import GRAVITY_M_S2, Gas, density, disc_drag, reynolds, sphere_drag
 from kilnflight.twin.particles import SPHERE, Particles
@@ -50,6 +59,7 @@ class Flight:
     lift_time_s: float = 0.15  # correlation time of the lift's direction; assumption
     ignition_gas_k: float = 950.0  # the gas around must be hotter; assumption
     extinction_1_s: float = 800.0  # slip over size that blows a flame off; assumption
+    volatiles: VolatileIgnition | None = None  # in place of surface temperature and slip over size
     char_left: float = 0.15  # share of char at which a sheet counts as burnt out; assumption
 
     def __post_init__(self) -> None:
@@ -178,11 +188,29 @@ def fly(
         gas_k, slip = _move(state, gas, geometry, generator, settings)
         wall_k = gas.wall_k(state.position - geometry.lance_m)
         heat_and_burn(state, wall_k, gas_k, slip, settings.step_s)
-        limits = (settings.ignition_gas_k, settings.extinction_1_s)
-        lit, cause = ignite(state, gas_k, slip, *limits)
+        lit, cause = _ignite(state, gas, geometry, gas_k, slip, settings)
         flights.ignition_s[state.index[lit]] = time + settings.step_s
         flights.cause[state.index[lit]] = cause[lit]
     return flights
+
+
+def _ignite(
+    state: State, gas: Gas, geometry: Geometry, gas_k: Array, slip_m_s: Array, settings: Flight
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int8]]:
+    """Ignite by the criteria of the settings, see `ignite`."""
+    rule = settings.volatiles
+    if rule is None:
+        hot = state.surface_k >= state.ignition_k
+        holds = slip_m_s / state.diameter_m < settings.extinction_1_s
+        return ignite(state, gas_k, hot, holds, settings.ignition_gas_k)
+    lose_volatiles(state, settings.step_s)
+    oxygen = gas.oxygen(state.position - geometry.lance_m)
+    fuel = state.volatile_flux >= rule.critical_flux_kg_m2_s
+    holds = rule.damkoehler(state.short_m, slip_m_s, gas_k, oxygen) >= 1.0
+    lit, cause = ignite(state, gas_k, fuel, holds, settings.ignition_gas_k, causes=(4, 2, 5))
+    glows = glow(state, oxygen)
+    cause[glows] = CAUSES.index("glowing char")
+    return lit | glows, cause
 
 
 def launch(

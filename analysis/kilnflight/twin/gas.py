@@ -73,9 +73,7 @@ class Gas:
     # end 2 to 4 diameters behind the nozzle (Barchilon and Curtet 1964); assumption.
     recirculation_m: float = 2.1
     flue_oxygen: float = 0.045  # mass share in the flue gas: 20 % excess air of oil; assumption
-    load: float = (
-        0.0  # kg of particles in a kg of the lance's air, see `kilnflight.twin.particles.air_load`
-    )
+    load: float = 0.0  # kg of particles in a kg of the lance's air, see `particles.air_load`
     # How much colder the wall is at the outlet than at the lance, in K per m; 0: Fig. 2.4 shows a
     # profile without an axis that can be read. A scenario.
     wall_fall_k_m: float = 0.0

@@ -45,6 +45,9 @@ class Fraction:
     conductivity_w_m_k: float = 0.15
     emissivity: float = 0.9
     reflectivity: float = 0.5  # of the wall's light, for the camera
+    # Volatiles leave by one reaction of first order; cellulose after Antal and Varhegyi 1995
+    pyrolysis_1_s: float = 1.0e18
+    pyrolysis_j_mol: float = 238e3
     ignition_k: float = 640.0  # surface temperature of piloted ignition
     ignition_spread_k: float = 30.0  # standard deviation between particles
     volatile_share: float = 0.8  # of the dry mass
@@ -165,6 +168,8 @@ WOOD_CHIPS = Fraction(
     heat_capacity_j_kg_k=1700.0,
     conductivity_w_m_k=0.15,
     reflectivity=0.45,
+    pyrolysis_1_s=9.3e9,  # pine (Wagenaar and others 1993, tar)
+    pyrolysis_j_mol=149e3,
     ignition_k=823.0,  # thick wood under convection, above piloted 570 to 640 K (Babrauskas 2001)
     lift_coefficient=0.15,
     launch_spread_deg=3.0,
@@ -208,6 +213,8 @@ PE_GRANULES = Fraction(
     conductivity_w_m_k=0.35,
     emissivity=0.85,
     reflectivity=0.30,
+    pyrolysis_1_s=1.0e15,  # LDPE (Westerhout and others 1997)
+    pyrolysis_j_mol=241e3,
     ignition_k=683.0,
     volatile_share=1.0,
     orientation=(0.95, 1.0),

@@ -24,6 +24,7 @@ from kilnflight.checks import InputError
 from kilnflight.project import paths
 from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.closure import code_hash
+from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import Optics
 from kilnflight.twin.fitted import FlightInputs, LightInputs, flight_inputs, light_inputs
 from kilnflight.twin.flight import Flight
@@ -187,7 +188,7 @@ def _with_assumed_inputs(scene: Scene) -> Scene:
     return LightInputs().applied(replace(scene, flight=flight, gas=gas))
 
 
-DUMP_S = 0.05  # in which a handful that is dumped leaves the lance; assumption
+DUMP_S = 0.1  # a dumped handful is half a metre of lance at 5 m/s; assumption
 
 
 def dumped(scene: Scene) -> Scene:
@@ -236,11 +237,12 @@ SCENARIOS = {
     "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
     # the calibrated value is near 280; half of it
     "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=140.0)),
-    # The second look at the lance and the gas, each by itself (see `Gas` and `Flight`)
+    # The second look at lance, gas and ignition, each by itself (see `Gas` and `Flight`)
     "choked-lance": lambda s: replace(s, gas=replace(s.gas, choked=True)),
     # near the lance the gas goes back; bounded only (-1.5 to 2.5 m/s)
     "recirculation": lambda s: replace(s, gas=replace(s.gas, lance_stream_m_s=-0.6)),
     "bouncing": lambda s: replace(s, flight=replace(s.flight, bouncing=True)),
+    "volatiles": lambda s: replace(s, flight=replace(s.flight, volatiles=VolatileIgnition())),
     "dumped": dumped,
     # 200 K over the length of the kiln; Fig. 2.4 has no axis that can be read
     "wall-profile": lambda s: replace(s, gas=replace(s.gas, wall_fall_k_m=24.0)),
