@@ -88,7 +88,7 @@ def _judged_beyond_chance(
     """
     if sure:
         return _judged(claim, measured, f"{note}; {sure}", shown=shown)
-    value = claims.judge(claim, measured).measured
+    value = claims.judge(claim, measured, because="chain").measured
     return claims.undecidable(claim, f"{note}; {NOT_DRAWN}", value, because="chain")
 
 
