@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from measure import Row, compare
 
-from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase, friction
+from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase
 from kilnflight.belt.models import checked
 from kilnflight.belt.phase import Observed
+from kilnflight.sorter import friction
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 PARTICLES = (1100, 4400, 17600)

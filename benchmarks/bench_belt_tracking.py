@@ -26,10 +26,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from kilnflight.belt.camera import TRACKED, FindCorners, calibrate_camera
-from kilnflight.belt.machine import BULKS
-from kilnflight.belt.pictures import Pictures, Spots, average, measure_spots
+from kilnflight.belt.pictures import Spots, average, measure_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
+from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.rendering import Pictures
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region

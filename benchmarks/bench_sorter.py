@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 from measure import Row
 
-from kilnflight.belt.bodies import build_model, engine, missing_reason
-from kilnflight.belt.evaluation import motion_profile, step_velocities
-from kilnflight.belt.machine import BULKS, Bulk, Conveyor
-from kilnflight.belt.sorter import calibrated_sorter
+from kilnflight.experiments.belt_profile import motion_profile, step_velocities
 from kilnflight.project import figures
+from kilnflight.sorter.bodies import build_model, engine, missing_reason
+from kilnflight.sorter.machine import BULKS, Bulk, Conveyor
+from kilnflight.sorter.simulation import calibrated_sorter
 
 SIZES = (20, 60, 120)
 SECONDS = 0.1
@@ -93,10 +93,10 @@ def costs() -> pd.DataFrame:
 
 def convergence(count: int = 150, seed: int = 1) -> pd.DataFrame:
     """Return mean and spread of the velocity along the belt by time step."""
-    found, parts = calibrated_sorter(), []
+    parts = []
     for name, bulk in BULKS.items():
         for step in STEPS_S:
-            sorter = replace(found, conveyor=Conveyor(step_s=step))
+            sorter = replace(calibrated_sorter(name), conveyor=Conveyor(step_s=step))
             start = time.process_time()
             tracks = sorter(bulk, count, np.random.default_rng(seed))
             spent = (time.process_time() - start) / tracks["time_s"].max()

@@ -30,7 +30,7 @@ def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:
         profile = blobs.dilution[k] / (1 + np.exp((radius - 1) / blobs.softness[k]))
         profile[square >= 2.56] = 0
         level = blobs.brightness[k]
-        picture = picture + (level if blobs.adds[k] else level - picture) * profile
+        picture = picture + (level - (1 - blobs.passes[k]) * picture) * profile
     return picture
 
 

@@ -25,9 +25,6 @@ from kilnflight.experiments import flight_pictures, statements, twin_calibration
 from kilnflight.project import figures, style
 from kilnflight.scores import flights as flight_scores
 from kilnflight.twin import fitted, truth
-from kilnflight.twin.camera import Geometry
-from kilnflight.twin.flight import Flight
-from kilnflight.twin.gas import Gas
 
 # %%
 style.use_style()
@@ -37,8 +34,7 @@ origin = figures.trace("12_flights", setting, seed=seed, inputs=[fitted.FLIGHT_F
 versions = {"inputs only": fitted.FlightInputs(), "calibrated": fitted.flight_inputs()}
 flown, rows = {}, {}
 for version, free in versions.items():
-    kiln = fitted.Kiln(*free.applied(Flight(), Gas()), Geometry())
-    flown[version] = truth.released_all(kiln, particles, seed)
+    flown[version] = truth.released_all(fitted.kiln_with(free), particles, seed)
     rows[version] = statements.true_outcomes(flown[version])
 printed = statements.statements()
 answers = {version: statements.answer(printed, rows[version]) for version in versions}

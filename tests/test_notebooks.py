@@ -10,9 +10,9 @@ import jupytext
 import pandas as pd
 import pytest
 
-from kilnflight.belt.bodies import is_installed
 from kilnflight.experiments import errata
 from kilnflight.project import claims, figures, notebooks
+from kilnflight.sorter.bodies import is_installed
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -32,8 +32,8 @@ TABLES = {
     "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",
     "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
     "belt-arrival-rate": "sampling_hz source data_set model n iqr_ms mae_ms",
-    "belt-arrival-verdicts": "source sampling_hz id verdict measured",
-    "belt-lateral-verdicts": "source sampling_hz id verdict measured",
+    "belt-arrival-verdicts": "source sampling_hz id by_point_values measured",
+    "belt-lateral-verdicts": "source sampling_hz id by_point_values measured",
     "errata": "where printed recomputed consequence",
     "claims": "id verdict measured published notebook reason criterion",
 }

@@ -1,6 +1,7 @@
 """README.md and docs: the example uses names that exist, links lead somewhere, it stays short."""
 
 import ast
+import gc
 import re
 import shlex
 from functools import reduce
@@ -12,6 +13,8 @@ import pytest
 import tifffile
 
 from kilnflight.__main__ import main
+from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.rendering import Pictures
 
 PROJECT = Path(__file__).resolve().parents[1]
 TEXTS = ("README.md", "CONTRIBUTING.md", "data/README.md")
@@ -59,6 +62,30 @@ def test_the_steps_on_a_film_of_ones_own_run_as_written(film):
     assert [main(step) for step in steps] == [0, 0, 0, 0]
     assert Path("chips", "report.html").is_file()
     assert pd.read_csv("tracks.csv")["particle"].max() == 2
+
+
+def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
+    frame = np.tile(np.arange(5, 30), 40)
+    start = np.repeat(np.random.default_rng(0).uniform(400, 550, 40), 25)
+    columns = {"frame": frame, "particle": np.repeat(np.arange(40), 25), "time_s": 0.005 * frame}
+    columns |= {"x": start + 6.0 * frame, "y": np.repeat(np.linspace(5, 175, 40), 25)}
+    np.save(
+        tmp_path / "belt.npy",
+        list(Pictures(pd.DataFrame(columns), BULKS["spheres"], 0).frames(range(30))),
+    )
+    monkeypatch.chdir(tmp_path)
+    text, names = (PROJECT / "docs" / "own_recording.md").read_text(), {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        if "sorter" in block or "belt.npy" in block:
+            exec(block, names)
+    gc.unfreeze()
+    printed = capsys.readouterr().out
+    assert float(re.search(r"camera moved by ([\d.]+) px", printed)[1]) < 0.3
+    assert "nan" not in printed
+    assert "the belt is" not in printed
+    assert abs(names["sorter"].watch.change()) < 0.02
+    commands = len(re.findall(r"valve \d+: open", printed))
+    assert commands + len(names["sorter"].close()) >= 5
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -6,18 +6,21 @@ from kilnflight.checks import InputError
 from kilnflight.tables import (
     BELT_ARRIVAL,
     BELT_LAST,
+    BELT_PREDICTED,
     BELT_TRACKS,
     DETECTIONS,
     FLIGHTS,
     SLICES,
     TRAJECTORIES,
+    VALVE_EVENTS,
     Column,
     Table,
     bound_of,
     impossible,
 )
 
-TABLES = [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, DETECTIONS, TRAJECTORIES, FLIGHTS, SLICES]
+TABLES = [BELT_TRACKS, BELT_LAST, BELT_ARRIVAL, BELT_PREDICTED, VALVE_EVENTS]
+TABLES += [DETECTIONS, TRAJECTORIES, FLIGHTS, SLICES]
 
 
 @pytest.mark.parametrize("table", TABLES)

@@ -103,6 +103,7 @@ BELT_BODIES = Table(
     *BELT_TRACKS.columns,
     Column("z", float, "mm", "height of the centre above the belt"),
     Column("angle_rad", float, "rad", "of the longest edge or axis, seen from above, from x"),
+    Column("tilt_rad", float, "rad", "of the same above the horizontal; of spheres any"),
     Column("velocity_x_mm_s", float, "mm/s", "along the belt, as the simulation has it"),
     Column("velocity_y_mm_s", float, "mm/s", "across the belt, likewise"),
 )
@@ -125,6 +126,20 @@ BELT_ARRIVAL = Table(
     Column("time_s", float, "s", "t_Ref, interpolated as in Fig. 5 of the 2020 paper"),
     Column("y", float, "mm", "lateral position at t_Ref"),
     Column("velocity_y_mm_s", float, "mm/s", "lateral velocity across the target"),
+)
+
+BELT_PREDICTED = Table(
+    "predicted arrivals",
+    Column("particle", int, "1", "identity of the particle or track"),
+    Column("time_s", float, "s", "predicted time at the valves", missing=True),
+    Column("y", float, "mm", "predicted place across the belt", missing=True),
+)
+
+VALVE_EVENTS = Table(
+    "valve events",
+    Column("valve", int, "1", "counted from 0 at y = 0"),
+    Column("open_s", float, "s", "time of the command to open; the air comes a latency later"),
+    Column("close_s", float, "s", "time of the command to close; likewise"),
 )
 
 BELT_SPOTS = Table(

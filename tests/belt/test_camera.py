@@ -1,15 +1,27 @@
 """Corners found in pictures of a belt whose corners are known, and what follows from them."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.belt.camera import BELT, TRACKED, CameraView, Corners, FindCorners, calibrate_camera
-from kilnflight.belt.machine import BULKS
-from kilnflight.belt.pictures import Pictures
+from kilnflight.belt.camera import (
+    BELT,
+    DRIFT_PX,
+    TRACKED,
+    Corners,
+    FindCorners,
+    calibrate_camera,
+    corner_shifts,
+    load_calibration,
+    save_calibration,
+)
 from kilnflight.checks import InputError
+from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.rendering import CameraView, Pictures
 from kilnflight.tables import BELT_TRACKS
 
 
@@ -110,3 +122,64 @@ def test_what_is_no_picture_and_no_quadrangle_is_told():
         calibrate_camera(line)
     with pytest.raises(InputError, match="profiles"):
         FindCorners(profiles=3)
+
+
+def test_a_corner_out_of_view_is_refused_and_named_by_its_border():
+    corner = true_corners(VIEW)[1].astype(int)  # at the belt's end, y = 0
+    cut = PICTURE[corner[0] + 15 :, : corner[1] - 15]
+    with pytest.raises(InputError, match="reaches its border"):
+        FindCorners()(np.ascontiguousarray(cut))
+
+
+def test_a_calibration_is_read_as_it_was_saved(tmp_path):
+    calibration = calibrate_camera(FindCorners()(PICTURE))
+    save_calibration(calibration, tmp_path / "camera.json")
+    again = load_calibration(str(tmp_path / "camera.json"))
+    np.testing.assert_array_equal(again.matrix, calibration.matrix)
+    assert again[1:] == calibration[1:]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0.4", "0.5", "is damaged"),
+        ('"version": 1', '"version": 2', "of version 2, not 1"),
+        ("sha256", "hash", "no calibration"),
+        ("{", "[", "no calibration"),
+        ("\n}", "", "no calibration"),
+    ],
+)
+def test_a_damaged_calibration_is_refused(tmp_path, old, new, message):
+    path = tmp_path / "camera.json"
+    save_calibration(calibrate_camera(FindCorners()(PICTURE)), path)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=rf"camera\.json: .*{message}"):
+        load_calibration(path)
+    with pytest.raises(InputError, match="no calibration"):
+        load_calibration(tmp_path / "none.json")
+    path.write_text("3")
+    with pytest.raises(InputError, match="no calibration"):
+        load_calibration(path)
+
+
+def test_a_camera_that_was_moved_is_noticed():
+    calibration = calibrate_camera(FindCorners()(PICTURE))
+    later = corner_shifts(calibration, FindCorners()(empty_belt(VIEW, seed=5)))
+    assert (later < DRIFT_PX / 5).all()
+    moved = np.roll(PICTURE, 2, axis=1)  # by 2 px along the belt
+    np.testing.assert_allclose(corner_shifts(calibration, FindCorners()(moved)), 2.0, atol=0.05)
+    turned = empty_belt(replace(VIEW, turned_deg=VIEW.turned_deg + 0.5))
+    assert corner_shifts(calibration, FindCorners()(turned)).max() > DRIFT_PX
+
+
+def test_a_belt_that_runs_downwards_is_refused():
+    turned = np.ascontiguousarray(np.rot90(PICTURE))
+    with pytest.raises(InputError, match=r"mm per px.*Turn the picture"):
+        calibrate_camera(FindCorners()(turned))
+
+
+@pytest.mark.parametrize("wrong", [None, [[1, 2]], "belt.png", np.empty((0, 0), np.uint8)])
+def test_what_is_no_picture_has_no_corners(wrong):
+    with pytest.raises(InputError, match=r"FindCorners: .*uint8"):
+        FindCorners()(wrong)

@@ -7,19 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.cbook import boxplot_stats
 
-from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase, friction
+from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase
 from kilnflight.belt.evaluation import (
     SUMMARY,
     Evaluation,
     arrival_deviations,
     last_states,
     lateral_deviations,
-    motion_profile,
-    step_velocities,
     summarise_deviations,
 )
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_profile import motion_profile, step_velocities
+from kilnflight.sorter import friction
 from kilnflight.tables import BELT_STATES, BELT_TRACKS
 
 PHASE = PredictionPhase()

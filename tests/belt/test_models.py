@@ -17,6 +17,7 @@ from kilnflight.belt.models import (
     CV,
     CVBC,
     IA,
+    ID,
     IV,
     LateralCA,
     LateralCV,
@@ -71,6 +72,20 @@ def test_a_particle_beyond_the_target_is_an_error(model):
     fitted = model.calibrated(last, arrivals([0.65]), TARGET)
     with pytest.raises(InputError, match="particle 0 was last observed at or beyond"):
         fitted(last_of([(773.0, 1000.0, 0.0)]), TARGET)
+
+
+@pytest.mark.parametrize(
+    ("starts", "equal"), [((623.0,) * 3, True), ((613.0, 623.0, 618.0), False)]
+)
+def test_identical_delay_is_identical_velocity_where_all_start_at_one_place(starts, equal):
+    """Arrivals after 0.10, 0.12 and 0.15 s: the median delay, and a median velocity."""
+    last, times = last_of([(x, 1000.0, 0.0) for x in starts]), arrivals([0.60, 0.62, 0.65])
+    same, velocity = (model.calibrated(last, times, TARGET) for model in (ID(), IV()))
+    np.testing.assert_allclose(same(last, TARGET), 0.62)
+    apart = np.abs(same(last, TARGET) - velocity(last, TARGET)).max()
+    assert (apart < 1e-12) == equal
+    with pytest.raises(InputError, match="ID is not calibrated"):
+        ID()(last, TARGET)
 
 
 @given(state)

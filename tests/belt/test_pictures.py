@@ -10,10 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from kilnflight.belt.camera import BELT, Area, Calibration, CameraView
-from kilnflight.belt.machine import BULKS
-from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure_spots
+from kilnflight.belt.camera import BELT, Area, Calibration
+from kilnflight.belt.pictures import MeasureSpots, Spots, average, measure_spots
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_mixture import elongation
+from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.rendering import CameraView, Pictures, at_rate
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
 LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)
@@ -71,6 +73,51 @@ def test_a_cylinder_lies_in_its_direction():
         picture = Pictures(tracks, BULKS["cylinders"], 0, LEVEL, noise_gray=0.0)[0] > 150
         rows, cols = np.nonzero(picture[150:560, 80:980])
         assert (np.ptp(cols) > np.ptp(rows)) == (angle == 0.0)
+
+
+def moving(**columns):
+    """Return the rows of a particle that is 500 mm along at frame 1 of the camera."""
+    time_s = np.arange(0.004, 0.0065, 0.001)
+    x, y = 500.0 + 1500.0 * (time_s - 0.005), 60.0 - 90.0 * (time_s - 0.005)
+    table = {"frame": [4, 5, 6], "particle": 0, "time_s": time_s, "x": x, "y": y}
+    return pd.DataFrame(table).assign(**columns)
+
+
+def test_an_exposure_is_the_mean_of_its_moments():
+    quiet = {"view": LEVEL, "noise_gray": 0.0}
+    known = {"angle_rad": 0.4, "velocity_x_mm_s": 1500.0, "velocity_y_mm_s": -90.0}
+    tracks = moving(**known)
+    blurred = Pictures(tracks, BULKS["cuboids"], 0, **quiet)[1]
+    moments = []
+    for late_s in (np.arange(40) + 0.5) / 40e3 - 0.0005:
+        shifted = tracks.assign(x=tracks["x"] + 1500 * late_s, y=tracks["y"] - 90 * late_s)
+        moments.append(Pictures(shifted, BULKS["cuboids"], 0, exposure_s=0.0, **quiet)[1])
+    assert np.abs(np.mean(moments, axis=0) - blurred).max() < 12  # of 140 grey values
+    assert np.abs(moments[20] - blurred.astype(float)).max() > 40
+
+
+def test_the_blur_of_tracks_without_velocities_is_that_of_their_steps():
+    slow = pd.concat([moving(frame=[-1, 0, 1])] * 2, ignore_index=True)
+    slow["time_s"] += [-0.005] * 3 + [0.0] * 3
+    slow["frame"] = np.rint(slow["time_s"] * 1000).astype(int)
+    slow["x"] += [-7.5] * 3 + [0.0] * 3
+    slow["y"] += [0.45] * 3 + [0.0] * 3
+    velocities = slow.assign(velocity_x_mm_s=1500.0, velocity_y_mm_s=-90.0)
+    ours, known = (Pictures(table, BULKS["spheres"], 0)[1] for table in (slow, velocities))
+    assert (ours != Pictures(slow, BULKS["spheres"], 0, exposure_s=0.0)[1]).any()
+    assert np.abs(ours.astype(float) - known).max() <= 1
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.0, np.pi / 2])
+def test_a_tilted_cylinder_is_seen_as_its_projection(tilt):
+    still = {"velocity_x_mm_s": 0.0, "velocity_y_mm_s": 0.0, "angle_rad": 0.6}
+    tracks = moving(tilt_rad=tilt, **still)
+    quiet = {"view": LEVEL, "belt_gray": 0.0, "noise_gray": 0.0}
+    bulk = BULKS["cylinders"]
+    empty = Pictures(one_track(x=10.0), bulk, 0, **quiet)[1]
+    share = (Pictures(tracks, bulk, 0, **quiet)[1].astype(float) - empty) / 200.0
+    seen = 9.0 * 3.0 * np.cos(tilt) + np.pi * 1.5**2 * np.sin(tilt)
+    assert share[150:560, 200:980].sum() * 0.44**2 == pytest.approx(seen, rel=0.04)
 
 
 def test_frames_do_not_depend_on_which_others_are_asked_for():
@@ -168,6 +215,66 @@ def test_particles_that_touch_are_one_spot_and_marked():
     assert Spots()(touching, EMPTY)[:, 3].tolist() == [0, 0]  # not calibrated: marks none
 
 
+CHAINS = [
+    [(30, 40), (38, 46)],
+    [(30, 40), (38, 46), (30, 52)],
+    [(40, 30), (40, 40), (40, 50), (50, 50)],
+]
+
+
+@pytest.mark.parametrize("centres", CHAINS)
+def test_a_spot_of_several_is_split_at_the_centres(centres):
+    alone, touching = with_discs((80, 100)), with_discs(*centres, (80, 100))
+    spots = Spots(split=True).calibrated([alone], EMPTY)
+    np.testing.assert_array_equal(spots(alone, EMPTY), replace(spots, split=False)(alone, EMPTY))
+    measured = spots(touching, EMPTY)
+    assert measured[:, 3].tolist() == [0] + [1] * len(centres)
+    parts = measured[1:][np.lexsort(measured[1:, 1::-1].T)]
+    np.testing.assert_allclose(parts[:, :2], sorted(centres), atol=0.5)
+    whole = replace(spots, split=False)(touching, EMPTY)[:, 2].max()
+    assert parts[:, 2].sum() == whole
+    np.testing.assert_array_equal(spots(touching, EMPTY), measured)  # no chance in it
+    assert len(Spots(split=True)(touching, EMPTY)) == 2  # not calibrated: splits none
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0, np.pi), st.floats(0, 5), st.floats(0, 5))
+def test_rectangles_side_by_side_are_split_where_no_neck_is(angle, right, down):
+    """Two of 14 x 12 px that share a long side: the outline is one rectangle."""
+    picture, place = EMPTY.copy(), np.array([80 + right, 60 + down])
+    across = 6.0 * np.array([-np.sin(angle), np.cos(angle)])
+    for size, middle in (((14, 24), place), ((14, 12), np.array([20, 20]))):
+        box = cv2.boxPoints((tuple(middle.tolist()), size, np.degrees(angle)))
+        cv2.fillPoly(picture, [np.rint(16 * box).astype(np.int32)], 200, shift=4)
+    spots = replace(Spots(split=True), single_px=Spots()(picture, EMPTY)[:, 2].min())
+    parts = spots(picture, EMPTY)
+    parts = parts[parts[:, 3] == 1, 1::-1]
+    expected = np.array([place - across, place + across])
+    away = np.hypot(*(parts[:, None] - expected).transpose(2, 0, 1))
+    assert away.shape == (2, 2)
+    assert (
+        np.diag(away if away[0, 0] < away[0, 1] else away[::-1]).max() < 1.5
+    )  # the outline is rounded to pixels
+
+
+def test_what_is_much_larger_than_particles_is_left_whole():
+    hand = with_discs((60, 80), radius=40)
+    spots = replace(Spots(split=True), single_px=80.0)
+    assert spots(hand, EMPTY)[:, 3].tolist() == [1]
+    np.testing.assert_allclose(spots(hand, EMPTY)[:, :2], [[60, 80]])
+
+
+def test_a_calibration_of_another_camera_shows_no_belt():
+    with pytest.raises(InputError, match="shows nothing of the belt"):
+        MeasureSpots(EMPTY[:2, :2], Spots(), replace_start(HALF, 5000.0))
+
+
+def replace_start(calibration, start):
+    matrix = calibration.matrix.copy()
+    matrix[0, 2] -= start
+    return calibration._replace(matrix=matrix)
+
+
 def test_an_empty_belt_has_no_spots():
     assert Spots()(EMPTY, EMPTY).shape == (0, 4)
     table = measure_spots([EMPTY, EMPTY], EMPTY, Spots(), HALF)
@@ -234,10 +341,37 @@ def test_cutting_the_picture_changes_nothing():
 
 
 def test_pictures_that_do_not_fit_are_told():
-    with pytest.raises(InputError, match="do not fit"):
+    with pytest.raises(InputError, match="must be"):
         Spots()(EMPTY[1:], EMPTY)
     with pytest.raises(InputError, match="frame 1"):
         measure_spots([EMPTY, EMPTY[1:]], EMPTY, Spots(), HALF)
     for wrong in ({"threshold": 0}, {"least_px": 0}, {"touching_from": 0.5}, {"single_px": -1}):
         with pytest.raises(InputError, match=f"Spots: {next(iter(wrong))}"):
             Spots(**wrong)
+
+
+def test_elongation_is_the_ratio_of_length_to_width_in_any_direction():
+    assert elongation(np.ones((1, 5))) == pytest.approx(5.0)
+    assert elongation(np.ones((9, 3))) == elongation(np.ones((3, 9))) == pytest.approx(3.0)
+    assert elongation([[True]]) == 1.0
+    assert np.isnan(elongation(np.zeros((4, 4))))
+    rows, cols = np.mgrid[-30:31, -30:31]
+    assert elongation(np.hypot(rows, cols) < 20.5) == pytest.approx(1.0, abs=1e-6)
+    for angle in (0.3, 1.2):
+        along = rows * np.sin(angle) + cols * np.cos(angle)
+        across = cols * np.sin(angle) - rows * np.cos(angle)
+        turned = (np.abs(along) < 18.0) & (np.abs(across) < 6.0)
+        assert elongation(turned) == pytest.approx(3.0, rel=0.03)
+
+
+@pytest.mark.parametrize("wrong", [None, [[1, 2]], "a.png", np.zeros((4, 4, 3), np.uint8)])
+def test_what_is_no_picture_is_refused(wrong):
+    right = np.zeros((4, 4), np.uint8)
+    with pytest.raises(InputError, match=r"picture 1: .*uint8"):
+        average([right, wrong])
+    for pair in ((wrong, right), (right, wrong)):
+        with pytest.raises(InputError, match="uint8"):
+            Spots()(*pair)
+    for threshold in (255.0, 300.0):
+        with pytest.raises(InputError, match="Spots: threshold"):
+            Spots(threshold=threshold)

@@ -12,16 +12,14 @@ import pytest
 
 from kilnflight.belt.recordings import (
     TRACKED,
-    compare_links,
     find_dem,
     find_recordings,
-    join_recordings,
-    links,
     read_dem,
     read_recording,
 )
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_real import compare_links, join_recordings, links
 from kilnflight.project import data
 
 GOOD = "0.40,0.09,nan,nan\n0.41,0.09,0.39,0.05\nnan,nan,0.40,0.06\n"

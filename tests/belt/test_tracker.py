@@ -26,6 +26,7 @@ from kilnflight.belt.tracker import (
     pair_costs,
 )
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_camera import whole_matrix
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 
@@ -105,7 +106,7 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     costs = pair_costs(pairs, 0.1)
     unobserved, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
     likelihoods = Likelihoods(costs, unobserved, new, np.zeros(tracks))
-    whole = likelihoods.matrix()
+    whole = whole_matrix(likelihoods)
     assert whole.shape == (tracks + detections, tracks + detections)
     rows, columns = linear_sum_assignment(np.where(np.isinf(whole), 1e9, whole))
     column = likelihoods.detection()
@@ -163,6 +164,27 @@ def test_a_gap_of_a_few_frames_is_bridged():
     assert len(followed.ends) == 1
     missed = followed.states[followed.states["row"] < 0]
     assert set(missed["frame"]) >= {20, 21, 22}
+
+
+def test_lost_frames_are_predicted_over_and_missed_ones_are_not():
+    """Without its numbers a frame that was lost is one in which everything was missed."""
+    taken = np.r_[:20, 28:80]
+    table = moving()[lambda rows: rows["frame"].isin(taken)]
+    whole, gap = BeltTracker()(moving(), 80), BeltTracker()(table, taken)
+    assert len(gap.ends) == 1
+    assert gap.states["frame"].tolist() == [k for k in taken if k in set(whole.states["frame"])]
+    last, expected = gap.states.iloc[-1], whole.states.iloc[-1]
+    names = ["x", "y", "velocity_x_mm_s", "velocity_y_mm_s"]
+    np.testing.assert_allclose(last[names], expected[names], rtol=1e-4, atol=1e-3)
+    assert len(BeltTracker()(table).ends) == 2
+    every = BeltTracker()(moving(), range(80))
+    pd.testing.assert_frame_equal(every.states, BeltTracker()(moving(), 80).states)
+
+
+@pytest.mark.parametrize("frames", [[0, 2, 1], [0, 0, 1], [*range(40)], [0, 0.5, 100], ["a"]])
+def test_numbers_that_are_not_those_of_the_frames_are_refused(frames):
+    with pytest.raises(InputError, match="BeltTracker: frames"):
+        BeltTracker()(moving(), frames)
 
 
 def test_a_particle_that_vanishes_is_lost():

@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.belt import PredictionPhase, evaluation
-from kilnflight.belt.friction import MATERIALS
-from kilnflight.belt.valves import MODELS, ValveBar, along, hit_shares, mean_hit_shares
+from kilnflight.belt.valves import Separation, ValveBar, ValveSchedule
 from kilnflight.checks import InputError
+from kilnflight.tables import BELT_PREDICTED, VALVE_EVENTS
 
 BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
 
@@ -21,6 +21,15 @@ def world(seed, count=40):
     true = rng.uniform(0, 0.3, count), rng.uniform(0, 180, count)
     predicted = true[0] + rng.normal(0, 0.004, count), true[1] + rng.normal(0, 4, count)
     return chosen, predicted, true
+
+
+def table(pair, names=BELT_PREDICTED.names):
+    """Times and places as a table, particles numbered through."""
+    return pd.DataFrame(dict(zip(names, (np.arange(len(pair[0])), *pair), strict=True)))
+
+
+def separate(bar, chosen, predicted, true):
+    return bar(table(predicted)[chosen], table(true), chosen)
 
 
 def by_definition(bar, chosen, predicted, true):
@@ -49,7 +58,7 @@ def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
     bar = ValveBar(valves=valves, valve_mm=width, open_s=open_s)
     chosen, predicted, true = world(seed)
     predicted[0][::7] = np.nan
-    separation = bar(chosen, predicted, true)
+    separation = separate(bar, chosen, predicted, true)
     np.testing.assert_array_equal(separation.hit, by_definition(bar, chosen, predicted, true))
 
 
@@ -57,110 +66,150 @@ def test_by_hand():
     chosen = np.array([True, False, False, True])
     true = np.array([0.1, 0.102, 0.1, 0.3]), np.array([15.0, 16.0, 35.0, 90.0])
     predicted = np.array([0.1, 9.0, 9.0, 0.32]), np.array([12.0, 16.0, 35.0, 90.0])
-    separation = BAR(chosen, predicted, true)
+    separation = separate(BAR, chosen, predicted, true)
     assert separation.hit.tolist() == [True, True, False, False]
     assert (separation.hit_share, separation.inadvertent_share) == (0.5, 0.5)
+    assert (separation.purity_blown_out, separation.purity_left) == (0.5, 0.5)
+    every = Separation(separation.hit, np.ones(4, dtype=bool))
+    assert (every.purity_blown_out, every.purity_left) == (1.0, 0.0)
 
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_perfect_predictions_hit_all_and_longer_times_never_fewer(seed):
     chosen, predicted, true = world(seed)
-    assert BAR(chosen, true, true).hit[chosen].all()
+    assert separate(BAR, chosen, true, true).hit[chosen].all()
     longer = replace(BAR, open_s=0.03)
-    assert (longer(chosen, predicted, true).hit >= BAR(chosen, predicted, true).hit).all()
+    hits = [separate(bar, chosen, predicted, true).hit for bar in (BAR, longer)]
+    assert (hits[1] >= hits[0]).all()
 
 
 def test_without_particles_or_prediction_nothing_is_hit():
     none, empty = np.zeros(0, dtype=bool), (np.zeros(0), np.zeros(0))
-    separation = BAR(none, empty, empty)
+    separation = separate(BAR, none, empty, empty)
     assert len(separation.hit) == 0
     assert np.isnan(separation.hit_share)
     assert np.isnan(separation.inadvertent_share)
+    assert np.isnan(separation.purity_blown_out)
+    assert np.isnan(separation.purity_left)
     chosen, _, true = world(1)
     unknown = np.full(40, np.nan)
-    assert not BAR(chosen, (unknown, unknown), true).hit.any()
+    nobody = separate(BAR, chosen, (unknown, unknown), true)
+    assert not nobody.hit.any()
+    assert np.isnan(nobody.purity_blown_out)
 
 
 def test_what_cannot_be_separated_is_told():
     chosen, predicted, true = world(2)
-    with pytest.raises(InputError, match="predicted places"):
-        BAR(chosen, (predicted[0], predicted[1][:3]), true)
+    with pytest.raises(InputError, match="chosen: shape"):
+        BAR(table(predicted), table(true), chosen[:3])
     with pytest.raises(InputError, match="not finite"):
-        BAR(chosen, predicted, (true[0], true[1] * np.nan))
+        separate(BAR, chosen, predicted, (true[0], true[1] * np.nan))
     with pytest.raises(InputError, match="True and False"):
-        BAR(chosen.astype(int), predicted, true)
-    for wrong in ({"valves": 0}, {"belt_mm": 0.0}, {"valve_mm": -1.0}, {"open_s": -0.1}):
+        BAR(table(predicted), table(true), chosen.astype(int))
+    with pytest.raises(InputError, match="time_s missing"):
+        BAR(table(predicted).drop(columns="time_s"), table(true), chosen)
+    for wrong in ({"valves": 0}, {"belt_mm": 0.0}, {"valve_mm": -1.0}, {"bar_mm": 0.0}):
+        with pytest.raises(InputError, match=f"ValveBar: {next(iter(wrong))}"):
+            ValveBar(**wrong)
+    for wrong in ({"open_s": -0.1}, {"dead_s": np.inf}, {"latency_s": -1}, {"delay_s": np.nan}):
         with pytest.raises(InputError, match=f"ValveBar: {next(iter(wrong))}"):
             ValveBar(**wrong)
 
 
-PHASE = PredictionPhase()
-BARS = [ValveBar(valves=32, open_s=time) for time in (0.002, 0.01)]
+def arrivals(*rows):
+    """Predictions by time and place, particles numbered through."""
+    time, y = np.array(rows, dtype=np.float64).reshape(-1, 2).T
+    return pd.DataFrame({"particle": np.arange(len(rows)), "time_s": time, "y": y})
 
 
-@pytest.fixture(scope="module")
-def observed():
-    few = replace(MATERIALS["cuboids"], particles=400, feed_s=2.0)
-    return PHASE.observe(few(np.random.default_rng(0)))
+def event_rows(events):
+    VALVE_EVENTS.check(events)
+    return [
+        (int(row.valve), round(row.open_s, 6), round(row.close_s, 6)) for row in events.itertuples()
+    ]
 
 
-def test_every_model_and_bar_has_a_row(observed):
-    table = hit_shares(observed, PHASE, BARS, seed=1)
-    assert len(table) == len(MODELS) * 2
-    assert table["model"].unique().tolist() == [name for name, _, _ in MODELS]
-    assert table["hit_percent"].between(0, 100).all()
-    assert (table["ejected"] + table["remaining"] == len(observed.last) - 4).all()
-    longer = table.pivot(index="model", columns="open_ms", values="hit_percent")
-    assert (longer[10.0] >= longer[2.0]).all()
+def test_commands_come_a_latency_before_the_window_and_near_windows_are_merged():
+    bar = replace(BAR, latency_s=0.03, delay_s=0.002, dead_s=0.004)
+    predicted = arrivals((0.2, 15), (0.213, 15), (0.228, 15), (0.2, 25), (np.nan, 5), (0.3, np.nan))
+    first, third = (1, 0.167, 0.190), (1, 0.195, 0.205)  # a pause of 3 ms is bridged, 5 ms is not
+    assert event_rows(bar.events(predicted)) == [first, (2, 0.167, 0.177), third]
+    true = np.array([0.1971, 0.1969, 0.2185, 0.2225]), np.array([15.0, 15, 15, 15])
+    assert bar.hits(bar.events(predicted), *true).tolist() == [True, False, True, False]
 
 
-def test_a_wider_jet_hits_no_fewer(observed):
-    bars = [ValveBar(valve_mm=width) for width in (2.0, None, 20.0)]
-    table = hit_shares(observed, PHASE, bars, seed=1)
-    assert table["valve_mm"].unique().tolist() == [2.0, 180.0 / 32, 20.0]
-    for column in ("hit_percent", "inadvertent_percent"):
-        wide = table.pivot(index="model", columns="valve_mm", values=column)
-        assert (np.diff(wide.to_numpy(), axis=1) >= 0).all()
-        assert wide.loc["IA-Ratio", 20.0] > wide.loc["IA-Ratio", 2.0]
+def test_a_particle_beside_a_narrow_bar_is_never_hit():
+    bar = replace(BAR, valves=4, bar_mm=40.0)  # 70 to 110 mm
+    assert bar.middles_mm.tolist() == [75, 85, 95, 105]
+    true = np.full(4, 0.1), np.array([69.0, 71.0, 109.0, 150.0])
+    schedule = ValveSchedule(bar)
+    schedule.step(0.0, arrivals(*zip(*true, strict=True)))
+    assert (schedule.out_of_reach, schedule.are_open(0.1).tolist()) == (
+        2,
+        [True, False, False, True],
+    )
+    every = np.ones(4, dtype=bool)
+    assert separate(bar, every, true, true).hit.tolist() == [False, True, True, False]
+    beyond_the_wall = BAR.events(arrivals((0.1, -20), (0.1, 200)))
+    assert beyond_the_wall["valve"].tolist() == [0, 17]
 
 
-def test_the_same_seed_gives_the_same_shares(observed):
-    first, again = (hit_shares(observed, PHASE, BARS, seed=1) for _ in range(2))
-    assert first.equals(again)
-    assert not first.equals(hit_shares(observed, PHASE, BARS, seed=2))
+def test_no_particle_gives_no_event():
+    none = BELT_PREDICTED.empty()
+    assert VALVE_EVENTS.check(BAR.events(none)).empty
+    assert VALVE_EVENTS.check(ValveSchedule(BAR).step(0.0, none)).empty
+    assert not BAR.hits(BAR.events(none), np.array([0.1]), np.array([5.0])).any()
 
 
-def test_shares_are_means_over_the_seeds(observed):
-    table = mean_hit_shares({"cuboids": observed}, PHASE, BARS, [1, 2])
-    single = [hit_shares(observed, PHASE, BARS, seed=seed)["hit_percent"] for seed in (1, 2)]
-    assert table["hit_percent"].to_numpy() == pytest.approx(sum(single).to_numpy() / 2)
-    assert table["data_set"].unique().tolist() == ["cuboids"]
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.003, 0.02]), st.integers(1, 30))
+def test_a_schedule_gives_the_events_that_are_known_in_advance(seed, dead_s, valves):
+    rng = np.random.default_rng(seed)
+    bar = ValveBar(valves, latency_s=0.01, delay_s=0.001, dead_s=dead_s)
+    predicted = arrivals(*zip(rng.uniform(0, 0.3, 60), rng.uniform(0, 180, 60), strict=True))
+    opens = predicted["time_s"] + 0.001 - 0.01 - bar.open_s / 2
+    known = opens - dead_s - rng.exponential(0.03, 60)  # just in time, or earlier
+    schedule, before, parts = ValveSchedule(bar), -np.inf, []
+    for now in [*np.sort(known), np.inf]:
+        parts.append(schedule.step(now, predicted[(known > before) & (known <= now)]))
+        before = now
+    events = pd.concat(parts).sort_values(["open_s", "valve"], ignore_index=True)
+    pd.testing.assert_frame_equal(events, bar.events(predicted))
+    assert schedule.late == schedule.never == 0
 
 
-def test_bars_along_one_quantity_are_else_as_the_given_one(observed):
-    bars = [ValveBar(), ValveBar(valves=8), ValveBar(valve_mm=2.0), ValveBar(open_s=0.01)]
-    table = hit_shares(observed, PHASE, bars, seed=1)
-    parts = {name: along(table, name, ValveBar()) for name in ("valves", "valve_mm", "open_ms")}
-    assert parts["valves"]["valves"].unique().tolist() == [32, 8]
-    assert parts["valve_mm"]["valve_mm"].unique().tolist() == [180.0 / 32, 2.0]
-    assert parts["open_ms"]["open_ms"].unique().tolist() == [5.0, 10.0]
-    assert all(len(part) == 2 * len(MODELS) for part in parts.values())
-    assert len(along(table, "", ValveBar())) == len(MODELS)
+def test_what_is_known_too_late_opens_late_or_never():
+    bar, none = replace(BAR, dead_s=0.02), BELT_PREDICTED.empty()  # windows of 10 ms
+    schedule = ValveSchedule(bar)
+    schedule.step(0.1, arrivals((0.101, 5), (0.090, 15), (0.2, 25)))
+    assert (schedule.late, schedule.never) == (1, 1)
+    assert schedule.are_open(0.103).nonzero()[0].tolist() == [0]
+    assert event_rows(schedule.step(0.11, none)) == [(0, 0.1, 0.106)]
+    schedule.step(0.12, arrivals((0.124, 5)))  # in time, but valve 0 has a pause until 126 ms
+    assert (schedule.late, schedule.never) == (2, 1)
+    assert event_rows(schedule.step(np.inf, none)) == [(0, 0.126, 0.129), (2, 0.195, 0.205)]
+    with pytest.raises(InputError, match="in order"):
+        schedule.step(0.2, none)
 
 
-def test_predictions_are_what_the_lateral_deviations_come_from(observed):
-    calibration = np.arange(len(observed.last)) < 5
-    reference = observed.arrival["y"].to_numpy()[~calibration]
-    known = dict(evaluation.lateral_deviations(observed, PHASE, calibration))
-    for name, time, y in evaluation.predictions(observed, PHASE, calibration):
-        np.testing.assert_array_equal(known[name], y - reference)
-        assert np.nanmin(time - observed.last["time_s"].to_numpy()[~calibration]) > 0
+def test_an_open_valve_stays_open_for_the_next_particle():
+    schedule, none = ValveSchedule(BAR), BELT_PREDICTED.empty()
+    schedule.step(0.0, arrivals((0.1, 5)))
+    assert schedule.step(0.1, arrivals((0.108, 5))).empty
+    assert schedule.are_open(0.109)[0]
+    assert event_rows(schedule.step(0.2, none)) == [(0, 0.095, 0.113)]
+    assert not schedule.are_open(0.2).any()
 
 
-def test_too_few_particles_are_told(observed):
-    few = observed._replace(last=observed.last[:5], arrival=observed.arrival[:5])
-    with pytest.raises(InputError, match="less than one"):
-        hit_shares(few, PHASE, BARS, seed=0)
-    with pytest.raises(InputError, match="blown"):
-        hit_shares(observed, PHASE, BARS, seed=0, blown=2.0)
+def test_what_is_due_is_cut_to_the_time_asked_for():
+    schedule = ValveSchedule(BAR)  # windows of 10 ms
+    schedule.step(0.0, table(([0.1, 0.2], [5.0, 15.0])))
+    assert VALVE_EVENTS.check(schedule.due(0.05)).empty
+    assert schedule.due(0.1).to_numpy().tolist() == [[0, pytest.approx(0.095), 0.1]]
+    schedule.step(0.1, BELT_PREDICTED.empty())
+    assert schedule.due(0.102).to_numpy().tolist() == [[0, 0.1, 0.102]]
+    assert schedule.due(np.inf)["valve"].tolist() == [0, 1]
+    for wrong in (0.09, np.nan):
+        with pytest.raises(InputError, match="due until"):
+            schedule.due(wrong)

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from kilnflight.belt.camera import Area
-from kilnflight.belt.recordings import compare_links, join_recordings
 from kilnflight.belt.tracker import Appearance, BeltTracker
-from kilnflight.belt.velocity import estimate_velocity, join_followed
+from kilnflight.belt.velocity import WatchVelocity, estimate_velocity
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_real import compare_links, join_followed, join_recordings
 from kilnflight.tracking.motion import ConstantVelocity
 
 
@@ -93,3 +93,57 @@ def test_each_recording_is_followed_at_its_own_velocity():
 def test_nothing_cannot_be_joined():
     with pytest.raises(InputError, match="no recording"):
         join_followed([])
+
+
+def fed(watch, table):
+    for frame in range(int(table["frame"].max()) + 1):
+        watch.add(frame, table.loc[table["frame"] == frame, ["x", "y"]].to_numpy() * 0.5)
+    return watch
+
+
+def test_a_belt_that_runs_faster_or_not_at_all_is_noticed():
+    step = estimate_velocity(recording()).px_per_frame
+    settings = {"px_per_frame": step, "mm_per_px": 0.5, "from_mm": 0.0}
+    same = fed(WatchVelocity(**settings), recording(seed=3))
+    assert same.change() == pytest.approx(0, abs=0.01)
+    assert not same.has_drifted()
+    faster = fed(same, recording(68.0, seed=4))  # the slower ones are forgotten after 200 frames
+    assert faster.change() == pytest.approx(6 / 62, abs=0.01)
+    assert faster.has_drifted()
+    for table in (recording(particles=1), recording().assign(x=500.0)):
+        untold = fed(WatchVelocity(**settings), table)
+        assert np.isnan(untold.change())
+        assert untold.has_drifted() is None
+    for wrong in (
+        {"px_per_frame": 0.0},
+        {"from_mm": np.nan},
+        {"mm_per_px": -1.0},
+        {"frames": 1},
+        {"limit": 0.0},
+    ):
+        with pytest.raises(InputError, match=f"WatchVelocity: {next(iter(wrong))}"):
+            WatchVelocity(**settings | wrong)
+
+
+def test_a_belt_that_fills_is_none_that_has_drifted():
+    """Particles speed up along the belt; at first only the slow ones at its start are there."""
+    whole = recording(every=1, particles=120)
+    whole["x"] = 776 + whole["x"] * (1 + whole["x"] / 3000)  # px; up to 1000 mm at 0.8 mm/px
+    spots = whole.assign(x=0.8 * whole["x"], y=0.8 * whole["y"])
+    watch = WatchVelocity.of_spots(spots, 0.8, from_mm=900.0)
+    changes = []
+    for frame in range(60):
+        watch.add(frame, spots.loc[spots["frame"] == frame, ["x", "y"]].to_numpy())
+        changes.append(watch.change())
+    assert np.isnan(changes[8])
+    known = np.array(changes)[~np.isnan(changes)]
+    assert len(known) > 20
+    assert np.abs(known).max() < watch.limit
+    with pytest.raises(InputError, match="WatchVelocity: spots"):
+        WatchVelocity.of_spots(spots[["x"]], 0.8, 0.0)
+
+
+def test_every_second_frame_lost_leaves_the_velocity_unknown():
+    watch = fed(WatchVelocity(62.0, 0.5, 0.0), recording().query("frame % 2 == 0"))
+    assert np.isnan(watch.change())
+    assert watch.has_drifted() is None

@@ -55,7 +55,7 @@ def test_a_difference_is_beyond_chance_or_open():
     table = pd.DataFrame(
         [("spheres", name, samples["mae"][name].mean(), 1.0) for name in "ABC"],
         columns=["data_set", "model", "mae", "iqr"],
-    )
+    ).assign(median=0.0)
     values = compared({"": table}, {"": samples})
     assert values.less(Order("", "spheres", ("A",), ("C",))) == [True, True]
     assert values.less(Order("", "spheres", ("C",), ("A",))) == [False, False]
@@ -84,7 +84,7 @@ def test_measures_decide_only_where_they_agree(answers, together):
 
 def places(name="spheres", **changes):
     rows = [(name, model, value, value) for model, value in (PLACES | changes).items()]
-    return pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"])
+    return pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"]).assign(median=0.1)
 
 
 def test_where_the_measures_differ_a_claim_depends_on_the_measure():
@@ -124,8 +124,57 @@ def test_two_of_three_are_exactly_two(better, holds):
 def test_the_bias_decides_belt20_2_and_the_spread_does_not():
     rows = [("spheres", name, 1.0, 1.0) for name in ("IV", "CVBC", "CA", "CALV", "IA")]
     rows.append(("spheres", "CV", 4.0, 0.1))
-    table = pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"])
+    table = pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"]).assign(median=0.5)
     assert list(arrival_answers(table)["belt20-2"].values()) == [True]
+
+
+ARRIVALS = {"IV": 3.0, "CV": 4.0, "CVBC": 1.0, "CA": 1.5, "CALV": 1.4, "IA": 0.5}
+
+
+def arrivals(name="spheres", bias=0.0, **changes):
+    """Return arrival deviations; CV is late by 4 ms, CA by ``bias``."""
+    rows = [(name, model, value, value) for model, value in (ARRIVALS | changes).items()]
+    table = pd.DataFrame(rows, columns=["data_set", "model", "mae", "iqr"])
+    return table.assign(median=table["model"].map({"CV": 4.0, "CA": bias}).fillna(0.0))
+
+
+@pytest.mark.parametrize(
+    ("bias", "holds"), [(0.5, True), (-0.5, True), (1.5, None), (3.0, None), (4.1, False)]
+)
+def test_a_bias_is_large_as_that_of_constant_velocity(bias, holds):
+    """Half of it is our bound; from a quarter to the whole it is open."""
+    answer = arrival_answers(arrivals(bias=bias))["belt20-11"]
+    assert list(answer.values()) == [True, holds]
+
+
+@pytest.mark.parametrize(
+    ("name", "ca", "holds"),
+    [("spheres", 1.5, True), ("spheres", 0.9, False), ("cuboids", 0.9, True)],
+)
+def test_one_of_the_best_has_few_better_models(name, ca, holds):
+    """IA is better, and with CA also CALV: three are allowed for cuboids, two for others."""
+    table = arrivals(name, CA=ca, CALV=ca)
+    assert list(arrival_answers(table)["belt20-14"].values()) == [holds]
+
+
+@pytest.mark.parametrize(("along", "holds"), [(0.9, False), (0.2, True), (0.5, None)])
+def test_the_gain_across_is_compared_with_that_along(along, holds):
+    """IA-Ratio deviates by 0.5: 44 % less than CA-CA (0.9) and 47 % less than IA-CA (0.95)."""
+    table = pd.concat([places(), places().iloc[:2].assign(model=["IA", "CA"], mae=[along, 1.0])])
+    table.loc[table["model"].isin(["IA", "CA"]), "iqr"] = [along, 1.0]
+    if holds is None:  # 46 % along: between the two readings
+        table.loc[table["model"] == "IA", ["mae", "iqr"]] = 0.54
+    assert list(lateral_answers(table)["belt20-16"].values()) == [holds]
+    assert "belt20-16" not in lateral_answers(places())
+
+
+def test_a_number_that_one_measure_contradicts_is_not_decidable():
+    gains = pd.DataFrame({"MAE": [0.01], "IQR": [0.5]}, index=["spheres"])
+    verdict = belt_claims.judge("belt20-15", gains)
+    assert (verdict.verdict, verdict.because) == ("not decidable", "criterion")
+    assert verdict.measured == "MAE: spheres 0.01; IQR: spheres 0.5"
+    same = belt_claims.judge("belt20-15", gains * 0.1)
+    assert same.verdict == "reproduced"
 
 
 def test_the_differences_are_those_of_the_orders():
@@ -154,5 +203,9 @@ def test_the_isolated_combination_is_beside_those_of_the_figure(monkeypatch):
     monkeypatch.setattr(
         belt_claims, "predictions", lambda *_: iter([(belt_claims.ISOLATED, 0, np.ones(3))])
     )
-    names = [name for name, _ in belt_claims.with_isolated(observed(3), PHASE, np.zeros(3, bool))]
-    assert names == ["A", "CA-CADSC"]
+    late = fixed(IV=np.zeros(3), CA=np.zeros(3), IA=np.zeros(3))
+    monkeypatch.setattr(belt_claims, "arrival_deviations", late)
+    names = [
+        name for name, _ in belt_claims.for_lateral_claims(observed(3), PHASE, np.zeros(3, bool))
+    ]
+    assert names == ["A", "CA", "IA", "CA-CADSC"]

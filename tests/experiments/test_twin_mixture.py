@@ -66,6 +66,21 @@ def test_neighbours_come_nearest_first_and_never_fall_below_zero():
     assert min(map(min, nearest)) == 0
 
 
+def test_handfuls_are_sized_for_what_a_scenario_makes_of_the_scene(monkeypatch):
+    moment, seen = scenes.LABELLED.start / scenes.RATE_HZ, []
+
+    def one_sighting_each(scene):
+        seen.append(scene.flight.plates)
+        starts = [moment + start for _, start, _ in scenes.HANDFULS.values()]
+        counts = [sum(b.count for b in scene.feed if b.start_s == start) for start in starts]
+        return np.array(counts, dtype=float)
+
+    monkeypatch.setattr(mixture, "counted", one_sighting_each)
+    sizes = mixture.solve("V5", 1, rounds=1, tries=0, varied=scenes.SCENARIOS["plates"])
+    assert list(sizes.values()) == list(mixture.published_counts("V5"))
+    assert all(seen)
+
+
 @pytest.mark.parametrize("name", ["V5"])  # all five: python -m kilnflight.experiments.twin_mixture
 def test_a_subset_counts_as_table_5_2_within_ten_per_cent(name):
     counts = mixture.counted(scenes.ground_truth(name))

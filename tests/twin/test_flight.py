@@ -11,6 +11,8 @@ from kilnflight.twin.gas import GRAVITY_M_S2, Gas
 from kilnflight.twin.particles import CONFETTI, FRACTIONS, PAPER_SHREDS, PE_GRANULES
 
 PLACE = Geometry()
+# Nothing meets them, but the camera sees them.
+FAR_WALLS = {"kiln_radius_mm": 1e6, "inlet_depth_mm": 1e8, "kiln_length_mm": 2e8}
 STILL = Gas(stream_m_s=0.0, turbulence_m_s=0.0, turbulence_in_jet=0.0, jet_persistence=0.0)
 
 
@@ -21,7 +23,7 @@ def flown(kind, gas=STILL, settings=None, n=50, seed=1):
 
 def test_without_drag_it_is_a_parabola():
     heavy = replace(PE_GRANULES, density_kg_m3=(1e9, 1e9 + 1), launch_spread_deg=0.0)
-    wide = replace(PLACE, kiln_radius_mm=1e6)
+    wide = replace(PLACE, **FAR_WALLS)
     generator = np.random.default_rng(1)
     particles = heavy.draw(5, generator)
     flights = fly(particles, STILL, wide, generator, Flight(longest_s=0.5)).cut()
@@ -35,7 +37,7 @@ def test_without_drag_it_is_a_parabola():
 @pytest.mark.parametrize("kind", [CONFETTI, PE_GRANULES], ids=lambda kind: kind.name)
 def test_what_falls_long_enough_reaches_its_terminal_velocity(kind):
     """Weight equals drag, found by a fixed point that knows nothing of the integrator."""
-    deep = replace(PLACE, kiln_radius_mm=1e6, kiln_length_mm=1e7)
+    deep = replace(PLACE, **FAR_WALLS)
     kind = replace(kind, lift_coefficient=0.0, ignition_k=9999.0, moisture=0.0)
     generator = np.random.default_rng(2)
     particles = kind.draw(20, generator)

@@ -5,7 +5,7 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.twin import scenes, truth
-from kilnflight.twin.fitted import flight_inputs, light_inputs
+from kilnflight.twin.fitted import flight_inputs, light_inputs, second_kiln
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import Life
@@ -142,3 +142,27 @@ def test_dumped_handfuls_load_the_air():
     assert dumped.gas.load > 0.1
     assert dumped.gas.jet_velocity_m_s < thrown.gas.jet_velocity_m_s
     assert sum(burst.count for burst in dumped.feed) == sum(burst.count for burst in thrown.feed)
+
+
+def test_the_second_flight_changes_flight_gas_and_pose_alone_and_keeps_the_pressure():
+    base = scenes.open_scene("confetti-5.0-bar").scene
+    second = scenes.open_scene("confetti-5.0-bar@second-flight").scene
+    kiln = second_kiln()
+    assert (second.flight, second.geometry) == (kiln.flight, kiln.geometry)
+    assert second.gas == replace(kiln.gas, pressure_bar=5.0)
+    kept = {name: getattr(base, name) for name in ("flight", "gas", "geometry", "name")}
+    assert replace(second, **kept) == base
+
+
+def test_subsets_of_the_second_flight_have_the_chemical_time_of_table_5_2():
+    flight = scenes.open_scene("V4@second-flight").scene.flight
+    volatiles = replace(second_kiln().flight.volatiles, chemical_time_s=4e-4)
+    assert flight == replace(second_kiln().flight, volatiles=volatiles)
+
+
+def test_scaled_down_before_or_after_the_second_flight_is_the_same():
+    one, other = (
+        scenes.open_scene(f"V4@{joined}").scene
+        for joined in ("second-flight+small", "small+second-flight")
+    )
+    assert replace(one, name="V4") == replace(other, name="V4")

@@ -5,14 +5,17 @@ The 2016 and 2020 papers::
     pictures -> spots -> camera's calibration -> tracker -> last states            (2016)
     tracks -> PredictionPhase -> last observation -> arrival model -> lateral model
                               \-> observed arrival -----------------> deviation  (2020)
-                                              predictions -> separation by valves
+                                              predictions -> events of valves -> separation
 
-Pictures and bodies (`sorter`, `friction`, the authors' tracks in `recordings`) are input. The
+`online` does the same picture by picture, as a running sorter.
+
+Pictures and tracks (of `kilnflight.sorter`, or the authors' in `recordings`) are input. The
 tracker takes filter, gate and assignment from the kiln's.
 
 ==========  ==========  ===========================================  ================
 arrival     equation    parameter from calibration                   reference
 ==========  ==========  ===========================================  ================
+`ID`        t_L + t_A   median delay (beside the models compared)    sec. 4.1
 `IV`        Eq. 1       median velocity in the prediction phase      sec. 4.1
 `CV`        Eq. 3       none                                         sec. 4.1
 `CVBC`      Eq. 3       median delay of CV (bias)                    sec. 4.1
@@ -30,6 +33,9 @@ lateral     equation    parameter from calibration                   reference
 `CADSC`     Eq. 7       none                                         sec. 4.2
 `Ratio`     Eq. 7       median share of lateral velocity that stays  sec. 4.2
 ==========  ==========  ===========================================  ================
+
+The room is over its plan of 1500 lines by some 50: what a running sorter must notice (another
+light, a belt that stands or drifts, commands that are due) was not in the plan.
 """
 
 from kilnflight.belt import models

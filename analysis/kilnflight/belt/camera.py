@@ -2,34 +2,42 @@
 
 Section IV.B of the 2016 paper.
 
-`CameraView` is the camera that makes pictures. Measuring does not use it: the belt's four corners
-are found in a picture (`FindCorners`) and give the mapping (`calibrate_camera`).
+The belt's four corners are found in a picture (`FindCorners`) and give the mapping
+(`calibrate_camera`). Of the camera that made it nothing is known.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 from scipy.stats import linregress, theilslopes
 
+from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_WIDTH_MM
 from kilnflight.checks import (
     InputError,
     check_between,
     check_count,
     check_finite,
+    check_picture,
     check_positive,
     check_shape,
 )
+from kilnflight.project import cache
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Picture = npt.NDArray[np.uint8]
 
+VERSION = 1  # of the file of a calibration
+DRIFT_PX = 1.0  # 0.44 mm: as much as errors of places; ten times the error of a corner; choice
+MOST_UNLIKE = 1.5  # ratio of the scales along and across: a camera that is 48 deg askew; choice
 SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k + 1
 
 
@@ -37,9 +45,9 @@ SIDES = ("side y = 0", "end", "far side", "start")  # from corner k to corner k 
 class Area:
     """A rectangle of the belt in the coordinates of the tracks; y runs from 0."""
 
-    start_mm: float = 388.0  # the authors' files of 2020
-    end_mm: float = 788.0  # "a total length of 40 cm", 2016, section IV
-    width_mm: float = 180.0  # 2020, section 3
+    start_mm: float = BELT_START_MM
+    end_mm: float = BELT_EDGE_MM
+    width_mm: float = BELT_WIDTH_MM
 
     def __post_init__(self) -> None:
         """Refuse a rectangle without area."""
@@ -66,51 +74,9 @@ class Area:
 
 
 BELT = Area()
-TRACKED = Area(end_mm=688.0)  # the last 10 cm are the prediction phase, 2016, section IV
-
-
-@dataclass(frozen=True)
-class CameraView:
-    """A pinhole camera above the middle of the belt, without distortion of the lens.
-
-    Notes
-    -----
-    The paper gives the picture's size, its scale and its rate. Height and the small
-    errors of mounting are assumptions. They make "an imperfect calibration" matter: a particle's
-    centre lies above the plane that the belt's corners calibrate.
-    """
-
-    rows: int = 708  # px, section IV.B
-    cols: int = 1064  # px, section IV.B
-    mm_per_px: float = 0.44  # at the belt, section IV.B
-    frames_per_s: float = 200.0  # section IV.B
-    height_mm: float = 1000.0  # above the belt; assumption
-    turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
-    tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
-
-    def __post_init__(self) -> None:
-        """Refuse a camera that sees nothing."""
-        check_count(self.rows, "CameraView: rows")
-        check_count(self.cols, "CameraView: cols")
-        for name in ("mm_per_px", "frames_per_s", "height_mm"):
-            check_positive(getattr(self, name), f"CameraView: {name}")
-        for name in ("turned_deg", "tilted_deg"):
-            check_between(getattr(self, name), -20, 20, f"CameraView: {name}")
-
-    def pixels(self, places: Array) -> Array:
-        """Return row and col (n, 2) of places (n, 3).
-
-        A place is x, y and height above the belt in mm.
-        """
-        angles = [self.turned_deg, self.tilted_deg]
-        turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
-        middle = BELT.corners.mean(axis=0)
-        # From above: x to the right, y down, depth away from the camera.
-        away = np.column_stack([places[:, :2] - middle, self.height_mm - places[:, 2]]) @ turn.T
-        # The camera is moved sideways so that the tilted axis still meets the belt's middle.
-        away[:, :2] -= turn[:2, 2] * self.height_mm
-        scale = self.height_mm / self.mm_per_px / away[:, 2:]
-        return (away[:, :2] * scale)[:, ::-1] + np.array([self.rows - 1, self.cols - 1]) / 2
+TRACKED = Area(
+    end_mm=BELT_EDGE_MM - 100.0
+)  # the last 10 cm are the prediction phase, 2016, section IV
 
 
 class Corners(NamedTuple):
@@ -220,8 +186,7 @@ def _outline(picture: Picture) -> tuple[Array, float]:
 
     The grey value is that of the area's edge.
     """
-    if picture.ndim != 2 or picture.dtype != np.uint8:
-        raise InputError(f"a picture must be (rows, cols) uint8, got {picture.dtype}.")
+    check_picture(picture, "FindCorners")
     rows, cols = picture.shape
     smooth = cv2.medianBlur(picture, 5)
     level, _ = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
@@ -297,18 +262,21 @@ def _mapped(matrix: Array, places: Array) -> Array:
     return mapped[:, :2] / mapped[:, 2:]
 
 
-def calibrate_camera(corners: Corners) -> Calibration:
+def calibrate_camera(corners: Corners, belt: Area = BELT) -> Calibration:
     """Return the mapping of detected corners onto the belt's true corners.
 
     Parameters
     ----------
     corners
-        From `FindCorners`; those of `BELT`.
+        From `FindCorners`.
+    belt
+        Whose corners they are.
 
     Raises
     ------
     InputError
-        If three corners lie on one line, or numbers are not finite.
+        If three corners lie on one line, or numbers are not finite. Also if the scales along and
+        across differ by more than half: the belt does not run to the right, or is another.
 
     Notes
     -----
@@ -322,12 +290,66 @@ def calibrate_camera(corners: Corners) -> Calibration:
         if abs(np.linalg.det([b - a, c - a])) < 1.0:
             raise InputError(f"three corners of the belt lie on one line: {a}, {b}, {c} px.")
     matrix = cv2.getPerspectiveTransform(
-        places[:, ::-1].astype(np.float32), BELT.corners.astype(np.float32)
+        places[:, ::-1].astype(np.float32), belt.corners.astype(np.float32)
     )
-    lengths = [
-        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1).sum()
-        for ends in (BELT.corners, places)
+    sides = [
+        np.linalg.norm(np.roll(ends, -1, axis=0) - ends, axis=1) for ends in (belt.corners, places)
     ]
-    scale = float(lengths[0] / lengths[1])
+    along, across = (sides[0][k::2].sum() / sides[1][k::2].sum() for k in (0, 1))
+    if max(along, across) > MOST_UNLIKE * min(along, across):
+        raise InputError(
+            f"the belt has {along:.3g} mm per px along it and {across:.3g} across it. Turn the "
+            "picture so that the belt runs to the right, or set the belt's length and width."
+        )
+    scale = float(sides[0].sum() / sides[1].sum())
     error = scale * float(corners.spread_px.max())
     return Calibration(np.asarray(matrix, np.float64), error, scale, int(corners.hidden.sum()))
+
+
+def save_calibration(calibration: Calibration, path: Path | str) -> None:
+    """Write a calibration as JSON: a version, a hash of the numbers, the numbers."""
+    values = calibration._asdict() | {"matrix": calibration.matrix.tolist()}
+    content = {"version": VERSION, "sha256": _digest(values), **values}
+    cache.write_whole(Path(path), json.dumps(content, indent=1).encode())
+
+
+def load_calibration(path: Path | str) -> Calibration:
+    """Return the calibration of a file that `save_calibration` wrote.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is damaged, or of another version.
+    """
+    try:
+        values = json.loads(Path(path).read_bytes())
+        version, digest = values.pop("version"), values.pop("sha256")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path}: no calibration ({error!r}). Give a file of save_calibration."
+        ) from error
+    if version != VERSION or digest != _digest(values):
+        fault = "damaged" if version == VERSION else f"of version {version}, not {VERSION}"
+        raise InputError(f"{path}: the calibration is {fault}. Calibrate the camera again.")
+    return Calibration(**values | {"matrix": np.array(values["matrix"])})
+
+
+def _digest(values: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
+def corner_shifts(calibration: Calibration, corners: Corners, belt: Area = BELT) -> Array:
+    """Return how far the belt's corners (4,) have moved since the calibration, in px.
+
+    Parameters
+    ----------
+    calibration
+        That is in use.
+    corners
+        Found anew, in the average of later pictures. Beyond `DRIFT_PX` the camera or the belt has
+        moved: calibrate again.
+    belt
+        Whose corners they are.
+    """
+    away = corners.places - calibration.pixels(belt.corners)
+    return np.asarray(np.hypot(*away.T), np.float64)

@@ -20,7 +20,7 @@ from kilnflight.belt.models import IV, ArrivalModel, Columns, LateralModel, chec
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError, check_count, check_inside, check_positive
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -29,80 +29,6 @@ LastAndArrival = tuple[Columns, Columns]  # last observations and arrivals
 Combinations = tuple[tuple[str, ArrivalModel, LateralModel], ...]
 
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
-
-
-def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return the velocity between consecutive observations, at their midpoint.
-
-    Parameters
-    ----------
-    tracks
-        `kilnflight.tables.BELT_TRACKS`.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``particle``, ``x`` (mm), ``velocity_x_mm_s``, ``velocity_y_mm_s``; steps
-        across a gap are left out.
-    """
-    table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
-    step = table.diff()
-    columns = {
-        "particle": table["particle"],
-        "x": table["x"] - step["x"] / 2,
-        "velocity_x_mm_s": step["x"] / step["time_s"],
-        "velocity_y_mm_s": step["y"] / step["time_s"],
-    }
-    consecutive = (step["particle"] == 0) & (step["frame"] == 1)
-    return pd.DataFrame(columns)[consecutive].reset_index(drop=True)
-
-
-def motion_profile(steps: pd.DataFrame, x_mm: Array) -> pd.DataFrame:
-    """Return how fast particles move at places along the belt.
-
-    Figs 7 and 8 of the 2020 paper.
-
-    Each particle's velocity is interpolated linearly along x (section 4.1); a particle
-    counts only where it was seen.
-
-    Parameters
-    ----------
-    steps
-        From `step_velocities`.
-    x_mm
-        Places, (n,), ascending.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``x_mm``, ``mean_m_s``, ``std_m_s``, ``particles``, ``lateral_m_s`` (median of the
-        absolute velocity across the belt) and ``lateral_std_m_s``. A few collisions dominate this
-        standard deviation, hence the median. NaN where no particle was seen.
-    """
-    along = _interpolated(steps, "velocity_x_mm_s", x_mm) / 1000.0
-    across = _interpolated(steps, "velocity_y_mm_s", x_mm) / 1000.0
-    return pd.DataFrame(
-        {
-            "x_mm": x_mm,
-            "mean_m_s": along.mean(),
-            "std_m_s": along.std(),
-            "particles": along.count(),
-            "lateral_m_s": across.abs().median(),
-            "lateral_std_m_s": across.std(),
-        }
-    )
-
-
-def _interpolated(steps: pd.DataFrame, column: str, x_mm: Array) -> pd.DataFrame:
-    """Return a column at places along the belt, one row per particle.
-
-    It is NaN where the particle was not seen.
-    """
-    rows = [
-        np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
-        for _, track in steps.groupby("particle", sort=False)
-    ]
-    return pd.DataFrame(rows, columns=range(len(x_mm)), dtype=np.float64)
 
 
 def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:

@@ -24,6 +24,9 @@ from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, Table
 Array = npt.NDArray[np.float64]
 
 BELT_VELOCITY_MM_S = 1500.0  # 2020 paper, section 4, "Scenarios"
+BELT_START_MM = 388.0  # along the belt, in the coordinates of the authors' files of 2020
+BELT_EDGE_MM = 788.0  # "a total length of 40 cm", 2016, section IV
+BELT_WIDTH_MM = 180.0  # 2020, section 3
 
 
 Columns = dict[str, Array]  # of a table, (n,) each, checked
@@ -143,6 +146,23 @@ def _distance(last: Columns, target_mm: float) -> Array:
             "predict to a place downstream of the last observation."
         )
     return distance
+
+
+@dataclass(frozen=True)
+class ID(ArrivalModel):
+    """Identical delay: ``t_Last + t_Avg`` for every particle (sec. 4.1, no number).
+
+    The old, implicit model. It takes all particles as last observed at one place; then it is `IV`.
+    Section 5 leaves it out, so it is none of `kilnflight.belt.ARRIVAL_MODELS`.
+    """
+
+    delay_s: float = np.nan  # t_Avg: a median, as the average velocity of IV (sec. 5)
+
+    def _duration(self, distance: Array, velocity: Array, acceleration: Array) -> Array:
+        return np.full_like(distance, self.delay_s)
+
+    def _fitted(self, distance: Array, velocity: Array, duration: Array) -> Self:
+        return replace(self, delay_s=float(np.median(duration)))
 
 
 @dataclass(frozen=True)

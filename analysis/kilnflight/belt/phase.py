@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.belt.models import BELT_EDGE_MM
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
@@ -32,14 +33,14 @@ class Observed(NamedTuple):
 class PredictionPhase:
     """Where observation ends and where a particle is predicted to.
 
-    The paper predicts to the edge of the belt (788 mm in the authors' files) from 150 mm before it.
+    The paper predicts to the edge of the belt from 150 mm before it.
     The public tracks end at that edge, so no observation lies beyond it. The last position of every
     particle is between 773 and 788 mm. Therefore target and start are moved upstream by 15 mm,
     which keeps the length of the phase.
     """
 
-    start_mm: float = 623.0  # 150 mm before the target (sec. 5)
-    target_mm: float = 773.0  # the largest whole mm that has an observation after it
+    start_mm: float = BELT_EDGE_MM - 165.0  # 150 mm before the target (sec. 5)
+    target_mm: float = BELT_EDGE_MM - 15.0  # the largest whole mm that has an observation after it
 
     def __post_init__(self) -> None:
         """Refuse a phase that does not lead downstream."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -23,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
 from kilnflight.project import data, paths
 from kilnflight.tables import BELT_TRACKS
@@ -146,75 +144,6 @@ def read_recording(path: Path) -> pd.DataFrame:
     tracked = pd.DataFrame({"x": along, "y": across, "author_track": particle})
     merged = table.merge(tracked.drop_duplicates(["x", "y"]), on=["x", "y"], how="left")
     return merged.fillna({"author_track": -1}).astype({"author_track": np.int64})
-
-
-def join_recordings(recordings: Iterable[pd.DataFrame], pause: int = 100) -> pd.DataFrame:
-    """Join recordings into one table with different track numbers.
-
-    The recordings are ``pause`` frames apart.
-
-    A recording without a measurement has no last frame: it adds the pause and nothing else.
-
-    Raises
-    ------
-    InputError
-        If there is no recording.
-    """
-    parts, frame, particle = [], 0, 0
-    for table in recordings:
-        track = table["author_track"]
-        shifted = track.where(track < 0, track + particle)
-        parts.append(table.assign(frame=table["frame"] + frame, author_track=shifted))
-        frame += pause + (int(table["frame"].max()) if len(table) else 0)
-        particle += 1 + (int(track.max()) if len(table) else -1)
-    if not parts:
-        raise InputError("no recording to join; give at least one.")
-    return pd.concat(parts, ignore_index=True)
-
-
-def links(table: pd.DataFrame, column: str) -> pd.MultiIndex:
-    """Return which rows follow each other in a track, as pairs of row numbers.
-
-    Rows whose track is -1 are in none.
-    """
-    track, frame = table[column].to_numpy(), table["frame"].to_numpy()
-    order = np.lexsort((frame, track))
-    same = (np.diff(track[order]) == 0) & (track[order][:-1] >= 0)
-    return pd.MultiIndex.from_arrays([order[:-1][same], order[1:][same]])
-
-
-def compare_links(measured: pd.DataFrame, followed: Followed) -> dict[str, float]:
-    """Compare the links of a tracker with those of the authors.
-
-    Parameters
-    ----------
-    measured
-        Of `join_recordings`, a row per measurement.
-    followed
-        Tracks of these measurements.
-
-    Returns
-    -------
-    dict
-        ``measurements``, ``links_authors``, ``links_tracker``; ``recall_percent``: share of the
-        authors' links that the tracker has; ``agreed_percent``: share of its links that the authors
-        have; ``tracks REASON``: how many tracks ended for each reason.
-    """
-    states = followed.states[followed.states["row"] >= 0]
-    track = pd.Series(states["particle"].to_numpy(), states["row"])
-    track = track.reindex(range(len(measured)), fill_value=-1)
-    tracker = links(measured.assign(track=track.to_numpy()), "track")
-    authors = links(measured, "author_track")
-    shared = 100 * len(tracker.intersection(authors))
-    ends = followed.ends["reason"].value_counts()
-    return {
-        "measurements": len(measured),
-        "links_authors": len(authors),
-        "links_tracker": len(tracker),
-        "recall_percent": shared / len(authors),
-        "agreed_percent": shared / len(tracker),
-        **{f"tracks {reason}": int(count) for reason, count in ends.items()},
-    }
 
 
 def _stem(path: Path) -> str:

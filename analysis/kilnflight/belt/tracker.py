@@ -9,7 +9,7 @@ in mm, times in s. All likelihoods are taken as -ln, so the likeliest associatio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ from kilnflight.checks import (
     check_offers,
     check_positive,
     check_shape,
+    check_whole,
 )
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 from kilnflight.tracking.gate import Detected, Gate, Predicted
@@ -43,6 +44,8 @@ from kilnflight.tracking.tracker import (
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
+
+Frames = int | Sequence[int] | Integers | None  # number of frames, or their numbers
 
 BELT_FRAME_S = 0.005  # 200 frames/s, section IV.B
 LEAST_PROBABILITY = 1e-12  # of those whose logarithm is taken
@@ -187,26 +190,9 @@ class Likelihoods(NamedTuple):
         -----
         Each measurement has an extra row of its own, each track an extra column. So every
         measurement costs its ``new`` unless it goes to a track. Taking ``new`` off the pairs
-        gives the same optimum from the (n, m) part alone; `matrix` returns the whole.
+        gives the same optimum from the (n, m) part alone.
         """
         return assign(self.costs + np.log(self.new), -np.log(self.unobserved))
-
-    def matrix(self) -> Array:
-        """Return the matrix of Fig. 3, (n + m, m + n), inf where a pair is impossible.
-
-        Notes
-        -----
-        Rows n on are "new", each for one measurement; columns m on are "not observed", each for
-        one track. The paper leaves open the corner of both. Here it is 0 (likelihood 1), so that
-        it adds nothing to any solution.
-        """
-        n, m = self.costs.shape
-        whole = np.full((n + m, m + n), np.inf)
-        whole[:n, :m] = self.costs
-        whole[n + np.arange(m), np.arange(m)] = -np.log(self.new)
-        whole[np.arange(n), m + np.arange(n)] = -np.log(self.unobserved)
-        whole[n:, m:] = 0.0
-        return whole
 
 
 def pair_costs(pairs: Pairs, missed: float) -> Array:
@@ -255,7 +241,7 @@ class BeltTracker:
         check_between(self.false_valid, 1e-12, 0.5, "BeltTracker: false_valid")
         check_between(self.false_lost, 1e-12, 0.5, "BeltTracker: false_lost")
 
-    def __call__(self, measured: pd.DataFrame, frames: int | None = None) -> Followed:
+    def __call__(self, measured: pd.DataFrame, frames: Frames = None) -> Followed:
         """Return the states of all tracks in all frames, and how each ended.
 
         Parameters
@@ -265,14 +251,15 @@ class BeltTracker:
             ignored.
         frames
             Number of frames of the camera, so that tracks may end after the last measurement; None:
-            up to that one.
+            up to that one. Or the numbers of the frames that there are, if others were lost: tracks
+            are predicted over a gap, and nothing is taken for missed in it.
 
         Raises
         ------
         InputError
-            If a column is missing or not numeric, or ``frames`` is no whole number from 0. Also if
-            one frame has two measurements at the same place: they would be two tracks of one
-            particle.
+            If a column is missing or not numeric, or ``frames`` is no whole number from 0, or no
+            ascending numbers with those of all measurements. Also if one frame has two measurements
+            at the same place: they would be two tracks of one particle.
         """
         numbers, parts = [], []
         for step in self.steps(measured, frames):
@@ -283,24 +270,47 @@ class BeltTracker:
         frame, tracks = np.concatenate(numbers), np.concatenate(parts)
         return Followed(_states(frame, tracks), self._ends(frame, tracks))
 
-    def steps(self, measured: pd.DataFrame, frames: int | None = None) -> Iterator[Step]:
+    def steps(self, measured: pd.DataFrame, frames: Frames = None) -> Iterator[Step]:
         """Yield the step of each frame from the first measurement on.
 
         Arguments are as for a call.
         """
-        if frames is not None:
-            check_count(frames, "BeltTracker: frames", least=0)
         frame, rows, places = self._read(measured)
+        numbers = _taken(frames, frame)
         if not len(frame):
             return
-        numbers = np.arange(frame[0], max(frame[-1] + 1, int(frames or 0)))
+        numbers = numbers[numbers >= frame[0]]
         edges = np.searchsorted(frame, numbers[1:])
-        parts = zip(np.split(rows, edges), np.split(places, edges), strict=True)
-        pictures = (
-            FrameDetections(number, self.frame_s, row, Detected(place))
-            for number, (row, place) in zip(numbers.tolist(), parts, strict=True)
+        spans = self.frame_s * np.diff(numbers, prepend=numbers[0] - 1)
+        parts = np.split(rows, edges), np.split(places, edges)
+        yield from self.follow(
+            FrameDetections(number, span, row, Detected(place))
+            for number, span, row, place in zip(
+                numbers.tolist(), spans.tolist(), *parts, strict=True
+            )
         )
-        yield from follow(pictures, self.motion, self.gate, self.associate, self.keeps, SCORES)
+
+    def follow(self, frames: Iterable[FrameDetections]) -> Iterator[Step]:
+        """Yield the step of each frame as it comes; spans are in s."""
+        return follow(frames, self.motion, self.gate, self.associate, self.keeps, SCORES)
+
+    def detections(self, places: Array, number: int, frames: int = 1) -> FrameDetections:
+        """Return what `follow` takes of one frame.
+
+        Parameters
+        ----------
+        places
+            (m, 2) in mm; those outside the area are ignored.
+        number
+            Of the frame.
+        frames
+            Since the frame before: above 1 if others were lost.
+        """
+        rows = np.flatnonzero(self.appearance.area.contains(places))
+        rows = rows[np.lexsort((places[rows, 1], places[rows, 0]))]
+        inside = np.ascontiguousarray(places[rows])
+        _check_unique(np.full(len(rows), number), inside, rows)
+        return FrameDetections(number, self.frame_s * frames, rows, Detected(inside))
 
     @property
     def thresholds(self) -> tuple[float, float]:
@@ -359,19 +369,38 @@ class BeltTracker:
         _check_unique(frames[order], places[order], order)
         return frames[order], order, np.ascontiguousarray(places[order])
 
+    def reasons(self, tracks: Tracks) -> npt.NDArray[np.str_]:
+        """Return why each track ends after its last step: one of `REASONS`."""
+        area = self.appearance.area
+        x, y = tracks["state"][:, :2].T
+        sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
+        # What is outside by probability may lie just inside: the nearer end decides.
+        way = np.where(2.0 * x < area.start_mm + area.end_mm, BACK, LEFT)
+        reason = np.where(tracks["outside"] > 0.5, np.where(sideways, SIDEWAYS, way), LOST)
+        return np.where(self.keeps(tracks, 0), RUNNING, reason)
+
     def _ends(self, frame: Integers, tracks: Tracks) -> pd.DataFrame:
         """Return why each track ended: out at an end or over a side, lost, or not at all."""
         order = np.lexsort((frame, tracks["particle"]))
         last = order[np.append(np.diff(tracks["particle"][order]) != 0, True)]
-        ended, area = tracks[last], self.appearance.area
-        x, y = ended["state"][:, :2].T
-        sideways = ((y < 0) | (y > area.width_mm)) & (x < area.end_mm)
-        # What is outside by probability may lie just inside: the nearer end decides.
-        way = np.where(2.0 * x < area.start_mm + area.end_mm, BACK, LEFT)
-        reason = np.where(ended["outside"] > 0.5, np.where(sideways, SIDEWAYS, way), LOST)
-        reason = np.where(self.keeps(ended, 0), RUNNING, reason)
-        columns = (ended["particle"], frame[last], ended["valid"].astype(np.int64), reason)
+        ended = tracks[last]
+        valid, reason = ended["valid"].astype(np.int64), self.reasons(ended)
+        columns = (ended["particle"], frame[last], valid, reason)
         return pd.DataFrame(dict(zip([*BELT_ENDS.names, "reason"], columns, strict=True)))
+
+
+def _taken(frames: Frames, measured: Integers) -> Integers:
+    """Return the numbers of the frames that there are, those measured (ascending) among them."""
+    if frames is None or isinstance(frames, int | float | str | np.number):
+        check_count(frames or 0, "BeltTracker: frames", least=0)
+        first, last = (measured[0], measured[-1]) if len(measured) else (0, -1)
+        return np.arange(first, max(last + 1, frames or 0))
+    numbers = check_whole(pd.Series(frames), "BeltTracker: frames")
+    if (np.diff(numbers) <= 0).any() or not np.isin(measured, numbers).all():
+        raise InputError(
+            "BeltTracker: frames: the numbers must ascend, and have those of all measurements."
+        )
+    return numbers
 
 
 def _check_unique(frames: Integers, places: Array, rows: Integers) -> None:

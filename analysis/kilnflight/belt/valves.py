@@ -6,9 +6,7 @@ blows particles out. Neither evaluates it; numbers of a real bar are for the use
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -16,20 +14,20 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt import COMBINATIONS
-from kilnflight.belt.evaluation import predictions
-from kilnflight.belt.models import CVBC, IV, LateralCV, Straight
-from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.belt.models import BELT_WIDTH_MM, CVBC, IV, LateralCV, Straight
 from kilnflight.checks import (
     InputError,
-    check_between,
+    check_at_least,
+    check_columns,
     check_count,
     check_finite,
-    check_limit,
     check_positive,
     check_shape,
 )
+from kilnflight.tables import BELT_PREDICTED, VALVE_EVENTS
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.integer]
 Flags = npt.NDArray[np.bool_]
 
 # Fig. 10 and two more: what a line-scan camera implies (one velocity for all, straight), and
@@ -42,196 +40,286 @@ MODELS = (
 
 
 class Separation(NamedTuple):
-    """Which of n particles are hit, and which were to be."""
+    """Which of n particles are hit, and which were to be. A share of nothing is NaN."""
 
     hit: Flags  # (n,), was at a valve while it was open
     chosen: Flags  # (n,), was to be blown out
 
     @property
     def hit_share(self) -> float:
-        """Share of blown-out particles among those to be blown out; NaN without any."""
-        return float(self.hit[self.chosen].mean()) if self.chosen.any() else np.nan
+        """Share of blown-out particles among those to be blown out."""
+        return _mean(self.hit[self.chosen])
 
     @property
     def inadvertent_share(self) -> float:
-        """Share of blown-out particles among the others; NaN without any others."""
-        return float(self.hit[~self.chosen].mean()) if not self.chosen.all() else np.nan
+        """Share of blown-out particles among the others: co-deflections."""
+        return _mean(self.hit[~self.chosen])
+
+    @property
+    def purity_blown_out(self) -> float:
+        """Share of particles to be blown out among those that were."""
+        return _mean(self.chosen[self.hit])
+
+    @property
+    def purity_left(self) -> float:
+        """Share of the others among those that were not blown out."""
+        return _mean(~self.chosen[~self.hit])
+
+
+def _mean(flags: Flags) -> float:
+    return float(flags.mean()) if len(flags) else np.nan
 
 
 @dataclass(frozen=True)
 class ValveBar:
-    """Evenly spaced valves across the belt, each open for the same time.
+    """Evenly spaced valves across the belt, and when each of them opens.
 
-    For each particle to be blown out, the valve nearest to its predicted place opens for
-    ``open_s`` around its predicted time. A particle is hit if its centre passes an open valve,
-    for whichever particle that was opened; its size and the air's way are neglected.
+    For each prediction the valve nearest to the predicted place blows for ``open_s``, the middle of
+    which is ``delay_s`` after the predicted time. Windows of a valve that overlap, or lie nearer
+    than ``dead_s``, are merged. A particle is hit if its centre passes an open valve, for whichever
+    particle that was opened; its size and the air's way are neglected.
+
+    The belt's walls keep particles on it, so a place predicted beyond them is taken to be at the
+    wall. A bar may be narrower than the belt; a particle beside all jets is out of reach and opens
+    none.
     """
 
     valves: int = 32  # a pitch of 5.6 mm, about one particle; not printed
-    belt_mm: float = 180.0  # 2020 paper, section 3
+    belt_mm: float = BELT_WIDTH_MM
+    bar_mm: float | None = None  # in the middle of the belt; None: over the whole belt
     valve_mm: float | None = None  # width of a jet; None: the pitch, no gap and no overlap
-    open_s: float = 0.005  # not printed
+    open_s: float = 0.005  # not printed, as are the next
+    latency_s: float = 0.0  # from the command to the air at the belt
+    delay_s: float = 0.0  # of the window's middle after the predicted time; below 0: before it
+    dead_s: float = 0.0  # shortest pause of a valve from closing to opening
 
     def __post_init__(self) -> None:
-        """Refuse a number, width or time that is not positive."""
+        """Refuse a number or width that is not positive, and times below 0."""
         check_count(self.valves, "ValveBar: valves")
         check_positive(self.belt_mm, "ValveBar: belt_mm")
-        if self.valve_mm is not None:
-            check_positive(self.valve_mm, "ValveBar: valve_mm")
-        check_limit(self.open_s, "ValveBar: open_s")
+        for name in ("bar_mm", "valve_mm"):
+            if getattr(self, name) is not None:
+                check_positive(getattr(self, name), f"ValveBar: {name}")
+        for name in ("open_s", "latency_s", "dead_s"):
+            check_at_least(getattr(self, name), 0, f"ValveBar: {name}")
+        check_finite([self.delay_s], "ValveBar: delay_s")
 
     @property
     def pitch_mm(self) -> float:
         """The way from one valve to the next."""
-        return self.belt_mm / self.valves
+        return (self.bar_mm or self.belt_mm) / self.valves
 
     @property
     def width_mm(self) -> float:
         """The width of a jet: as set, else the pitch."""
         return self.pitch_mm if self.valve_mm is None else self.valve_mm
 
-    def __call__(
-        self, chosen: Flags, predicted: tuple[Array, Array], true: tuple[Array, Array]
-    ) -> Separation:
-        """Return which particles are hit.
+    @property
+    def middles_mm(self) -> Array:
+        """The places of the valves across the belt."""
+        steps = np.arange(self.valves, dtype=np.float64) + 0.5 - self.valves / 2
+        return self.belt_mm / 2 + self.pitch_mm * steps
+
+    def windows(self, predicted: pd.DataFrame) -> tuple[Integers, Array, Array]:
+        """Return valve, opening and closing command of each prediction that opens one.
 
         Parameters
         ----------
-        chosen
-            (n,), which particles are to be blown out.
         predicted
-            Times in s and places y in mm, (n,) each. Where either is NaN, no arrival was
-            predicted and no valve opens.
-        true
-            True times and places; finite.
+            `kilnflight.tables.BELT_PREDICTED`. Where time or place is NaN, no valve opens.
+        """
+        table = BELT_PREDICTED.check(predicted)
+        time, y = table["time_s"].to_numpy(), table["y"].to_numpy()
+        place = y.clip(0, self.belt_mm)
+        valve = self._nearest(place)
+        away = np.abs(place - self.middles_mm[valve])
+        reach = max(self.width_mm, self.pitch_mm) / 2 + 1e-9
+        reached = np.isfinite(time) & (away <= reach)
+        middle = time[reached] + self.delay_s - self.latency_s
+        return valve[reached], middle - self.open_s / 2, middle + self.open_s / 2
 
-        Raises
-        ------
-        InputError
-            If lengths differ, or true values are not finite.
+    def events(self, predicted: pd.DataFrame) -> pd.DataFrame:
+        """Return `kilnflight.tables.VALVE_EVENTS`, in the order of opening.
+
+        All predictions are known in advance; `ValveSchedule` takes them as they become known.
+        ``predicted`` is as for `windows`.
+        """
+        valve, opens, closes = self.windows(predicted)
+        order = np.lexsort((opens, valve))
+        valve, opens, closes = valve[order], opens[order], closes[order]
+        first = np.diff(valve, prepend=-1) != 0
+        first[1:] |= self.are_apart(closes[:-1], opens[1:])
+        # All windows are equally long, so the last of those merged closes last.
+        return _table(valve[first], opens[first], closes[np.roll(first, -1)])
+
+    def are_apart(self, close_s: npt.ArrayLike, open_s: npt.ArrayLike) -> Flags:
+        """Return whether a valve may close and open again, by the times of these commands."""
+        pause = np.subtract(open_s, close_s)
+        return np.asarray((pause > 0) & (pause >= self.dead_s))
+
+    def hits(self, events: pd.DataFrame, time_s: Array, y: Array) -> Flags:
+        """Return which particles (n,) are hit.
+
+        Parameters
+        ----------
+        events
+            Of `events` or `ValveSchedule`.
+        time_s, y
+            True time and place (mm) of each particle at the valves, (n,) each; finite.
+        """
+        columns = VALVE_EVENTS.check(events).to_numpy(np.float64)
+        check_shape(y, time_s.shape, "ValveBar: true places")
+        check_finite(np.stack([time_s, y]), "ValveBar: true times and places")
+        hit = np.zeros(len(time_s), dtype=bool)
+        if not len(events) or not len(hit):
+            return hit
+        valve, opens, closes = columns[np.lexsort(columns.T[1::-1])].T
+        opens, closes = opens + self.latency_s, closes + self.latency_s
+        # All valves are on one axis, one after the other, each with its events in time.
+        start = min(opens.min(), time_s.min())
+        whole = 1.0 + max(opens.max(), time_s.max()) - start
+        keys, nearest = valve * whole + (opens - start), self._nearest(y)
+        reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
+        for passed in (nearest + step for step in range(-reach, reach + 1)):
+            latest = np.searchsorted(keys, passed * whole + (time_s - start), side="right") - 1
+            away = np.abs(y - self.middles_mm[passed.clip(0, self.valves - 1)])
+            is_open = (latest >= 0) & (valve[latest] == passed) & (time_s <= closes[latest])
+            hit |= is_open & (away <= self.width_mm / 2)
+        return hit
+
+    def _nearest(self, y: Array) -> Integers:
+        """Return the valve whose middle is nearest to places across the belt, (n,)."""
+        steps = np.nan_to_num((y - self.middles_mm[0]) / self.pitch_mm)
+        return np.floor(steps + 0.5).clip(0, self.valves - 1).astype(np.int64)
+
+    def __call__(self, predicted: pd.DataFrame, arrival: pd.DataFrame, chosen: Flags) -> Separation:
+        """Return which particles are hit if each prediction opens a valve.
+
+        Parameters
+        ----------
+        predicted
+            `kilnflight.tables.BELT_PREDICTED` of all that is taken for a particle to be blown out.
+        arrival
+            What truly arrives: ``time_s`` and ``y`` of `kilnflight.tables.BELT_ARRIVAL`.
+        chosen
+            (n,), which of it is to be blown out.
         """
         if chosen.dtype != np.bool_:
             raise InputError(f"ValveBar: chosen holds {chosen.dtype}, pass True and False.")
-        names = ("predicted times", "predicted places", "true times", "true places")
-        for name, values in zip(names, (*predicted, *true), strict=True):
-            check_shape(values, chosen.shape, f"ValveBar: {name}")
-        check_finite(np.stack(true), "ValveBar: true times and places")
-        opens = chosen & np.isfinite(predicted[0]) & np.isfinite(predicted[1])
-        time, place = predicted[0][opens], predicted[1][opens]
-        nearest = np.floor(place / self.pitch_mm).clip(0, self.valves - 1)
-        hit = np.zeros(len(chosen), dtype=bool)
-        for valve in range(self.valves):
-            distance = np.abs(true[1] - (valve + 0.5) * self.pitch_mm)
-            passing = np.flatnonzero(distance <= self.width_mm / 2)
-            hit[passing] |= self._open(np.sort(time[nearest == valve]), true[0][passing])
-        return Separation(hit, chosen)
-
-    def _open(self, opened: Array, time: Array) -> Flags:
-        """Return whether one valve, opened around ascending times, is open at others."""
-        padded = np.concatenate([[-np.inf], opened, [np.inf]])
-        after = np.searchsorted(padded, time)
-        difference = np.minimum(padded[after] - time, time - padded[after - 1])
-        return difference <= self.open_s / 2
+        check_columns(arrival, ["time_s", "y"], "ValveBar: arrival")
+        check_shape(chosen, (len(arrival),), "ValveBar: chosen")
+        true = arrival["time_s"].to_numpy(np.float64), arrival["y"].to_numpy(np.float64)
+        return Separation(self.hits(self.events(predicted), *true), chosen)
 
 
-def hit_shares(
-    observed: Observed,
-    phase: PredictionPhase,
-    bars: Iterable[ValveBar],
-    seed: int,
-    blown: float = 0.1,
-    calibrating: float = 0.01,
-) -> pd.DataFrame:
-    """Return the shares of hit particles and inadvertent hits for each model and bar.
+@dataclass
+class ValveSchedule:
+    """The events of a bar of valves while predictions become known, as in a running sorter.
 
-    Parameters
-    ----------
-    observed, phase
-        From `PredictionPhase.observe`, and the phase itself; valves are at its target.
-    bars
-        Bars of valves to compare.
-    seed
-        Of the draw of calibration particles and of those to be blown out.
-    blown
-        Share of the particles to be blown out; an assumption, since no paper sorts them.
-    calibrating
-        Share that calibrates the models and is left out, 1 % as in the 2020 paper.
+    A window that is still open or to come may grow when a later prediction is merged with it. So
+    an event is returned when its valve has closed; `due` says what to command meanwhile.
 
-    Returns
-    -------
-    DataFrame
-        ``model``, ``valves``, ``valve_mm`` (width of a jet), ``open_ms``, ``ejected`` (particles to
-        be blown out), ``remaining`` (the others), ``hit_percent``, ``inadvertent_percent``.
-
-    Raises
-    ------
-    InputError
-        If there are too few particles for either share.
+    If every prediction is known at least ``dead_s`` before its valve is to open, the events are
+    those of `ValveBar.events`. One that comes later opens the valve late: at once, or when its dead
+    time is over. After its window it never does. Both are counted.
     """
-    calibration, chosen = _drawn(len(observed.last), seed, blown, calibrating)
-    arrival = observed.arrival[~calibration]
-    true = arrival["time_s"].to_numpy(), arrival["y"].to_numpy()
-    rows, bars, sizes = [], list(bars), (int(chosen.sum()), int((~chosen).sum()))
-    for model, time, y in predictions(observed, phase, calibration, MODELS):
-        for bar in bars:
-            separation = bar(chosen, (time, y), true)
-            percent = 100 * separation.hit_share, 100 * separation.inadvertent_share
-            rows.append((model, bar.valves, bar.width_mm, 1000 * bar.open_s, *sizes, *percent))
-    columns = ["model", "valves", "valve_mm", "open_ms", "ejected", "remaining"]
-    return pd.DataFrame(rows, columns=[*columns, "hit_percent", "inadvertent_percent"])
+
+    bar: ValveBar
+    now_s: float = -np.inf  # of the last step
+    late: int = 0  # predictions that came too late to open the valve in time
+    never: int = 0  # predictions that came too late to open it at all
+    out_of_reach: int = 0  # predictions that are NaN or beyond the bar
+    _windows: dict[int, list[tuple[float, float]]] = field(default_factory=dict)  # not yet closed
+    _closed_s: dict[int, float] = field(default_factory=dict)  # last closing of each valve
+
+    def step(self, now_s: float, predicted: pd.DataFrame) -> pd.DataFrame:
+        """Take new predictions at ``now_s``; return the events that closed before.
+
+        Parameters
+        ----------
+        now_s
+            Not before that of the last step; infinity returns all events that are left.
+        predicted
+            `kilnflight.tables.BELT_PREDICTED`: what became known since the last step.
+
+        Returns
+        -------
+        DataFrame
+            `kilnflight.tables.VALVE_EVENTS`; each event once.
+        """
+        if not now_s >= self.now_s:
+            raise InputError(
+                f"ValveSchedule: time {now_s} s after {self.now_s} s; take the steps in order."
+            )
+        self.now_s = now_s
+        closed = [
+            (valve, *window)
+            for valve, windows in self._windows.items()
+            for window in windows
+            if window[1] < now_s
+        ]
+        for valve, _, close_s in closed:
+            self._closed_s[valve] = max(close_s, self._closed_s.get(valve, -np.inf))
+        self._windows = {
+            valve: [window for window in windows if window[1] >= now_s]
+            for valve, windows in self._windows.items()
+        }
+        windows = self.bar.windows(predicted)
+        self.out_of_reach += len(predicted) - len(windows[0])
+        for valve, open_s, close_s in zip(*(part.tolist() for part in windows), strict=True):
+            self._add(valve, open_s, close_s)
+        return _table(*np.array(closed, dtype=np.float64).reshape(-1, 3).T)
+
+    def due(self, until_s: float) -> pd.DataFrame:
+        """Return the commands from the last step up to ``until_s``.
+
+        Returns
+        -------
+        DataFrame
+            `kilnflight.tables.VALVE_EVENTS`, cut to that time. What is open at ``until_s`` goes on
+            with the commands after the next step.
+        """
+        if not until_s >= self.now_s:
+            raise InputError(f"ValveSchedule: due until {until_s} s, before {self.now_s} s.")
+        rows = [
+            (valve, max(open_s, self.now_s), min(close_s, until_s))
+            for valve, windows in self._windows.items()
+            for open_s, close_s in windows
+            if open_s < until_s
+        ]
+        return _table(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+    def are_open(self, time_s: float) -> Flags:
+        """Return which valves (valves,) are to be open at a time from the last step on.
+
+        To ask once a frame misses what opens and closes between: `due` has all.
+        """
+        commands = np.zeros(self.bar.valves, dtype=bool)
+        for valve, windows in self._windows.items():
+            commands[valve] = any(window[0] <= time_s <= window[1] for window in windows)
+        return commands
+
+    def _add(self, valve: int, open_s: float, close_s: float) -> None:
+        """Plan a window from now on, and merge it with those near it."""
+        earliest = max(open_s, self.now_s)
+        closed_s = self._closed_s.get(valve, -np.inf)
+        if not self.bar.are_apart(closed_s, earliest):
+            earliest = closed_s + self.bar.dead_s
+        if earliest > close_s:
+            self.never += 1
+            return
+        self.late += earliest > open_s
+        near, others = [(earliest, close_s)], list[tuple[float, float]]()
+        for window in self._windows.get(valve, []):
+            pauses = (window[1], earliest), (close_s, window[0])
+            (others if any(self.bar.are_apart(*pause) for pause in pauses) else near).append(window)
+        opens, closes = zip(*near, strict=True)
+        self._windows[valve] = [*others, (min(opens), max(closes))]
 
 
-def mean_hit_shares(
-    observed: Mapping[str, Observed],
-    phase: PredictionPhase,
-    bars: Sequence[ValveBar],
-    seeds: Iterable[int],
-    blown: float = 0.1,
-) -> pd.DataFrame:
-    """Return means over the seeds of `hit_shares` for each ``data_set``, model and bar."""
-    parts = {
-        (name, seed): hit_shares(part, phase, bars, seed, blown)
-        for (name, part), seed in product(observed.items(), seeds)
-    }
-    every = pd.concat(parts, names=["data_set", "seed"]).reset_index("data_set")
-    keys = ["data_set", "model", "valves", "valve_mm", "open_ms"]
-    return every.groupby(keys, sort=False).mean().reset_index()
-
-
-def along(table: pd.DataFrame, name: str, bar: ValveBar) -> pd.DataFrame:
-    """Return the rows of bars that are as a given one but for a column.
-
-    Parameters
-    ----------
-    table
-        Of `hit_shares`.
-    name
-        ``valves``, ``valve_mm`` or ``open_ms``, which may differ; "": none.
-    bar
-        The given one; as there, a jet is as wide as the pitch of its bar.
-    """
-    same = {
-        "valves": table["valves"] == bar.valves,
-        "valve_mm": table["valve_mm"] == bar.belt_mm / table["valves"],
-        "open_ms": table["open_ms"] == 1000 * bar.open_s,
-    }
-    return table[np.all([rows for column, rows in same.items() if column != name], axis=0)]
-
-
-def _drawn(count: int, seed: int, blown: float, calibrating: float) -> tuple[Flags, Flags]:
-    """Draw the calibration particles, and those of the others to be blown out.
-
-    The calibration particles are (count,).
-    """
-    check_between(blown, 0, 1, "hit_shares: blown")
-    check_between(calibrating, 0, 1, "hit_shares: calibrating")
-    rng = np.random.default_rng(seed)
-    calibration = np.isin(np.arange(count), rng.permutation(count)[: int(calibrating * count)])
-    evaluated = int((~calibration).sum())
-    chosen = np.isin(np.arange(evaluated), rng.permutation(evaluated)[: int(blown * evaluated)])
-    if not (calibration.any() and chosen.any()):
-        raise InputError(
-            f"hit_shares: of {count} particles {calibrating:.1%} calibrate and {blown:.1%} of the "
-            "rest are blown out; that is less than one. Give more particles or larger shares."
-        )
-    return calibration, chosen
+def _table(valve: npt.ArrayLike, opens: Array, closes: Array) -> pd.DataFrame:
+    """Return events in the order of opening."""
+    number = np.asarray(valve, dtype=np.int64)
+    order = np.lexsort((number, opens))
+    columns = number[order], opens[order], closes[order]
+    return pd.DataFrame(dict(zip(VALVE_EVENTS.names, columns, strict=True)))

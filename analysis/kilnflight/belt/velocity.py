@@ -8,14 +8,17 @@ particles lie anywhere. No tracker is needed, so the estimate can be a tracker's
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.tracker import MEASURED, Followed
-from kilnflight.checks import InputError, check_columns
+from kilnflight.belt.camera import TRACKED
+from kilnflight.belt.tracker import MEASURED
+from kilnflight.checks import InputError, check_columns, check_count, check_finite, check_positive
 
 Array = npt.NDArray[np.float64]
 
@@ -84,6 +87,61 @@ def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVe
     return BeltVelocity(step, spread, int(near.sum()), share)
 
 
+@dataclass
+class WatchVelocity:
+    """Whether particles still move as they did, by the measurements of the last frames.
+
+    They speed up along the belt. So only those near the end of the tracked area count, or a belt
+    that fills would seem slower. Another material has another velocity on the same belt.
+
+    To ask takes some milliseconds: do it once a second, not in every frame.
+    """
+
+    px_per_frame: float  # at the start, as `of_spots` has it
+    mm_per_px: float  # of the calibration
+    from_mm: float = TRACKED.end_mm - 90.0  # along the belt: places before do not count; choice
+    frames: int = 200  # that are kept: one second
+    limit: float = 0.05  # share of the velocity: CV errs by as much of the way's time; choice
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are not positive."""
+        for name in ("px_per_frame", "mm_per_px", "limit"):
+            check_positive(getattr(self, name), f"WatchVelocity: {name}")
+        check_count(self.frames, "WatchVelocity: frames", least=2)
+        check_finite(self.from_mm, "WatchVelocity: from_mm")
+        self._recent = deque[Array](maxlen=self.frames)
+
+    @classmethod
+    def of_spots(cls, spots: pd.DataFrame, mm_per_px: float, from_mm: float) -> Self:
+        """Return a watch that starts with the velocity in `kilnflight.tables.BELT_SPOTS`."""
+        check_columns(spots, MEASURED.names, "WatchVelocity: spots")
+        counted = spots.loc[spots["x"] > from_mm, MEASURED.names] / [1, mm_per_px, mm_per_px]
+        return cls(estimate_velocity(counted).px_per_frame, mm_per_px, from_mm)
+
+    def add(self, frame: int, places: Array) -> None:
+        """Take the measurements of a frame, (m, 2) in mm."""
+        counted = places[places[:, 0] > self.from_mm]
+        self._recent.append(np.column_stack([np.full(len(counted), frame), counted]))
+
+    def change(self) -> float:
+        """Return the change of the velocity, a share of that at the start.
+
+        NaN if the last frames do not tell: an empty belt, one that stands, or no two frames in a
+        row, as if every second one is lost.
+        """
+        rows = np.concatenate([np.empty((0, 3)), *self._recent]) / [1, *2 * [self.mm_per_px]]
+        table = pd.DataFrame(rows, columns=MEASURED.names).astype({"frame": np.int64})
+        try:
+            return estimate_velocity(table).px_per_frame / self.px_per_frame - 1.0
+        except InputError:
+            return np.nan
+
+    def has_drifted(self) -> bool | None:
+        """Return whether the velocity has changed by more than ``limit``; None: not known."""
+        change = self.change()
+        return None if np.isnan(change) else abs(change) > self.limit
+
+
 def _steps(measured: pd.DataFrame) -> tuple[Array, npt.NDArray[np.int64]]:
     """Return the distances along the belt of pairs side by side, and each pair's first row."""
     places = measured[["frame", "x", "y"]].reset_index(drop=True)
@@ -92,39 +150,3 @@ def _steps(measured: pd.DataFrame) -> tuple[Array, npt.NDArray[np.int64]]:
     along, across = pairs["x_after"] - pairs["x"], pairs["y_after"] - pairs["y"]
     beside = (across.abs() <= BESIDE_PX) & along.between(LEAST_PX, MOST_PX)
     return along[beside].to_numpy(np.float64), pairs.loc[beside, "index"].to_numpy(np.int64)
-
-
-def join_followed(parts: list[tuple[pd.DataFrame, Followed]], pause: int = 100) -> Followed:
-    """Join tracks of recordings as `kilnflight.belt.recordings.join_recordings` joins these.
-
-    Parameters
-    ----------
-    parts
-        By recording: its measurements and their tracks.
-    pause
-        Frames between two recordings.
-
-    Raises
-    ------
-    InputError
-        If there is no recording.
-    """
-    if not parts:
-        raise InputError("no recording to join; give at least one.")
-    states, ends, frame, row, particle = [], [], 0, 0, 0
-    for measured, followed in parts:
-        seen = followed.states["row"] >= 0
-        states.append(
-            followed.states.assign(
-                frame=followed.states["frame"] + frame,
-                particle=followed.states["particle"] + particle,
-                row=(followed.states["row"] + row).where(seen, -1),
-            )
-        )
-        ended = followed.ends
-        columns = {"particle": ended["particle"] + particle, "frame": ended["frame"] + frame}
-        ends.append(ended.assign(**columns))
-        frame += pause + (int(measured["frame"].max()) if len(measured) else 0)
-        row += len(measured)
-        particle += 1 + (int(ended["particle"].max()) if len(ended) else -1)
-    return Followed(pd.concat(states, ignore_index=True), pd.concat(ends, ignore_index=True))

@@ -19,24 +19,24 @@ import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.belt import sorter
-from kilnflight.belt.bodies import is_installed
 from kilnflight.belt.evaluation import (
     SUMMARY,
     Deviations,
     Evaluation,
     arrival_deviations,
     lateral_deviations,
-    motion_profile,
-    step_velocities,
 )
-from kilnflight.belt.friction import MATERIALS
+from kilnflight.belt.models import BELT_EDGE_MM
 from kilnflight.belt.phase import Observed, PredictionPhase
-from kilnflight.belt.pictures import at_rate
 from kilnflight.belt.recordings import read_dem
 from kilnflight.experiments import belt_claims
 from kilnflight.experiments.belt_claims import DATA_SETS, Answer, Order
+from kilnflight.experiments.belt_profile import motion_profile, step_velocities
 from kilnflight.project import claims
+from kilnflight.sorter import simulation
+from kilnflight.sorter.bodies import is_installed
+from kilnflight.sorter.friction import MATERIALS
+from kilnflight.sorter.rendering import at_rate
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
@@ -46,10 +46,12 @@ PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
 DRAWS = {"quick": 5, "standard": 200, "full": 1000}  # of calibration particles, by scale
 PHASE = PredictionPhase()
 # The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
-AT_EDGE = PredictionPhase(638.0, 788.0)
+AT_EDGE = PredictionPhase(BELT_EDGE_MM - 150.0, BELT_EDGE_MM)
 
 Key = tuple[str, str]  # source, data set; on recordings data set, filter
-Answers = Callable[[pd.DataFrame], dict[str, Answer]]
+Source = tuple[str, float]  # source, sampling rate
+Answered = dict[str, Answer]  # by claim
+Answers = Callable[[pd.DataFrame], Answered]
 
 
 def load_tracks(
@@ -57,7 +59,7 @@ def load_tracks(
 ) -> dict[Key, pd.DataFrame]:
     """Return the tracks by source (the authors' files, our simulation) and data set.
 
-    Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.belt.sorter`)
+    Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.sorter.simulation`)
     where MuJoCo is installed, otherwise the friction model at 100 Hz.
 
     Parameters
@@ -76,7 +78,7 @@ def load_tracks(
     contacts = is_installed()
     for number, (name, friction) in enumerate(MATERIALS.items()):
         if contacts:
-            tracks[OWN, name] = sorter.simulate_tracks(name, count, seed, jobs)
+            tracks[OWN, name] = simulation.simulate_tracks(name, count, seed, jobs)
         else:
             tracks[OWN, name] = friction(np.random.default_rng([seed, number]))
     return tracks
@@ -247,9 +249,8 @@ def describe_changes(by_rate: pd.DataFrame, answers: Answers) -> str:
         table = by_rate[by_rate["sampling_hz"] == rate]
         for data_set, part in (("", table), *table.groupby("data_set")):
             for claim, answer in answers(part).items():
-                verdict_of[claim, str(data_set)] = claims.judge(
-                    claim, answer, because="method"
-                ).verdict
+                verdict = belt_claims.judge(claim, answer, because="method")
+                verdict_of[claim, str(data_set)] = verdict.verdict
     changed = sorted(
         key for key, verdict in verdicts[slowest].items() if verdict != verdicts[fastest][key]
     )
@@ -266,11 +267,23 @@ def describe_lowest(by_rate: pd.DataFrame) -> str:
     fastest = by_rate[by_rate["sampling_hz"] == by_rate["sampling_hz"].max()]
     best = fastest.loc[fastest.groupby("data_set")["mae"].idxmin()].set_index("data_set")["model"]
     models = ", ".join(f"{name} {best[name]}" for name in DATA_SETS)
-    return f"At {fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean error has: {models}"
+    return (
+        f"At {fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean absolute error has: {models}"
+    )
+
+
+def by_source(table: pd.DataFrame, answers: Answers, fastest_hz: float) -> dict[Source, Answered]:
+    """Return answers from a table with ``source``, by source and its rate (ours: the fastest)."""
+    groups = table.groupby("source", sort=False)
+    rates = {AUTHORS: 100.0, OWN: fastest_hz}
+    return {(str(name), rates[str(name)]): answers(part) for name, part in groups}
 
 
 def verdicts_by_source(
-    deviations: pd.DataFrame, by_rate: pd.DataFrame, answers: Answers
+    deviations: pd.DataFrame,
+    by_rate: pd.DataFrame,
+    answers: Answers,
+    motion: Mapping[Source, Answered],
 ) -> pd.DataFrame:
     """Return claims' verdicts by other sources, and by our simulation at every rate.
 
@@ -280,20 +293,26 @@ def verdicts_by_source(
         From `over_draws` and from `vary_rate`.
     answers
         `arrival_answers` or `lateral_answers`.
+    motion
+        From `by_source`: answers from the tracks themselves.
 
     Returns
     -------
     DataFrame
-        ``source``, ``sampling_hz``, ``id``, ``verdict``, ``measured``.
+        ``source``, ``sampling_hz``, ``id``, ``by_point_values``, ``measured``.
     """
     others = deviations[deviations["source"] != OWN].assign(sampling_hz=100.0)
+    groups = pd.concat([others, by_rate]).groupby(["source", "sampling_hz"])
+    given = [(key, answers(table)) for key, table in groups] + list(motion.items())
     rows = []
-    for (source, rate), table in pd.concat([others, by_rate]).groupby(["source", "sampling_hz"]):
-        for claim, answer in answers(table).items():
+    for (source, rate), answered in given:
+        for claim, answer in answered.items():
             because = "twin" if source == OWN else "method"
-            verdict = claims.judge(claim, answer, because=because)
+            verdict = belt_claims.judge(claim, answer, because=because)
             rows.append((source, rate, claim, verdict.verdict, verdict.measured))
-    return pd.DataFrame(rows, columns=["source", "sampling_hz", "id", "verdict", "measured"])
+    return pd.DataFrame(
+        rows, columns=["source", "sampling_hz", "id", "by_point_values", "measured"]
+    )
 
 
 @dataclass(frozen=True)
@@ -331,8 +350,9 @@ class Study:
             f"simulation, over the last 150 mm to the edge ({AT_EDGE.target_mm:.0f} mm). "
             "Interquartile range and mean absolute error of the particles that are observed at "
             "every rate.",
-            "verdicts": f"Verdicts on the claims about the {self.quantity} by source and sampling "
-            "rate. Our own simulation is predicted to the edge (788 mm), other tracks to 773 mm.",
+            "verdicts": f"What point values alone say of the claims about the {self.quantity}, by "
+            "source and sampling rate. Verdicts ask that a difference is beyond chance, and may "
+            "differ. Our own simulation is predicted to the edge (788 mm), other tracks to 773 mm.",
         }
 
     def labelled(self, deviations: pd.DataFrame) -> pd.DataFrame:
@@ -363,7 +383,7 @@ class Study:
         """
         ours = {key: table for key, table in tracks.items() if key[0] == OWN}
         authors = {key: table for key, table in tracks.items() if key[0] == AUTHORS}
-        targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if authors else (788.0,))
+        targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if authors else (BELT_EDGE_MM,))
         every = (1, 2, 5, 10) if is_installed() else (1,)
         arguments = evaluation, self.deviations, seed
         by_target = vary_target(authors or ours, targets, *arguments)
@@ -393,14 +413,22 @@ class Study:
         return self.answers(values), belt_claims.differences(values, self.orders())
 
     def judge(
-        self, answers: Mapping[str, Answer], by_target: pd.DataFrame, sampling_hz: float
+        self,
+        answers: Mapping[str, Answer],
+        by_target: pd.DataFrame,
+        sampling_hz: float,
+        details: Mapping[str, str] | None = None,
     ) -> list[claims.Verdict]:
-        """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`."""
+        """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`.
+
+        ``details`` by id are added to the reasons.
+        """
         source = by_target["source"].iloc[0]
         notes = self.notes(by_target, f"decided by {CALLED[source]} at {sampling_hz:.0f} Hz")
+        notes |= {id: f"{notes[id]}; {detail}" for id, detail in (details or {}).items()}
         because = "method" if source == AUTHORS else "twin"  # on the authors' own tracks
         verdicts = {
-            id: claims.with_cause(claims.judge(id, answer, note=notes[id], because=because))
+            id: claims.with_cause(belt_claims.judge(id, answer, notes[id], because))
             for id, answer in answers.items()
         }
         if source == OWN and not is_installed():
@@ -417,7 +445,7 @@ ARRIVAL = Study(
     arrival_deviations,
     belt_claims.arrival_answers,
     belt_claims.arrival_notes,
-    ("belt20-3",),
+    ("belt20-3", "belt20-14"),
     belt_claims.arrival_orders,
     arrival_deviations,
     carried=True,
@@ -434,7 +462,7 @@ LATERAL = Study(
     lateral_deviations,
     belt_claims.lateral_answers,
     belt_claims.lateral_notes,
-    ("belt20-8", "belt20-10"),
+    ("belt20-8", "belt20-10", "belt20-17", "belt20-18", "belt20-19"),
     belt_claims.lateral_orders,
-    belt_claims.with_isolated,
+    belt_claims.for_lateral_claims,
 )

@@ -11,12 +11,16 @@ import pandas as pd
 from scipy.spatial import KDTree
 
 from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, calibrate_camera
-from kilnflight.belt.pictures import Pictures, Spots, at_rate, average, measure_spots
-from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed
+from kilnflight.belt.pictures import Spots, average, measure_spots
+from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed, Likelihoods
 from kilnflight.checks import check_columns
+from kilnflight.sorter.rendering import Pictures, at_rate
+
+Array = npt.NDArray[np.float64]
 
 Integers = npt.NDArray[np.integer]
 FRAME_OFFSET_MM = 1e6  # a frame apart counts as this distance: more than any belt is long
+_SPOTS = Spots()
 
 
 class PictureTracks(NamedTuple):
@@ -28,7 +32,9 @@ class PictureTracks(NamedTuple):
     followed: Followed
 
 
-def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTracks:
+def track_pictures(
+    pictures: Pictures, background_of: int = 200, spots: Spots = _SPOTS
+) -> PictureTracks:
     """Calibrate, measure and track in pictures of the belt (IV.B).
 
     Parameters
@@ -37,6 +43,8 @@ def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTrack
         A recording of the belt.
     background_of
         Number of pictures, evenly spread, for the background and the area of one particle.
+    spots
+        How spots are found, without that area.
 
     Notes
     -----
@@ -48,21 +56,20 @@ def track_pictures(pictures: Pictures, background_of: int = 200) -> PictureTrack
     step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
     background = average(pictures.frames(range(0, frames, step)))
     calibration = calibrate_camera(FindCorners()(background))
-    spots = _sized(pictures, background, 10 * step)
+    spots = _sized(spots, pictures, background, 10 * step)
     measured = measure_spots(pictures.frames(range(len(pictures))), background, spots, calibration)
     return PictureTracks(background, calibration, measured, BeltTracker()(measured, len(pictures)))
 
 
-def _sized(pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
-    """Return `Spots` with the area of one particle, if the pictures show any.
+def _sized(spots: Spots, pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
+    """Return spots with the area of one particle, if the pictures show any.
 
     Every ``step``-th picture is taken, all of them if these show none.
     """
-    default = Spots()
     for numbers in (range(0, len(pictures), step), range(len(pictures))):
-        if any(len(default(picture, background)) for picture in pictures.frames(numbers)):
-            return default.calibrated(pictures.frames(numbers), background)
-    return default
+        if any(len(spots(picture, background)) for picture in pictures.frames(numbers)):
+            return spots.calibrated(pictures.frames(numbers), background)
+    return spots
 
 
 def particles_in_shared_spots(spots: pd.DataFrame, truth: pd.DataFrame) -> Integers:
@@ -152,7 +159,7 @@ def matrix_of_frame(spots: pd.DataFrame) -> tuple[pd.DataFrame, Integers]:
     steps = tracker.steps(spots)
     step = next(step for step in steps if min(step.pairs.distance_squared.shape) >= 5)
     likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
-    matrix, (n, m) = likelihoods.matrix(), likelihoods.costs.shape
+    matrix, (n, m) = whole_matrix(likelihoods), likelihoods.costs.shape
     rows = [f"track {name}" for name in step.tracks["particle"][:n]] + ["new"] * m
     columns = [f"z{k + 1}" for k in range(m)] + ["unobserved"] * n
     matrix = np.where(np.isinf(matrix), np.nan, matrix)
@@ -168,3 +175,21 @@ def _nearest(table: pd.DataFrame, others: pd.DataFrame) -> npt.NDArray[np.intp]:
         for part in (table, others)
     )
     return np.asarray(KDTree(other_places).query(places)[1])
+
+
+def whole_matrix(likelihoods: Likelihoods) -> Array:
+    """Return the matrix of Fig. 3, (n + m, m + n), inf where a pair is impossible.
+
+    Notes
+    -----
+    Rows n on are "new", each for one measurement; columns m on are "not observed", each for
+    one track. The paper leaves open the corner of both. Here it is 0 (likelihood 1), so that
+    it adds nothing to any solution.
+    """
+    n, m = likelihoods.costs.shape
+    whole = np.full((n + m, m + n), np.inf)
+    whole[:n, :m] = likelihoods.costs
+    whole[n + np.arange(m), np.arange(m)] = -np.log(likelihoods.new)
+    whole[np.arange(n), m + np.arange(n)] = -np.log(likelihoods.unobserved)
+    whole[n:, m:] = 0.0
+    return whole

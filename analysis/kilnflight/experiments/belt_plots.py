@@ -17,12 +17,13 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator
 
 from kilnflight.belt.evaluation import predictions
+from kilnflight.belt.models import BELT_WIDTH_MM
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.checks import InputError
 from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas, draw_boxes
 
 NOZZLES = 8  # Fig. 4
-PITCH_MM = 180.0 / NOZZLES  # the belt's width, section 3
+PITCH_MM = BELT_WIDTH_MM / NOZZLES  # the belt's width, section 3
 OPEN_MS = 4.0  # a sphere of 5 mm passes in 3.5 ms at 1.4 m/s; our choice
 PANELS = {"optimal": "right valve and time", "Straight": "wrong valve", "CV-CV": "wrong time"}
 

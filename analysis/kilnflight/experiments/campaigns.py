@@ -37,7 +37,7 @@ from kilnflight.tables import AXES, TRAJECTORIES
 from kilnflight.twin import truth
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene
+from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, scene_name
 
 CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
@@ -79,17 +79,18 @@ class Settings:
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0) -> Settings:
+def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> Settings:
     """Return threshold, wall and limit from the labelled frames of the five subsets."""
-    make = partial(_settings, scale, seed)
-    values = CachedTable("settings", make, {"scale": scale, "seed": seed})().iloc[0].tolist()
+    make = partial(_settings, scale, seed, scenario)
+    depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
+    values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
     return Settings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
-def _settings(scale: str, seed: int) -> pd.DataFrame:
+def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     """Return the settings in one row: threshold, radius, limit, centre, direction."""
-    subsets = detection.labelled_subsets(scale, seed)
+    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
@@ -150,7 +151,7 @@ def campaigns(
 
 
 def _run(name: str, scale: str, settings: Settings, seed: int, scenario: str) -> KilnRun:
-    source = TwinSource(name if scenario == "base" else f"{name}@{scenario}", seed)
+    source = TwinSource(scene_name(name, scenario), seed)
     twin = open_scene(source.name, seed)  # its flights are not worked out here
     first, count = FRAMES[scale]
     stop = min(first + count, len(twin)) if count else len(twin)

@@ -83,11 +83,14 @@ class Subset(NamedTuple):
     cache: dict[int, View] | None = None
 
 
-def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]:
+def labelled_subsets(
+    scale: str, seed: int = 0, frames: int = 0, scenario: str = "base"
+) -> list[Subset]:
     """Return the subsets of the twin, each with its first labelled frames.
 
     ``scale`` is "quick" (two subsets), "standard" or "full", ``seed`` that of the scenes. There
-    are ``frames`` of each; 0: 1, 1 or 10 by scale.
+    are ``frames`` of each; 0: 1, 1 or 10 by scale. ``scenario`` is one of
+    `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """
     if scale not in FRAMES or not 0 <= frames <= len(scenes.LABELLED):
         raise InputError(
@@ -96,7 +99,7 @@ def labelled_subsets(scale: str, seed: int = 0, frames: int = 0) -> list[Subset]
         )
     labelled = scenes.LABELLED[: frames or FRAMES[scale]]
     names = SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS
-    twins = [scenes.cached_scene(name, seed) for name in names]
+    twins = [scenes.cached_scene(scenes.scene_name(name, scenario), seed) for name in names]
     return [labelled_subset(twin, labelled, BACKGROUNDS[scale]) for twin in twins]
 
 

@@ -32,6 +32,7 @@ from kilnflight.experiments.plots import (
     examples,
 )
 from kilnflight.experiments.space import draw_curves, draw_flown_paths
+from kilnflight.experiments.twin_statements import FURTHEST, z_scores
 from kilnflight.flight import kept
 from kilnflight.project.style import (
     COLOURS,
@@ -429,4 +430,30 @@ def draw_true_dwell(table: pd.DataFrame) -> Figure:
             draw_boxes(axes, rows)
             names = list(rows["fraction"])
             axes.set(title=f"{version}, {bar} bar", xticks=range(len(names)), xticklabels=names)
+    return picture
+
+
+def draw_facts(table: pd.DataFrame) -> Figure:
+    """Draw how many tolerances each fact lies outside its bounds: a panel for each campaign.
+
+    ``table`` is of `twin_statements.statement_table`. Filled: measured; open: true. What lies
+    farther out than the panel is drawn at its edge.
+    """
+    keys = list(table[KEYS].drop_duplicates().itertuples(index=False, name=None))
+    pressures, most = sorted({bar for _, bar in keys}), 6.0
+    names = list(dict.fromkeys(name for name, _ in keys))
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 48 * len(names), "sharex": True}
+    picture, grid = canvas(len(names), len(pressures), **size)
+    for (i, name), (j, bar) in product(enumerate(names), enumerate(pressures)):
+        rows = table[(table["fraction"] == name) & (table["pressure_bar"] == bar)]
+        axes, true = grid[i, j], z_scores(rows, rows["true"])
+        axes.axvspan(-FURTHEST, FURTHEST, color="0.9")
+        places = np.arange(len(rows))
+        axes.plot(true.clip(-most, most), places, "D", ms=4, mfc="none", color=COLOURS[2], ls="")
+        axes.plot(rows["z"].clip(-most, most), places, "o", ms=4, color=COLOURS[0], ls="")
+        axes.set_yticks(places, rows["fact"].str.split(": ").str[1], fontsize=5)
+        axes.set(title=f"{name}, {bar} bar", xlim=(-most - 0.5, most + 0.5))
+        axes.invert_yaxis()
+    for axes in grid[-1]:
+        axes.set_xlabel("outside the published bounds (tolerances)")
     return picture

@@ -44,7 +44,7 @@ from kilnflight.project import style
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
+from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
 
 MARGIN = 150  # frames between a window and those for settings: no shared background
@@ -98,6 +98,7 @@ def windows(
     jobs: int = 1,
     frames: Callable[[Twin, str], range] = scored_frames,
     piece: int = 0,
+    scenario: str = "base",
 ) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
@@ -115,10 +116,12 @@ def windows(
         Which frames of a campaign, by scale.
     piece
         If not 0, detections are those of whole pieces of so many frames; without differences.
+    scenario
+        Of `kilnflight.twin.scenes.SCENARIOS`.
     """
     parts = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        name = campaign_name(fraction, 4.5)
+        name = scene_name(campaign_name(fraction, 4.5), scenario)
         source = kiln.TwinSource(name, seed)
         twin = source.recording()
         wanted = frames(twin, scale)

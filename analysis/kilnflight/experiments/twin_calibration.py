@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,14 @@ from kilnflight.experiments import statements
 from kilnflight.project import cache
 from kilnflight.twin import truth
 from kilnflight.twin.camera import Geometry
-from kilnflight.twin.fitted import FLIGHT_FILE, FlightInputs, Kiln, LightInputs
+from kilnflight.twin.fitted import (
+    FLIGHT_FILE,
+    FlightInputs,
+    Kiln,
+    LightInputs,
+    SecondInputs,
+    SecondLightInputs,
+)
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 
@@ -32,7 +39,7 @@ PARTICLES = 300  # per campaign and evaluation
 SEED = 45  # of the particles (the same for all evaluations) and of the search
 STEP_S = 1e-3  # twice the usual one: medians differ by less than 4 %, half the time
 Array = npt.NDArray[np.float64]
-Inputs = TypeVar("Inputs", FlightInputs, LightInputs)
+Inputs = TypeVar("Inputs", FlightInputs, LightInputs, SecondInputs, SecondLightInputs)
 
 
 @dataclass(frozen=True)
@@ -60,28 +67,29 @@ class Search(Generic[Inputs]):
     logarithmic: tuple[str, ...]
     digits: int
     seed: int
-    population: int
-    generations: int
-    from_defaults: bool
+    population: int = 7
+    generations: int = 16
+    from_defaults: bool = True
+    method: ClassVar[str] = "scipy.optimize.differential_evolution"
 
     def __call__(self, cost: Callable[[Inputs], float]) -> tuple[Inputs, int]:
         """Return the inputs of least cost, and how often cost was evaluated."""
-        low, high = (self._point(corner) for corner in zip(*self.limits.values(), strict=True))
+        low, high = (self.point(corner) for corner in zip(*self.limits.values(), strict=True))
 
         def evaluate(point: Array) -> float:
-            return cost(self._inputs(point))
+            return cost(self.inputs(point))
 
         result = differential_evolution(
             evaluate,
             Bounds(low, high),
-            x0=self._point(asdict(self.kind()).values()) if self.from_defaults else None,
+            x0=self.point(asdict(self.kind()).values()) if self.from_defaults else None,
             popsize=self.population,
             maxiter=self.generations,
             tol=0.0,
             polish=False,
             seed=self.seed,
         )
-        return self._inputs(result.x), int(result.nfev)
+        return self.inputs(result.x), int(result.nfev)
 
     def content(self, cost: Callable[[Inputs], float], targets: object) -> dict[str, Any]:
         """Return what a calibration's file holds: values and where they come from."""
@@ -95,15 +103,16 @@ class Search(Generic[Inputs]):
             "limits": self.limits,
             "seed": self.seed,
             "evaluations": evaluations,
-            "search": "scipy.optimize.differential_evolution",
+            "search": self.method,
             "version": __version__,
         }
 
-    def _point(self, values: Iterable[float]) -> Array:
+    def point(self, values: Iterable[float]) -> Array:
+        """Return values of the fields as a point of the search."""
         pairs = zip(self.limits, values, strict=True)
         return np.array([np.log(v) if name in self.logarithmic else v for name, v in pairs])
 
-    def _inputs(self, point: Array) -> Inputs:
+    def inputs(self, point: Array) -> Inputs:
         """Return a point of the search as inputs, rounded as they will be written."""
         pairs = zip(self.limits, point, strict=True)
         values = {name: np.exp(v) if name in self.logarithmic else v for name, v in pairs}
@@ -126,28 +135,30 @@ SEARCH = Search(
     logarithmic=("extinction_1_s",),
     digits=4,
     seed=SEED,
-    population=7,
-    generations=16,
-    from_defaults=True,
 )
 
 
 def cost(
     inputs: FlightInputs, targets: pd.DataFrame, count: int = PARTICLES, seed: int = SEED
 ) -> float:
+    """Return the `kiln_cost` of inputs, all else as in the first twin."""
+    kiln = Kiln(*inputs.applied(Flight(step_s=STEP_S), Gas()), Geometry())
+    return kiln_cost(kiln, targets, count, seed)
+
+
+def kiln_cost(kiln: Kiln, targets: pd.DataFrame, count: int, seed: int) -> float:
     """Return the sum of squared misfits to the targets, in units of their bounds.
 
     Parameters
     ----------
-    inputs
-        Inputs to evaluate.
+    kiln
+        What to evaluate.
     targets
         `kilnflight.experiments.statements.calibration_targets`.
     count, seed
         Particles per campaign; the same seed gives the same ones for all inputs.
     """
-    applied = Kiln(*inputs.applied(Flight(step_s=STEP_S), Gas()), Geometry())
-    flights = {key: truth.released(*key, applied, count, seed) for key in statements.FIT_CAMPAIGNS}
+    flights = {key: truth.released(*key, kiln, count, seed) for key in statements.FIT_CAMPAIGNS}
     values = statements.answer(targets, statements.true_outcomes(flights))
     return float((statements.misfits(targets, values) ** 2).sum())
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,11 +27,10 @@ from kilnflight.experiments import detection
 from kilnflight.experiments.twin_calibration import Search
 from kilnflight.project import cache, claims
 from kilnflight.scores import rates
-from kilnflight.twin.background import Background
 from kilnflight.twin.fitted import LIGHT_FILE, LightInputs
 from kilnflight.twin.life import Life
 from kilnflight.twin.particles import FRACTIONS
-from kilnflight.twin.scene import Twin
+from kilnflight.twin.scene import Scene, Twin
 from kilnflight.twin.scenes import FRAMES, LABELLED, SUBSETS, subset_scene
 
 EVERY = 7  # frames of a subset that are rendered: 23 for the background, two of them labelled
@@ -81,10 +80,12 @@ SEARCH = Search(
 class SparseMedian:
     """The temporal median of every few frames of a subset."""
 
+    rendered: range = RENDERED
+
     def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[npt.NDArray[np.float32]]:
-        """Yield the foreground (rows, cols) of each requested frame, one of `RENDERED`."""
-        few = [frames[t] for t in RENDERED]
-        return Median(window=len(few))(few, [RENDERED.index(t) for t in indices])
+        """Yield the foreground (rows, cols) of each requested frame, one of them."""
+        few = [frames[t] for t in self.rendered]
+        return Median(window=len(few))(few, [self.rendered.index(t) for t in indices])
 
 
 def otsu_targets() -> pd.DataFrame:
@@ -94,7 +95,18 @@ def otsu_targets() -> pd.DataFrame:
     return rates.assign(unlit=pd.Series(UNLIT_RECALL)).reset_index()
 
 
-def relit(twin: Twin, inputs: LightInputs) -> Twin:
+# Of a background, what costs time and holds in any light
+LIGHTLESS = ("_edges", "solid_mm", "flame", "_patterns")
+
+
+class Inputs(Protocol):
+    """Inputs of the picture."""
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return a scene with these inputs."""
+
+
+def relit(twin: Twin, inputs: Inputs) -> Twin:
     """Return a recording in other light; its flights and what costs time are shared."""
     before, scene = twin.scene, inputs.applied(twin.scene)
     wall, old_wall = scene.on_the_wall, before.on_the_wall
@@ -102,24 +114,24 @@ def relit(twin: Twin, inputs: LightInputs) -> Twin:
     sheet = np.array([FRACTIONS[name].sheet for name in table["fraction"]], dtype=bool)
     longer = np.where(sheet, wall.sheet_s / old_wall.sheet_s, wall.body_s / old_wall.body_s)
     table = table.assign(flame_s=table["flame_s"] * longer, flicker_share=wall.share_on)
-    background = Background(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+    background = type(known)(scene.geometry, scene.optics, scene.surroundings, scene.seed)
     brighter = np.float32(scene.optics.wall_level / before.optics.wall_level)
-    background.__dict__.update(level=known.level * brighter, _edges=known._edges)
+    shared = {name: getattr(known, name) for name in LIGHTLESS if hasattr(known, name)}
+    background.__dict__.update(shared, level=known.level * brighter)
     other = Twin(scene)
     other.__dict__.update(
         life=Life(table, twin.life.flights),
         _background=background,
         _noise=twin._noise,
+        _wall=twin._wall,  # the cloud's, which takes no part
     )
     return other
 
 
-def otsu_row(twins: Iterable[Twin], inputs: LightInputs) -> pd.DataFrame:
+def otsu_row(twins: Iterable[Twin], inputs: Inputs, rendered: range = RENDERED) -> pd.DataFrame:
     """Return the rates of Otsu's method on the subsets: the columns of `targets`."""
-    frames = [t for t in RENDERED if t in LABELLED]
-    subsets = (
-        detection.labelled_subset(relit(twin, inputs), frames, SparseMedian()) for twin in twins
-    )
+    frames, median = [t for t in rendered if t in LABELLED], SparseMedian(rendered)
+    subsets = (detection.labelled_subset(relit(twin, inputs), frames, median) for twin in twins)
     table = detection.run(subsets, {"Otsu": detection.from_foreground(Otsu())})
     counts = table.groupby("subset", sort=False).sum(numeric_only=True).reset_index()
     row = rates(*(counts[count] for count in detection.COUNTS))[["precision", "recall"]]

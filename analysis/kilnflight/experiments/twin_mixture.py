@@ -1,6 +1,7 @@
 """The twin's particles beside Tables 5.2 and 5.3, and how much to feed for the counts.
 
-Run as ``python -m kilnflight.experiments.twin_mixture``. The sizes of the three handfuls of
+Run as ``python -m kilnflight.experiments.twin_mixture``, with ``second-flight`` or other scenarios
+behind it as ``V1@...`` has them. The sizes of the three handfuls of
 a subset (`kilnflight.twin.scenes.HANDFULS`) are found from what a large handful of each
 shows; the printed sizes are copied into `kilnflight.twin.scenes.SIZES` by hand. Only the feed is
 found here; no label is ever placed by hand.
@@ -8,7 +9,9 @@ found here; no label is ever placed by hand.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import reduce
 from itertools import count, product
 
 import numpy as np
@@ -20,7 +23,7 @@ from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import light_inputs
 from kilnflight.twin.scene import Scene, Twin
-from kilnflight.twin.scenes import HANDFULS, LABELLED, SUBSETS, subset_scene
+from kilnflight.twin.scenes import HANDFULS, LABELLED, SCENARIOS, SUBSETS, subset_scene
 
 CLOSE = 0.08  # a class count off by less is close enough; the rule is 10 % (design)
 LARGE = 300  # particles of the handful that shows how many sightings a particle yields
@@ -77,8 +80,16 @@ def counted(scene: Scene) -> Counts:
     return total
 
 
-def solve(name: str, seed: int, rounds: int = 6, tries: int = 40) -> dict[str, int]:
+def solve(
+    name: str,
+    seed: int,
+    rounds: int = 6,
+    tries: int = 40,
+    varied: Callable[[Scene], Scene] = SCENARIOS["base"],
+) -> dict[str, int]:
     """Return the handfuls whose labelled frames count as Table 5.2 does.
+
+    ``varied`` is what scenarios make of the scene.
 
     A large handful of each kind shows how many sightings a particle yields; least squares
     without negative sizes gives the sizes; a few rounds correct for chance, and `refine`
@@ -88,7 +99,7 @@ def solve(name: str, seed: int, rounds: int = 6, tries: int = 40) -> dict[str, i
     off: dict[tuple[int, ...], float] = {}
 
     def shown(sizes: dict[str, int]) -> Counts:
-        return counted(light_inputs().applied(subset_scene(name, sizes, seed)))
+        return counted(varied(light_inputs().applied(subset_scene(name, sizes, seed))))
 
     def measure(sizes: tuple[int, ...]) -> Counts:
         counts = shown(dict(zip(HANDFULS, sizes, strict=True)))
@@ -139,15 +150,20 @@ def neighbours(sizes: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
             yield tuple(changed)
 
 
-def main() -> int:
+def main(joined: str = "base") -> int:
     """Print the handfuls of every subset, and the counts they show beside Table 5.2."""
+
+    def varied(scene: Scene) -> Scene:
+        return reduce(lambda each, name: SCENARIOS[name](each), joined.split("+"), scene)
+
     for number, name in enumerate(SUBSETS, start=1):
-        sizes = solve(name, number)
-        counts = counted(light_inputs().applied(subset_scene(name, sizes, number))).astype(int)
+        sizes = solve(name, number, varied=varied)
+        scene = varied(light_inputs().applied(subset_scene(name, sizes, number)))
         published = published_counts(name).astype(int)
+        counts = counted(scene).astype(int)
         print(f"{name}: {sizes} shows {counts}, published {published}", flush=True)
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(*sys.argv[1:]))

@@ -17,13 +17,17 @@ camera      kiln, lance and camera; light into grey values; depth and its error
 gas         stream and jet; drag, heat transfer, conduction
 particles   the feed: sizes, masses, material, handfuls and their times
 burning     the state of a particle in flight: heating, ignition, burning
+plates      sheets that turn: normal, spin, force and heat
 flight      from the lance to the end
 life        all particles of a scene at any moment
+light       the second look's: Planck in the camera's band, flames that live
+burner      lance and burner as bodies, and the burner's flame
 background  the picture without particles
 picture     particles as ellipses in the picture, marked as by a person
 scene       `Scene` and `Twin`, its recording
 scenes      the five subsets, the eight campaigns, the scenarios
 truth       tables of the truth; true velocities and dwell times of flights
-fitted      the few fitted inputs (calibrated.json, exposure.json)
+fitted      the few fitted inputs (calibrated, exposure, flight and light.json)
+poses       where camera and lance may stand: mode and draws (pose.json)
 ==========  =====================================================================
 """

@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.twin.burner import Burner, Flame, Tube, burner_tube, lance_tube
 from kilnflight.twin.camera import Geometry, Optics
+from kilnflight.twin.picture import Veil
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
@@ -34,6 +36,8 @@ class Surroundings:
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
     flame_level: float = 60_000.0  # "very bright" (sec. 3.1): most of it saturates
     flame_flicker: float = 0.35  # relative, of its eddies
+    # Of the second look: cooled tubes, and a flame of soot in place of the two values above.
+    burner: Burner | None = None
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
     edge_strength: float = 0.10  # relative
     # Polygon of the region of interest, as share of rows and columns: not published, set by
@@ -186,3 +190,121 @@ class Background:
         first, last, left, right = self.surroundings.flame_roi
         picture[first:last, left:right] += self._flame(time_s)
         return picture
+
+
+WAVES = 12  # of the flicker's frequencies
+FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
+FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
+FULL_COLUMNS = 2048
+
+
+@dataclass(frozen=True)
+class LivingBackground(Background):
+    """The picture without particles of the second look.
+
+    Lance and burner stand in the kiln, the inlet plate is smooth, the burner's flame is soot
+    that lets light through, and the flicker of hot gas has no lattice. All is positive.
+    """
+
+    @cached_property
+    def tubes(self) -> list[Tube]:
+        """The tubes of lance and burner."""
+        burner = self._burner
+        return [
+            lance_tube(burner, self.geometry),
+            burner_tube(burner, self.geometry, self.surroundings.flame_roi),
+        ]
+
+    @property
+    def _burner(self) -> Burner:
+        return self.surroundings.burner or Burner()
+
+    @cached_property
+    def solid_mm(self) -> Picture:
+        """Depth of lance and burner, (rows, columns); infinite where there is neither."""
+        row, column = np.indices((self.geometry.rows, self.geometry.columns), dtype=np.float64)
+        nearest = np.full(row.shape, np.inf)
+        for tube in self.tubes:
+            nearest = np.minimum(nearest, tube.seen(self.geometry, row, column)[0])
+        return np.where(nearest < _depth_mm(self.geometry), nearest, np.inf).astype(np.float32)
+
+    @cached_property
+    def depth_mm(self) -> Array:
+        """True depth of wall, plate, lance and burner, (rows, columns)."""
+        return np.minimum(_depth_mm(self.geometry), self.solid_mm)
+
+    @cached_property
+    def level(self) -> Picture:
+        """Grey values of wall, plate and tubes, (rows, columns), without flicker and noise."""
+        place, around, optics = self.geometry, self.surroundings, self.optics
+        depth = _depth_mm(place)
+        pixels: Array = np.indices(depth.shape, dtype=np.float64)
+        row, column = np.asarray(pixels[0]), np.asarray(pixels[1])
+        camera = place.unproject(row, column, depth)
+        point = place.to_kiln(camera)
+        plate = point[..., 0] <= place.inlet_m + 0.01
+        angle = np.arctan2(point[..., 2], point[..., 1])
+        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
+        kelvin = np.where(plate, around.plate_k, optics.wall_k + around.texture_k * wall)
+        level: Array = optics.glow(kelvin) + self.flame.lights(camera, optics)
+        for tube in self.tubes:
+            seen_mm, shade = tube.seen(place, row, column)
+            level = np.where(seen_mm < depth, shade * optics.at_wall, level)
+        soft = cv2.GaussianBlur(level * self._vignetting(), (0, 0), optics.edge_softness_px)
+        return soft.astype(np.float32)
+
+    @cached_property
+    def flame(self) -> Flame:
+        """The burner's flame."""
+        tube = self.tubes[1]
+        return Flame(self._burner, tube, self.geometry, self.surroundings.flame_roi, self.seed)
+
+    @cached_property
+    def _patterns(self) -> tuple[Array, npt.NDArray[np.float32]]:
+        """Frequencies (waves,) in Hz and smooth patterns (2 waves, cells) of the flicker."""
+        around, generator = self.surroundings, np.random.default_rng([self.seed, 105])
+        corner = 1 / (2 * np.pi * around.flicker_time_s)
+        strata = (np.arange(WAVES) + generator.uniform(0, 1, WAVES)) / WAVES
+        size = self._cells
+        spread = FLICKER_PX * self.geometry.columns / FULL_COLUMNS / self._block
+        noise = generator.normal(size=(2 * WAVES, *size)).astype(np.float32)
+        smooth = np.stack([cv2.GaussianBlur(one, (0, 0), spread) for one in noise])
+        smooth *= around.flicker / (smooth.std() * np.sqrt(WAVES))
+        return corner * np.tan(np.pi / 2 * strata), smooth.reshape(2 * WAVES, -1)
+
+    @property
+    def _block(self) -> int:
+        return max(1, FLICKER_BLOCK * self.geometry.columns // FULL_COLUMNS)
+
+    @property
+    def _cells(self) -> tuple[int, int]:
+        return -(-self.geometry.rows // self._block), -(-self.geometry.columns // self._block)
+
+    def _local(self, time_s: float) -> Picture:
+        """Return the flicker of hot gas (rows, columns): positive factors about 1."""
+        hertz, patterns = self._patterns
+        angle = 2 * np.pi * hertz * time_s
+        weights = np.concatenate([np.cos(angle), np.sin(angle)]).astype(np.float32)
+        field = np.exp(weights @ patterns) * np.float32(np.exp(self.common(time_s) - 1))
+        size = (self.geometry.columns, self.geometry.rows)
+        return cv2.resize(field.reshape(self._cells), size, interpolation=cv2.INTER_LINEAR)
+
+    def at(self, time_s: float) -> Picture:
+        """Return the picture (rows, columns) at a time, without particles and noise."""
+        return self.veiled(time_s)[0]
+
+    def veiled(self, time_s: float) -> tuple[Picture, Veil]:
+        """Return the picture and the burner's flame that is in it."""
+        picture = self._local(time_s)
+        artefacts = np.float32(self.surroundings.edge_strength * self.common(2 * time_s))
+        edge = self.surroundings.edge_px
+        middle = slice(edge, -edge)
+        for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
+            picture[strip] *= 1 + self._edges[strip] * artefacts
+        picture *= self.level
+        veil = self.flame.at(time_s, self.optics)
+        top, bottom, left, right = veil.rectangle
+        behind = picture[top:bottom, left:right]
+        behind *= veil.passing
+        behind += veil.own
+        return picture, veil

@@ -76,6 +76,7 @@ class State:
     """
 
     kind: Fraction
+    char_thins: bool  # charred sheets keep their area
     index: npt.NDArray[np.intp]  # row of the particle among all
     diameter_m: Array
     short_m: Array  # shorter side of the broadside
@@ -95,6 +96,11 @@ class State:
     char_kg: Array
     burning: npt.NDArray[np.int8]
     fulfilled: npt.NDArray[np.bool_]  # (active, 3): ignition criteria of the step before
+    length_m: Array  # that convection goes by
+    # Of plates (`kilnflight.twin.plates`), NaN and 0 of others
+    normal: Array  # (active, 3) unit vectors
+    along: Array  # (active, 3) unit vectors in the plane, along the axis of spin
+    spin_1_s: Array  # rad/s
 
     @classmethod
     def at_rest(cls, particles: Particles, nodes: int, temperature_k: float) -> State:
@@ -102,6 +108,7 @@ class State:
         n, kind, dry = len(particles), particles.fraction, particles.dry_mass_kg
         return cls(
             kind=kind,
+            char_thins=False,
             index=np.arange(n),
             diameter_m=particles.diameter_m,
             short_m=np.minimum(particles.length_m, particles.width_m),
@@ -121,11 +128,15 @@ class State:
             char_kg=dry * (1 - kind.volatile_share),
             burning=np.full(n, UNLIT, dtype=np.int8),
             fulfilled=np.zeros((n, 3), dtype=bool),
+            length_m=particles.diameter_m,
+            normal=np.full((n, 3), np.nan),
+            along=np.full((n, 3), np.nan),
+            spin_1_s=np.zeros(n),
         )
 
     def keep(self, rows: npt.NDArray[np.bool_]) -> None:
         """Drop the particles whose flight has ended."""
-        for field in fields(self)[1:]:
+        for field in fields(self)[2:]:
             setattr(self, field.name, getattr(self, field.name)[rows])
 
     @property
@@ -153,8 +164,11 @@ class State:
 
     @property
     def area_share(self) -> Array:
-        """Share of the broadside area that is left, (active,): charred sheets crumble."""
-        return np.where((self.burning == CHAR) & self.kind.sheet, self.char_share, 1.0)
+        """Share of the broadside area that is left, (active,): charred sheets crumble, or thin."""
+        charred = self.burning == CHAR
+        if not charred.any() or not self.kind.sheet or self.char_thins:
+            return np.ones(len(charred))
+        return np.where(charred, self.char_share, 1.0)
 
     @property
     def release_mass_kg(self) -> Array:
@@ -174,7 +188,7 @@ def heat_and_burn(
     state: State, wall_k: Array | float, gas_k: Array, slip_m_s: Array, step_s: float
 ) -> None:
     """Advance temperatures and masses by one step, in place."""
-    coefficient = heat_transfer(slip_m_s, state.diameter_m, gas_k)
+    coefficient = heat_transfer(slip_m_s, state.length_m, gas_k)
     flux = heat_flux(state.surface_k, gas_k, wall_k, coefficient, state.kind.emissivity)
     unlit = state.burning == UNLIT
     nodes, surface = _heated(state, flux, step_s)

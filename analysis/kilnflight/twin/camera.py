@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.camera import PLATE_DISTANCES_MM, invert_depth
-from kilnflight.checks import check_positive
+from kilnflight.checks import InputError, check_positive
+from kilnflight.twin.light import Light, band_radiance
 
 Array = npt.NDArray[np.float64]
 
@@ -60,9 +61,29 @@ class Geometry:
     focal_length_px: float = 85.0 / 0.011
 
     def __post_init__(self) -> None:
-        """Refuse what no camera could see."""
+        """Refuse a lance outside the kiln, and a wall outside the picture."""
         for name in ("kiln_radius_mm", "lance_depth_mm", "focal_length_px", "rows", "columns"):
             check_positive(float(getattr(self, name)), f"Geometry: {name}")
+        radius_mm = 1000.0 * float(np.hypot(*self.lance_m[1:]))
+        if radius_mm >= self.kiln_radius_mm or not self.inlet_m <= 0.0 <= self.outlet_m:
+            raise InputError(
+                f"Geometry: the lance exit is {radius_mm:.0f} mm from the axis at a depth of "
+                f"{self.lance_depth_mm:.0f} mm, outside the kiln. Change lance_depth_mm, "
+                "axis_height_mm or lance_pixel."
+            )
+        if not self._shows_wall():
+            raise InputError(
+                f"Geometry: the wall is out of the picture with axis_height_mm "
+                f"{self.axis_height_mm:.0f} and axis_far_mm {self.axis_far_mm}. Change one of them."
+            )
+
+    def _shows_wall(self) -> bool:
+        """Return whether one of 81 pixels all over the picture shows the wall."""
+        row, column = np.meshgrid(*(np.linspace(0, n - 1, 9) for n in (self.rows, self.columns)))
+        seen = self.to_kiln(self.unproject(row, column, self.wall_depth(row, column)))
+        along, radius = seen[..., 0], 1000.0 * np.hypot(seen[..., 1], seen[..., 2])
+        wall = np.abs(radius - self.kiln_radius_mm) < 1.0
+        return bool((wall & (along > self.inlet_m) & (along < self.outlet_m)).any())
 
     @cached_property
     def lance_mm(self) -> Array:
@@ -170,14 +191,31 @@ class Optics:
     irradiance: float = 1.0
     flame_softness: float = 0.35  # width of its edge over its radius; assumption
     edge_softness_px: float = 0.8  # blur of the processed image; assumption
+    light: Light | None = None  # of the second look; None: the first, deaf to the exposure
 
     def __post_init__(self) -> None:
-        """Refuse levels that are not positive."""
+        """Refuse levels that are not positive, and light of which nothing would be left."""
         for name in ("wall_level", "wall_k", "read_noise", "shot_gain", "exposure_s"):
             check_positive(float(getattr(self, name)), f"Optics: {name}")
+        if self.at_wall >= FULL_SCALE:
+            raise InputError(
+                f"Optics: the wall's grey value would be {self.at_wall:.0f}, so that all is "
+                f"saturated (full scale {FULL_SCALE:.0f}); lower exposure_s or wall_level."
+            )
+
+    @property
+    def at_wall(self) -> float:
+        """Grey value of a black surface as hot as the wall at this exposure."""
+        brighter = self.exposure_s / self.light.shutter_s if self.light else 1.0
+        return self.wall_level * brighter
 
     def glow(self, temperature_k: npt.ArrayLike) -> Array:
-        """Return the grey value of a black surface by Planck's law at one wavelength."""
+        """Return the grey value of a black surface by Planck's law.
+
+        In the camera's band, unlimited; in the first twin at one wavelength, up to full scale.
+        """
+        if self.light:
+            return self.at_wall * band_radiance(temperature_k) / band_radiance(self.wall_k)
         temperature = np.maximum(np.asarray(temperature_k, dtype=np.float64), 250.0)
         exponent = SECOND_RADIATION_M_K / WAVELENGTH_M
         change = np.exp(exponent / self.wall_k - exponent / temperature)

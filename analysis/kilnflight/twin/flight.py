@@ -2,7 +2,8 @@
 
 A particle is a point with a mass, a mean area and a temperature. It leaves the lance with
 a slip, is dragged by stream, jet and turbulence, and pushed aside by a lift that wanders
-(tumbling). It heats up, may ignite, and ends on the wall, burnt out or out of the kiln.
+(tumbling). With `Plates` a sheet turns, and is pushed as it faces the wind. Particles heat up, may
+ignite, and end on the wall, burnt out or out of the kiln.
 Kiln coordinates in metres, SI units; time counts from the particle's release.
 """
 
@@ -29,10 +30,12 @@ from kilnflight.twin.burning import (
 from kilnflight.twin.camera import Geometry, unit_vectors
 from kilnflight.twin.gas import GRAVITY_M_S2, Gas, density, disc_drag, reynolds, sphere_drag
 from kilnflight.twin.particles import SPHERE, Particles
+from kilnflight.twin.plates import Plates, release, turn, velocity_after
 
 Array = npt.NDArray[np.float64]
 
 SAMPLED = ("position_m", "velocity_m_s", "surface_k", "area", "state")
+TURNED = ("normal", "along")
 ENDS = ("landed", "burnt out", "left the kiln", "still flying")
 
 
@@ -56,7 +59,8 @@ class Flight:
     slip_spread: float = 0.08  # relative, of the exit velocity; assumption
     launch_elevation_deg: float = 0.0  # of the lance over the axis; assumption
     launch_spread_factor: float = 1.0  # on the fractions' own spread
-    lift_time_s: float = 0.15  # correlation time of the lift's direction; assumption
+    lift_time_s: float = 0.15  # correlation time of the lift's (axis's) direction; assumption
+    plates: Plates | None = None  # of sheets, in place of mean area and wandering lift
     ignition_gas_k: float = 950.0  # the gas around must be hotter; assumption
     extinction_1_s: float = 800.0  # slip over size that blows a flame off; assumption
     volatiles: VolatileIgnition | None = None  # in place of surface temperature and slip over size
@@ -84,6 +88,10 @@ class Flights(NamedTuple):
     end_s: Array  # (n,)
     end: npt.NDArray[np.int8]  # (n,), index into ENDS
     end_position_m: Array  # (n, 3)
+    # Of plates, (n, samples, 3): normal and long side, NaN of what is no sheet. None without
+    # `Flight.plates`.
+    normal: npt.NDArray[np.float32] | None = None
+    along: npt.NDArray[np.float32] | None = None
 
     @classmethod
     def blank(cls, n: int, settings: Flight) -> Flights:
@@ -91,10 +99,11 @@ class Flights(NamedTuple):
         every = sample_steps(settings) * settings.step_s
         samples = int(settings.longest_s / every) + 2
         unknown = np.full((n, samples), np.nan, dtype=np.float32)
+        vectors = np.full((n, samples, 3), np.nan, dtype=np.float32)
         return cls(
             age_s=every * np.arange(samples, dtype=np.float64),
-            position_m=np.full((n, samples, 3), np.nan, dtype=np.float32),
-            velocity_m_s=np.full((n, samples, 3), np.nan, dtype=np.float32),
+            position_m=vectors,
+            velocity_m_s=vectors.copy(),
             surface_k=unknown,
             area=unknown.copy(),
             state=np.full((n, samples), -1, dtype=np.int8),
@@ -103,13 +112,16 @@ class Flights(NamedTuple):
             end_s=np.full(n, np.nan),
             end=np.full(n, -1, dtype=np.int8),
             end_position_m=np.full((n, 3), np.nan),
+            normal=vectors.copy() if settings.plates else None,
+            along=vectors.copy() if settings.plates else None,
         )
 
     @classmethod
     def joined(cls, parts: Sequence[Flights]) -> Flights:
         """Return the flights of several fractions one after the other, before `cut`."""
         columns = zip(*(part[1:] for part in parts), strict=True)
-        return cls(parts[0].age_s, *(np.concatenate(column) for column in columns))
+        whole = (None if column[0] is None else np.concatenate(column) for column in columns)
+        return cls._make([parts[0].age_s, *whole])
 
     def store(self, column: int, state: State) -> None:
         """Store the present state as a sample."""
@@ -119,6 +131,9 @@ class Flights(NamedTuple):
         self.surface_k[rows, column] = state.surface_k
         self.area[rows, column] = state.area_share
         self.state[rows, column] = state.burning
+        if self.normal is not None and self.along is not None:
+            self.normal[rows, column] = state.normal
+            self.along[rows, column] = state.along
 
     def store_end(self, state: State, over: npt.NDArray[np.int8], time_s: float) -> None:
         """Store time, kind and place of the flights that have ended."""
@@ -130,12 +145,14 @@ class Flights(NamedTuple):
     def cut(self) -> Flights:
         """Return the flights without the samples that no particle has reached."""
         count = int((self.state >= 0).any(axis=0).sum())
-        short = {name: getattr(self, name)[:, :count] for name in SAMPLED}
+        names = SAMPLED if self.normal is None else SAMPLED + TURNED
+        short = {name: getattr(self, name)[:, :count] for name in names}
         return self._replace(age_s=self.age_s[:count], **short)
 
     def only(self, rows: npt.NDArray[np.generic]) -> Flights:
         """Return the flights of some particles, by a mask or their numbers."""
-        return Flights(self.age_s, *(field[rows] for field in self[1:]))
+        chosen = (None if field is None else field[rows] for field in self[1:])
+        return Flights._make([self.age_s, *chosen])
 
 
 def sample_steps(settings: Flight) -> int:
@@ -223,6 +240,10 @@ def launch(
     """Return the particles as they leave the lance."""
     n = len(particles)
     state = State.at_rest(particles, settings.nodes, gas.lance_temperature_k)
+    plates = settings.plates if state.kind.sheet else None
+    if plates:
+        state.char_thins = plates.char_thins
+        state.orientation = np.full(n, plates.mean_drag)
     spread = np.deg2rad(particles.fraction.launch_spread_deg * settings.launch_spread_factor)
     elevation = np.deg2rad(settings.launch_elevation_deg) + generator.normal(0.0, spread, n)
     azimuth = generator.normal(0.0, spread, n)
@@ -234,6 +255,9 @@ def launch(
     state.position = geometry.lance_m + np.concatenate([np.zeros((n, 1)), bore], axis=1)
     state.velocity = direction * speed[:, None]
     state.lift = unit_vectors(generator.normal(size=(n, 3)))
+    if plates:
+        wind = np.array([gas.jet_velocity_m_s, 0.0, 0.0])
+        release(state, wind, np.full(n, gas.lance_temperature_k), generator)
     return state
 
 
@@ -295,11 +319,16 @@ def _move(
     wind[:, 0] += gas.stream(from_lance) + excess
     relative = wind - state.velocity
     slip = np.linalg.norm(relative, axis=1)
-    rate = drag_rate(state, slip, gas_k)[:, None]
-    push = _lift(state, relative, slip, gas_k)
-    push[:, 2] -= GRAVITY_M_S2
     dt = settings.step_s
-    state.velocity = (state.velocity + dt * (push + rate * wind)) / (1 + dt * rate)
+    if settings.plates and state.kind.sheet:
+        wander = np.sqrt(dt / settings.lift_time_s)
+        free = turn(state, relative, gas_k, settings.plates, wander, dt, generator)
+        state.velocity = velocity_after(state, wind, gas_k, free, settings.plates, dt)
+    else:
+        rate = drag_rate(state, slip, gas_k)[:, None]
+        push = _lift(state, relative, slip, gas_k)
+        push[:, 2] -= GRAVITY_M_S2
+        state.velocity = (state.velocity + dt * (push + rate * wind)) / (1 + dt * rate)
     state.position = state.position + dt * state.velocity
     return gas_k, slip
 
@@ -316,8 +345,9 @@ def _wander(
     strength = gas.turbulence_m_s + gas.turbulence_in_jet * np.abs(excess)
     noise = generator.normal(size=shape) * strength[:, None]
     state.turbulence = keep * state.turbulence + np.sqrt(1 - keep**2) * noise
-    turn = np.sqrt(dt / settings.lift_time_s)
-    state.lift = unit_vectors(state.lift + turn * generator.normal(size=shape))
+    if not (settings.plates and state.kind.sheet):
+        turn = np.sqrt(dt / settings.lift_time_s)
+        state.lift = unit_vectors(state.lift + turn * generator.normal(size=shape))
 
 
 def _lift(state: State, relative: Array, slip_m_s: Array, gas_k: Array) -> Array:

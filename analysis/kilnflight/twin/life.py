@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.twin.burning import BURNING, CAUSES
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.burning import BURNING, CAUSES, CHAR
+from kilnflight.twin.camera import Geometry, unit_vectors
 from kilnflight.twin.flight import ENDS, Flight, Flights, fly
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import FRACTIONS, Burst
@@ -53,10 +53,12 @@ class Moment(NamedTuple):
     burning: npt.NDArray[np.bool_]  # flame or glowing char
     landed: npt.NDArray[np.bool_]
     age_s: Array
+    normal: Array | None = None  # (m, 3) of sheets as plates, NaN of others; None without plates
+    along: Array | None = None  # (m, 3) their long side
 
     def take(self, rows: npt.NDArray[np.generic]) -> Moment:
         """Return the moment of some particles, by a mask or their rows."""
-        return Moment._make(part[rows] for part in self)
+        return Moment._make(None if part is None else part[rows] for part in self)
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,32 @@ class Life:
             burning=np.where(landed, flame_on, state >= BURNING),
             landed=landed,
             age_s=age,
+            normal=_turned(self.flights.normal, rows, low, share),
+            along=_turned(self.flights.along, rows, low, share),
         )
+
+    def glowing(self, moment: Moment) -> npt.NDArray[np.bool_]:
+        """Return which particles of a moment fly as glowing char, without a flame."""
+        rows = moment.particle
+        step = self.flights.age_s[1] if len(self.flights.age_s) > 1 else 1.0
+        low = np.minimum((moment.age_s / step).astype(np.intp), self._last_sample[rows])
+        return ~moment.landed & (self.flights.state[rows, low] == CHAR)
+
+
+def _turned(
+    samples: npt.NDArray[np.float32] | None,
+    rows: npt.NDArray[np.intp],
+    low: npt.NDArray[np.intp],
+    share: Array,
+) -> Array | None:
+    """Return directions (m, 3) between two samples, the shorter way: both faces look alike."""
+    if samples is None:
+        return None
+    before = samples[rows, low].astype(np.float64)
+    after = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
+    after = np.where((before * after).sum(axis=1, keepdims=True) < 0, -after, after)
+    weight = share[:, None]
+    return np.where(weight > 0, unit_vectors(before + weight * (after - before)), before)
 
 
 def _interpolated(

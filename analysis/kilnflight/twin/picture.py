@@ -8,6 +8,7 @@ long array, so that nothing loops over particles or pixels.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,13 +18,16 @@ import pandas as pd
 
 from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics, unit_vectors
 from kilnflight.twin.life import Moment
+from kilnflight.twin.light import Look
 from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.plates import projected_axes
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 
 VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark (twin.md, rule 5)
 VISIBLE_PX = 5  # pixels of that contrast
+LARGEST_RADIUS = 1.6  # of an ellipse that is drawn, in radii
 LARGEST_PX = 120  # half a box at most; nothing that flies is larger at these depths
 
 
@@ -78,21 +82,41 @@ class Blobs(NamedTuple):
     column: Array
     spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
     brightness: Array  # grey value of the covered pixels before motion blur
-    adds: npt.NDArray[np.bool_]  # a flame adds light, a body covers what is behind
+    # Share of the light from behind that passes: a flame of the first twin adds its own (1), a
+    # body covers (0)
+    passes: Array
     softness: Array  # width of the edge in units of the radius
     dilution: Array  # share of the light in the sharp ellipse after motion blur
     depth_mm: Array
+    # (m, 2) of row and column: direction in which a flame narrows, times how much (0 to 1)
+    tail: Array = np.zeros((1, 2))
 
 
-def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics) -> Blobs:
-    """Return how every particle of a moment looks, far ones first."""
+def project(
+    moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, look: Look | None = None
+) -> Blobs:
+    """Return how every particle of a moment looks, far ones first.
+
+    ``look`` is of the second look at light; without it all is as in the first.
+    """
     rows = moment.particle
     place = geometry.to_camera(moment.position_m)
     scale = geometry.focal_length_px / place[:, 2]
-    flame = moment.burning
-    curled = np.where(flame & body.sheet[rows], optics.curl**2, 1.0)[:, None, None]
+    flame = moment.burning & ~look.char if look else moment.burning
+    curled = np.where(moment.burning & body.sheet[rows], optics.curl**2, 1.0)[:, None, None]
     halo = np.where(flame, optics.flame_mm**2, 0.0)[:, None, None] * np.eye(2)
-    shape = (curled * _ellipses(moment, body, geometry) + halo) * (scale**2)[:, None, None]
+    shape = curled * _ellipses(moment, body, geometry) + halo
+    row, column = geometry.project(place)
+    if look:
+        shape *= np.where(flame, look.swelling, 1.0)[:, None, None]
+        level, passes = _radiance(moment, body, optics, look, flame, shape)
+        tail = (look.tail_mm @ geometry.axes)[:, [1, 0]] * np.array([-1.0, 1.0]) * flame[:, None]
+        shape = shape + tail[:, :, None] * tail[:, None, :] / 4
+        row, column = row + tail[:, 0] * scale / 2, column + tail[:, 1] * scale / 2
+    else:
+        level, passes = _brightness(moment, body, optics), flame.astype(np.float64)
+        tail = np.zeros((len(rows), 2))
+    shape = shape * (scale**2)[:, None, None]
     sharp = np.sqrt(np.maximum(np.linalg.det(shape), 1e-12))
     shape = shape + np.eye(2) * optics.edge_softness_px**2
     speed = geometry.axes.T @ moment.velocity_m_s[..., None] * 1000.0
@@ -100,17 +124,17 @@ def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics) ->
     travel = np.stack([-(y - z * place[:, 1] / place[:, 2]), x - z * place[:, 0] / place[:, 2]], 1)
     travel = travel * (scale * optics.exposure_s)[:, None]
     shape = shape + travel[:, :, None] * travel[:, None, :] / 4.0
-    row, column = geometry.project(place)
     blobs = Blobs(
         particle=rows,
         row=row,
         column=column,
         spread_px2=shape,
-        brightness=_brightness(moment, body, optics),
-        adds=flame,
+        brightness=level,
+        passes=passes,
         softness=np.where(flame, optics.flame_softness, 0.15),
         dilution=np.minimum(sharp / np.sqrt(np.linalg.det(shape)), 1.0),
         depth_mm=place[:, 2],
+        tail=tail * (scale / np.sqrt(np.trace(shape, axis1=1, axis2=2)))[:, None],
     )
     order = np.argsort(-blobs.depth_mm, kind="stable")
     return Blobs._make(part[order] for part in blobs)
@@ -131,6 +155,11 @@ def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:
         camera = direction @ geometry.axes
         flat = np.stack([-camera[:, 1], camera[:, 0]], axis=1) * half[:, k : k + 1]
         total += flat[:, :, None] * flat[:, None, :]
+    if moment.normal is not None and moment.along is not None:  # sheets that turn as they fly
+        sheet = np.flatnonzero(np.isfinite(moment.normal).all(axis=1) & ~moment.landed)
+        view = np.stack([-geometry.axes[:, 1], geometry.axes[:, 0]])
+        plates = moment.normal[sheet], half[sheet], view, moment.along[sheet]
+        total[sheet] = projected_axes(*plates)
     return total
 
 
@@ -146,6 +175,30 @@ def _brightness(moment: Moment, body: Bodies, optics: Optics) -> Array:
     return np.where(moment.burning, optics.flame_level, unlit)
 
 
+def _radiance(
+    moment: Moment,
+    body: Bodies,
+    optics: Optics,
+    look: Look,
+    flame: npt.NDArray[np.bool_],
+    shape_mm2: Array,
+) -> tuple[Array, Array]:
+    """Return the grey value that each particle sends out, and the share that it lets pass.
+
+    A flame is soot as deep as it is wide, char a hot body, all else a cold one in the wall's light.
+    """
+    rows, light, fires = moment.particle, optics.light, look.fires
+    assert light is not None
+    depth_m = 2e-3 * np.linalg.det(shape_mm2) ** 0.25
+    opaque = 1 - np.exp(-light.soot_1_m * look.luminosity * depth_m)
+    reflected = (body.reflectivity[rows] + fires.scattered_through) * optics.irradiance
+    seen = fires.seen_through
+    kelvin = np.where(look.char, fires.char_k, np.where(flame, fires.soot_k, moment.surface_k))
+    own = np.where(flame, opaque, body.emissivity[rows] * (1 - seen)) * optics.glow(kelvin)
+    lit = np.where(flame, 0.0, reflected * fires.shade * optics.at_wall)
+    return own + lit, np.where(flame, 1 - opaque, np.where(look.char, 0.0, seen))
+
+
 class Pixels(NamedTuple):
     """The pixels of all boxes; arrays (k,)."""
 
@@ -155,9 +208,9 @@ class Pixels(NamedTuple):
 
 
 def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
-    """Return the pixels within 1.6 radii of every ellipse, clipped to the picture."""
+    """Return the pixels within `LARGEST_RADIUS` of every ellipse, clipped to the picture."""
     half = np.sqrt(np.stack([blobs.spread_px2[:, 0, 0], blobs.spread_px2[:, 1, 1]]))
-    half = np.minimum(np.ceil(1.6 * half), LARGEST_PX).astype(np.intp)
+    half = np.minimum(np.ceil(LARGEST_RADIUS * half), LARGEST_PX).astype(np.intp)
     size = 2 * half + 1
     count = size[0] * size[1]
     blob = np.repeat(np.arange(len(count)), count)
@@ -171,15 +224,54 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
     y, x = row - blobs.row[blob], column - blobs.column[blob]
     matrix = inverse[blob]
     square = matrix[:, 0, 0] * y * y + 2 * matrix[:, 0, 1] * x * y + matrix[:, 1, 1] * x * x
-    near = square < 2.56
+    near = square < LARGEST_RADIUS**2
+    if blobs.tail.any():
+        square = _tapered(square, matrix, np.stack([y, x], axis=1), blobs.tail[blob])
+        near &= square < LARGEST_RADIUS**2
     radius = np.sqrt(square[near]).astype(np.float32)
     return Pixels(blob[near], (row * columns + column)[near], radius)
 
 
+def _tapered(square: Array, matrix: Array, offset: Array, tail: Array) -> Array:
+    """Return squared radii (k,) of flames that narrow towards their tails."""
+    turned = np.einsum("kij,kj->ki", matrix, tail)
+    length = np.sqrt(np.maximum((turned * tail).sum(axis=1), 1e-12))
+    along = np.maximum((turned * offset).sum(axis=1) / length, 0.0)
+    across = np.maximum(square - along**2, 0.0)
+    return square + across * ((1 + along * np.linalg.norm(tail, axis=1)) ** 2 - 1)
+
+
+class Veil(NamedTuple):
+    """Something bright and translucent in front of a rectangle: the burner's flame."""
+
+    depth_mm: float
+    rectangle: tuple[int, int, int, int]  # first row, row after the last, first column, ...
+    passing: npt.NDArray[np.float32]  # (rows, columns) of the rectangle: share from behind
+    own: npt.NDArray[np.float32]  # likewise: grey values that it adds
+
+    def before(self, depth_mm: Array, place: Index, columns: int) -> tuple[Array, Array]:
+        """Return both at pixels (k,) of things at these depths; nothing is before nearer ones."""
+        top, bottom, left, right = self.rectangle
+        row, column = np.divmod(place, columns)
+        veiled = (depth_mm > self.depth_mm) & (row >= top) & (row < bottom)
+        veiled &= (column >= left) & (column < right)
+        passing, own = np.ones(len(place)), np.zeros(len(place))
+        inside = row[veiled] - top, column[veiled] - left
+        passing[veiled], own[veiled] = self.passing[inside], self.own[inside]
+        return passing, own
+
+
 def paint(
-    picture: npt.NDArray[np.float32], blobs: Blobs, pixels: Pixels, optics: Optics
+    picture: npt.NDArray[np.float32],
+    blobs: Blobs,
+    pixels: Pixels,
+    optics: Optics,
+    veil: Veil | None = None,
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Draw particles into a picture (rows, columns), in place.
+
+    In the second look each is drawn over those behind it, so that transmittances multiply; in the
+    first all are drawn over the picture without them.
 
     Returns
     -------
@@ -190,14 +282,39 @@ def paint(
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
     flat = picture.reshape(-1)
-    behind = flat[pixels.place]
     softness = blobs.softness[pixels.blob]
     profile = blobs.dilution[pixels.blob] / (1 + np.exp((pixels.radius - 1) / softness))
-    level = blobs.brightness[pixels.blob]
-    change = np.where(blobs.adds[pixels.blob], level * profile, (level - behind) * profile)
-    np.add.at(flat, pixels.place, change.astype(np.float32))
+    if optics.light:  # it ends where it is drawn
+        last = 1 / (1 + np.exp((LARGEST_RADIUS - 1) / softness))
+        profile = np.maximum(profile - blobs.dilution[pixels.blob] * last, 0.0) / (1 - last)
+    level, covers = blobs.brightness[pixels.blob], 1 - blobs.passes[pixels.blob]
+    layers = _layers(pixels.place, flat.size) if optics.light else [np.arange(len(level))]
+    behind, change = np.empty(len(level), dtype=np.float32), np.empty(len(level))
+    for layer in layers:
+        place, share = pixels.place[layer], profile[layer]
+        behind[layer] = flat[place]
+        if veil:
+            depth_mm = blobs.depth_mm[pixels.blob[layer]]
+            passing, own = veil.before(depth_mm, place, picture.shape[1])
+            change[layer] = (passing * level[layer] - covers[layer] * (behind[layer] - own)) * share
+        else:
+            change[layer] = (level[layer] - covers[layer] * behind[layer]) * share
+        np.add.at(flat, place, change[layer].astype(np.float32))
     recorded = np.minimum(behind + change, FULL_SCALE) - np.minimum(behind, FULL_SCALE)
     contrast = np.abs(recorded) > VISIBLE_CONTRAST * optics.noise(behind)
     marked = contrast & (pixels.radius <= 1.15)
     count = np.bincount(pixels.blob[marked], minlength=len(blobs.row))
     return marked, count >= VISIBLE_PX
+
+
+def _layers(place: Index, size: int) -> Iterator[Index]:
+    """Yield the pixels of the farthest blob of each place, then the next, and so on.
+
+    No place is twice in a layer.
+    """
+    rest, first = np.arange(len(place)), np.empty(size, dtype=np.int32)
+    while len(rest):
+        first[place[rest[::-1]]] = rest[::-1]  # of equal places the last one assigned stays
+        farthest = first[place[rest]] == rest
+        yield rest[farthest]
+        rest = rest[~farthest]

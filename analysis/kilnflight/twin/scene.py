@@ -16,13 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.camera import EQUATION_2_4
-from kilnflight.checks import check_positive
+from kilnflight.checks import InputError, check_positive
 from kilnflight.recording.frames import Attributes, Frame, check_position
-from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.background import Background, LivingBackground, Surroundings
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import Life, Moment, OnTheWall, live
+from kilnflight.twin.light import Fires, Look
 from kilnflight.twin.particles import Burst
 from kilnflight.twin.picture import (
     Blobs,
@@ -64,6 +65,11 @@ class Scene:
         """Refuse recordings without length, and time that does not go forward."""
         for name in ("frames", "frame_rate_hz"):
             check_positive(float(getattr(self, name)), f"scene {self.name}: {name}")
+        if self.optics.light and self.optics.exposure_s * self.frame_rate_hz > 1:
+            raise InputError(
+                f"scene {self.name}: an exposure of {self.optics.exposure_s} s does not fit into "
+                f"a frame at {self.frame_rate_hz} Hz; shorten exposure_s."
+            )
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,28 @@ class Twin:
     @cached_property
     def _background(self) -> Background:
         scene = self.scene
-        return Background(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+        kind = LivingBackground if scene.optics.light else Background
+        return kind(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+
+    @cached_property
+    def _fires(self) -> Fires | None:
+        """What differs between flames; None in the first twin."""
+        light = self.scene.optics.light
+        if light is None:
+            return None
+        return light.fires(list(self.life.table["fraction"]), self.scene.seed)
+
+    def _look(self, moment: Moment, time_s: float) -> Look | None:
+        """Return how the particles of a moment shine; None in the first twin."""
+        scene, fires = self.scene, self._fires
+        light, rows = scene.optics.light, moment.particle
+        if light is None or fires is None:
+            return None
+        luminosity, swelling = fires.flutter(rows, time_s, scene.optics.exposure_s)
+        from_lance = moment.position_m - scene.geometry.lance_m
+        tails = light.tails(moment.velocity_m_s, from_lance, scene.gas)
+        these = Fires._make(part[rows] for part in fires)
+        return Look(these, self.life.glowing(moment), luminosity, swelling, tails)
 
     @cached_property
     def _noise(self) -> npt.NDArray[np.float32]:
@@ -159,17 +186,22 @@ class Twin:
         # leave out particles behind the camera, and those on the wall that do not burn
         in_front = place.to_camera(moment.position_m)[:, 2] > 300.0
         moment = moment.take(in_front & (~moment.landed | moment.burning))
-        picture = self._background.at(time)
-        blobs = project(moment, self._bodies, place, optics)
-        pixels = cover(blobs, place.rows, place.columns)
-        marked, visible = paint(picture, blobs, pixels, optics)
+        blobs = project(moment, self._bodies, place, optics, self._look(moment, time))
+        pixels, background, veil = cover(blobs, place.rows, place.columns), self._background, None
+        if isinstance(background, LivingBackground):
+            picture, veil = background.veiled(time)
+            seen = blobs.depth_mm[pixels.blob] < background.solid_mm.take(pixels.place)
+            pixels = Pixels._make(part[seen] for part in pixels)
+        else:
+            picture = background.at(time)
+        marked, visible = paint(picture, blobs, pixels, optics, veil)
         order = np.argsort(moment.particle)
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
         moment = moment.take(of_blob)
         labels = np.zeros((place.rows, place.columns), dtype=np.uint8)
         first, last, left, right = self.scene.surroundings.flame_roi
         # a person sees a flame where it is far brighter than the wall, or saturated
-        bright = picture[first:last, left:right] >= min(2.5 * optics.wall_level, FULL_SCALE)
+        bright = picture[first:last, left:right] >= min(2.5 * optics.at_wall, FULL_SCALE)
         labels[first:last, left:right][bright] = 1
         shown = marked & visible[pixels.blob]
         kinds = np.where(moment.landed, 4, np.where(moment.burning, 2, 3)).astype(np.uint8)
@@ -178,13 +210,17 @@ class Twin:
 
     def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
         """Return the picture with noise as grey values."""
-        generator = self._random(t, 0)
+        optics, generator = self.scene.optics, self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
         noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
         gray = np.empty(picture.shape, dtype=np.uint16)
         for first in range(0, len(picture), BLOCK_ROWS):
             rows = slice(first, first + BLOCK_ROWS)
-            level = noise[rows] * self._sigma[rows]
+            if optics.light:  # the shot noise of flames too
+                level = np.sqrt(optics.read_noise**2 + optics.shot_gain * picture[rows])
+                level *= noise[rows]
+            else:
+                level = noise[rows] * self._sigma[rows]
             level += picture[rows]
             gray[rows] = np.clip(level, 0.0, FULL_SCALE, out=level)
         return gray

@@ -26,10 +26,19 @@ from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.closure import code_hash
 from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import Optics
-from kilnflight.twin.fitted import FlightInputs, LightInputs, flight_inputs, light_inputs
+from kilnflight.twin.fitted import (
+    FlightInputs,
+    LightInputs,
+    flight_inputs,
+    light_inputs,
+    second_kiln,
+    second_light,
+)
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import FRACTIONS, Burst, air_load, by_hand
+from kilnflight.twin.plates import Plates
+from kilnflight.twin.poses import POSE_SCENARIOS
 from kilnflight.twin.scene import Scene, Twin
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
@@ -188,6 +197,29 @@ def _with_assumed_inputs(scene: Scene) -> Scene:
     return LightInputs().applied(replace(scene, flight=flight, gas=gas))
 
 
+# Table 5.2 shows 87 % of V4's particles in air burning, where a quarter of the confetti and seven
+# in ten of the shreds ignite at all (sec. 5.3.2): no one chemical time gives both. Subsets have
+# one of their own. Provisional: it is of a lost search with another model of sheets, set by Table
+# 5.2 alone. With plates only 13 % of V4's flying handful burn at it, so it is to be set again.
+SUBSET_CHEMICAL_TIME_S = 4e-4
+POSED = ("axis_far_mm", "inlet_depth_mm", "axis_height_mm", "lance_depth_mm")
+
+
+def second_flight(scene: Scene) -> Scene:
+    """Return a scene with gas, lance, flight, ignition and pose of the second look."""
+    flight, gas, place = second_kiln()
+    if scene.name in SUBSETS:
+        volatiles = VolatileIgnition(chemical_time_s=SUBSET_CHEMICAL_TIME_S)
+        flight = replace(flight, volatiles=volatiles)
+    posed = {name: getattr(place, name) for name in POSED}
+    return replace(
+        scene,
+        flight=flight,
+        gas=replace(gas, pressure_bar=scene.gas.pressure_bar),
+        geometry=replace(scene.geometry, **posed),
+    )
+
+
 DUMP_S = 0.1  # a dumped handful is half a metre of lance at 5 m/s; assumption
 
 
@@ -243,10 +275,19 @@ SCENARIOS = {
     "recirculation": lambda s: replace(s, gas=replace(s.gas, lance_stream_m_s=-0.6)),
     "bouncing": lambda s: replace(s, flight=replace(s.flight, bouncing=True)),
     "volatiles": lambda s: replace(s, flight=replace(s.flight, volatiles=VolatileIgnition())),
+    "second-flight": second_flight,
+    "second-light": lambda s: second_light().applied(s),
+    "plates": lambda s: replace(s, flight=replace(s.flight, plates=Plates())),
     "dumped": dumped,
     # 200 K over the length of the kiln; Fig. 2.4 has no axis that can be read
     "wall-profile": lambda s: replace(s, gas=replace(s.gas, wall_fall_k_m=24.0)),
+    **POSE_SCENARIOS,
 }
+
+
+def scene_name(plain: str, scenario: str = "base") -> str:
+    """Return the name of a subset or campaign under a scenario."""
+    return plain if scenario == "base" else f"{plain}@{scenario}"
 
 
 def open_scene(name: str, seed: int | None = None) -> Twin:

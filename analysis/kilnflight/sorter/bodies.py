@@ -15,9 +15,11 @@ and along its normal (n). With equal rates the belt of 1500 mm/s would push a pa
 off at up to 150 mm/s. It would hop by some tenths of a millimetre.
 
 So friction has a slower time constant of its own here, ``slip_time_s``. MuJoCo allows that for
-explicit pairs of bodies only (`_pairs`). The push is then below 12 mm/s, and a body laid on the
-belt stays within a hundredth of a millimetre. The price: the last ``mu g / b_t`` of slip, 12 mm/s,
-fades over ``1 / b_t``, 4 ms.
+explicit pairs of bodies only (`_pairs`). A body laid on the belt stays within two hundredths of
+a millimetre. The price: the last ``mu g / b_t`` of slip, some 5 mm/s, fades over ``1 / b_t``, 2 ms.
+Where a particle lands, the push against the belt must last long enough for friction to reach its
+limit. With ``belt_time_s`` as chosen it does, and the landing hardly depends on either time
+(`kilnflight.sorter.machine.Contacts` has the bound).
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.machine import GRAVITY_MM_S2, Bulk, Contacts, Conveyor, Feed
 from kilnflight.checks import InputError
+from kilnflight.sorter.machine import GRAVITY_MM_S2, Bulk, Contacts, Conveyor, Feed
 from kilnflight.tables import BELT_BODIES
 
 Array = npt.NDArray[np.float64]
@@ -56,7 +58,7 @@ def engine() -> ModuleType:
     except ImportError as error:
         raise InputError(
             "The simulated sorter needs MuJoCo, which is not installed: pip install "
-            "'kilnflight[sorter]'. kilnflight.belt.friction works without it."
+            "'kilnflight[sorter]'. kilnflight.sorter.friction works without it."
         ) from error
     if not hasattr(mujoco.MjModel, "geom_surfacevel"):
         raise InputError(
@@ -150,6 +152,7 @@ class Batch:
         self.first_x = conveyor.start_mm + start * fed.velocity_mm_s[:, 0] / conveyor.sampling_hz
         self.fed_at = np.zeros(len(start), dtype=np.int64)  # frame
         self.has_left = np.zeros(len(start), dtype=bool)
+        self.due: list[int] = []  # particles that wait for a free place
 
     def _make_pool(self, bodies: int) -> None:
         """Make the engine's state for a number of bodies, all of them waiting."""
@@ -196,21 +199,41 @@ class Batch:
     def _feed(self, frame: int, upcoming: int) -> int:
         """Put the particles that are due on the belt, if their place and a body are free.
 
-        Returns the number of the next particle.
+        The others wait and may be passed. Returns the number of the next particle.
         """
-        due = np.searchsorted(self.fed.time_s * self.conveyor.sampling_hz, frame, side="right")
-        while upcoming < due:
-            place = np.array([self.first_x[upcoming], self.fed.y[upcoming]])
-            others = self.pose[self.particle >= 0, :2]
-            if (np.linalg.norm(others - place, axis=1) < 2.0 * self.bulk.reach_mm).any():
-                break
-            if (self.particle >= 0).all():
-                if len(self.particle) == self.largest_pool:
-                    break
-                self._grow()
-            self._start(int(np.argmin(self.particle)), upcoming, frame)
-            upcoming += 1
-        return upcoming
+        due = int(np.searchsorted(self.fed.time_s * self.conveyor.sampling_hz, frame, side="right"))
+        self.due = [n for n in [*self.due, *range(upcoming, due)] if not self._lay(n, frame)]
+        return due
+
+    def _lay(self, particle: int, frame: int) -> bool:
+        """Lay a particle on the belt and return True, if its place and a body are free."""
+        if (self.particle >= 0).all():
+            if len(self.particle) == self.largest_pool:
+                return False
+            self._grow()
+        body = int(np.argmin(self.particle))
+        self._start(body, particle, frame)
+        if self._overlaps(body):
+            self.particle[body] = -1
+            self._park()
+            return False
+        return True
+
+    def _overlaps(self, body: int) -> bool:
+        """Return whether a body lies inside another on the belt; touching is no overlap."""
+        away = np.linalg.norm(self.pose[:, :3] - self.pose[body, :3], axis=1)
+        near = np.flatnonzero((self.particle >= 0) & (away < 2.0 * self.bulk.reach_mm))
+        if len(near) < 2:  # itself alone
+            return False
+        self.mujoco.mj_kinematics(self.model, self.data)
+        first = self.model.ngeom - len(self.particle)  # after the belt and its walls
+        return any(
+            self.mujoco.mj_geomDistance(
+                self.model, self.data, first + body, first + other, 1.0, None
+            )
+            < 0.0
+            for other in near[near != body]
+        )
 
     def _start(self, body: int, particle: int, frame: int) -> None:
         """Lay a body on the belt as a particle leaves the slide."""
@@ -228,7 +251,7 @@ class Batch:
         self.particle[body], self.fed_at[particle] = particle, frame
 
     def _rows(self, frame: int) -> Array:
-        """Return one row a body: frame, particle, x, y, z, angle and two velocities.
+        """Return one row a body: frame, particle, x, y, z, angle, tilt and two velocities.
 
         The velocities are along and across.
         """
@@ -237,7 +260,8 @@ class Batch:
         self.mujoco.mj_kinematics(self.model, self.data)
         axis = matrix[fed, :, 2 if self.bulk.shape == "cylinder" else 0]
         angle = np.arctan2(axis[:, 1], axis[:, 0])
-        rows = [np.full(fed.sum(), frame), self.particle[fed], *self.pose[fed, :3].T, angle]
+        tilt = np.arcsin(axis[:, 2].clip(-1.0, 1.0))
+        rows = [np.full(fed.sum(), frame), self.particle[fed], *self.pose[fed, :3].T, angle, tilt]
         return np.column_stack([*rows, *self.velocity[fed, :2].T])
 
     def _release(self, rows: Array) -> Array:
@@ -262,12 +286,12 @@ class Batch:
         if not len(leaving):
             return leaving
         step = 1.0 / self.conveyor.sampling_hz
-        length = (self.conveyor.end_mm - leaving[:, 2]) / (leaving[:, 6] * step)
+        length = (self.conveyor.end_mm - leaving[:, 2]) / (leaving[:, 7] * step)
         count = np.maximum(length, 0.0).astype(np.int64)
         rows = np.repeat(leaving, count, axis=0)
         after = np.concatenate([np.arange(1, n + 1) for n in count])
         rows[:, 0] += after
-        rows[:, 2:4] += (after * step)[:, None] * rows[:, 6:8]
+        rows[:, 2:4] += (after * step)[:, None] * rows[:, 7:9]
         return rows
 
     def _check(self, frame: int) -> None:

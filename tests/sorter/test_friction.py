@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.friction import MATERIALS, FrictionBelt
-from kilnflight.belt.machine import GRAVITY_MM_S2
 from kilnflight.checks import InputError
+from kilnflight.sorter.friction import MATERIALS, FrictionBelt
+from kilnflight.sorter.machine import GRAVITY_MM_S2
 from kilnflight.tables import BELT_TRACKS
 
 # One row of particles without collisions, spread or rolling friction: closed forms apply.

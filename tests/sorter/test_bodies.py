@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kilnflight.belt import bodies
-from kilnflight.belt.bodies import Batch, build_model, engine, missing_reason
-from kilnflight.belt.machine import BULKS, Contacts, Conveyor, Feed
-from kilnflight.belt.sorter import Sorter
 from kilnflight.checks import InputError
+from kilnflight.sorter import bodies
+from kilnflight.sorter.bodies import Batch, build_model, engine, missing_reason
+from kilnflight.sorter.machine import BULKS, Contacts, Conveyor, Feed, Slide
+from kilnflight.sorter.simulation import Sorter
 from kilnflight.tables import BELT_BODIES
 
 mujoco = pytest.importorskip("mujoco")
@@ -94,37 +94,41 @@ def laid(material, slip, steps, contacts):
 @pytest.mark.parametrize("material", BULKS)
 def test_what_is_laid_on_the_belt_does_not_hop(material):
     height, _ = laid(material, 500.0, 500, Contacts())
-    assert np.abs(height).max() < 0.01
+    assert np.abs(height).max() < 0.02
     equal = replace(Contacts(), slip_time_s=Contacts.belt_time_s)
-    assert laid(material, 500.0, 500, equal)[0].max() > 0.1  # the reason for the slip time
+    assert laid(material, 500.0, 500, equal)[0].max() > 0.05  # the reason for the slip time
 
 
-def test_the_last_slip_fades_over_four_milliseconds():
-    _, slip = laid("cuboids", 6.0, 40, Contacts())  # half of mu g / b_t
-    assert slip[19] == pytest.approx(6.0 / np.e, rel=0.1)
+def test_the_last_slip_fades_over_two_milliseconds():
+    _, slip = laid("cuboids", 3.0, 40, Contacts())  # half of mu g / b_t
+    assert slip[9] == pytest.approx(3.0 / np.e, rel=0.1)
 
 
-def restitution(step_s, closing=100.0):
-    """Return relative speeds after and before two spheres meet, by the moment of meeting."""
-    model = build_model(
-        BULKS["spheres"], Contacts(particle_friction=0.0), 2, Conveyor(step_s=step_s)
-    )
-    model.opt.gravity[:] = 0.0
-    shares = []
-    for part in np.linspace(0.0, 1.0, 5):
-        data = mujoco.MjData(model)
-        apart = 5.0 + (5.0 + part) * closing * step_s
-        data.qpos.reshape(2, 7)[:, :3] = [[0.0, 90.0, 500.0], [apart, 90.0, 500.0]]
-        data.qvel[0] = closing
-        mujoco.mj_step(model, data, round(0.02 / step_s))
-        shares.append((data.qvel[6] - data.qvel[0]) / closing)
-    return min(shares), max(shares)
+def passing(material, **times):
+    """Return velocities 60 mm after five landings at different moments of a step."""
+    contacts = replace(Contacts(), belt_friction=0.18, rolling_friction=0.03, **times)
+    slide, bulk = Slide(drop_mm=75.0, exit_deg=15.0), BULKS[material]
+    speed, surface = slide.speed(bulk)
+    along, down = speed * np.cos(np.radians(15.0)), speed * np.sin(np.radians(15.0))
+    velocity = np.column_stack([np.full(5, along), np.zeros(5), -down + np.linspace(0.0, 2.0, 5)])
+    places, spin = np.linspace(30.0, 150.0, 5), np.full(5, surface / bulk.half_mm[0])
+    fed = Feed(np.zeros(5), places, velocity, spin, np.full(5, 0.3))
+    belt = Conveyor(step_s=0.0001, edge_mm=460.0, end_mm=460.0)
+    table = Batch(belt, contacts, bulk, fed, np.zeros(5)).table()
+    tracks = table.groupby("particle")
+    return np.array([np.interp(450.0, part["x"], part["velocity_x_mm_s"]) for _, part in tracks])
 
 
-@pytest.mark.parametrize(("step_s", "low", "high"), [(0.0002, 0.2, 0.36), (0.00005, 0.27, 0.32)])
-def test_restitution_is_as_documented_and_scatters_less_with_shorter_steps(step_s, low, high):
-    least, most = restitution(step_s)
-    assert low < least < most < high
+@pytest.mark.parametrize("material", BULKS)
+def test_a_landing_hardly_depends_on_the_times_of_its_contact(material):
+    """Friction takes part in the push to its limit: half and twice change little."""
+    known = passing(material).mean()
+    for name in ("belt_time_s", "slip_time_s"):
+        for factor in (0.5, 2.0):
+            changed = passing(material, **{name: factor * getattr(Contacts, name)})
+            assert changed.mean() == pytest.approx(known, abs=5.0)
+            assert np.abs(changed - known).max() < 9.0
+    assert abs(passing(material, belt_time_s=0.0003, slip_time_s=0.016).mean() - known) > 10.0
 
 
 def test_a_wall_keeps_a_particle_on_the_belt():
@@ -142,6 +146,31 @@ def test_beyond_the_edge_the_velocity_stays():
     assert len(flight) >= 8
     np.testing.assert_allclose(np.diff(flight["x"]), flight["velocity_x_mm_s"].iloc[0] / 1000.0)
     assert table.columns.tolist() == BELT_BODIES.names
+
+
+def both_fed(material, y, yaw):
+    """Return first frames of two particles due at once at places across the belt."""
+    velocity = np.tile([1000.0, 0.0, 0.0], (2, 1))
+    fed = Feed(np.zeros(2), np.array(y), velocity, np.zeros(2), np.full(2, yaw))
+    table = Batch(Conveyor(), DRY, BULKS[material], fed, np.zeros(2)).table()
+    return table.groupby("particle")["frame"].first().tolist()
+
+
+def test_particles_may_come_side_by_side_and_touch_but_not_overlap():
+    assert both_fed("cylinders", [90.0, 93.001], 0.0) == [0, 0]  # 3 mm thick, along the belt
+    assert both_fed("cylinders", [90.0, 92.9], 0.0)[1] > 3
+    assert both_fed("cylinders", [90.0, 98.5], np.pi / 2)[1] > 0  # 9 mm long, across it
+    assert both_fed("cuboids", [90.0, 95.001], 0.0) == [0, 0]
+    assert both_fed("spheres", [90.0, 95.001], 0.0) == [0, 0]
+
+
+def test_who_waits_for_a_place_is_passed():
+    velocity = np.tile([1000.0, 0.0, 0.0], (3, 1))
+    fed = Feed(np.zeros(3), np.array([90.0, 90.0, 60.0]), velocity, np.zeros(3), np.zeros(3))
+    table = Batch(Conveyor(), DRY, BULKS["spheres"], fed, np.zeros(3)).table()
+    first = table.groupby("particle")["frame"].first()
+    assert (first[0], first[2]) == (0, 0)
+    assert first[1] > 3
 
 
 def test_two_at_one_place_come_one_after_the_other():

@@ -21,16 +21,25 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.belt.bodies import Batch, engine
-from kilnflight.belt.machine import BULKS, Bulk, Contacts, Conveyor, Slide, check_material
 from kilnflight.checks import check_count
 from kilnflight.project import cache, data, parallel, paths
+from kilnflight.sorter.bodies import Batch, engine
+from kilnflight.sorter.machine import BULKS, Bulk, Contacts, Conveyor, Slide, check_material
 from kilnflight.tables import BELT_BODIES
 
 BATCH = 500  # particles that are simulated together: about two seconds of feed
 FILE = Path(__file__).with_name("friction_values.json")
 PLACES_MM = np.arange(425.0, 751.0, 25.0)  # along the belt, where all are observed
-SCALES = {"mean_m_s": 0.01, "std_m_s": 0.01, "lateral_m_s": 0.002}  # unit of a misfit
+# The fit reads places before the prediction phase only, so all in the phase is a prediction.
+FIT_PLACES_MM = PLACES_MM[PLACES_MM <= 600.0]
+# Targets of the fit: quantiles, since collisions rule the standard deviations. Units of a misfit.
+SCALES = {
+    "median_m_s": 0.01,
+    "iqr_m_s": 0.002,
+    "width_m_s": 0.01,
+    "lateral_iqr_m_s": 0.002,
+    "lateral_width_m_s": 0.01,
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +92,7 @@ class FittedValues:
 def fit_targets() -> dict[str, object]:
     """Return the targets of the fit as they are hashed: file, places and scales."""
     spheres = data.BELT_DEM["spheres"]
-    return {"sha256": data.SHA256[spheres], "places_mm": PLACES_MM.tolist(), "scales": SCALES}
+    return {"sha256": data.SHA256[spheres], "places_mm": FIT_PLACES_MM.tolist(), "scales": SCALES}
 
 
 def fitted_record(path: Path = FILE) -> dict[str, Any]:
@@ -97,9 +106,9 @@ def fitted_values(path: Path = FILE) -> FittedValues:
     return cache.calibrated(FittedValues, path, fitted_record(path))
 
 
-def calibrated_sorter() -> Sorter:
-    """Return the sorter with the fitted values."""
-    return fitted_values().applied(Sorter())
+def calibrated_sorter(material: str = "spheres") -> Sorter:
+    """Return the sorter with the fitted values and the entry times of a material."""
+    return fitted_values().applied(Sorter(slide=Slide().feeding(material)))
 
 
 def simulate_tracks(
@@ -128,7 +137,8 @@ def simulate_tracks(
     jobs
         Processes on this machine; the result does not depend on it.
     sorter
-        None: the calibrated one.
+        None: the calibrated one. Its slide gets the entry times of the material, unless it has
+        others than the default (`kilnflight.sorter.machine.Slide.feeding`).
 
     Returns
     -------
@@ -139,6 +149,7 @@ def simulate_tracks(
     check_material(material)
     engine()
     sorter = calibrated_sorter() if sorter is None else sorter
+    sorter = replace(sorter, slide=sorter.slide.feeding(material))
     count = BULKS[material].count if count is None else count
     check_count(count, "simulate_tracks: count", least=0)
     sizes = [min(BATCH, count - first) for first in range(0, count, BATCH)]

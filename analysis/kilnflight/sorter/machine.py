@@ -14,13 +14,13 @@ cylinder or a cuboid slides: long particles align with neither the slope nor acr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from kilnflight.belt.models import BELT_VELOCITY_MM_S
+from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_VELOCITY_MM_S, BELT_WIDTH_MM
 from kilnflight.checks import (
     InputError,
     check_at_least,
@@ -112,6 +112,13 @@ BULKS: dict[str, Bulk] = {
     "cuboids": Bulk("box", (3.0, 2.5, 1.0), 4357),
     "cylinders": Bulk("cylinder", (1.5, 4.5), 4427),
 }
+# Entry times in s of all particles after the first: last, mean and standard deviation, read off
+# the authors' tracks. The feed swells and ebbs within seconds, differently for each material.
+FEEDS: dict[str, tuple[float, float, float]] = {
+    "spheres": (14.24, 5.92, 3.14),
+    "cuboids": (17.3, 6.80, 3.33),
+    "cylinders": (15.0, 6.41, 3.33),
+}
 
 
 def check_material(material: str) -> None:
@@ -124,14 +131,13 @@ def check_material(material: str) -> None:
 class Conveyor:
     """A belt between two walls.
 
-    Coordinates are those of the authors' files: the belt runs from 388 to 788 mm. Beyond the
-    edge a particle flies on with the velocity it left with; nothing touches it there.
+    Beyond the edge a particle flies on with the velocity it left with; nothing touches it there.
     """
 
     speed_mm_s: float = BELT_VELOCITY_MM_S  # sec. IV (2016), sec. 4 (2020)
-    width_mm: float = 180.0  # sec. 3 (2020)
-    start_mm: float = 388.0  # the authors' files
-    edge_mm: float = 788.0  # 40 cm further (sec. IV, 2016)
+    width_mm: float = BELT_WIDTH_MM
+    start_mm: float = BELT_START_MM
+    edge_mm: float = BELT_EDGE_MM
     end_mm: float = 800.0  # of the tracks, so that observations follow the edge
     sampling_hz: float = 1000.0  # both papers
     step_s: float = 0.0002  # the 2020 paper's DEM has 0.0001; see benchmarks/bench_sorter.py
@@ -171,12 +177,16 @@ class Contacts:
     particle_friction: float = 0.4  # wood on wood; handbooks give 0.25 to 0.5
     wall_friction: float = 0.4  # wood on metal; handbooks give 0.2 to 0.6
     spinning_mm: float = 0.01  # arm of the friction against turning on the spot; assumption
-    belt_time_s: float = 0.0006  # of the normal contact with the belt, critically damped
-    slip_time_s: float = 0.008  # of friction; see `kilnflight.belt.bodies`
-    body_time_s: float = 0.0012  # of contacts between bodies and with walls
-    # Share of critical damping. At steps of 0.2 ms spheres part with 0.22 to 0.34 of their closing
-    # speed, depending on where within a step they meet. At 0.05 ms it is 0.28 to 0.31.
-    body_damping: float = 0.5
+    # Of the normal contact with the belt, critically damped: no rebound. When one of the
+    # next two is halved or doubled, the mean velocity 60 mm after landing changes by less than
+    # 5 mm/s, that of a single particle by less than 9.
+    belt_time_s: float = 0.0012
+    slip_time_s: float = 0.004  # of friction; see `kilnflight.sorter.bodies`
+    body_time_s: float = 0.0024  # of contacts between bodies and with walls
+    # Share of critical damping, for the restitution of wood: handbooks give 0.5 to 0.6. Spheres
+    # part with 0.51 to 0.59 of their closing speed, depending on where within a step of 0.2 ms
+    # they meet. At 0.05 ms it is 0.54 to 0.55.
+    body_damping: float = 0.22
 
     def __post_init__(self) -> None:
         """Refuse coefficients below 0 and times that are not positive."""
@@ -213,7 +223,7 @@ class Slide:
     """A slide at the end of a vibrating feeder.
 
     No number of it is published. Drop and spreads are fitted to the spheres of the authors' tracks
-    (`kilnflight.belt.sorter.FittedValues`), the others are assumptions.
+    (`kilnflight.sorter.simulation.FittedValues`), the others are assumptions.
     """
 
     drop_mm: float = 100.0  # height over which particles gain speed; assumption
@@ -225,18 +235,36 @@ class Slide:
     lateral_spread_mm_s: float = 20.0  # standard deviation across the belt; assumption
     yaw_spread_deg: float = np.inf  # about the belt's direction; inf: any; not published
     width_mm: float = 140.0  # of the feeder: the tracks begin between 20 and 160 mm of 180
-    rate_1_s: float = 270.0  # particles per second: about 4000 in 15 s, as in the files
+    feed_s: float = FEEDS["spheres"][0]
+    feed_mean_s: float = FEEDS["spheres"][1]
+    feed_std_s: float = FEEDS["spheres"][2]
 
     def __post_init__(self) -> None:
         """Refuse lengths, angles and shares that no slide has."""
-        for name in ("drop_mm", "width_mm", "rate_1_s"):
+        for name in ("drop_mm", "width_mm", "feed_s", "feed_mean_s", "feed_std_s"):
             check_positive(getattr(self, name), f"Slide: {name}")
         for name in ("friction", "speed_spread", "lateral_spread_mm_s"):
             check_at_least(getattr(self, name), 0.0, f"Slide: {name}")
         check_between(self.rolling_share, 0.0, 1.0, "Slide: rolling_share")
+        if not self.feed_std_s**2 < self.feed_mean_s * (self.feed_s - self.feed_mean_s):
+            raise InputError(
+                f"Slide: no feed of {self.feed_s} s has entry times of mean {self.feed_mean_s} s "
+                f"and standard deviation {self.feed_std_s} s."
+            )
         check_limit(self.yaw_spread_deg, "Slide: yaw_spread_deg")
         check_between(self.exit_deg, 0.0, 60.0, "Slide: exit_deg")
         check_between(self.angle_deg, 1.0, 89.0, "Slide: angle_deg")
+
+    def feeding(self, material: str) -> Slide:
+        """Return this slide with the entry times of a material, see `FEEDS`.
+
+        A slide with other entry times than the default keeps them.
+        """
+        check_material(material)
+        if (self.feed_s, self.feed_mean_s, self.feed_std_s) != FEEDS["spheres"]:
+            return self
+        last, mean, spread = FEEDS[material]
+        return replace(self, feed_s=last, feed_mean_s=mean, feed_std_s=spread)
 
     def speed(self, bulk: Bulk) -> tuple[float, float]:
         """Return speed (mm/s) and velocity of the surface due to spin (mm/s) at the end."""
@@ -260,8 +288,9 @@ class Slide:
     ) -> Feed:
         """Return ``count`` particles as they reach a belt of a width.
 
-        The feeder covers the middle of the belt. The same state of the generator gives the
-        same particles.
+        The feeder covers the middle of the belt. Entry times have a beta distribution. Fewer
+        particles than the bulk has come in proportionally less time, so each share of them comes
+        at the rate of the whole run. The same state of the generator gives the same particles.
         """
         free = self.width_mm - 2.0 * bulk.reach_mm
         if free <= 0 or self.width_mm > belt_mm:
@@ -273,7 +302,10 @@ class Slide:
         factor = np.maximum(1.0 + self.speed_spread * generator.standard_normal(count), 0.1)
         down = np.radians(self.exit_deg)
         across = self.lateral_spread_mm_s * generator.standard_normal(count)
-        time_s = np.sort(generator.uniform(0.0, count / self.rate_1_s, count))
+        mean, spread = self.feed_mean_s / self.feed_s, (self.feed_std_s / self.feed_s) ** 2
+        total = mean * (1.0 - mean) / spread - 1.0  # of both shapes of the beta distribution
+        time_s = self.feed_s * np.sort(generator.beta(mean * total, (1.0 - mean) * total, count))
+        time_s = (time_s - time_s[:1]) * count / bulk.count
         y = belt_mm / 2.0 + free * (generator.random(count) - 0.5)
         if np.isinf(self.yaw_spread_deg):
             yaw = generator.uniform(-np.pi, np.pi, count)

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.machine import BULKS, GRAVITY_MM_S2
-from kilnflight.belt.models import BELT_VELOCITY_MM_S
+from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_VELOCITY_MM_S, BELT_WIDTH_MM
 from kilnflight.checks import InputError, check_positive
+from kilnflight.sorter.machine import BULKS, GRAVITY_MM_S2
 from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
@@ -50,9 +50,9 @@ class FrictionBelt:
     kicks_per_s: float = 2.0  # collisions; assumption
     kick_mm_s: float = 30.0  # standard deviation per axis; assumption
     belt_mm_s: float = BELT_VELOCITY_MM_S  # sec. 4
-    start_mm: float = 390.0  # the authors' files: the belt runs from 388 to 788 mm
-    end_mm: float = 820.0  # 32 mm beyond the edge, so that an observation follows it
-    width_mm: float = 180.0  # sec. 3
+    start_mm: float = BELT_START_MM + 2.0  # the authors' files
+    end_mm: float = BELT_EDGE_MM + 32.0  # so that an observation follows the edge
+    width_mm: float = BELT_WIDTH_MM
     feed_s: float = 15.0  # over which the particles are fed; the authors' files: 15 s
     sampling_hz: float = 100.0  # as the authors' public files
     steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms

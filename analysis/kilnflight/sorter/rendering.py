@@ -1,0 +1,252 @@
+"""Synthetic pictures of particles on the belt (2016 paper, IV.B).
+
+Pictures are rendered on demand: particles are drawn from true places with their shape and
+direction, soft edges, motion blur and noise. What measures sees the pictures alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from kilnflight.belt.camera import BELT, Picture
+from kilnflight.checks import (
+    InputError,
+    check_at_least,
+    check_between,
+    check_columns,
+    check_count,
+    check_positive,
+)
+from kilnflight.sorter.machine import Bulk
+from kilnflight.tables import BELT_BODIES, BELT_TRACKS
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """A pinhole camera above the middle of the belt, without distortion of the lens.
+
+    Notes
+    -----
+    The paper gives the picture's size, its scale and its rate. Height and the small
+    errors of mounting are assumptions. They make "an imperfect calibration" matter: a particle's
+    centre lies above the plane that the belt's corners calibrate.
+    """
+
+    rows: int = 708  # px, section IV.B
+    cols: int = 1064  # px, section IV.B
+    mm_per_px: float = 0.44  # at the belt, section IV.B
+    frames_per_s: float = 200.0  # section IV.B
+    height_mm: float = 1000.0  # above the belt; assumption
+    turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
+    tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
+
+    def __post_init__(self) -> None:
+        """Refuse a camera that sees nothing."""
+        check_count(self.rows, "CameraView: rows")
+        check_count(self.cols, "CameraView: cols")
+        for name in ("mm_per_px", "frames_per_s", "height_mm"):
+            check_positive(getattr(self, name), f"CameraView: {name}")
+        for name in ("turned_deg", "tilted_deg"):
+            check_between(getattr(self, name), -20, 20, f"CameraView: {name}")
+
+    def pixels(self, places: Array) -> Array:
+        """Return row and col (n, 2) of places (n, 3).
+
+        A place is x, y and height above the belt in mm.
+        """
+        angles = [self.turned_deg, self.tilted_deg]
+        turn = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
+        middle = BELT.corners.mean(axis=0)
+        # From above: x to the right, y down, depth away from the camera.
+        away = np.column_stack([places[:, :2] - middle, self.height_mm - places[:, 2]]) @ turn.T
+        # The camera is moved sideways so that the tilted axis still meets the belt's middle.
+        away[:, :2] -= turn[:2, 2] * self.height_mm
+        scale = self.height_mm / self.mm_per_px / away[:, 2:]
+        return (away[:, :2] * scale)[:, ::-1] + np.array([self.rows - 1, self.cols - 1]) / 2
+
+
+_VIEW = CameraView()
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures of tracks, one per frame of the camera.
+
+    ``pictures[k]`` renders frame k.
+
+    Frame k is taken at k / frames_per_s, the middle of its exposure; a particle is seen where the
+    tracks have a row at that time. The same seed gives the same bytes, in any order.
+    """
+
+    tracks: pd.DataFrame  # BELT_TRACKS; heights, directions and velocities of BELT_BODIES, if known
+    bulk: Bulk
+    seed: int
+    view: CameraView = _VIEW
+    belt_gray: float = 60.0  # of 255; assumption, as are the next: a dark belt
+    floor_gray: float = 130.0  # beside the belt
+    particle_gray: float = 200.0  # wood
+    noise_gray: float = 3.0  # standard deviation, new in each frame
+    soft_px: float = 1.0  # width of an edge
+    exposure_s: float = 0.001  # not printed; assumption: 3.4 px of blur at the belt's speed
+
+    def __post_init__(self) -> None:
+        """Raise an error for invalid tracks and for pictures without edges or contrast."""
+        BELT_TRACKS.check(self.tracks)
+        check_at_least(self.noise_gray, 0, "Pictures: noise_gray")
+        check_positive(self.soft_px, "Pictures: soft_px")
+        check_at_least(self.exposure_s, 0, "Pictures: exposure_s")
+
+    def __len__(self) -> int:
+        """Return the number of frames up to the last time of the tracks."""
+        if not len(self.tracks):
+            return 0
+        return 1 + int(np.floor(self.tracks["time_s"].max() * self.view.frames_per_s + 1e-6))
+
+    def __getitem__(self, frame: int) -> Picture:
+        """Return the picture (rows, cols) of one frame."""
+        return next(self.frames([frame]))
+
+    def frames(self, numbers: Iterable[int]) -> Iterator[Picture]:
+        """Yield the pictures of the requested frames, in that order."""
+        visible = at_rate(self.tracks, self.view.frames_per_s)
+        visible = visible.sort_values("frame", kind="stable")
+        frame, outlines, empty = visible["frame"].to_numpy(), self._outlines(visible), self._empty()
+        noise = np.empty(empty.shape, dtype=np.float32)
+        for number in numbers:
+            first, last = np.searchsorted(frame, [number, number + 1])
+            picture = empty.copy()
+            self._draw(picture, outlines[first:last])
+            rng = np.random.default_rng([self.seed, 1, number])
+            rng.standard_normal(dtype=np.float32, out=noise)
+            noise *= np.float32(self.noise_gray)
+            picture += noise
+            yield np.rint(picture, out=picture).clip(0, 255, out=picture).astype(np.uint8)
+
+    def _outlines(self, visible: pd.DataFrame) -> Array:
+        """Return row, col, direction, half length, half width, corner and way in px, (n, 8).
+
+        The way, down and right, is that of the exposure.
+        """
+        x, y, angle = visible["x"].to_numpy(), visible["y"].to_numpy(), self._angles(visible)
+        height = np.full(len(visible), self.bulk.rest_mm)
+        if "z" in visible.columns:
+            height = visible["z"].to_numpy(np.float64)
+        middle = self.view.pixels(np.column_stack([x, y, height]))
+        ahead = np.column_stack([x, y]) + self.exposure_s * _velocities(visible)
+        way = self.view.pixels(np.column_stack([ahead, height])) - middle
+        tip = np.column_stack([x + np.cos(angle), y + np.sin(angle), height])  # 1 mm ahead
+        along = self.view.pixels(tip) - middle
+        scale = np.hypot(along[:, 0], along[:, 1])  # px per mm
+        direction = np.arctan2(along[:, 0], along[:, 1])
+        return np.column_stack([middle, direction, scale[:, None] * self._sizes(visible), way])
+
+    def _sizes(self, visible: pd.DataFrame) -> Array:
+        """Return half length, half width and corner in mm, (n, 3), seen from above.
+
+        A tilted axis or first edge is shorter; the end of a tilted cylinder is seen as a round.
+        """
+        sizes = np.tile(self.bulk.outline_mm, (len(visible), 1))
+        if "tilt_rad" in visible.columns and self.bulk.shape != "sphere":
+            tilt, thick = visible["tilt_rad"].to_numpy(np.float64), self.bulk.rest_mm
+            sizes[:, 0] = sizes[:, 0] * np.cos(tilt) + thick * np.abs(np.sin(tilt))
+            if self.bulk.shape == "cylinder":
+                sizes[:, 2] = thick * np.abs(np.sin(tilt))
+        return sizes
+
+    def _angles(self, visible: pd.DataFrame) -> Array:
+        """Return the direction of each row; one per particle, drawn, where none is known."""
+        if "angle_rad" in visible.columns:
+            return visible["angle_rad"].to_numpy(np.float64)
+        names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
+        return np.random.default_rng([self.seed, 2]).uniform(0, np.pi, len(names))[which]
+
+    def _empty(self) -> npt.NDArray[np.float32]:
+        """Return the belt without particles, its edges soft."""
+        shape = self.view.rows, self.view.cols
+        row, col = np.ogrid[: shape[0], : shape[1]]
+        corners = self.view.pixels(np.column_stack([BELT.corners, np.zeros(4)]))
+        inside = np.full(shape, np.inf)
+        for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            down, right = end - start
+            away = right * (row - start[0]) - down * (col - start[1])
+            np.minimum(inside, away / np.hypot(down, right), out=inside)
+        picture = np.full(shape, self.floor_gray, dtype=np.float32)
+        _blend(picture, self.belt_gray, 0.5 + inside / self.soft_px)
+        texture = np.random.default_rng([self.seed, 0]).standard_normal(shape)
+        return (picture + 2.0 * texture).astype(np.float32)
+
+    def _draw(self, picture: npt.NDArray[np.float32], outlines: Array) -> None:
+        """Draw rectangles with round corners; where two overlap the later one is on top.
+
+        Each is the mean of its places during the exposure, at most a pixel apart.
+        """
+        for row, col, angle, length, width, corner, down, ahead in outlines.tolist():
+            reach = math.hypot(length - corner, width - corner) + corner + self.soft_px + 1.0
+            window = tuple(
+                slice(max(0, int(middle - most)), max(0, int(middle + most) + 2))
+                for middle, most in ((row, reach + abs(down) / 2), (col, reach + abs(ahead) / 2))
+            )
+            below, right = np.ogrid[window]
+            count = max(1, math.ceil(math.hypot(down, ahead)))
+            moved = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
+            below = (below - row - down * moved).astype(np.float32)
+            right = (right - col - ahead * moved).astype(np.float32)
+            c, s = math.cos(angle), math.sin(angle)
+            u = np.abs(right * c + below * s) - (length - corner)
+            v = np.abs(below * c - right * s) - (width - corner)
+            outside = np.hypot(np.maximum(u, 0.0), np.maximum(v, 0.0))
+            distance = outside + np.minimum(np.maximum(u, v), 0.0) - corner
+            part = picture[window]
+            share = (0.5 - distance / self.soft_px).clip(0.0, 1.0).mean(axis=0)
+            _blend(part, self.particle_gray, share[: part.shape[0], : part.shape[1]])
+
+
+def _velocities(visible: pd.DataFrame) -> Array:
+    """Return velocities along and across the belt in mm/s, (n, 2).
+
+    Where they are not known they are those to the next row of a particle; 0 for a single row.
+    """
+    names = BELT_BODIES.names[-2:]
+    if set(names) <= set(visible.columns):
+        return visible[names].to_numpy(np.float64)
+    step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
+    rates = step[["x", "y"]].div(step["time_s"], axis=0).groupby(visible["particle"]).ffill()
+    return rates.fillna(0.0).to_numpy()
+
+
+def _blend(picture: npt.NDArray[np.float32], gray: float, share: Array) -> None:
+    """Mix a share (0 to 1, cut off) of a grey value into a picture, in place."""
+    picture += share.clip(0.0, 1.0) * (gray - picture.astype(np.float64))
+
+
+def at_rate(tracks: pd.DataFrame, frames_per_s: float) -> pd.DataFrame:
+    """Return the rows at the times of a slower camera, with its frames.
+
+    Raises
+    ------
+    InputError
+        If the tracks have no rows at such times, as 100 Hz for a camera of 200 frames/s, or the
+        rate is not above 0.
+    """
+    check_positive(frames_per_s, "at_rate: frames_per_s")
+    check_columns(tracks, BELT_TRACKS.names, BELT_TRACKS.name)
+    exact = tracks["time_s"].to_numpy() * frames_per_s
+    frame = np.rint(exact).astype(np.int64)
+    kept = np.abs(exact - frame) < 1e-3
+    ordered = tracks.assign(frame=frame)[kept].sort_values(["particle", "frame"])
+    step = ordered.groupby("particle")["frame"].diff()
+    if len(tracks) and (not kept.any() or (step > 1).mean() > 0.5):
+        raise InputError(
+            f"the tracks have no rows {frames_per_s:g} times a second; give tracks sampled at a "
+            "multiple of that rate."
+        )
+    return ordered.reset_index(drop=True)
