@@ -115,7 +115,8 @@ def save() -> None:
     caption = (
         "Latency of the sorter that takes one picture at a time: median, 99.9 % and worst of the "
         "frames, by stage, and how many frames take more than 5 ms (200 Hz). Simulated spheres at "
-        "the published feed rate, frames with a particle only. Elapsed time has other processes in it, the processor's has not."
+        "the published feed rate, frames with a particle only. Elapsed time has other processes in "
+        "it, the processor's has not."
     )
     origin = figures.trace("benchmarks/bench_belt_online", {"scale": "full"}, mark="")
     figures.save("benchmark-belt-online", data, caption=caption, provenance=origin)

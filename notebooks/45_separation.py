@@ -12,7 +12,7 @@ from IPython.display import Markdown
 
 from kilnflight import belt
 from kilnflight.belt import recordings
-from kilnflight.belt.valves import MODELS, ValveBar
+from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments import belt_2020, belt_valves
 from kilnflight.project import figures, style
 
@@ -139,7 +139,7 @@ figures.save("belt-separation-width", tables["valve_mm"], **part)
 # %%
 values = ["hit_percent", "inadvertent_percent"]
 wide = tables["valves"].pivot(index=["data_set", "model"], columns="valves", values=values)
-wide.reindex([name for name, _, _ in MODELS], level="model").round(1)
+wide.reindex([name for name, _, _ in belt_valves.MODELS], level="model").round(1)
 
 # %%
 hits = (

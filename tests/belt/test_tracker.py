@@ -21,11 +21,11 @@ from kilnflight.belt.tracker import (
     Appearance,
     BeltTracker,
     Likelihoods,
-    constant_acceleration,
     constant_velocity,
     pair_costs,
 )
 from kilnflight.checks import InputError
+from kilnflight.experiments.belt_2016 import constant_acceleration
 from kilnflight.experiments.belt_camera import whole_matrix
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.gate import Detected, Gate, Predicted

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from kilnflight.belt import PredictionPhase
-from kilnflight.belt.valves import MODELS, ValveBar
+from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
 from kilnflight.experiments import belt_2016, belt_splitting, belt_valves
-from kilnflight.experiments.belt_valves import Entering, draw_trial
+from kilnflight.experiments.belt_valves import MODELS, Entering, draw_trial
 from kilnflight.sorter.friction import MATERIALS
 from kilnflight.sorter.machine import BULKS
 from kilnflight.sorter.rendering import Pictures

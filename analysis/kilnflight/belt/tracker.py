@@ -32,7 +32,7 @@ from kilnflight.checks import (
 )
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
 from kilnflight.tracking.gate import Detected, Gate, Predicted
-from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity, Motion
+from kilnflight.tracking.motion import ConstantVelocity, Motion
 from kilnflight.tracking.tracker import (
     ExtraColumns,
     FrameDetections,
@@ -98,18 +98,6 @@ def constant_velocity(
     check_positive(frame_s, "constant_velocity: frame_s")
     noise = acceleration_mm_s2 * np.sqrt(frame_s)
     return ConstantVelocity((750.0, 0.0), 433.0, float(noise), spread_mm)
-
-
-def constant_acceleration() -> ConstantAcceleration:
-    """Return the same with a constant acceleration, disturbed by white noise of jerk.
-
-    Notes
-    -----
-    The acceleration is 0 give or take 2000 mm/s^2 at first. It ends when the particle moves
-    with the belt, after some 0.2 s: the noise changes it by its size in that time.
-    """
-    noise = 2000.0 / np.sqrt(0.2)
-    return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), 0.127)
 
 
 @dataclass(frozen=True)

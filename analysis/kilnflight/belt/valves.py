@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt import COMBINATIONS
-from kilnflight.belt.models import BELT_WIDTH_MM, CVBC, IV, LateralCV, Straight
+from kilnflight.belt.models import BELT_WIDTH_MM
 from kilnflight.checks import (
     InputError,
     check_at_least,
@@ -29,14 +28,6 @@ from kilnflight.tables import BELT_PREDICTED, VALVE_EVENTS
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
 Flags = npt.NDArray[np.bool_]
-
-# Fig. 10 and two more: what a line-scan camera implies (one velocity for all, straight), and
-# constant velocity without its bias. Fig. 10 shows spreads, but a valve suffers from a bias.
-MODELS = (
-    ("IV-Straight", IV(), Straight()),
-    *COMBINATIONS,
-    ("CVBC-CV", CVBC(), LateralCV()),
-)
 
 
 class Separation(NamedTuple):

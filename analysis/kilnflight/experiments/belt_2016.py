@@ -20,7 +20,6 @@ from kilnflight.belt.tracker import (
     BELT_FRAME_S,
     Appearance,
     BeltTracker,
-    constant_acceleration,
     constant_velocity,
 )
 from kilnflight.checks import InputError, check_columns, check_count
@@ -42,6 +41,7 @@ from kilnflight.sorter.friction import MATERIALS
 from kilnflight.sorter.machine import check_material
 from kilnflight.sorter.rendering import at_rate
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
+from kilnflight.tracking.motion import ConstantAcceleration
 
 PHASE = PredictionPhase(TRACKED.end_mm, BELT.end_mm)  # the last 10 cm, section IV
 # The same 10 cm where tracks end at the edge: 15 mm upstream, as in `PredictionPhase`.
@@ -257,6 +257,18 @@ def rate_1000() -> BeltTracker:
     per_frame = {name: getattr(appearance, name) * (TRUTH_S / BELT_FRAME_S) for name in names}
     motion = constant_velocity(TRUTH_S, NOISE_FREE_MM, 433.0 / TRUTH_S)
     return BeltTracker(motion, replace(appearance, **per_frame), frame_s=TRUTH_S)
+
+
+def constant_acceleration() -> ConstantAcceleration:
+    """Return a motion of constant acceleration that white noise of jerk disturbs.
+
+    Notes
+    -----
+    The acceleration is 0 give or take 2000 mm/s^2 at first. It ends when the particle moves
+    with the belt, after some 0.2 s: the noise changes it by its size in that time.
+    """
+    noise = 2000.0 / np.sqrt(0.2)
+    return ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, float(noise), 0.127)
 
 
 def with_acceleration(pictured: PictureTracks, frames: int) -> PictureTracks:
