@@ -31,7 +31,7 @@ from kilnflight.experiments.twin_exposure import SPREAD, cost, otsu_row, otsu_ta
 from kilnflight.project import cache
 from kilnflight.twin.fitted import SECOND_LIGHT_FILE, SecondLightInputs
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import FRAMES, LABELLED, SIZES, SUBSETS, subset_scene
+from kilnflight.twin.scenes import FRAMES, LABELLED, SIZES, SUBSETS, second, subset_scene
 
 EVERY = 14  # frames of a subset that are rendered: 12 for the background, one of them labelled
 RENDERED = range(LABELLED.start % EVERY, FRAMES, EVERY)
@@ -50,16 +50,16 @@ SEARCH = Search(
     digits=3,
     seed=56,
     population=1,
-    generations=3,
+    generations=8,
     from_defaults=True,
 )
 
 
 def subsets() -> list[Twin]:
-    """Return the five subsets in the light before the fit, with the flights of the first twin."""
+    """Return the five subsets of the second look, in the light before the fit."""
     start = SecondLightInputs()
     scenes = (subset_scene(name, SIZES[name], k) for k, name in enumerate(SUBSETS, start=1))
-    return [Twin(start.applied(scene)) for scene in scenes]
+    return [Twin(start.applied(second(scene))) for scene in scenes]
 
 
 def calibrate(twins: list[Twin]) -> dict[str, object]:

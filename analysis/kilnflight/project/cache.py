@@ -152,7 +152,7 @@ def write_calibration(path: Path, content: dict[str, object]) -> str:
     content["sha256"] = content_hash(content)
     write_resumable(path, (json.dumps(content, indent=1) + "\n").encode())
     names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
-    return "\n".join(f"{name}: {content[name]}" for name in names)
+    return "\n".join(f"{name}: {content[name]}" for name in names if name in content)
 
 
 def read_calibration(path: Path, targets: object | None, module: str) -> dict[str, Any]:

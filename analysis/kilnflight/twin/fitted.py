@@ -10,6 +10,7 @@ kilnflight.experiments.twin_light``, fits the second look's picture to Otsu's ro
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +23,7 @@ from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
+from kilnflight.twin.lenses import LensCamera
 from kilnflight.twin.life import OnTheWall
 from kilnflight.twin.light import Light
 from kilnflight.twin.plates import Plates
@@ -32,6 +34,7 @@ FLIGHT_FILE = Path(__file__).with_name("calibrated.json")
 SECOND_FLIGHT_FILE = Path(__file__).with_name("flight.json")
 LIGHT_FILE = Path(__file__).with_name("exposure.json")
 SECOND_LIGHT_FILE = Path(__file__).with_name("light.json")
+DEPTH_FILE = Path(__file__).with_name("depth.json")
 # Of the wall in the second look: in a cavity of one temperature slag and bricks differ little
 TEXTURE_K = 10.0
 
@@ -211,3 +214,29 @@ def second_light(path: Path = SECOND_LIGHT_FILE) -> SecondLightInputs:
     """
     content = cache.read_calibration(path, None, "kilnflight.experiments.twin_light")
     return cache.calibrated(SecondLightInputs, path, content)
+
+
+@dataclass(frozen=True)
+class DepthInputs:
+    """What published numbers decide of the depth camera of the second look."""
+
+    contrast: float  # Table 5.2
+    wall_points: int  # section 5.1.3
+    particle_error_mm: Mapping[str, float]  # Table 5.18, RMSE in z
+
+    def camera(self) -> LensCamera:
+        """Return the camera with these inputs, all else as it is chosen."""
+        error = tuple((name, float(mm)) for name, mm in self.particle_error_mm.items())
+        return LensCamera(
+            contrast=self.contrast, wall_points=self.wall_points, particle_error_mm=error
+        )
+
+
+@lru_cache(maxsize=8)
+def second_depth(path: Path = DEPTH_FILE) -> LensCamera:
+    """Return the depth camera of the second look.
+
+    See `cache.read_calibration` for errors.
+    """
+    content = cache.read_calibration(path, None, "kilnflight.experiments.twin_depth")
+    return cache.calibrated(DepthInputs, path, content).camera()

@@ -22,6 +22,7 @@ from kilnflight.twin.background import Background, LivingBackground, Surrounding
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
+from kilnflight.twin.lenses import LensCamera, LensWall, Sight
 from kilnflight.twin.life import Life, Moment, OnTheWall, live
 from kilnflight.twin.light import Fires, Look
 from kilnflight.twin.particles import Burst
@@ -231,26 +232,42 @@ class Twin:
         return np.random.Generator(np.random.Philox(key=key))
 
     @cached_property
-    def _wall(self) -> _Wall:
-        return _wall_points(self.scene, self._background)
+    def _wall(self) -> _Wall | LensWall:
+        scene, depth = self.scene, self.scene.depth
+        if isinstance(depth, LensCamera):
+            edge, seed = scene.surroundings.edge_px, scene.seed
+            return LensWall.of(depth, self._background, scene.optics, edge, seed)
+        return _wall_points(scene, self._background)
+
+    def _sight(self, t: int, view: SceneView, wall: LensWall) -> Sight:
+        """Return what the lenses of the second look see of the particles of frame ``t``."""
+        picture = np.minimum(view.picture, np.float32(FULL_SCALE))
+        hidden = view.labels.reshape(-1) == 1
+        error, generator = self.particle_errors(t)[1], self._random(t, 2)
+        shown = (view.blobs, view.pixels)
+        return wall.look(picture, shown, error, hidden, self.scene.optics, generator)
 
     def _cloud(
         self, t: int, view: SceneView
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
-        generator = self._random(t, 1)
-        index, depth = self._wall_depth(generator, view.labels)
-        of_particles, particle_depth = self._particle_depth(t, view)
-        index = np.concatenate([index, of_particles])
-        captured = self.scene.depth.captured(np.concatenate([depth, particle_depth]))
+        generator, wall = self._random(t, 1), self._wall
+        if isinstance(wall, LensWall):
+            index, depth = wall.points(self._sight(t, view, wall), generator)
+        else:
+            index, depth = self._wall_depth(generator, view.labels, wall)
+            of_particles, particle_depth = self._particle_depth(t, view)
+            index = np.concatenate([index, of_particles])
+            depth = np.concatenate([depth, particle_depth])
+        captured = self.scene.depth.captured(depth)
         row, column = np.divmod(index, self.scene.geometry.columns)
         xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
         return np.stack([row, column], axis=1).astype(np.int32), xyz
 
     def _wall_depth(
-        self, generator: np.random.Generator, labels: npt.NDArray[np.uint8]
+        self, generator: np.random.Generator, labels: npt.NDArray[np.uint8], wall: _Wall
     ) -> tuple[npt.NDArray[np.intp], Array]:
-        wall, depth = self._wall, self.scene.depth
+        depth = self.scene.depth
         kept = generator.random(len(wall.index), dtype=np.float32) < depth.kept_per_frame
         kept &= labels.reshape(-1).take(wall.index) == 0
         chosen = np.flatnonzero(kept)  # a mask would be counted out by every array anew
@@ -274,7 +291,13 @@ class Twin:
 
     def particles_with_depth(self, t: int, view: SceneView) -> npt.NDArray[np.intp]:
         """Return the particles with at least one valid point in the view of frame ``t``."""
-        chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
+        wall = self._wall
+        if isinstance(wall, LensWall):
+            has_point = np.zeros(view.labels.size, dtype=bool)
+            has_point[self._sight(t, view, wall).pixels] = True
+            chosen = np.flatnonzero(view.shown & has_point[view.pixels.place])
+        else:
+            chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
         return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
 
     def _chosen_points(

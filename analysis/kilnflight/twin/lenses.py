@@ -1,0 +1,356 @@
+"""Depth of the second look, made from the picture on the grid of micro-lenses.
+
+A lens compares what its neighbours see, so that it finds a depth only where its patch of the
+picture has contrast over noise. The depth is that of whatever has the contrast: an edge carries its
+depth half a lens beyond itself (fattening), and between two lenses depths are mixed. The error is
+a bias of the calibration that is smooth over the picture and stays from frame to frame, and a
+small part that changes. A particle's own error is the larger, the lower its contrast.
+
+Published: 176 x 152 lenses (R12 data sheet), about 200,000 points a frame (sec. 5.1.3), the
+distances of neighbours (Fig. 5.7), the shares with depth (Table 5.2), the scatter of the plate
+(sec. 2.1.5) and of fitted trajectories (Table 5.18, RMSE in z). `kilnflight.experiments.twin_depth`
+sets `LensCamera` by these alone. No detection has a part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.checks import InputError, check_positive
+from kilnflight.twin.background import Background
+from kilnflight.twin.camera import DepthCamera, Optics
+from kilnflight.twin.picture import Blobs, Pixels
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
+
+FULL_COLUMNS = 2048
+BLOCKS = 3  # per lens and direction, in which contrast is summed
+# Depths between which the plate scatters most (sec. 2.1.5: 3 m), and where it no longer does
+NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
+
+
+@dataclass(frozen=True)
+class LensCamera(DepthCamera):
+    """Say where lenses find a depth, and how wrong it is."""
+
+    lenses: tuple[int, int] = (152, 176)  # rows, columns (R12 data sheet): 11.6 px apart
+    # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth
+    contrast: float = 15.0
+    wall_contrast: float = 0.5  # likewise, of the wall, which many lenses see; assumption
+    # Chosen by hand while looking at the distances of neighbours (Fig. 5.7), and at nothing else:
+    # 0.1, 96 px, 0.6 mm, 0.6 and 0.85 gave 29, 58 and 85 % nearer than 1, 2 and 4 mm.
+    changing: float = 0.03  # of the error's variance, from frame to frame
+    bias_px: float = 200.0  # over which the bias of the calibration changes
+    white_mm: float = 0.4
+    points_per_pixel: float = 0.9  # of what lenses see of particles
+    kept_per_frame: float = 0.95  # of the wall's points
+    # Contrast over noise at which noise makes the error of a particle 1.4 times as large
+    half_contrast: float = 3.0
+    outlier_share: float = 0.0  # mixed depths are the outliers
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that are not positive, and shares beyond 1."""
+        for field in fields(self):
+            if field.name in ("contrast", "bias_px", "half_contrast", "wall_points"):
+                check_positive(float(getattr(self, field.name)), f"LensCamera: {field.name}")
+        if not 0.0 <= self.changing <= 1.0:
+            raise InputError(f"LensCamera: changing is {self.changing}, expected a share, 0 to 1.")
+
+    def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
+        """Return the standard deviation of the wall's error in mm at true depths.
+
+        As the first look's, but without steps.
+        """
+        depth = np.asarray(depth_mm, dtype=np.float64)
+        relative = float(np.hypot(self.wall_error, self.static_bias))
+        begin, end = relative * NEAR_MM[0], relative * NEAR_MM[3]
+        near = np.interp(depth, NEAR_MM, (begin, *[self.wall_error_near_mm] * 2, end))
+        inside = (depth > NEAR_MM[0]) & (depth < NEAR_MM[3])
+        return self.scale * np.where(inside, near, relative * depth)
+
+    def particle_scale(self, contrast: Array) -> Array:
+        """Return by how much low contrast raises a particle's error."""
+        return np.sqrt(1.0 + (self.half_contrast / np.maximum(contrast, 0.1)) ** 2)
+
+
+class Lattice(NamedTuple):
+    """The hexagonal grid of lenses over a picture."""
+
+    rows: int  # of the picture
+    columns: int
+    lenses: tuple[int, int]
+
+    @property
+    def size(self) -> int:
+        """Number of lenses."""
+        return self.lenses[0] * self.lenses[1]
+
+    @property
+    def pitch_px(self) -> float:
+        """Distance of the lenses of a row."""
+        return self.columns / self.lenses[1]
+
+    @property
+    def block_px(self) -> int:
+        """Side of the blocks in which contrast is summed."""
+        return max(1, round(self.pitch_px / BLOCKS))
+
+    @property
+    def blocks(self) -> tuple[int, int]:
+        """Rows and columns of blocks."""
+        return -(-self.rows // self.block_px), -(-self.columns // self.block_px)
+
+    def centres(self) -> tuple[Index, Index]:
+        """Return the pixels (rows and columns) in the middle of all lenses."""
+        row, column = np.divmod(np.arange(self.size), self.lenses[1])
+        down = (row + 0.5) * self.rows / self.lenses[0]
+        right = (column + 0.25 + 0.5 * (row % 2)) * self.pitch_px
+        return (
+            np.minimum(down.astype(np.intp), self.rows - 1),
+            np.minimum(right.astype(np.intp), self.columns - 1),
+        )
+
+    def block_of(self, row: Index, column: Index) -> Index:
+        """Return the block of each pixel."""
+        return row // self.block_px * self.blocks[1] + column // self.block_px
+
+    def between(self, row: Index, column: Index) -> tuple[npt.NDArray[np.int32], Picture]:
+        """Return the four lenses around pixels (4, n) and their weights (4, n)."""
+        down = np.clip(row * (self.lenses[0] / self.rows) - 0.5, 0.0, self.lenses[0] - 1.001)
+        upper = down.astype(np.intp)
+        share = down - upper
+        lens, weight = [], []
+        for line, of_line in ((upper, 1 - share), (upper + 1, share)):
+            right = column / self.pitch_px - 0.25 - 0.5 * (line % 2)
+            right = np.clip(right, 0.0, self.lenses[1] - 1.001)
+            left = right.astype(np.intp)
+            lens += [line * self.lenses[1] + left, line * self.lenses[1] + left + 1]
+            weight += [of_line * (1 - (right - left)), of_line * (right - left)]
+        return np.stack(lens).astype(np.int32), np.stack(weight).astype(np.float32)
+
+
+class Contrast(NamedTuple):
+    """What the blocks of a picture show; arrays (rows, columns) of blocks."""
+
+    variance: Picture  # of the grey values within a lens
+    mean: Picture
+
+
+def measure_contrast(picture: Picture, lattice: Lattice) -> Contrast:
+    """Return mean and variance of grey values within a lens around each block."""
+    size = lattice.blocks[::-1]
+    mean, square = (
+        cv2.blur(cv2.resize(each, size, interpolation=cv2.INTER_AREA), (BLOCKS, BLOCKS))
+        for each in (picture, picture * picture)
+    )
+    return Contrast(np.maximum(square - mean * mean, 0.0), mean)
+
+
+@dataclass(frozen=True)
+class LensWall:
+    """What the lenses see of the kiln without particles: constant in a scene."""
+
+    camera: LensCamera
+    lattice: Lattice
+    depth_mm: Picture  # (rows, columns), true
+    bias: Picture  # (rows, columns) of the calibration, in standard deviations
+    variance: Picture  # of blocks
+    contrast: Picture  # of lenses, standard deviation of the grey values
+    changing_mm: Picture  # of lenses: error that changes
+    index: Index  # pixels of the wall that can have depth
+    block: npt.NDArray[np.int32]  # of each of them
+    lens: npt.NDArray[np.int32]  # (4, pixels) around each of them
+    weight: Picture  # (4, pixels)
+    level_mm: Picture  # (pixels,) depth with the bias of the calibration
+
+    @classmethod
+    def of(
+        cls, camera: LensCamera, background: Background, optics: Optics, edge_px: int, seed: int
+    ) -> LensWall:
+        """Return the wall of a scene; the seed decides the bias of its calibration."""
+        level = background.level
+        rows, columns = level.shape
+        lattice = Lattice(rows, columns, camera.lenses)
+        generator = np.random.default_rng([seed, 304])
+        seen = measure_contrast(level, lattice)
+        over_noise = np.sqrt(seen.variance) / optics.noise(seen.mean)
+        index = _textured(over_noise, lattice, camera, edge_px, generator)
+        row, column = np.divmod(index, columns)
+        centre = lattice.centres()
+        at_lens = over_noise.reshape(-1)[lattice.block_of(*centre)]
+        changing = np.sqrt(camera.changing) * camera.wall_scale(background.depth_mm[centre])
+        changing *= np.clip(np.median(at_lens) / np.maximum(at_lens, 1e-6), 0.5, 2.0)
+        bias = _smooth(generator, rows, columns, camera.bias_px * columns / FULL_COLUMNS)
+        bias *= np.float32(np.sqrt(1 - camera.changing))
+        true = background.depth_mm.astype(np.float32)
+        at = true.reshape(-1)[index]
+        return cls(
+            camera,
+            lattice,
+            true,
+            bias,
+            seen.variance,
+            np.sqrt(seen.variance).take(lattice.block_of(*centre)),
+            changing.astype(np.float32),
+            index,
+            lattice.block_of(row, column).astype(np.int32),
+            *lattice.between(row, column),
+            at + bias.reshape(-1)[index] * camera.wall_scale(at).astype(np.float32),
+        )
+
+    def points(self, sight: Sight, random: np.random.Generator) -> tuple[Index, Picture]:
+        """Return pixels (n,) and depths in mm (n,) of the points of a frame, error included."""
+        camera, lattice = self.camera, self.lattice
+        block = lattice.block_of(*lattice.centres())
+        own = sight.contrast.take(block)
+        changing = self.changing_mm * random.standard_normal(len(block), dtype=np.float32)
+        kept = random.random(len(self.index), dtype=np.float32) < camera.kept_per_frame
+        kept &= ~(sight.valid.reshape(-1).take(self.block) | sight.hidden.take(self.index))
+        chosen = np.flatnonzero(kept)
+        index, depth = self.index[chosen], self.level_mm.take(chosen)
+        lens = [of.take(chosen) for of in self.lens]
+        depth += _interpolated(changing, lens, [of.take(chosen) for of in self.weight])
+        near = (own > 0).take(np.stack(lens)).any(axis=0)  # a particle
+        index = np.concatenate([index[~near], index[near], sight.pixels])
+        pixel = np.divmod(index[np.count_nonzero(~near) :], lattice.columns)
+        particle = np.stack([own, own * sight.depth_mm.take(block)])
+        depth = np.concatenate([depth[~near], self._mixed(pixel, *particle, changing)])
+        return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
+
+    def _mixed(
+        self, pixel: tuple[Index, Index], own: Picture, weighted_mm: Picture, changing: Picture
+    ) -> Picture:
+        """Return the depths at pixels near particles: of the wall, of particles, and between.
+
+        By lens: ``own`` contrast of particles, that times their depth, and the wall's error.
+        """
+        lens, weight = self.lattice.between(*pixel)
+        of_lenses = (own, weighted_mm, changing, self.contrast)
+        mine, depth, error, wall = (_interpolated(of, lens, weight) for of in of_lenses)
+        share = mine / np.maximum(mine + wall, 1e-6)
+        depth = (1 - share) * (self.depth_mm[pixel] + error) + share * depth / np.maximum(
+            mine, 1e-6
+        )
+        scale = self.camera.wall_scale(depth).astype(np.float32)
+        return np.asarray(depth + self.bias[pixel] * scale, dtype=np.float32)
+
+    def look(
+        self,
+        picture: Picture,
+        scene: tuple[Blobs, Pixels],
+        error: Array,
+        hidden: npt.NDArray[np.bool_],
+        optics: Optics,
+        random: np.random.Generator,
+    ) -> Sight:
+        """Return what the lenses see of the particles of a frame.
+
+        Parameters
+        ----------
+        picture
+            (rows, columns), without noise and within full scale.
+        scene
+            The particles, and the pixels that they cover.
+        error
+            Of each particle's depth (particles,), at high contrast.
+        hidden
+            Pixels (rows * columns,) without depth of the wall: the burner's flame.
+        optics, random
+            The noise of the picture; chooses among the pixels.
+        """
+        blobs, pixels = scene
+        seen, lattice = measure_contrast(picture, self.lattice), self.lattice
+        covered = pixels.radius <= 1.15
+        place, blob = pixels.place[covered], pixels.blob[covered]
+        block = lattice.block_of(*np.divmod(place, lattice.columns))
+        size = lattice.blocks[0] * lattice.blocks[1]
+
+        def within(weights: Array) -> Picture:
+            total = np.bincount(block, weights, size).reshape(lattice.blocks)
+            return cv2.blur(total.astype(np.float32), (BLOCKS, BLOCKS))
+
+        count = within(np.ones(len(block)))
+        there = count > 0.5 / BLOCKS**2
+        total = np.maximum(count, 1e-6)
+        own = np.where(there, np.maximum(seen.variance - self.variance, 0.0), 0.0)
+        noise = optics.noise(seen.mean)
+        contrast = np.sqrt(own) / noise
+        strongest = np.zeros(len(blobs.row))
+        np.maximum.at(strongest, blob, contrast.reshape(-1)[block])
+        found = blobs.depth_mm + error[blobs.particle] * self.camera.particle_scale(strongest)
+        depth = within(found[blob]) / total
+        valid = there & (contrast >= self.camera.contrast) & (own >= self.variance)
+        candidates = _pixels_of(valid, lattice)
+        kept = random.random(len(candidates), dtype=np.float32) < self.camera.points_per_pixel
+        kept &= ~hidden[candidates]
+        return Sight(np.sqrt(own), depth, valid, hidden, candidates[kept])
+
+
+def _interpolated(
+    values: Picture, lens: Sequence[npt.NDArray[np.int32]] | npt.NDArray[np.int32], weight: Any
+) -> Picture:
+    """Return values of lenses between four of them each."""
+    total = weight[0] * values.take(lens[0])
+    for of_lens, of_weight in zip(lens[1:], weight[1:], strict=True):
+        total += of_weight * values.take(of_lens)
+    return np.asarray(total, dtype=np.float32)
+
+
+class Sight(NamedTuple):
+    """What the lenses see of the particles of a frame."""
+
+    contrast: Picture  # of blocks: standard deviation of grey values, of particles alone
+    depth_mm: Picture  # of blocks: the particle's, with its error
+    valid: npt.NDArray[np.bool_]  # of blocks: a particle gives a depth
+    hidden: npt.NDArray[np.bool_]  # of pixels (rows * columns,): no depth of the wall
+    pixels: Index  # that have a particle's depth
+
+
+def _textured(
+    over_noise: Picture,
+    lattice: Lattice,
+    camera: LensCamera,
+    edge_px: int,
+    generator: np.random.Generator,
+) -> Index:
+    """Return the pixels of the wall with most contrast for their surroundings, sorted.
+
+    Contrast is relative to that of a tenth of the picture around, so that points lie everywhere
+    where there is any.
+    """
+    rows, columns = lattice.rows, lattice.columns
+    around = cv2.GaussianBlur(over_noise, (0, 0), lattice.blocks[1] / 20)
+    score = cv2.resize(over_noise / (around + 0.05), (columns, rows))
+    score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
+    enough = cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
+    score *= enough
+    score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
+    count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
+    best = np.argpartition(score.reshape(-1), -count)[-count:]
+    return np.sort(best[score.reshape(-1)[best] > 0])
+
+
+def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Picture:
+    """Return a smooth field (rows, columns) of unit variance."""
+    cells = (int(rows / cell_px) + 2, int(columns / cell_px) + 2)
+    field = generator.standard_normal(cells).astype(np.float32)
+    field = cv2.resize(field, (columns, rows), interpolation=cv2.INTER_CUBIC)
+    return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
+
+
+def _pixels_of(valid: npt.NDArray[np.bool_], lattice: Lattice) -> Index:
+    """Return the pixels of blocks."""
+    row, column = np.nonzero(valid)
+    inner = np.arange(lattice.block_px)
+    down = (row[:, None] * lattice.block_px + inner)[:, :, None]
+    right = (column[:, None] * lattice.block_px + inner)[:, None, :]
+    inside = (down < lattice.rows) & (right < lattice.columns)
+    return np.asarray((down * lattice.columns + right)[inside], dtype=np.intp)
