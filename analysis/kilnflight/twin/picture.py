@@ -345,12 +345,12 @@ def _drawn_over(
     return behind, change
 
 
-def _layers(place: Index, size: int) -> Iterator[Index]:
+def _layers(place: Index, size: int) -> Iterator[npt.NDArray[np.int32]]:
     """Yield the pixels of the farthest blob of each place, then the next, and so on.
 
     No place is twice in a layer.
     """
-    rest, first = np.arange(len(place)), np.empty(size, dtype=np.int32)
+    rest, first = np.arange(len(place), dtype=np.int32), np.empty(size, dtype=np.int32)
     while len(rest):
         there = place.take(rest)
         first[there[::-1]] = rest[::-1]  # of equal places the last one assigned stays
