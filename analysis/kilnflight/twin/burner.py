@@ -148,14 +148,14 @@ class Flame:
         row, column = self.geometry.project(centre)
         top, bottom, left, right = self.rectangle
         spread = radius * scale
-        down = ((np.arange(top, bottom)[:, None] - row) / spread).astype(np.float32)
-        over = ((np.arange(left, right)[:, None] - column) / spread).astype(np.float32)
-        total = np.exp(-(down**2)) * depth.astype(np.float32) @ np.exp(-(over**2)).T
+        shine = np.flatnonzero(depth)  # others are not yet soot, or burnt
+        down = _profiles(top, bottom, row[shine], spread[shine])
+        over = _profiles(left, right, column[shine], spread[shine])
+        total = (down * depth[shine, None].astype(np.float32)).T @ over
         total *= self._border * np.float32(self._opacity)
         passing = np.exp(-total)
         own = np.float32(optics.glow(flame.soot_k)) * (1 - passing)
-        middle = float(centre[:, 2].mean())
-        return Veil(middle, self.rectangle, passing, own.astype(np.float32))
+        return Veil(float(centre[:, 2].mean()), self.rectangle, passing, own)
 
     def _centres(self, share: Array, wander: Array) -> tuple[Array, Array]:
         """Return the middles (puffs, 3) of puffs in camera mm, and their radii (puffs,)."""
@@ -187,3 +187,11 @@ class Flame:
         distance = np.linalg.norm(camera_mm - self.geometry.to_camera(middle), axis=-1)
         falls = 1 + (distance / self.burner.reach_mm) ** 2
         return self.burner.reflected * optics.at_wall / falls
+
+
+def _profiles(first: int, last: int, middle: Array, spread: Array) -> npt.NDArray[np.float32]:
+    """Return Gaussian profiles (puffs, pixels) across the pixels from the first to the last."""
+    start, step = ((part / spread).astype(np.float32)[:, None] for part in (first - middle, 1.0))
+    away = start + step * np.arange(last - first, dtype=np.float32)
+    away *= -away
+    return np.exp(away, out=away)

@@ -24,6 +24,7 @@ from kilnflight.twin.plates import projected_axes
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
+Single = npt.NDArray[np.float32]
 
 VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark (twin.md, rule 5)
 VISIBLE_PX = 5  # pixels of that contrast
@@ -208,37 +209,55 @@ class Pixels(NamedTuple):
 
 
 def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
-    """Return the pixels within `LARGEST_RADIUS` of every ellipse, clipped to the picture."""
+    """Return the pixels within `LARGEST_RADIUS` of every ellipse, clipped to the picture.
+
+    Each row of an ellipse is a run of pixels: what is the same in a run is computed once.
+    """
+    matrix = np.linalg.inv(blobs.spread_px2) if len(blobs.row) else np.empty((0, 2, 2))
+    blob, row, left, count = _runs(blobs, matrix, rows, columns)
+    first = np.cumsum(count) - count
+    place = np.repeat(row * columns + left - first, count)
+    place += np.arange(len(place))
+    x = place - np.repeat(row * columns, count) - np.repeat(blobs.column[blob], count)
+    y, matrix = row - blobs.row[blob], matrix[blob]
+    square = 2 * np.repeat(matrix[:, 0, 1], count) * x * np.repeat(y, count)
+    square += np.repeat(matrix[:, 0, 0] * y * y, count)
+    square += np.repeat(matrix[:, 1, 1], count) * x * x
+    if blobs.tail.any():
+        # a flame narrows towards its tail: squared radii grow with the way along it
+        tail = blobs.tail[blob]
+        turned = np.einsum("kij,kj->ki", matrix, tail)
+        turned /= np.sqrt(np.maximum((turned * tail).sum(axis=1, keepdims=True), 1e-12))
+        along = np.repeat(turned[:, 1], count) * x + np.repeat(turned[:, 0] * y, count)
+        along = np.maximum(along, 0.0, out=along)
+        narrower = along * np.repeat(np.linalg.norm(tail, axis=1), count)
+        across = np.maximum(square - along * along, 0.0)
+        square += across * narrower * (2 + narrower)
+    near = np.flatnonzero(square < LARGEST_RADIUS**2)
+    radius = np.sqrt(square.take(near)).astype(np.float32)
+    return Pixels(np.repeat(blob, count).take(near), place.take(near), radius)
+
+
+def _runs(
+    blobs: Blobs, matrix: Array, rows: int, columns: int
+) -> tuple[Index, Index, Index, Index]:
+    """Return blob, row, first column and length of the runs of pixels that may be covered."""
     half = np.sqrt(np.stack([blobs.spread_px2[:, 0, 0], blobs.spread_px2[:, 1, 1]]))
     half = np.minimum(np.ceil(LARGEST_RADIUS * half), LARGEST_PX).astype(np.intp)
-    size = 2 * half + 1
-    count = size[0] * size[1]
-    blob = np.repeat(np.arange(len(count)), count)
-    inner = np.arange(len(blob)) - np.repeat(np.cumsum(count) - count, count)
-    down, right = np.divmod(inner, size[1][blob])
-    row = np.round(blobs.row).astype(np.intp)[blob] + down - half[0][blob]
-    column = np.round(blobs.column).astype(np.intp)[blob] + right - half[1][blob]
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    blob, row, column = blob[inside], row[inside], column[inside]
-    inverse = np.linalg.inv(blobs.spread_px2) if len(count) else np.empty((0, 2, 2))
-    y, x = row - blobs.row[blob], column - blobs.column[blob]
-    matrix = inverse[blob]
-    square = matrix[:, 0, 0] * y * y + 2 * matrix[:, 0, 1] * x * y + matrix[:, 1, 1] * x * x
-    near = square < LARGEST_RADIUS**2
-    if blobs.tail.any():
-        square = _tapered(square, matrix, np.stack([y, x], axis=1), blobs.tail[blob])
-        near &= square < LARGEST_RADIUS**2
-    radius = np.sqrt(square[near]).astype(np.float32)
-    return Pixels(blob[near], (row * columns + column)[near], radius)
-
-
-def _tapered(square: Array, matrix: Array, offset: Array, tail: Array) -> Array:
-    """Return squared radii (k,) of flames that narrow towards their tails."""
-    turned = np.einsum("kij,kj->ki", matrix, tail)
-    length = np.sqrt(np.maximum((turned * tail).sum(axis=1), 1e-12))
-    along = np.maximum((turned * offset).sum(axis=1) / length, 0.0)
-    across = np.maximum(square - along**2, 0.0)
-    return square + across * ((1 + along * np.linalg.norm(tail, axis=1)) ** 2 - 1)
+    middle = np.round(np.stack([blobs.row, blobs.column])).astype(np.intp)
+    top = np.maximum(middle[0] - half[0], 0)
+    height = np.maximum(np.minimum(middle[0] + half[0], rows - 1) - top + 1, 0)
+    blob = np.repeat(np.arange(len(height)), height)
+    row = np.arange(len(blob)) + np.repeat(top - np.cumsum(height) + height, height)
+    y, slant, wide = row - blobs.row[blob], matrix[blob, 0, 1], matrix[blob, 1, 1]
+    room = (slant * y) ** 2 - wide * (matrix[blob, 0, 0] * y * y - LARGEST_RADIUS**2)
+    reach = np.sqrt(np.maximum(room, 0.0)) / wide + 0.01  # px, so that rounding loses none
+    centre, box = blobs.column[blob] - slant * y / wide, half[1][blob]
+    left = np.ceil(np.clip(centre - reach, 0, columns)).astype(np.intp)
+    right = np.floor(np.clip(centre + reach, -1, columns - 1)).astype(np.intp)
+    left = np.maximum(left, middle[1][blob] - box)
+    count = np.maximum(np.minimum(right, middle[1][blob] + box) - left + 1, 0)
+    return blob, row, left, count
 
 
 class Veil(NamedTuple):
@@ -249,14 +268,16 @@ class Veil(NamedTuple):
     passing: npt.NDArray[np.float32]  # (rows, columns) of the rectangle: share from behind
     own: npt.NDArray[np.float32]  # likewise: grey values that it adds
 
-    def before(self, depth_mm: Array, place: Index, columns: int) -> tuple[Array, Array]:
+    def before(self, depth_mm: Array, place: Index, columns: int) -> tuple[Single, Single]:
         """Return both at pixels (k,) of things at these depths; nothing is before nearer ones."""
         top, bottom, left, right = self.rectangle
-        row, column = np.divmod(place, columns)
-        veiled = (depth_mm > self.depth_mm) & (row >= top) & (row < bottom)
-        veiled &= (column >= left) & (column < right)
-        passing, own = np.ones(len(place)), np.zeros(len(place))
-        inside = row[veiled] - top, column[veiled] - left
+        passing, own = np.ones(len(place), np.float32), np.zeros(len(place), np.float32)
+        veiled = np.flatnonzero(
+            (depth_mm > self.depth_mm) & (place >= top * columns) & (place < bottom * columns)
+        )
+        row, column = np.divmod(place.take(veiled), columns)
+        beside = (column >= left) & (column < right)
+        veiled, inside = veiled[beside], (row[beside] - top, column[beside] - left)
         passing[veiled], own[veiled] = self.passing[inside], self.own[inside]
         return passing, own
 
@@ -281,40 +302,58 @@ def paint(
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
-    flat = picture.reshape(-1)
-    softness = blobs.softness[pixels.blob]
-    profile = blobs.dilution[pixels.blob] / (1 + np.exp((pixels.radius - 1) / softness))
-    if optics.light:  # it ends where it is drawn
-        last = 1 / (1 + np.exp((LARGEST_RADIUS - 1) / softness))
-        profile = np.maximum(profile - blobs.dilution[pixels.blob] * last, 0.0) / (1 - last)
-    level, covers = blobs.brightness[pixels.blob], 1 - blobs.passes[pixels.blob]
-    layers = _layers(pixels.place, flat.size) if optics.light else [np.arange(len(level))]
-    behind, change = np.empty(len(level), dtype=np.float32), np.empty(len(level))
-    for layer in layers:
-        place, share = pixels.place[layer], profile[layer]
-        behind[layer] = flat[place]
-        if veil:
-            depth_mm = blobs.depth_mm[pixels.blob[layer]]
-            passing, own = veil.before(depth_mm, place, picture.shape[1])
-            change[layer] = (passing * level[layer] - covers[layer] * (behind[layer] - own)) * share
-        else:
-            change[layer] = (level[layer] - covers[layer] * behind[layer]) * share
-        np.add.at(flat, place, change[layer].astype(np.float32))
-    recorded = np.minimum(behind + change, FULL_SCALE) - np.minimum(behind, FULL_SCALE)
-    contrast = np.abs(recorded) > VISIBLE_CONTRAST * optics.noise(behind)
-    marked = contrast & (pixels.radius <= 1.15)
+    if optics.light:
+        behind, change = _drawn_over(picture, blobs, pixels, veil)
+    else:
+        flat, of_blob = picture.reshape(-1), pixels.blob
+        share = 1 + np.exp((pixels.radius - 1) / blobs.softness[of_blob])
+        behind = flat[pixels.place]
+        change = blobs.brightness[of_blob] - (1 - blobs.passes[of_blob]) * behind
+        change *= blobs.dilution[of_blob] / share
+        np.add.at(flat, pixels.place, change.astype(np.float32))
+    marked = pixels.radius <= 1.15
+    inner = np.flatnonzero(marked)
+    before, after = behind.take(inner), behind.take(inner) + change.take(inner)
+    recorded = np.minimum(after, FULL_SCALE) - np.minimum(before, FULL_SCALE)
+    marked[inner] = np.abs(recorded) > VISIBLE_CONTRAST * optics.noise(before)
     count = np.bincount(pixels.blob[marked], minlength=len(blobs.row))
     return marked, count >= VISIBLE_PX
 
 
-def _layers(place: Index, size: int) -> Iterator[Index]:
+def _drawn_over(
+    picture: Single, blobs: Blobs, pixels: Pixels, veil: Veil | None
+) -> tuple[Single, Single]:
+    """Draw each particle over those behind it; return what was there, and the change (k,)."""
+    flat, of_blob = picture.reshape(-1), pixels.blob
+    last = 1 / (1 + np.exp((LARGEST_RADIUS - 1) / blobs.softness))  # it ends where it is drawn
+    per_blob = (1 / blobs.softness, last, blobs.dilution / (1 - last))
+    steepness, last, dilution = (part.astype(np.float32).take(of_blob) for part in per_blob)
+    share = np.maximum(1 / (1 + np.exp((pixels.radius - 1) * steepness)) - last, 0) * dilution
+    covered = share * (1 - blobs.passes).astype(np.float32).take(of_blob)
+    added = share * blobs.brightness.astype(np.float32).take(of_blob)
+    if veil:
+        depth_mm = blobs.depth_mm.take(of_blob)
+        passing, own = veil.before(depth_mm, pixels.place, picture.shape[1])
+        added = passing * added + covered * own
+    behind, change = np.empty_like(share), np.empty_like(share)
+    for layer in _layers(pixels.place, flat.size):
+        place = pixels.place.take(layer)
+        there = flat.take(place)
+        behind[layer], changes = there, added.take(layer) - covered.take(layer) * there
+        change[layer] = changes
+        flat[place] = there + changes
+    return behind, change
+
+
+def _layers(place: Index, size: int) -> Iterator[npt.NDArray[np.int32]]:
     """Yield the pixels of the farthest blob of each place, then the next, and so on.
 
     No place is twice in a layer.
     """
-    rest, first = np.arange(len(place)), np.empty(size, dtype=np.int32)
+    rest, first = np.arange(len(place), dtype=np.int32), np.empty(size, dtype=np.int32)
     while len(rest):
-        first[place[rest[::-1]]] = rest[::-1]  # of equal places the last one assigned stays
-        farthest = first[place[rest]] == rest
+        there = place.take(rest)
+        first[there[::-1]] = rest[::-1]  # of equal places the last one assigned stays
+        farthest = first.take(there) == rest
         yield rest[farthest]
         rest = rest[~farthest]

@@ -218,7 +218,9 @@ class Twin:
         for first in range(0, len(picture), BLOCK_ROWS):
             rows = slice(first, first + BLOCK_ROWS)
             if optics.light:  # the shot noise of flames too
-                level = np.sqrt(optics.read_noise**2 + optics.shot_gain * picture[rows])
+                level = optics.shot_gain * picture[rows]
+                level += optics.read_noise**2
+                level = np.sqrt(level, out=level)
                 level *= noise[rows]
             else:
                 level = noise[rows] * self._sigma[rows]
