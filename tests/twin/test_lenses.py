@@ -65,8 +65,9 @@ def look(camera, plate, blobs, pixels, error=0.0, seed=1):
     picture = plate.level.copy()
     inside = pixels.radius <= 1
     picture.reshape(-1)[pixels.place[inside]] = blobs.brightness[pixels.blob[inside]]
-    hidden, random = np.zeros(picture.size, dtype=bool), np.random.default_rng(seed)
-    sight = wall.look(picture, (blobs, pixels), np.array([error]), hidden, OPTICS, random)
+    labels, random = np.zeros(picture.shape, dtype=np.uint8), np.random.default_rng(seed)
+    labels.reshape(-1)[pixels.place[inside]] = 2
+    sight = wall.look(picture, (blobs, pixels), np.array([error]), labels, OPTICS, random)
     return wall, sight
 
 
@@ -112,13 +113,13 @@ def test_depths_of_a_particle_reach_beyond_it_and_mix_with_the_wall():
     known = np.isfinite(image)
     assert np.nanmax(np.abs(image[off > 40] - 6000.0)) < 0.1
     rim = known & (off > 7) & (off < 12)
-    assert np.abs(np.median(image[rim]) - 4000.0) < 20
+    assert 4000.0 <= np.median(image[rim]) < 4060.0  # the wall's texture draws a little
     beyond = known & (off > 13) & (off < 17)
     assert np.mean(image[beyond] < 5000.0) > 0.7  # fattening
-    mixed = known & (image > 4300.0) & (image < 5700.0)
+    mixed = known & (image > 4150.0) & (image < 5850.0)
     assert mixed.any()
-    assert off[mixed].min() > 10
-    assert off[mixed].max() < 36
+    assert off[mixed].min() > 12
+    assert off[mixed].max() < 30
 
 
 def test_an_overexposed_middle_has_no_depth():
@@ -126,9 +127,9 @@ def test_an_overexposed_middle_has_no_depth():
     image = depth_image(wall, sight)
     row, column = np.indices(image.shape)
     off = np.hypot(row - 190.3, column - 250.8)
-    near = np.isfinite(image) & (image < 4100.0)
-    assert near[(off > 19) & (off < 25)].any()
-    assert not near[off < 14].any()
+    known = np.isfinite(image)
+    assert known[(off > 19) & (off < 25)].mean() > 0.7
+    assert not known[off < 14].any()
 
 
 @pytest.mark.parametrize(("radius_px", "brighter", "found"), [(8.0, 3000, True), (8.0, 250, False)])
@@ -161,12 +162,14 @@ def test_the_bias_stays_and_the_rest_changes():
 
 def test_a_particle_has_its_own_error_the_larger_the_lower_its_contrast():
     camera = replace(EXACT, half_contrast=20.0)
-    error = []
+    added = []
     for brightness in (60_000.0, 22_000.0):
-        wall, sight = look(camera, Plate(), *disc(9.0, 4000.0, brightness), error=50.0)
-        image = depth_image(wall, sight)[183:198, 243:259]
-        error.append(np.nanmedian(image) - 4000.0)
-    assert 50.0 <= error[0] < 56.0 < error[1] < 250.0
+        both = [
+            depth_image(*look(camera, Plate(50.0), *disc(9.0, 4000.0, brightness), error=error))
+            for error in (0.0, 50.0)
+        ]
+        added.append(np.nanmedian((both[1] - both[0])[183:198, 243:259]))
+    assert 45.0 < added[0] < 55.0 < added[1] < 120.0
 
 
 def test_a_flame_of_the_burner_hides_the_wall():

@@ -9,6 +9,7 @@ from kilnflight.twin.fitted import flight_inputs, light_inputs, second_kiln
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import Life
+from kilnflight.twin.particles import Burst
 
 
 def test_scenes_have_the_published_lengths_and_rates():
@@ -166,3 +167,31 @@ def test_scaled_down_before_or_after_the_second_flight_is_the_same():
         for joined in ("second-flight+small", "small+second-flight")
     )
     assert replace(one, name="V4") == replace(other, name="V4")
+
+
+def test_run_effects_differ_between_recordings_and_repeat():
+    names = ("wood-chip-4.5-bar", "wood-chip-5.0-bar")
+    plain, varied, again = (
+        [scenes.open_scene(name + more).scene for name in names]
+        for more in ("", "@run-effects", "@run-effects")
+    )
+    assert varied == again
+    drawn = [
+        (
+            after.gas.temperature_k - before.gas.temperature_k,
+            after.flight.launch_elevation_deg - before.flight.launch_elevation_deg,
+            sum(burst.count for burst in after.feed) / sum(burst.count for burst in before.feed),
+        )
+        for before, after in zip(plain, varied, strict=True)
+    ]
+    assert drawn[0] != drawn[1]
+    for warmer, steeper, more in drawn:
+        assert -100.0 <= warmer <= 100.0
+        assert 0.0 < abs(steeper) < 4.0
+        assert 0.3 < more < 3.0
+
+
+def test_a_scene_without_a_particle_in_view_says_so():
+    late = replace(scenes.ground_truth("V3"), feed=(Burst("PE granule", 3, 10.0),))
+    with pytest.raises(InputError, match="none of its 3 particles is in the picture in 160 frames"):
+        _ = scenes.Twin(scenes.downscaled(late)).life

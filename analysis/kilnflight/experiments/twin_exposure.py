@@ -170,7 +170,10 @@ def read_fit(path: Path = LIGHT_FILE) -> dict[str, Any]:
 
 def main() -> int:
     """Fit, write the file, and print the result."""
-    twins = [Twin(subset_scene(name, FED[name], k)) for k, name in enumerate(SUBSETS, start=1)]
+    twins = [
+        Twin(subset_scene(name, FED[name], k, first=True))
+        for k, name in enumerate(SUBSETS, start=1)
+    ]
     print(cache.write_calibration(LIGHT_FILE, calibrate(twins)))
     return 0
 

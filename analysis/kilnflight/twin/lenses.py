@@ -14,9 +14,8 @@ sets `LensCamera` by these alone. No detection has a part in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -214,15 +213,13 @@ class LensWall:
         changing = self.changing_mm * random.standard_normal(len(block), dtype=np.float32)
         kept = random.random(len(self.index), dtype=np.float32) < camera.kept_per_frame
         kept &= ~(sight.valid.reshape(-1).take(self.block) | sight.hidden.take(self.index))
-        chosen = np.flatnonzero(kept)
-        index, depth = self.index[chosen], self.level_mm.take(chosen)
-        lens = [of.take(chosen) for of in self.lens]
-        depth += _interpolated(changing, lens, [of.take(chosen) for of in self.weight])
-        near = (own > 0).take(np.stack(lens)).any(axis=0)  # a particle
-        index = np.concatenate([index[~near], index[near], sight.pixels])
-        pixel = np.divmod(index[np.count_nonzero(~near) :], lattice.columns)
+        depth = self.level_mm + _interpolated(changing, self.lens, self.weight)
+        near = _any_lens(own > 0, self.lens)  # a particle
+        apart, mixed = np.flatnonzero(kept & ~near), np.flatnonzero(kept & near)
+        index = np.concatenate([self.index[apart], self.index[mixed], sight.pixels])
+        pixel = np.divmod(index[len(apart) :], lattice.columns)
         particle = np.stack([own, own * sight.depth_mm.take(block)])
-        depth = np.concatenate([depth[~near], self._mixed(pixel, *particle, changing)])
+        depth = np.concatenate([depth[apart], self._mixed(pixel, *particle, changing)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
     def _mixed(
@@ -247,7 +244,7 @@ class LensWall:
         picture: Picture,
         scene: tuple[Blobs, Pixels],
         error: Array,
-        hidden: npt.NDArray[np.bool_],
+        labels: npt.NDArray[np.uint8],
         optics: Optics,
         random: np.random.Generator,
     ) -> Sight:
@@ -261,8 +258,8 @@ class LensWall:
             The particles, and the pixels that they cover.
         error
             Of each particle's depth (particles,), at high contrast.
-        hidden
-            Pixels (rows * columns,) without depth of the wall: the burner's flame.
+        labels
+            Of pixels (rows, columns): wall 0, flame of the burner 1, particles.
         optics, random
             The noise of the picture; chooses among the pixels.
         """
@@ -290,18 +287,22 @@ class LensWall:
         valid = there & (contrast >= self.camera.contrast) & (own >= self.variance)
         candidates = _pixels_of(valid, lattice)
         kept = random.random(len(candidates), dtype=np.float32) < self.camera.points_per_pixel
-        kept &= ~hidden[candidates]
+        kept &= labels.take(candidates) != 1
+        hidden = labels.reshape(-1) != 0
         return Sight(np.sqrt(own), depth, valid, hidden, candidates[kept])
 
 
-def _interpolated(
-    values: Picture, lens: Sequence[npt.NDArray[np.int32]] | npt.NDArray[np.int32], weight: Any
-) -> Picture:
+def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture) -> Picture:
     """Return values of lenses between four of them each."""
     total = weight[0] * values.take(lens[0])
     for of_lens, of_weight in zip(lens[1:], weight[1:], strict=True):
         total += of_weight * values.take(of_lens)
     return np.asarray(total, dtype=np.float32)
+
+
+def _any_lens(marked: npt.NDArray[np.bool_], lens: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Return the pixels of which one of the four lenses around is marked."""
+    return np.asarray(np.logical_or.reduce([marked.take(of) for of in lens]))
 
 
 class Sight(NamedTuple):
@@ -310,7 +311,7 @@ class Sight(NamedTuple):
     contrast: Picture  # of blocks: standard deviation of grey values, of particles alone
     depth_mm: Picture  # of blocks: the particle's, with its error
     valid: npt.NDArray[np.bool_]  # of blocks: a particle gives a depth
-    hidden: npt.NDArray[np.bool_]  # of pixels (rows * columns,): no depth of the wall
+    hidden: npt.NDArray[np.bool_]  # of pixels (rows * columns,): the wall is not seen there
     pixels: Index  # that have a particle's depth
 
 

@@ -39,6 +39,7 @@ from kilnflight.twin.picture import (
 
 Array = npt.NDArray[np.float64]
 RIM = 0.8  # share of the radius from which on a burning particle's edge has depth; assumption
+LEAST_DEPTH_MM = 300.0  # nearer ones are behind the camera or fill the picture
 BLOCK_ROWS = 128  # of a picture, that stay in the processor's cache
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
 
@@ -104,10 +105,32 @@ class Twin:
 
     @cached_property
     def life(self) -> Life:
-        """All particles, computed once."""
+        """All particles, computed once.
+
+        Raises
+        ------
+        InputError
+            If particles are fed and none is ever in the picture.
+        """
         scene = self.scene
         kiln = (scene.gas, scene.geometry, scene.flight, scene.on_the_wall)
-        return live(scene.feed, *kiln, scene.seed)
+        life = live(scene.feed, *kiln, scene.seed)
+        if len(life.table) and not self._shown(life):
+            raise InputError(
+                f"scene {scene.name}: none of its {len(life.table)} particles is in the picture in "
+                f"{scene.frames} frames. Feed earlier (start_s of Burst), or change geometry."
+            )
+        return life
+
+    def _shown(self, life: Life) -> bool:
+        """Return whether any particle lies in the picture while it is recorded."""
+        place, flights = self.scene.geometry, life.flights
+        time = life.release_s[:, None] + flights.age_s
+        camera = place.to_camera(flights.position_m[(time >= 0) & (time <= self.time_s(len(self)))])
+        row, column = place.project(camera[camera[:, 2] > LEAST_DEPTH_MM])
+        shown = (row >= 0) & (row < place.rows) & (column >= 0) & (column < place.columns)
+        landed = (life.over_s > 0) & (life.release_s + flights.end_s <= self.time_s(len(self)))
+        return bool(shown.any() or landed.any())
 
     @cached_property
     def _bodies(self) -> Bodies:
@@ -185,7 +208,7 @@ class Twin:
         place, optics, time = self.scene.geometry, self.scene.optics, self.time_s(t)
         moment = self.life.at(time)
         # leave out particles behind the camera, and those on the wall that do not burn
-        in_front = place.to_camera(moment.position_m)[:, 2] > 300.0
+        in_front = place.to_camera(moment.position_m)[:, 2] > LEAST_DEPTH_MM
         moment = moment.take(in_front & (~moment.landed | moment.burning))
         blobs = project(moment, self._bodies, place, optics, self._look(moment, time))
         pixels, background, veil = cover(blobs, place.rows, place.columns), self._background, None
@@ -244,10 +267,9 @@ class Twin:
     def _sight(self, t: int, view: SceneView, wall: LensWall) -> Sight:
         """Return what the lenses of the second look see of the particles of frame ``t``."""
         picture = np.minimum(view.picture, np.float32(FULL_SCALE))
-        hidden = view.labels.reshape(-1) == 1
         error, generator = self.particle_errors(t)[1], self._random(t, 2)
         shown = (view.blobs, view.pixels)
-        return wall.look(picture, shown, error, hidden, self.scene.optics, generator)
+        return wall.look(picture, shown, error, view.labels, self.scene.optics, generator)
 
     def _cloud(
         self, t: int, view: SceneView
