@@ -24,7 +24,7 @@ from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import detection, tracking
 from kilnflight.project import figures, style
 from kilnflight.twin import scenes
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import second_kiln
 
 style.use_style()
 frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
@@ -83,7 +83,7 @@ figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption,
 # ## Temperature profile of the wall
 
 # %%
-place = Geometry()
+place = second_kiln().geometry
 row, column = np.indices((place.rows, place.columns), dtype=float)
 wall = place.to_kiln(place.unproject(row, column, place.wall_depth(row, column)))
 noise = np.random.default_rng(seed).normal(0, 4, row.shape)

@@ -8,8 +8,8 @@ the trajectories in the windows of Table 5.15, the handfuls of the subsets from 
 Table 5.2. Pose, flight, ignition and light have the inputs of `kilnflight.twin.fitted` and
 `kilnflight.twin.poses`.
 
-Scenes are of the twin's second look. The first twin stays for comparison as ``name@first``; its
-inputs before any fit are ``name@first+inputs-only``.
+Scenes are of the twin's second look. The first twin stays for comparison as ``name@first``.
+``inputs-only`` has the inputs before any fit, of the one or of the other.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from kilnflight.twin.camera import Optics
 from kilnflight.twin.fitted import (
     FlightInputs,
     LightInputs,
+    SecondInputs,
+    SecondLightInputs,
     flight_inputs,
     light_inputs,
     second_kiln,
@@ -130,8 +132,8 @@ def campaign_name(fraction: str, pressure_bar: float) -> str:
 def campaign(fraction: str, pressure_bar: float, seed: int = 0, first: bool = False) -> Scene:
     """Return the recording of one fraction at one pressure, as long as the thesis's.
 
-    It is of the second look or of the ``first`` twin. Particles per second are the trajectories of Table 5.15 over the time in which they can
-    have begun: the window and a median dwell time.
+    It is of the second look or of the ``first`` twin. Particles per second are the trajectories
+    of Table 5.15 over the time in which they can have begun: the window and a median dwell time.
     """
     if fraction not in FRACTIONS or pressure_bar not in PRESSURES_BAR:
         raise InputError(
@@ -197,9 +199,12 @@ def tracking_window(twin: Twin) -> range:
 
 
 def _with_assumed_inputs(scene: Scene) -> Scene:
-    """Return a scene with the assumed instead of the fitted inputs."""
-    flight, gas = FlightInputs().applied(scene.flight, scene.gas)
-    return LightInputs().applied(replace(scene, flight=flight, gas=gas))
+    """Return a scene, of the first twin or of the second look, with its inputs before any fit."""
+    second_look = scene.optics.light is not None
+    inputs = SecondInputs() if second_look else FlightInputs()
+    look = SecondLightInputs() if second_look else LightInputs()
+    flight, gas = inputs.applied(scene.flight, scene.gas)
+    return look.applied(replace(scene, flight=flight, gas=gas))
 
 
 # Table 5.2 shows 87 % of V4's particles in air burning, where a quarter of the confetti and seven
