@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -163,6 +164,20 @@ def test_scenarios_are_joined_in_their_order():
     assert both.name == name
     with pytest.raises(InputError, match="such as V1@no-jet"):
         scenes.open_scene("V1@small+nonsense")
+
+
+def test_flames_hold_or_blow_off_in_both_twins():
+    def flight(scenarios):
+        return scenes.open_scene(f"confetti-4.5-bar@{scenarios}").scene.flight
+
+    base = flight("base")
+    assert flight("flames-blow-off").volatiles.chemical_time_s == pytest.approx(
+        2 * base.volatiles.chemical_time_s
+    )
+    assert 0 < flight("flames-hold").volatiles.chemical_time_s < 1e-8
+    first = flight("first").extinction_1_s
+    assert flight("first+flames-blow-off").extinction_1_s == pytest.approx(first / 2)
+    assert flight("first+flames-hold").extinction_1_s == np.inf
 
 
 def test_dumped_handfuls_load_the_air():

@@ -17,6 +17,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -240,6 +241,17 @@ def second(scene: Scene) -> Scene:
     return replace(scene, surroundings=replace(scene.surroundings, roi=tuple(edge)))
 
 
+def _flames(scene: Scene, stronger: float) -> Scene:
+    """Return a scene whose flames bear a slip so many times as great."""
+    flight, rule = scene.flight, scene.flight.volatiles
+    if rule is None:  # the first twin
+        flight = replace(flight, extinction_1_s=stronger * flight.extinction_1_s)
+    else:
+        shorter = max(rule.chemical_time_s / stronger, 1e-9)  # no flow outlasts the last
+        flight = replace(flight, volatiles=replace(rule, chemical_time_s=shorter))
+    return replace(scene, flight=flight)
+
+
 DUMP_S = 0.1  # a dumped handful is half a metre of lance at 5 m/s; assumption
 
 
@@ -287,9 +299,8 @@ SCENARIOS = {
     "depth-bias": lambda s: replace(s, depth=replace(s.depth, static_bias=0.03)),
     "no-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=0.0)),
     "full-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=1.0)),
-    "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
-    # the calibrated value is near 280; half of it
-    "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=140.0)),
+    "flames-hold": partial(_flames, stronger=np.inf),
+    "flames-blow-off": partial(_flames, stronger=0.5),
     # The second look at lance, gas and ignition, each by itself (see `Gas` and `Flight`)
     "choked-lance": lambda s: replace(s, gas=replace(s.gas, choked=True)),
     # near the lance the gas goes back; bounded only (-1.5 to 2.5 m/s)
