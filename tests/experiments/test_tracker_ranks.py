@@ -128,10 +128,11 @@ def test_a_tracker_without_any_setting_is_named_in_table_curves_and_words(ranked
     """As Stone Soup's JPDA is where more tracks share detections than our limit."""
     tried = pd.DataFrame({"tracker": ["A", "A", "B"], "gate": [1.0, 2.0, 2.0], "frames": 40})
     tried = tried.assign(beta=[np.nan, np.nan, 0.5], chosen=[False, False, True])
+    tried[["noise", "missed_frames"]] = [1.0, 3]
     tried["note"] = ["not run: 22 tracks share detections"] * 2 + [""]
     window = window_of("confetti")
     trackers = tuning.chosen_trackers(
-        tried, {"B": tuning.Grid(lambda gate: everything, {"gate": (2.0,)}, {"gate": (2.0,)})}
+        tried, {"B": tuning.Grid(lambda gate: everything, {"gate": (2.0,)}, {})}
     )
     scores, cells = tracker_ranks.score([window], {"GNN, ours": half, **trackers})
     ranks = tracker_ranks.ahead_of_ours(scores, cells, limits := tracker_ranks.held_back(tried))

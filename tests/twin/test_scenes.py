@@ -53,8 +53,8 @@ def test_unknown_campaigns_are_told():
 
 
 @pytest.mark.parametrize("name", scenes.WINDOWS)
-def test_as_many_start_and_last_in_a_tracking_window_as_published(name):
-    twin = scenes.Twin(scenes.campaign(name, 4.5))
+def test_as_many_start_and_last_in_a_tracking_window_as_published(name, campaign_twin):
+    twin = campaign_twin(name)
     window = scenes.tracking_window(twin)
     trajectories, length = scenes.WINDOWS[name]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
