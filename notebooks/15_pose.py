@@ -74,7 +74,7 @@ figures.save("twin-pose", table, picture=picture, caption=caption, provenance=or
 # Ours: the same lance pixel belongs to very different kilns.
 
 # %%
-some = {"first twin": scenes["base"], "mode (second look)": scenes["pose"]}
+some = {"first twin": scenes["base"], "mode": scenes["pose"]}
 some |= {f"draw {number:02d}": frozen.draws[number] for number in (0, 1)}
 picture, table = pose_pictures.draw_views(flights, some)
 caption = (

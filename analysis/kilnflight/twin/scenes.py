@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -285,7 +286,7 @@ def downscaled(scene: Scene) -> Scene:
 
 
 # One line each: inputs that the publications only bound, at other values.
-SCENARIOS = {
+SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "first": lambda scene: scene,  # the first twin, see `open_scene`
     "small": downscaled,
