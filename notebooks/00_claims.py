@@ -50,6 +50,29 @@ Markdown(
 )
 
 # %% [markdown]
+# ## First twin and second look
+#
+# The twin was made twice. The second look was made after the outcomes of the first twin were known,
+# so a verdict that became another one is labelled. Claims on the belt, and those that the thesis's
+# own tables decide, do not hang on it.
+
+# %%
+beside = claims.beside_first_twin(table)
+caption = (
+    "Verdicts on the claims about the kiln that the first twin gave, at full scale, beside those "
+    "of the second look. Labelled: the verdict is another one."
+)
+figures.save("claims-first-twin", beside, caption=caption, provenance=origin)
+
+# %% tags=["hide-input"]
+before = beside["first_twin"].value_counts()
+Markdown(
+    f"The first twin, of {len(beside)} claims about the kiln: "
+    + ", ".join(f"{before.get(verdict, 0)} {verdict}" for verdict in claims.VERDICTS)
+    + f". Another verdict in the second look: {', '.join(beside.loc[beside['label'] != '', 'id'])}."
+)
+
+# %% [markdown]
 # ## The claims
 #
 # Each name leads to the notebook that decides, and to the figure where it is drawn. A click on

@@ -24,7 +24,7 @@ from kilnflight.detection.flame import segment_flame
 from kilnflight.experiments import detection, tracking
 from kilnflight.project import figures, style
 from kilnflight.twin import scenes
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import second_kiln
 
 style.use_style()
 frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
@@ -83,14 +83,14 @@ figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption,
 # ## Temperature profile of the wall
 
 # %%
-place = Geometry()
+place = second_kiln().geometry
 row, column = np.indices((place.rows, place.columns), dtype=float)
 wall = place.to_kiln(place.unproject(row, column, place.wall_depth(row, column)))
 noise = np.random.default_rng(seed).normal(0, 4, row.shape)
 infrared = 1423.0 - 9.0 * (wall[..., 0] - 1.0) ** 2 + noise  # K: hottest 1 m before the lance
 along = np.linspace(-2.0, 2.5, 100)  # m, on the bottom of the wall
-corners = []
-for s, x in ((along[0], -0.15), (along[0], 0.15), (along[-1], 0.15), (along[-1], -0.15)):
+corners = []  # of a strip so narrow that the round wall is flat in it
+for s, x in ((along[0], -0.05), (along[0], 0.05), (along[-1], 0.05), (along[-1], -0.05)):
     spot = place.to_camera(np.array([s, x, -np.sqrt(0.7**2 - x**2)]))
     corners.append(tuple(float(v) for v in place.project(spot)))
 profile = camera.wall_profile(infrared, tuple(corners), rows=len(along))

@@ -6,9 +6,9 @@
 # Table 5.5). SIFT finds about half of what does not burn (0.8749, Table 5.6). The higher its
 # threshold, the faster it is (Table 5.7).
 #
-# **Here.** The same on the twin. Otsu's row is what the picture's few free inputs (exposure,
-# contrast, flicker) were fitted to, on two frames of each subset. So its agreement is no result;
-# everything else is a prediction. SIFT's threshold is found on four subsets and used on the
+# **Here.** The same on the twin. Otsu's row is what the picture's few free inputs (exposure, soot,
+# light on particles, flicker) were fitted to, on few frames of each subset. So its agreement is no
+# result; everything else is a prediction. SIFT's threshold is found on four subsets and used on the
 # fifth; the published 450 to 550 belong to an exposure that nobody printed.
 #
 # Whether the difference from the median is absolute or stops at zero is open (notebook 20). Both
@@ -30,12 +30,12 @@ from kilnflight.experiments import (
     twin_exposure,
 )
 from kilnflight.project import claims, figures, style
-from kilnflight.twin.fitted import LIGHT_FILE
+from kilnflight.twin.fitted import SECOND_LIGHT_FILE
 
 style.use_style()
 frames = frames or detection.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
-origin = figures.trace("21_pictures", setting, seed=seed, inputs=[LIGHT_FILE])
+origin = figures.trace("21_pictures", setting, seed=seed, inputs=[SECOND_LIGHT_FILE])
 subsets = detection.labelled_subsets(scale, seed, frames)
 print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 

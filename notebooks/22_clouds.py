@@ -6,8 +6,9 @@
 # for all three methods (Tables 5.8 to 5.10), far below the pictures' 0.85.
 #
 # **Here.** The same parameters on the twin's clouds, without the flame, depth after Eq. 2.4.
-# A cluster is a detection at the centre of its pixels. What an in-air particle's points look
-# like was put in by published statistics; how wall points scatter follows Fig. 5.7 only.
+# A cluster is a detection at the centre of its pixels. Which points there are, and how they
+# scatter, was put in by published statistics (Fig. 5.7, Table 5.2, the plate), never by a result
+# of clustering.
 #
 # The morphological method is read as section 5.1.3 tells what was run: grid, dilation, labels,
 # nearest domain. The rule of sizes in section 2.2.5 (Eq. 2.35) is not named there and is off.

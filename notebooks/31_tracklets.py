@@ -95,10 +95,10 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 # than 18 px/frame. So as printed a jump straight ahead connects, however far ("no limit"). The
 # thesis says that the rule keeps connections short. Here a connection may be faster than what both
 # tracklets show by those 18 px/frame at most. "change alone" leaves the angle out instead. The
-# weight f of the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13). Here they are of
-# order 1e5, and the term outweighs all others of Eq. 4.24. Two variants scale f to them or leave
-# the term out. "Hungarian" is the framework but for the method of Fig. 4.14. Gains are over the
-# first, with intervals by bootstrap over true tracks.
+# weight f of the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13). Ours are in the table
+# above. The smaller they are, the more the term outweighs all others of Eq. 4.24. Two variants take
+# an f for energies of order 1e5, or leave the term out. "Hungarian" is the framework but for the
+# method of Fig. 4.14. Gains are over the first, with intervals by bootstrap over true tracks.
 
 # %%
 variants = post_processing.compare_variants(windows, post_processing.variants())

@@ -44,8 +44,9 @@ print(f"frames: {number}; settings on {tuning.LENGTHS[scale]} others each")
 #
 # Joint probabilities of Stone Soup take long where many gates overlap. A window in which more
 # than 20 tracks share detections is refused, and such a setting is never chosen. Its trials are on
-# the first 40 frames of each stretch only. Wider gates are refused there: its best setting may lie
-# beyond what our limit of 20 tracks lets run, so its rank here is a lower bound.
+# the first 40 frames of each stretch only. Where settings are refused, its best one may lie beyond
+# what our limit of 20 tracks lets run, so its rank is a lower bound. A tracker whose settings are
+# all refused is named with the reason and has no measures.
 
 # %%
 tried = tuning.tried_settings(scale, tuning.all_grids(), seed, jobs)

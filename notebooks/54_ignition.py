@@ -44,18 +44,20 @@ tables = ignition.readings(results)
 #
 # The thesis adds up the differences of all frames. In the twin the flicker of the kiln adds up to
 # more than a particle that passes once, so each place shows its greatest difference. What is
-# lighter than the kiln behind stays light, a silhouette stays dark. The second reading in the
-# table is for absolute differences, to which a silhouette adds, too, though never more than the
-# background. Papers stand beside as a check that what burns is seen.
+# lighter than the kiln behind stays light, what is darker stays dark. The second reading in the
+# table is for absolute differences, to which what is darker adds, too, though never more than the
+# background. It asks for twice the light of the kiln behind. Papers stand beside as a check that
+# what burns is seen.
 
 # %%
 shares = ignition.trace_shares(results)
 picture, shown = ignition.draw_optical_pictures(results, 4.5, pictures)
 caption = (
     f"Background plus the greatest difference from it in up to {shown} frames, at 4.5 bar, after "
-    "Fig. 5.17 (simulated; the thesis adds all up). Dark: silhouettes; light: what burns, also on "
-    "the wall. In the table: flights from the lance whose trace turns light before they end, in "
-    "two readings, with the 95 % interval of the share (Wilson)."
+    "Fig. 5.17 (simulated; the thesis adds all up). Light: what is lighter than the kiln behind, "
+    "flames before all, also on the wall; dark: what is darker. In the table: flights from the "
+    "lance whose trace turns light before they end, in two readings, with the 95 % interval of the "
+    "share (Wilson)."
 )
 figures.save(
     "fig-5-17-optical", shares.round(4), picture=picture, caption=caption, provenance=origin

@@ -21,7 +21,7 @@ particles = 0  # simulated per fraction; 0: 50, 400 or 2000 by scale
 from kilnflight.experiments import campaigns, confidence, flight_pictures, inside, statements
 from kilnflight.project import figures, style
 from kilnflight.twin import truth
-from kilnflight.twin.fitted import first_kiln
+from kilnflight.twin.fitted import second_kiln
 
 # %%
 style.use_style()
@@ -32,7 +32,7 @@ bar = max(pressure for _, pressure in results.true)
 names = list(dict.fromkeys(name for name, _ in results.true))
 
 # %%
-kiln = first_kiln()
+kiln = second_kiln()
 flown = {name: truth.released(name, bar, kiln, particles, seed + 55) for name in names}
 simulated = {(name, bar): truth.true_flight_values(each) for name, each in flown.items()}
 measured = {key: results.measured[key] for key in simulated}

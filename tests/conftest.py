@@ -6,6 +6,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -147,6 +148,12 @@ def constant_acceleration() -> pd.DataFrame:
         ],
         ignore_index=True,
     )
+
+
+@pytest.fixture(scope="session")
+def campaign_twin():
+    """A function that gives a campaign at 4.5 bar by fraction; its flights are made once."""
+    return cache(lambda fraction: scenes.open_scene(scenes.campaign_name(fraction, 4.5)))
 
 
 @dataclass

@@ -20,7 +20,7 @@ from kilnflight.tables import DETECTIONS
 from kilnflight.twin.scenes import open_scene
 
 MEDIAN = background.Median(window=20)
-SCENE = "confetti-4.5-bar@small"
+SCENE = "wood-chip-4.5-bar@small"
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_another_threshold_scene_or_seed_is_another_file(run):
         run,
         detection_run(threshold=301.0),
         detection_run(seed=1),
-        detection_run(scene="confetti-5.0-bar@small"),
+        detection_run(scene="wood-chip-5.0-bar@small"),
         replace(run, background=MEDIAN),
     ]
     assert len({each.table(frames).path for each in others}) == 5

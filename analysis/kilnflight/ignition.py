@@ -178,7 +178,7 @@ class LitTrace:
     ----------
     share
         Of the background. 0.1: brighter than the kiln behind, by more than the "slight" rise
-        near the wall, which is no ignition (5.2.4). 1: what no silhouette does, even where
+        near the wall, which is no ignition (5.2.4). 1: what nothing dark does, even where
         absolute differences are added, as it cannot take away more than all light. Both ours:
         the thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure.
     least

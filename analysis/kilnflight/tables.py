@@ -310,7 +310,10 @@ DIFFERENCE = (
     r"|-steps/.*_s_(low|high)$"
 )
 SPREAD = r"/.*(rmse|spread)|/(mae|iqr)"
-SUFFIX = r"_(low|high|min|max|bias|spread|published|calibrated|inputs_only|(above|before)_[a-z]+)$"
+SUFFIX = (
+    r"_(low|high|min|max|bias|spread|published|calibrated|inputs_only|second_look|"
+    r"(above|before)_[a-z]+)$"
+)
 
 
 def bound_of(column: str, identifier: str = "") -> Bound | None:

@@ -67,7 +67,7 @@ def test_what_is_printed_is_reproduced_but_for_what_was_fitted(values):
     assert verdicts["ign-4"].verdict == claims.REPRODUCED
     assert verdicts["ign-2"].verdict == claims.NOT_DECIDABLE  # the twin was fitted to it
     assert "confetti 4.5" in verdicts["ign-4"].reason  # whether shares differ beyond chance
-    assert "lighter than any silhouette" in verdicts["ign-1"].reason  # the other reading
+    assert "twice as light as the kiln behind" in verdicts["ign-1"].reason  # the other reading
 
 
 @pytest.mark.parametrize(

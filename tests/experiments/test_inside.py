@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from kilnflight.experiments.inside import PLOTLY, Inside, within
-from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import second_kiln
 
 TIME = np.linspace(0.0, 1.0, 30)
-LANCE = Geometry().lance_m
+KILN = second_kiln()
+LANCE = KILN.geometry.lance_m
 FALLING = LANCE + np.stack([4.0 * TIME, 0.0 * TIME, -0.3 * TIME**2], axis=1)
 SIDEWAYS = LANCE + np.stack([0.5 * TIME, 2.0 * TIME, 0.0 * TIME], axis=1)
 OUT = LANCE + np.stack([9.0 * TIME, 0.0 * TIME, 0.0 * TIME], axis=1)
@@ -26,7 +27,7 @@ def drawn(line):
 
 
 def test_everything_drawn_lies_inside_the_kiln(flights):
-    geometry = Geometry()
+    geometry = KILN.geometry
     for line in flights.view()["data"]:
         places = drawn(line)
         places = places[np.isfinite(places).all(axis=1)]
@@ -37,7 +38,7 @@ def test_everything_drawn_lies_inside_the_kiln(flights):
 
 
 def test_a_path_ends_where_it_leaves_the_kiln_or_has_no_place():
-    geometry = Geometry()
+    geometry = KILN.geometry
     assert len(within(FALLING, geometry)) == len(FALLING)
     assert 0 < len(within(SIDEWAYS, geometry)) < len(SIDEWAYS)
     lost = FALLING.copy()
@@ -75,6 +76,14 @@ def test_each_fraction_has_one_line_and_the_data_are_light(flights):
     assert view["layout"]["annotations"][0]["text"] == "simulated"
     many = Inside({name: [FALLING] * 40 for name in "abcd"}, "simulated")
     assert len(json.dumps(many.view(), allow_nan=False)) < 300_000
+
+
+def test_the_lance_is_drawn_along_the_flights_first_direction(flights):
+    start, end = flights.lance()
+    np.testing.assert_allclose(end, LANCE)
+    assert start[0] == pytest.approx(KILN.geometry.inlet_m)
+    rise = np.degrees(np.arctan2(end[2] - start[2], end[0] - start[0]))
+    assert rise == pytest.approx(KILN.flight.launch_elevation_deg)
 
 
 def test_no_flight_gives_an_empty_kiln():

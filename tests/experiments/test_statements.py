@@ -170,3 +170,16 @@ def test_pictures_have_a_panel_for_each_campaign_or_fraction(values):
     )
     assert [axes.get_title() for axes in bars.axes] == [f"{a}, {b} bar" for a, b in papers]
     assert bins.groupby(["kind", "fraction", "pressure_bar"]).ngroups == len(papers)
+
+
+def test_what_holds_is_counted_by_campaign_and_quantity():
+    rows = statements.statements()
+    near = pd.Series(0.0, index=rows.index)
+    far = near.where(rows["outcome"].str.startswith("velocity"), 3.0)
+    table = statements.held_by_campaign(rows, {"first": near, "second look": far})
+    assert table["statements"].sum() == len(rows)
+    assert (table["first_hold"] == table["statements"]).all()
+    fast = table["quantity"] == "velocity"
+    assert (table.loc[fast, "second_look_hold"] == table.loc[fast, "statements"]).all()
+    assert (table.loc[~fast, "second_look_hold"] == 0).all()
+    assert (table.loc[~fast, "second_look_misfit"] == 3.0).all()

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.experiments import tracker_ranks
+from kilnflight.experiments import tracker_ranks, tuning
 from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
 
@@ -122,3 +122,22 @@ def test_what_refused_settings_is_held_back(ranked):
         text.get_text() for text in tracker_ranks.draw(ranked[0], limits).axes[0].get_yticklabels()
     ]
     assert "A *" in labels
+
+
+def test_a_tracker_without_any_setting_is_named_in_table_curves_and_words(ranked):
+    """As Stone Soup's JPDA is where more tracks share detections than our limit."""
+    tried = pd.DataFrame({"tracker": ["A", "A", "B"], "gate": [1.0, 2.0, 2.0], "frames": 40})
+    tried = tried.assign(beta=[np.nan, np.nan, 0.5], chosen=[False, False, True])
+    tried[["noise", "missed_frames"]] = [1.0, 3]
+    tried["note"] = ["not run: 22 tracks share detections"] * 2 + [""]
+    window = window_of("confetti")
+    trackers = tuning.chosen_trackers(
+        tried, {"B": tuning.Grid(lambda gate: everything, {"gate": (2.0,)}, {})}
+    )
+    scores, cells = tracker_ranks.score([window], {"GNN, ours": half, **trackers})
+    ranks = tracker_ranks.ahead_of_ours(scores, cells, limits := tracker_ranks.held_back(tried))
+    assert limits == {"A": "2 of 2 settings refused, on 40 frames"}
+    note = scores.loc[scores["tracker"] == "A", "note"]
+    assert note.str.contains("A refuses each of 2 settings; the first: 22 tracks share").all()
+    assert tracker_ranks.describe(ranks, scores).endswith("Not run on every window: A.")
+    assert len(tracker_ranks.draw_curves(tried).axes) == 6

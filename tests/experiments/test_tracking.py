@@ -8,7 +8,6 @@ from kilnflight import tracklets
 from kilnflight.checks import InputError
 from kilnflight.experiments import post_processing, tracking, tracking_scores
 from kilnflight.experiments.tracking_scores import ALL, Lance
-from kilnflight.kiln import TwinSource
 from kilnflight.project import claims
 from kilnflight.tracking.tracker import track
 from kilnflight.twin.scenes import WINDOWS, tracking_window
@@ -76,8 +75,8 @@ def test_windows_with_and_without_a_track(window):
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
-def test_scored_are_frames_of_the_window_of_table_5_15(fraction):
-    twin = TwinSource(f"{fraction.replace(' ', '-').lower()}-4.5-bar").recording()
+def test_scored_are_frames_of_the_window_of_table_5_15(fraction, campaign_twin):
+    twin = campaign_twin(fraction)
     window = tracking_window(twin)
     assert tracking.scored_frames(twin, "full") == window
     for scale, length in tracking.LENGTHS.items():

@@ -12,7 +12,6 @@ from kilnflight.association import JPDA
 from kilnflight.checks import InputError
 from kilnflight.experiments import jpda_ablation, tracker_ranks, tracking, tracking_scores, tuning
 from kilnflight.experiments.tracking_scores import ALL, FROM_LANCE, Lance
-from kilnflight.kiln import TwinSource
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -39,8 +38,8 @@ def window():
 
 
 @pytest.mark.parametrize("fraction", WINDOWS)
-def test_settings_are_chosen_where_nothing_is_reported(fraction):
-    twin = TwinSource(f"{fraction.replace(' ', '-').lower()}-4.5-bar").recording()
+def test_settings_are_chosen_where_nothing_is_reported(fraction, campaign_twin):
+    twin = campaign_twin(fraction)
     window = tracking_window(twin)
     for scale, length in tuning.LENGTHS.items():
         frames = tuning.tuning_frames(twin, scale)

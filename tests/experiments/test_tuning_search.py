@@ -171,10 +171,20 @@ def test_peers_that_are_not_installed_have_no_grid(monkeypatch):
     assert list(all_grids())[3:] == ["GNN, Stone Soup", "JPDA, Stone Soup"]
 
 
-def test_nothing_to_choose_from_is_an_error(window):
+def test_a_peer_that_refuses_all_settings_has_none_and_says_so_when_called(window, monkeypatch):
     no = Grid(lambda way: refuses, {"way": (0.0, 1.0)}, {"way": (0.0,)})
-    with pytest.raises(InputError, match="one refuses every setting: not run: too dense"):
-        tuning.search("one", no, worth_in(window), 9)
+    monkeypatch.setattr(tuning, "settings_from_labels", lambda *_: None)
+    monkeypatch.setattr(
+        tuning, "_tried", lambda *known: tuning.search(known[-1], no, worth_in(window), 9)
+    )
+    tried = tuning.tried_settings("quick", ["one"])
+    assert not tried["chosen"].any()
+    assert (tried["at_end"] == "").all()
+    assert (tried["untried"] == 0).all()
+    with pytest.raises(InputError, match="one refuses each of 2 settings; the first: too dense"):
+        tuning.chosen_trackers(tried, {"one": no})["one"](window.detections)
+    with pytest.raises(InputError, match="tried_settings: GNN, ours refuses each of 2"):
+        tuning.tried_settings("quick", [tuning.OURS[0]])
 
 
 def test_the_first_frames_of_a_window(window):

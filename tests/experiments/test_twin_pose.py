@@ -194,3 +194,14 @@ def test_the_frozen_result_is_of_todays_terms_and_lies_in_the_prior():
     table = twin_pose.term_table(content)
     assert table["mode_z"].abs().max() < 3.0
     assert (table["mode_z"] ** 2).sum() == pytest.approx(content["cost_calibrated"], abs=0.05)
+
+
+def test_flights_of_a_kiln_are_computed_at_the_elevations_that_poses_need(monkeypatch):
+    asked = []
+    monkeypatch.setattr(twin_pose, "_free", lambda kiln, degrees, *_: asked.append(degrees) or {})
+    poses = [Pose(elevation_deg=degrees) for degrees in (5.5, 6.9, -1.2, 40.0)]
+    flights = twin_pose.library_for(first_kiln(), poses, 1, 0)
+    assert asked == [0, 6, 12]
+    assert list(flights) == [(0, 0), (0, 6), (0, 12)]
+    for pose in poses:
+        assert (0, twin_pose.nearest(pose, [key[1] for key in flights])) in flights

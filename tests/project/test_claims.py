@@ -234,6 +234,27 @@ def test_what_is_not_decidable_does_not_count_as_reproduced():
     assert claims.count_reproduced([]) == 0
 
 
+def test_the_first_twins_verdicts_stand_beside_those_of_now():
+    first = claims.first_twin()
+    assert set(first["verdict"]) <= set(claims.VERDICTS)
+    expected = [name for name in claims.load().index if not name.startswith("belt")]
+    assert first.index.tolist() == expected
+    table = claims.collect(
+        [claims.verdict_table([claims.judge("wall-5", 0.2, because="twin")], "25")]
+    )
+    rows = claims.beside_first_twin(table).set_index("id")
+    assert rows.index.tolist() == expected
+    row = rows.loc["wall-5"]
+    assert (row["first_twin"], row["second_look"]) == (claims.REPRODUCED, claims.NOT_REPRODUCED)
+    assert row["label"] == "second look"
+    assert (rows.loc["cluster-10", "first_twin"], row["second_look_measured"]) == (
+        claims.NOT_REPRODUCED,
+        "0.2",
+    )
+    same = rows["first_twin"] == rows["second_look"]
+    assert (rows.loc[same, "label"] == "").all()
+
+
 # data/reference against the publications themselves (skipped where they are not)
 
 

@@ -1,15 +1,26 @@
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.twin import scenes, truth
-from kilnflight.twin.fitted import flight_inputs, light_inputs, second_kiln
+from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import (
+    SecondInputs,
+    SecondLightInputs,
+    flight_inputs,
+    light_inputs,
+    second_kiln,
+    second_kiln_with,
+    second_light,
+)
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.life import Life
 from kilnflight.twin.particles import Burst
+from kilnflight.twin.poses import read_poses
 
 
 def test_scenes_have_the_published_lengths_and_rates():
@@ -43,8 +54,8 @@ def test_unknown_campaigns_are_told():
 
 
 @pytest.mark.parametrize("name", scenes.WINDOWS)
-def test_as_many_start_and_last_in_a_tracking_window_as_published(name):
-    twin = scenes.Twin(scenes.campaign(name, 4.5))
+def test_as_many_start_and_last_in_a_tracking_window_as_published(name, campaign_twin):
+    twin = campaign_twin(name)
     window = scenes.tracking_window(twin)
     trajectories, length = scenes.WINDOWS[name]
     table, rate = twin.life.table, twin.scene.frame_rate_hz
@@ -71,15 +82,36 @@ def test_a_handful_has_as_many_particles_as_asked_for():
 
 def test_scenes_take_the_frozen_inputs_and_inputs_only_takes_none():
     scene = scenes.open_scene("confetti-4.5-bar").scene
+    assert (scene.flight, scene.gas, scene.geometry) == second_kiln()
+    untouched = scenes.open_scene("confetti-5.0-bar@inputs-only").scene
+    before = second_kiln_with(SecondInputs(), read_poses().mode)
+    assert (untouched.flight, untouched.geometry) == (before.flight, before.geometry)
+    assert untouched.gas == replace(before.gas, pressure_bar=5.0)
+    assert SecondLightInputs().applied(untouched) == untouched
+
+
+def test_scenes_of_the_first_twin_take_its_own_inputs():
+    scene = scenes.open_scene("confetti-4.5-bar@first").scene
     assert (scene.flight, scene.gas) == flight_inputs().applied(Flight(), Gas())
-    untouched = scenes.open_scene("V2@inputs-only").scene
+    assert scene.geometry == Geometry()
+    untouched = scenes.open_scene("V2@first+inputs-only").scene
     assert (untouched.flight, untouched.gas) == (Flight(), Gas())
-    assert scenes.open_scene("wood-chip-5.0-bar@inputs-only").scene.gas == Gas(pressure_bar=5.0)
+    assert scenes.open_scene("wood-chip-5.0-bar@inputs-only+first").scene.gas == Gas(
+        pressure_bar=5.0
+    )
+    assert scenes.open_scene("V2").scene.optics.light is not None
+    assert scenes.open_scene("V2@first").scene.optics.light is None
 
 
 def test_scenes_have_the_fitted_light():
-    scene = scenes.ground_truth("V2")
-    assert light_inputs().applied(scene) == scene
+    first, scene = scenes.ground_truth("V2", first=True), scenes.ground_truth("V2")
+    assert light_inputs().applied(first) == first
+    assert second_light().applied(scene) == scene
+
+
+def test_the_second_look_sees_less_of_the_bottom():
+    first, scene = (scenes.open_scene(name).scene.surroundings for name in ("V1@first", "V1"))
+    assert max(row for row, _ in scene.roi) == scenes.ROI_BOTTOM < max(row for row, _ in first.roi)
 
 
 SCENE = "wood-chip-4.5-bar@small"
@@ -127,13 +159,26 @@ def test_a_scene_that_is_not_there_is_told_as_ever(name, seed, message):
 
 
 def test_scenarios_are_joined_in_their_order():
-    both = scenes.open_scene("V1@choked-lance+recirculation").scene
-    assert both.gas == replace(
-        scenes.open_scene("V1").scene.gas, choked=True, lance_stream_m_s=-0.6
-    )
-    assert both.name == "V1@choked-lance+recirculation"
+    name = "V1@first+choked-lance+recirculation"
+    both, base = (scenes.open_scene(each).scene for each in (name, "V1@first"))
+    assert both.gas == replace(base.gas, choked=True, lance_stream_m_s=-0.6)
+    assert both.name == name
     with pytest.raises(InputError, match="such as V1@no-jet"):
         scenes.open_scene("V1@small+nonsense")
+
+
+def test_flames_hold_or_blow_off_in_both_twins():
+    def flight(scenarios):
+        return scenes.open_scene(f"confetti-4.5-bar@{scenarios}").scene.flight
+
+    base = flight("base")
+    assert flight("flames-blow-off").volatiles.chemical_time_s == pytest.approx(
+        2 * base.volatiles.chemical_time_s
+    )
+    assert 0 < flight("flames-hold").volatiles.chemical_time_s < 1e-8
+    first = flight("first").extinction_1_s
+    assert flight("first+flames-blow-off").extinction_1_s == pytest.approx(first / 2)
+    assert flight("first+flames-hold").extinction_1_s == np.inf
 
 
 def test_dumped_handfuls_load_the_air():
@@ -146,8 +191,8 @@ def test_dumped_handfuls_load_the_air():
 
 
 def test_the_second_flight_changes_flight_gas_and_pose_alone_and_keeps_the_pressure():
-    base = scenes.open_scene("confetti-5.0-bar").scene
-    second = scenes.open_scene("confetti-5.0-bar@second-flight").scene
+    base = scenes.open_scene("confetti-5.0-bar@first").scene
+    second = scenes.open_scene("confetti-5.0-bar@first+second-flight").scene
     kiln = second_kiln()
     assert (second.flight, second.geometry) == (kiln.flight, kiln.geometry)
     assert second.gas == replace(kiln.gas, pressure_bar=5.0)
@@ -156,14 +201,14 @@ def test_the_second_flight_changes_flight_gas_and_pose_alone_and_keeps_the_press
 
 
 def test_subsets_of_the_second_flight_have_the_chemical_time_of_table_5_2():
-    flight = scenes.open_scene("V4@second-flight").scene.flight
+    flight = scenes.open_scene("V4").scene.flight
     volatiles = replace(second_kiln().flight.volatiles, chemical_time_s=4e-4)
     assert flight == replace(second_kiln().flight, volatiles=volatiles)
 
 
 def test_scaled_down_before_or_after_the_second_flight_is_the_same():
     one, other = (
-        scenes.open_scene(f"V4@{joined}").scene
+        scenes.open_scene(f"V4@first+{joined}").scene
         for joined in ("second-flight+small", "small+second-flight")
     )
     assert replace(one, name="V4") == replace(other, name="V4")

@@ -420,8 +420,10 @@ def draw_along_the_way(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
 
 def draw_true_dwell(table: pd.DataFrame) -> Figure:
     """Draw dwell times as boxes: rows are ``version``, columns pressures."""
-    picture, grid = canvas(2, 2, width_mm=PAGE_MM, height_mm=110, sharey=True)
-    for panels, version in zip(grid, table["version"].unique(), strict=True):
+    versions = table["version"].unique()
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * len(versions)}
+    picture, grid = canvas(len(versions), 2, **size, sharey=True)
+    for panels, version in zip(grid, versions, strict=True):
         panels[0].set_ylabel("dwell time (s)")
         for axes, bar in zip(panels, (4.5, 5.0), strict=True):
             rows = table[(table["version"] == version) & (table["pressure_bar"] == bar)]

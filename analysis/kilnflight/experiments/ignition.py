@@ -59,8 +59,8 @@ from kilnflight.twin.scenes import PRESSURES_BAR
 # Two readings of grey values that increase "abruptly" (5.3.2), the first as it is printed.
 AS_THEY_ARE, ABOVE = "as they are", "above background"
 # Two readings of Fig. 5.17, as the text does not say whether differences are absolute.
-LIGHTER, NO_SILHOUETTE = "lighter than the kiln behind", "lighter than any silhouette"
-PICTURES = {LIGHTER: LitTrace(0.1), NO_SILHOUETTE: LitTrace(1.0)}
+LIGHTER, TWICE = "lighter than the kiln behind", "twice as light as the kiln behind"
+PICTURES = {LIGHTER: LitTrace(0.1), TWICE: LitTrace(1.0)}
 BASICALLY = 0.05  # of the flights: ours, for "do not combust basically" (section 5.3)
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
 Conditions = dict[str, bool | None]
@@ -175,7 +175,7 @@ def optical_picture(recording: Recording, frames: range) -> Array:
 
     The thesis adds up the differences. In thousands of frames of the twin the flickering kiln
     adds up to more than a particle that passes once. So each place has its greatest difference,
-    with its sign: what is lighter than the kiln behind stays light, a silhouette dark. The
+    with its sign: what is lighter than the kiln behind stays light, what is darker dark. The
     background is the median of `kilnflight.kiln.BACKGROUND_FRAMES` frames of each stretch of
     about `STRETCH`: "constant over a specific time period" (5.1.2). The last one is drawn.
     """
@@ -264,11 +264,11 @@ def verdicts(
             notes,
             true,
         )
-        for name, look in ((AS_THEY_ARE, LIGHTER), (ABOVE, NO_SILHOUETTE))
+        for name, look in ((AS_THEY_ARE, LIGHTER), (ABOVE, TWICE))
     )
     if not first[0].measured:  # campaigns are missing
         return first
-    names = {"ign-1": NO_SILHOUETTE}
+    names = {"ign-1": TWICE}
     judged = [
         claims.in_both_readings(one, two, names.get(one.id, "rise above the background"))
         for one, two in zip(first, other, strict=True)

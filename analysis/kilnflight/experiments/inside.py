@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from kilnflight.experiments.campaigns import Measurement, campaign_keys, fits_from_lance
 from kilnflight.project.style import COLOURS, PAGE_MM, canvas
 from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import second_kiln
 from kilnflight.twin.flight import Flights
 
 Array = npt.NDArray[np.float64]
@@ -40,7 +41,7 @@ def within(path_m: Array, geometry: Geometry) -> Array:
 def fitted_paths(tables: Measurement, bar: float, most: int) -> dict[str, list[Array]]:
     """Return the first trajectories from the lance of each fraction, places (n, 3)."""
     keys = [key for key in campaign_keys(tables.flights) if key[1] == bar]
-    found, geometry = {}, Geometry()
+    found, geometry = {}, second_kiln().geometry
     for key in keys:
         fits, _ = fits_from_lance(tables, key, most)
         times = [np.linspace(fit.t0, fit.last_s, SAMPLES) for fit in fits.values()]
@@ -71,11 +72,14 @@ class Inside:
         By fraction, places (n, 3) in m; what leaves the kiln is not drawn.
     mark
         What the data are, in a word inside the picture.
+    geometry, elevation_deg
+        Of kiln and lance; by default those of the second look.
     """
 
     paths: Mapping[str, list[Array]]
     mark: str
-    geometry: Geometry = field(default_factory=Geometry)
+    geometry: Geometry = field(default_factory=lambda: second_kiln().geometry)
+    elevation_deg: float = field(default_factory=lambda: second_kiln().flight.launch_elevation_deg)
 
     def table(self) -> pd.DataFrame:
         """Return what is drawn: ``fraction``, ``flight`` from 1, and `PLACES`."""
@@ -128,8 +132,9 @@ class Inside:
 
     def lance(self) -> Array:
         """Return both ends of the lance, (2, 3), from the inlet plate to its outlet."""
-        exit_m = self.geometry.lance_m
-        return np.stack([[self.geometry.inlet_m, *exit_m[1:]], exit_m])
+        exit_m, rise = self.geometry.lance_m, np.tan(np.deg2rad(self.elevation_deg))
+        behind = self.geometry.inlet_m - exit_m[0]
+        return np.stack([exit_m + behind * np.array([1.0, 0.0, rise]), exit_m])
 
     def _repr_mimebundle_(self, **_: Any) -> dict[str, Any]:
         """Return the view that turns, as plotly reads it."""

@@ -11,11 +11,20 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from kilnflight.experiments.twin_pose import FREE, PRIOR, Flown, in_kiln, off_middle
+from kilnflight.experiments.twin_pose import (
+    FIRST_BOTTOM,
+    FREE,
+    PRIOR,
+    Flown,
+    first_pose,
+    in_kiln,
+    off_middle,
+)
 from kilnflight.project.style import COLOURS, PAGE_MM, canvas
 from kilnflight.twin.background import Surroundings
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.poses import Pose
+from kilnflight.twin.scenes import ROI_BOTTOM
 
 Array = npt.NDArray[np.float64]
 LABELS = {
@@ -80,6 +89,7 @@ def draw_views(
 ) -> tuple[Figure, pd.DataFrame]:
     """Draw what the camera sees in some poses: tube, lance, true flights of chips.
 
+    The region of interest is that of the second look, in the first pose that of the first twin.
     The outlines come with the picture.
     """
     picture, grid = canvas(2, -(-len(poses) // 2), width_mm=PAGE_MM, height_mm=150)
@@ -91,7 +101,7 @@ def draw_views(
         lines |= {f"chip {k}": geometry.to_camera(path) for k, path in enumerate(flown)}
         for line, place in lines.items():
             parts.append(_drawn(axes, line, place, geometry).assign(pose=name))
-        _frame(axes, geometry)
+        _frame(axes, geometry, FIRST_BOTTOM if pose == first_pose() else ROI_BOTTOM)
         axes.set_title(
             f"{name}: axis {pose.axis_height_mm:.0f} mm, lance {pose.lance_depth_mm / 1000:.2f} m, "
             f"{pose.elevation_deg:+.1f} degrees"
@@ -130,10 +140,12 @@ def _drawn(axes: Axes, name: str, place_mm: Array, geometry: Geometry) -> pd.Dat
     return pd.DataFrame({"line": name, "row": row, "col": column}).dropna()
 
 
-def _frame(axes: Axes, geometry: Geometry) -> None:
+def _frame(axes: Axes, geometry: Geometry, bottom: float) -> None:
     """Set the limits to a little more than the picture, and draw its border and the ROI."""
     rows, columns = geometry.rows, geometry.columns
-    corners = np.array(Surroundings().roi) * (rows, columns)
+    corners = np.array(Surroundings().roi)
+    corners[:, 0] = np.minimum(corners[:, 0], bottom)
+    corners *= (rows, columns)
     closed = np.vstack([corners, corners[:1]])
     axes.plot(closed[:, 1], closed[:, 0], ":", color="black", lw=0.8, label="region of interest")
     axes.plot([0, columns, columns, 0, 0], [0, 0, rows, rows, 0], "-", color="black", lw=0.8)

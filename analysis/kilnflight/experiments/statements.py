@@ -156,6 +156,34 @@ def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataF
     return table.assign(use=rows["use"])
 
 
+def held_by_campaign(rows: pd.DataFrame, units: Mapping[str, pd.Series]) -> pd.DataFrame:
+    """Return how many statements hold, and the median misfit, by campaign and quantity.
+
+    Parameters
+    ----------
+    rows
+        The statements.
+    units
+        By version: `misfits`.
+
+    Returns
+    -------
+    DataFrame
+        ``fraction``, ``pressure_bar``, ``quantity``, ``use``, ``statements`` (how many); for each
+        version ``*_hold`` and ``*_misfit``.
+    """
+    keys = [*KEYS, "quantity", "use"]
+    table = rows[[*KEYS, "use"]].assign(
+        quantity=rows["outcome"].str.split(" ").str[0], statements=1
+    )
+    kinds: dict[str, str] = {"statements": "sum"}
+    for version, values in units.items():
+        name = version.replace(" ", "_")
+        table[f"{name}_hold"], table[f"{name}_misfit"] = (values == 0).astype(int), values
+        kinds |= {f"{name}_hold": "sum", f"{name}_misfit": "median"}
+    return table.groupby(keys, sort=False).agg(kinds).reset_index()
+
+
 def along_the_way(outcomes: Mapping[str, pd.DataFrame], rows: pd.DataFrame) -> pd.DataFrame:
     """Return velocity and remaining share on the way, by version and as published.
 

@@ -180,8 +180,8 @@ def draw_curves(tried: pd.DataFrame) -> Figure:
     picture, grid = style.canvas(len(names), 3, **size, sharey="row")
     hollow = {"color": "black", "mfc": "white", "label": "chosen"}
     for row, name in zip(grid, names, strict=True):
-        table = tried[tried["tracker"] == name].dropna(axis=1, how="all")
-        parameters = [column for column in UNITS if column in table]
+        table = tried[tried["tracker"] == name]
+        parameters = [column for column in UNITS if column in table.dropna(axis=1, how="all")]
         for axes, parameter in zip(row, parameters, strict=True):
             largest, best = table.groupby(parameter)["beta"].max(), table[table["chosen"]]
             axes.plot(table[parameter], table["beta"], ".", color="0.7", label="tried")

@@ -180,15 +180,10 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
         ``chosen``, and of the chosen one ``at_end`` (its parameters at an end of their values, ""
         if it is interior) and ``untried`` (its neighbours that were not tried; 0 for all others).
 
-    Raises
-    ------
-    InputError
-        If every setting is refused.
-
     Notes
     -----
     Of settings of equal worth the first is chosen. While all are refused, the neighbours of the
-    smallest one come next.
+    smallest one come next. If all stay refused, none is chosen.
     """
     rows: dict[Setting, dict[str, object]] = {}
     ahead = list(product(*(grid.start[parameter] for parameter in grid.parameters)))
@@ -208,9 +203,7 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
             ranked = [settings[k] for k in ranks]
             around = ([n for n in grid.neighbors(best) if n not in rows] for best in ranked)
             ahead = next(filter(None, around), []) if len(rows) < trials else []
-    if table["beta"].isna().all():
-        raise InputError(f"search: {name} refuses every setting: {table['note'].iloc[0]}")
-    chosen = np.arange(len(table)) == ranks[0]
+    chosen = (np.arange(len(table)) == ranks[0]) & table["beta"].notna().to_numpy()
     untried = sum(neighbor not in rows for neighbor in grid.neighbors(ranked[0]))
     return table.assign(
         chosen=chosen,
@@ -288,20 +281,29 @@ def tried_settings(scale: str, names: Iterable[str], seed: int = 0, jobs: int = 
     -------
     DataFrame
         `search` of each, below each other: every setting with the mean measures
-        over the stretches, the chosen one marked.
+        over the stretches, the chosen one marked. A peer may refuse all; then none is.
 
     Raises
     ------
     InputError
-        If a tracker refuses every setting.
+        If a tracker of ours refuses every setting.
     """
     learned = settings_from_labels(scale, seed)
     tables = []
     for name in names:
         make = partial(_tried, scale, learned, seed, jobs, name)
         known = {"scale": scale, "settings": learned, "seed": seed, "tracker": name}
-        tables.append(CachedTable("tried", make, known)())
+        table = CachedTable("tried", make, known)()
+        if name in OURS and not table["chosen"].any():
+            raise InputError(f"tried_settings: {_refused_all(name, table)}")
+        tables.append(table)
     return pd.concat(tables, ignore_index=True)
+
+
+def _refused_all(name: object, table: pd.DataFrame) -> str:
+    """Return in words that a tracker refused all that was tried, and why the first."""
+    why = str(table["note"].iloc[0]).removeprefix("not run: ") or "no track to score"
+    return f"{name} refuses each of {len(table)} settings; the first: {why}"
 
 
 def _tried(scale: str, learned: Settings, seed: int, jobs: int, name: str) -> pd.DataFrame:
@@ -326,12 +328,24 @@ def our_trackers(tried: pd.DataFrame) -> dict[str, Tracker]:
 def chosen_trackers(
     tried: pd.DataFrame, grids: Mapping[str, Grid] | None = None
 ) -> dict[str, Tracker]:
-    """Return each tracker in its chosen setting, of `tried_settings`."""
-    return {
-        row["tracker"]: grid.build(*(row[name] for name in grid.parameters))
-        for row in tried[tried["chosen"]].to_dict("records")
-        for grid in [(grids or all_grids())[row["tracker"]]]
-    }
+    """Return each tracker in its chosen setting, of `tried_settings`.
+
+    One that refused all settings refuses whatever it is given, and says so.
+    """
+    trackers: dict[str, Tracker] = {}
+    for name, table in tried.groupby("tracker", sort=False):
+        best = table[table["chosen"]]
+        if best.empty:
+            trackers[str(name)] = partial(_refuse, _refused_all(name, table))
+        else:
+            grid = (grids or all_grids())[str(name)]
+            trackers[str(name)] = grid.build(*(best[each].iloc[0] for each in grid.parameters))
+    return trackers
+
+
+def _refuse(why: str, detections: pd.DataFrame) -> pd.DataFrame:
+    """Refuse to track; what has no setting that runs does so."""
+    raise InputError(why)
 
 
 def describe_chosen(tried: pd.DataFrame) -> str:

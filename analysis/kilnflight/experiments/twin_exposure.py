@@ -1,4 +1,4 @@
-"""Fit the few inputs of the picture that are not published.
+"""Fit the few inputs of the first twin's picture that are not published.
 
 Run as ``python -m kilnflight.experiments.twin_exposure`` (about an hour); it writes
 twin/exposure.json. Only the row of Otsu's method is read: precision and recall of each subset

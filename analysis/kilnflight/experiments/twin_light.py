@@ -43,6 +43,15 @@ LIMITS = {
     "share_on": (0.1, 0.6),
     "body_s": (0.1, 1.0),
 }
+# Why, for a table; the docstring says more.
+REASONS = {
+    "wall_level": "PE's longer shutter would saturate the wall above 27,000",
+    "soot_1_m": "flame at least 3 times the wall; at most 10 ppm of soot",
+    "irradiance": "of the hot wall alone, and with the burner's flame near",
+    "irradiance_spread": "ours: alike, or most within a factor of 2",
+    "share_on": "ours: as for the first twin",
+    "body_s": "ours: as for the first twin",
+}
 SEARCH = Search(
     SecondLightInputs,
     LIMITS,

@@ -313,6 +313,32 @@ def collect(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     return table.set_index("id").loc[all_claims.index].reset_index().fillna("")
 
 
+def first_twin() -> pd.DataFrame:
+    """Load the verdicts that the first twin gave on claims about the kiln, indexed by id."""
+    path = paths.reference() / "first_twin.csv"
+    return pd.read_csv(path, index_col="id", keep_default_na=False)
+
+
+def beside_first_twin(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the first twin's verdicts beside those of a table from `collect`.
+
+    Returns
+    -------
+    DataFrame
+        ``id``, ``first_twin``, ``second_look`` (verdicts), ``label`` ("second look" where they
+        differ), ``first_twin_measured``, ``second_look_measured``.
+    """
+    first, now = first_twin(), table.set_index("id")
+    rows = pd.DataFrame({"first_twin": first["verdict"], "second_look": now["verdict"]})
+    rows = rows.reindex(first.index)
+    differ = rows["first_twin"] != rows["second_look"]
+    return rows.assign(
+        label=differ.map({True: "second look", False: ""}),
+        first_twin_measured=first["measured"],
+        second_look_measured=now["measured"],
+    ).reset_index()
+
+
 def without_cause(table: pd.DataFrame) -> list[str]:
     """Return the claims that are not reproduced and say no cause; ``table`` from `collect`."""
     missing = (table["verdict"] != REPRODUCED) & ~table["because"].isin(list(CAUSES))

@@ -6,9 +6,11 @@
         -> scene (a recording) -> truth
 
 It never sees a method, and no method sees it. Every coefficient is a field with unit and
-source: published, handbook, or assumption. Six of flight and ignition are fitted to two of the
-eight campaigns, seven of the picture to Otsu's row of Table 5.5 (`fitted`). Nothing is tuned to
-the outcome of any other measuring method.
+source: published, handbook, or assumption. Five of flight and ignition are fitted to two of the
+eight campaigns, six of the picture to Otsu's row of Table 5.5 (`fitted`), four of the pose to
+printed geometry (`poses`). Nothing is tuned to the outcome of any other measuring method. Scenes
+are of the second look, made after the outcomes of the first twin were known; that one stays as
+scenes ``...@first``.
 
 ==========  =====================================================================
 module      content

@@ -8,15 +8,17 @@ the trajectories in the windows of Table 5.15, the handfuls of the subsets from 
 Table 5.2. Pose, flight, ignition and light have the inputs of `kilnflight.twin.fitted` and
 `kilnflight.twin.poses`.
 
-Scenes are of the twin's second look. The first twin stays for comparison as ``name@first``; its
-inputs before any fit are ``name@first+inputs-only``.
+Scenes are of the twin's second look. The first twin stays for comparison as ``name@first``.
+``inputs-only`` has the inputs before any fit, of the one or of the other.
 """
 
 from __future__ import annotations
 
 import hashlib
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -32,6 +34,8 @@ from kilnflight.twin.camera import Optics
 from kilnflight.twin.fitted import (
     FlightInputs,
     LightInputs,
+    SecondInputs,
+    SecondLightInputs,
     flight_inputs,
     light_inputs,
     second_depth,
@@ -210,9 +214,12 @@ def tracking_window(twin: Twin) -> range:
 
 
 def _with_assumed_inputs(scene: Scene) -> Scene:
-    """Return a scene with the assumed instead of the fitted inputs."""
-    flight, gas = FlightInputs().applied(scene.flight, scene.gas)
-    return LightInputs().applied(replace(scene, flight=flight, gas=gas))
+    """Return a scene, of the first twin or of the second look, with its inputs before any fit."""
+    second_look = scene.optics.light is not None
+    inputs = SecondInputs() if second_look else FlightInputs()
+    look = SecondLightInputs() if second_look else LightInputs()
+    flight, gas = inputs.applied(scene.flight, scene.gas)
+    return look.applied(replace(scene, flight=flight, gas=gas))
 
 
 # Table 5.2 shows 87 % of V4's particles in air burning, where a quarter of the confetti and seven
@@ -247,6 +254,17 @@ def second(scene: Scene) -> Scene:
     edge = [(min(row, ROI_BOTTOM), column) for row, column in scene.surroundings.roi]
     around = replace(scene.surroundings, roi=tuple(edge))
     return replace(scene, surroundings=around, depth=second_depth())
+
+
+def _flames(scene: Scene, stronger: float) -> Scene:
+    """Return a scene whose flames bear a slip so many times as great."""
+    flight, rule = scene.flight, scene.flight.volatiles
+    if rule is None:  # the first twin
+        flight = replace(flight, extinction_1_s=stronger * flight.extinction_1_s)
+    else:
+        shorter = max(rule.chemical_time_s / stronger, 1e-9)  # no flow outlasts the last
+        flight = replace(flight, volatiles=replace(rule, chemical_time_s=shorter))
+    return replace(scene, flight=flight)
 
 
 DUMP_S = 0.1  # a dumped handful is half a metre of lance at 5 m/s; assumption
@@ -301,7 +319,7 @@ def downscaled(scene: Scene) -> Scene:
 
 
 # One line each: inputs that the publications only bound, at other values.
-SCENARIOS = {
+SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
     "first": lambda scene: scene,  # the first twin, see `open_scene`
     "small": downscaled,
@@ -315,9 +333,8 @@ SCENARIOS = {
     "depth-bias": lambda s: replace(s, depth=replace(s.depth, static_bias=0.03)),
     "no-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=0.0)),
     "full-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=1.0)),
-    "flames-hold": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=np.inf)),
-    # the calibrated value is near 280; half of it
-    "flames-blow-off": lambda s: replace(s, flight=replace(s.flight, extinction_1_s=140.0)),
+    "flames-hold": partial(_flames, stronger=np.inf),
+    "flames-blow-off": partial(_flames, stronger=0.5),
     # The second look at lance, gas and ignition, each by itself (see `Gas` and `Flight`)
     "choked-lance": lambda s: replace(s, gas=replace(s.gas, choked=True)),
     # near the lance the gas goes back; bounded only (-1.5 to 2.5 m/s)
