@@ -130,8 +130,8 @@ def campaign_name(fraction: str, pressure_bar: float) -> str:
 def campaign(fraction: str, pressure_bar: float, seed: int = 0, first: bool = False) -> Scene:
     """Return the recording of one fraction at one pressure, as long as the thesis's.
 
-    It is of the second look or of the ``first`` twin. Particles per second are the trajectories of Table 5.15 over the time in which they can
-    have begun: the window and a median dwell time.
+    It is of the second look or of the ``first`` twin. Particles per second are the trajectories of
+    Table 5.15 over the time in which they can have begun: the window and a median dwell time.
     """
     if fraction not in FRACTIONS or pressure_bar not in PRESSURES_BAR:
         raise InputError(
