@@ -81,7 +81,7 @@ caption = (
     "non-burning in air (orange), burning on the wall (purple), region of interest (dashed). "
     "Right: captured depth where there is one."
 )
-table = truth.sightings(twin, frame.index).drop(columns="time_s")
+table = truth.sightings(twin, frame.index).query("visible").drop(columns="time_s")
 figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
@@ -105,7 +105,7 @@ first = twin_film.busiest(recordings["paper shred"])
 length = {"quick": 4, "standard": 60, "full": 60}[scale]
 caption = (
     f"Paper shreds at 4.5 bar, second look: {length} frames, twenty times slower than they were "
-    "recorded, in a quarter of the pixels. Simulated."
+    "recorded, at a fifth of the resolution. Simulated."
 )
 path = paths.figures() / "twin-film.gif"
 twin_film.write_film(recordings["paper shred"], path, first, length)

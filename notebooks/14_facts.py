@@ -87,7 +87,7 @@ caption = (
     "Facts, cells (all sentences of a campaign and fact) and orders of fractions that hold. Held "
     "out: what neither fit read. Of draws: the mean and the range of 90 %. Measured at scale "
     f"{scale} in {len(measured)} of 8 campaigns; what is not measured fails. Last: the old count "
-    "of held-out statements without tolerance, and their median misfit."
+    "of held-out statements about these campaigns, without tolerance, and their median misfit."
 )
 figures.save("twin-count", counts, caption=caption, provenance=origin)
 
@@ -96,8 +96,8 @@ table = twin_statements.side_by_side(versions)
 picture = flight_pictures.draw_facts(table, list(versions))
 caption = (
     "Which facts hold, by campaign: of the first twin's true flights, of the second's, and as "
-    "measured on the second. Filled: all sentences hold. Half: some. Open and crossed: none, or "
-    "nothing measured. The numbers are of sentences."
+    "measured on the second. Filled: all sentences hold. Half: some. Open and crossed: none. No "
+    "mark: not measured. The numbers are of sentences."
 )
 figures.save("twin-facts", table, picture=picture, caption=caption, provenance=origin)
 

@@ -39,7 +39,7 @@ origin = figures.trace("57_bands", setting, seed=seed, inputs=inputs)
 # ## The numbers in every scenario
 
 # %%
-others = bands.OTHERS[: 1 if scale == "quick" else None]
+others = () if scale == "quick" else bands.OTHERS
 flown = [bands.BASE, *bands.DRAWS[:draws], *others]
 parts = [bands.of_all(bands.flight_numbers, flown, particles, seed, jobs=jobs)]
 
@@ -76,7 +76,7 @@ figures.save("twin-bands", table, picture=picture, caption=caption, provenance=o
 
 # %%
 result = (
-    f"Second look, over {draws} draws of the pose and, in brackets, all scenarios: "
+    f"Second look, range over {draws} draws of the pose, in brackets over all scenarios. "
     f"{bands.describe(table)}"
 )
 figures.conclude(result, [], origin)

@@ -63,7 +63,7 @@ def test_bands_are_drawn_and_told_as_far_as_they_are_known():
         ),
         ["pose-00"],
     )
-    assert bands.describe(table) == "median dwell time of confetti (s) 0.35 to 0.35 [0.35 to 0.60]."
+    assert bands.describe(table) == "Median dwell time of confetti (s) 0.35 to 0.35 [0.35 to 0.60]."
     picture = bands.draw_bands(table)
     labels = [axes.get_xlabel() for axes in picture.axes]
     assert labels == ["median of the dwell time (s)", "F1"]

@@ -147,9 +147,11 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
 
 def draw_bands(table: pd.DataFrame) -> Figure:
     """Draw `bands`: published, base, range of the draws (broad) and of all scenarios (thin)."""
-    quantities = list(table["quantity"].drop_duplicates())
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 15 + 32 * -(-len(quantities) // 2)}
-    picture, grid = canvas(-(-len(quantities) // 2), 2, **size)
+    cases = table.groupby("quantity", sort=False).size()
+    quantities = list(cases.index)
+    tall = [int(cases.iloc[k : k + 2].max()) + 2 for k in range(0, len(cases), 2)]
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 15 + 5.5 * sum(tall)}
+    picture, grid = canvas(len(tall), 2, height_ratios=tall, **size)
     for axes, quantity in zip(grid.flat, quantities, strict=False):
         _draw_quantity(axes, table[table["quantity"] == quantity])
         axes.set_xlabel("median of the dwell time (s)" if quantity == OUTCOMES[0] else quantity)
@@ -164,13 +166,12 @@ def _draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
     """Draw the bands of one quantity, a line for each case."""
     y = range(len(rows))
     axes.hlines(y, rows["low"], rows["high"], color="black", lw=0.8, ls="-", label="all scenarios")
-    wide = {"color": COLOURS[6], "lw": 5, "ls": "-"}
+    wide: dict[str, Any] = {"color": COLOURS[6], "lw": 5, "ls": "-"}
     axes.hlines(y, rows["draws_low"], rows["draws_high"], label="draws of the pose", **wide)
     axes.plot(rows["base"], y, "|", color="black", ms=8, mew=1.4, ls="none", label="base")
     below = [place + 0.3 for place in y]
-    axes.hlines(
-        below, rows["published_low"], rows["published_high"], **PUBLISHED_BAR | {"label": ""}
-    )
+    bar: dict[str, Any] = {**PUBLISHED_BAR, "label": ""}
+    axes.hlines(below, rows["published_low"], rows["published_high"], **bar)
     exact = rows["published_low"].where(rows["published_low"] == rows["published_high"])
     axes.plot(exact, below, **PUBLISHED)
     axes.set_yticks(y, rows["case"])
@@ -178,8 +179,8 @@ def _draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def describe(table: pd.DataFrame) -> str:
-    """Return the bands of headline numbers in sentences: of the draws, in brackets of all."""
-    rows = table.set_index(["quantity", "case"])
+    """Return the bands of headline numbers, a sentence each: of the draws, in brackets of all."""
+    rows = table.set_index(["quantity", "case"])[["draws_low", "draws_high", "low", "high"]]
     shown = (
         (OUTCOMES[0], "confetti", "median dwell time of confetti (s)", "2f"),
         (OUTCOMES[1], "wood chip", "first velocity of wood chips (m/s)", "1f"),
@@ -191,7 +192,6 @@ def describe(table: pd.DataFrame) -> str:
     told = []
     for quantity, case, words, digits in shown:
         if (quantity, case) in rows.index:
-            row = rows.loc[(quantity, case)]
-            ends = [f"{row[name]:.{digits}}" for name in ("draws_low", "draws_high", "low", "high")]
+            ends = [f"{value:.{digits}}" for value in rows.xs((quantity, case)).to_numpy()]
             told.append(f"{words} {ends[0]} to {ends[1]} [{ends[2]} to {ends[3]}]")
-    return f"{'; '.join(told)}."
+    return " ".join(f"{words[0].upper()}{words[1:]}." for words in told)

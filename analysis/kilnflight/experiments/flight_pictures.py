@@ -446,7 +446,8 @@ def draw_facts(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
         look: dict[str, Any] = {"marker": MARKERS[k], "ms": 7, "mec": "black", "ls": "none"}
         look |= {"color": COLOURS[(2, 3, 5)[k % 3]], "markerfacecoloralt": "white"}
         axes.plot([], [], label=version, **look)
-        held = table.groupby([*KEYS, "fact"])[f"{version}_holds"].agg(["sum", "size"])
+        known = table.dropna(subset=f"{version}_holds")
+        held = known.groupby([*KEYS, "fact"])[f"{version}_holds"].agg(["sum", "size"]).astype(int)
         for (name, bar, fact), (good, size) in zip(held.index, held.to_numpy(), strict=True):
             x = facts.index(fact) + (k - (len(versions) - 1) / 2) * across
             y, some = keys.index((name, bar)), 0 < good < size

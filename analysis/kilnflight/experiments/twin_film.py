@@ -92,7 +92,7 @@ def draw_fractions(twins: Mapping[str, Twin]) -> tuple[Figure, pd.DataFrame]:
             points = points.sample(min(len(points), POINTS), random_state=0)
             dots: dict[str, Any] = {"s": size, "color": colour, "linewidths": 0}
             side.scatter(points["z"] / 1000, points["y"] / 1000, rasterized=True, **dots)
-        side.set(xlabel="depth z (m)", xlim=(2, 11), ylim=(-1.2, 1.6))
+        side.set(xlabel="depth z (m)", xlim=(2, 10), ylim=(-0.5, 1.0))
     grid[1, 0].set_ylabel("up, y (m)")
     columns = ["fraction", "frame", "particle", "row", "col", "pixels", "label", "x", "y", "z"]
     return picture, pd.concat(parts, ignore_index=True)[columns]

@@ -28,7 +28,7 @@ UNITS = {
     "m": "m", "s": "s",
 }  # fmt: skip
 # Bounds of what was fitted, fixed before.
-FITTED = twin_flight.LIMITS | twin_light.LIMITS
+FITTED: dict[str, tuple[float | None, float | None]] = {**twin_flight.LIMITS, **twin_light.LIMITS}
 FITTED |= {name: twin_pose.PRIOR[name].support() for name in ("axis_height_mm", "lance_depth_mm")}
 FITTED |= {"launch_elevation_deg": twin_pose.PRIOR["elevation_deg"].interval(0.95)}
 FITTED |= dict.fromkeys(("axis_far_mm", "inlet_depth_mm"), (None, None))  # by the pose's scale
@@ -87,7 +87,7 @@ def _rows(part: Any, name: str, notes: dict[str, str]) -> list[tuple[object, ...
         status = "fitted" if key in FITTED else next(said, "not said")
         found = BOUNDS.search(note) if isinstance(value, float) else None
         ends = FITTED.get(key) or (tuple(map(float, found.groups())) if found else (None, None))
-        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        shown = re.sub(r"\d+\.\d{5,}", lambda long: f"{float(long[0]):.6g}", str(value))
         module = type(part).__module__.rpartition(".")[2]
         rows.append((module, name, key, shown, unit, status, *ends, note))
     return rows
@@ -98,7 +98,7 @@ def _notes(source: str, nodes: Mapping[Any, Any]) -> dict[Any, str]:
     texts, alone = {}, set()
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
-            texts[token.start[0]] = token.string.lstrip("# ")
+            texts[token.start[0]] = token.string.lstrip("# ").replace("`", "")
             alone |= set() if token.line[: token.start[1]].strip() else {token.start[0]}
     notes = {}
     for name, node in nodes.items():

@@ -182,8 +182,7 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
         which share of the draws.
     """
     rows = facts()
-    keys = rows[KEYS].itertuples(index=False, name=None)
-    known = np.array([key in measured for key in keys])
+    known = [key in measured for key in rows[KEYS].itertuples(index=False, name=None)]
     table = rows.rename(columns={"printed": "published"})
     table = table.assign(
         fact=rows["fact"] + ": " + rows["outcome"],
@@ -198,13 +197,18 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
 
 
 def side_by_side(versions: Mapping[str, Values]) -> pd.DataFrame:
-    """Return every fact with its bounds, and by version its value and whether it holds."""
+    """Return every fact with its bounds, and by version its value and whether it holds.
+
+    Empty for campaigns that a version has not.
+    """
     rows = facts()
     table = rows[[*KEYS, "fact", "outcome", "printed", "low", "high", "tolerance"]]
     for name, values in versions.items():
         value = answers(rows, values)
-        columns = {name: value, f"{name}_z": z_scores(rows, value)}
-        table = table.assign(**columns, **{f"{name}_holds": holding(rows, values)})
+        known = [key in values for key in rows[KEYS].itertuples(index=False, name=None)]
+        held = holding(rows, values).astype("boolean").where(known)
+        columns = {name: value, f"{name}_z": z_scores(rows, value), f"{name}_holds": held}
+        table = table.assign(**columns)
     return table
 
 
@@ -244,10 +248,12 @@ def count_holding(versions: Mapping[str, Iterable[Values]]) -> pd.DataFrame:
 def old_count(values: Values) -> dict[str, float]:
     """Return how the first twin was counted, by `statements` that no calibration read.
 
-    ``statements_hold`` of ``statements``, and the ``median_misfit`` in units of the bounds.
+    ``statements_hold`` of the ``statements`` about these campaigns, and the ``median_misfit`` in
+    units of the bounds.
     """
     every = statements.statements()
-    rows = every[every["use"] == statements.HELD_OUT]
+    every = every[every["use"] == statements.HELD_OUT]
+    rows = every[[key in values for key in every[KEYS].itertuples(index=False, name=None)]]
     off = statements.misfits(rows, answers(rows, values))
     return {
         "statements_hold": float((off == 0).sum()),
@@ -263,14 +269,15 @@ def describe_counts(counts: pd.DataFrame) -> str:
     best = max(alike["facts_hold"], drawn["facts_high"])
     skill = "more than" if second["facts_hold"] > best else "no more than"
     return (
-        f"Second look: {second['facts_hold']:.0f} of {second['facts']} facts hold of true flights "
-        f"({second['held_out_hold']:.0f} of {second['held_out']} that no fit read), "
-        f"{measured['facts_hold']:.0f} as measured; first twin {first['facts_hold']:.0f}. That is "
-        f"{skill} the null models: all alike {alike['facts_hold']:.0f}, draws of the inputs "
-        f"{drawn['facts_low']:.0f} to {drawn['facts_high']:.0f}. Of {second['orders']} orders "
-        f"{second['orders_hold']:.0f} hold, of the first twin's {first['orders_hold']:.0f}. Old "
-        f"count: {first['statements_hold']:.0f} and now {second['statements_hold']:.0f} of "
-        f"{second['statements']:.0f}, median misfit {first['median_misfit']:.2f} and "
+        f"Second look: of {second['facts']:.0f} facts {second['facts_hold']:.0f} hold of true "
+        f"flights, {measured['facts_hold']:.0f} as measured; of the first twin's "
+        f"{first['facts_hold']:.0f}. Of {second['held_out']:.0f} that no fit read "
+        f"{second['held_out_hold']:.0f} hold. The true ones are {skill} the null models: all alike "
+        f"{alike['facts_hold']:.0f}, draws of the inputs {drawn['facts_low']:.0f} to "
+        f"{drawn['facts_high']:.0f}. Of {second['orders']:.0f} orders {second['orders_hold']:.0f} "
+        f"hold, of the first twin's {first['orders_hold']:.0f}. Old count: of "
+        f"{second['statements']:.0f} statements {first['statements_hold']:.0f} and now "
+        f"{second['statements_hold']:.0f}. Median misfit {first['median_misfit']:.2f} and now "
         f"{second['median_misfit']:.2f}."
     )
 
