@@ -87,7 +87,7 @@ def _rows(part: Any, name: str, notes: dict[str, str]) -> list[tuple[object, ...
         status = "fitted" if key in FITTED else next(said, "not said")
         found = BOUNDS.search(note) if isinstance(value, float) else None
         ends = FITTED.get(key) or (tuple(map(float, found.groups())) if found else (None, None))
-        shown = re.sub(r"\d+\.\d{5,}", lambda long: f"{float(long[0]):.6g}", str(value))
+        shown = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.6g}", str(value))
         module = type(part).__module__.rpartition(".")[2]
         rows.append((module, name, key, shown, unit, status, *ends, note))
     return rows

@@ -33,8 +33,13 @@ LENGTH = 0.1  # error of printed lengths: 772 mm were fitted to a kiln of 700 mm
 FURTHEST = 2.0  # standard deviations
 SHARE = "share that ignites"
 # That are counted: first twin and second look, and the second's null models.
-VERSIONS = ("first twin, true", "second look, true", "second look, measured")
-VERSIONS += ("second look, all alike", "second look, draws of the inputs")
+VERSIONS = (
+    "first twin, true",
+    "second look, true",
+    "second look, measured",
+    "second look, all alike",
+    "second look, draws of the inputs",
+)
 COLUMNS = [*KEYS, "fact", "published", "low", "high", "tolerance", "measured", "true", "z"]
 COLUMNS += ["holds", "null_same", "null_prior"]
 
@@ -103,9 +108,14 @@ def end_tolerance(table: pd.DataFrame, end: Array, number: Array) -> Array:
 
 def answers(rows: pd.DataFrame, values: Values) -> pd.Series:
     """Return the value of each row's outcome; NaN where its campaign is not among them."""
-    keys = [key in values for key in rows[KEYS].itertuples(index=False, name=None)]
-    known = statements.answer(rows[keys], outcome_table(values)) if any(keys) else pd.Series()
+    there = among(rows, values)
+    known = statements.answer(rows[there], outcome_table(values)) if any(there) else pd.Series()
     return known.reindex(rows.index).astype(float)
+
+
+def among(rows: pd.DataFrame, values: Values) -> npt.NDArray[np.bool_]:
+    """Return which rows are of a campaign that has values."""
+    return np.array([key in values for key in rows[KEYS].itertuples(index=False, name=None)], bool)
 
 
 def z_scores(rows: pd.DataFrame, value: pd.Series) -> pd.Series:
@@ -182,14 +192,13 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
         which share of the draws.
     """
     rows = facts()
-    known = [key in measured for key in rows[KEYS].itertuples(index=False, name=None)]
     table = rows.rename(columns={"printed": "published"})
     table = table.assign(
         fact=rows["fact"] + ": " + rows["outcome"],
         measured=answers(rows, measured),
         true=answers(rows, true),
         z=z_scores(rows, answers(rows, measured)),
-        holds=holding(rows, measured).astype("boolean").where(known),
+        holds=holding(rows, measured).astype("boolean").where(among(rows, measured)),
         null_same=holding(rows, all_alike(true)),
         null_prior=np.mean([holding(rows, each) for each in draws], axis=0),
     )
@@ -205,8 +214,7 @@ def side_by_side(versions: Mapping[str, Values]) -> pd.DataFrame:
     table = rows[[*KEYS, "fact", "outcome", "printed", "low", "high", "tolerance"]]
     for name, values in versions.items():
         value = answers(rows, values)
-        known = [key in values for key in rows[KEYS].itertuples(index=False, name=None)]
-        held = holding(rows, values).astype("boolean").where(known)
+        held = holding(rows, values).astype("boolean").where(among(rows, values))
         columns = {name: value, f"{name}_z": z_scores(rows, value), f"{name}_holds": held}
         table = table.assign(**columns)
     return table
@@ -253,7 +261,7 @@ def old_count(values: Values) -> dict[str, float]:
     """
     every = statements.statements()
     every = every[every["use"] == statements.HELD_OUT]
-    rows = every[[key in values for key in every[KEYS].itertuples(index=False, name=None)]]
+    rows = every[among(every, values)]
     off = statements.misfits(rows, answers(rows, values))
     return {
         "statements_hold": float((off == 0).sum()),
