@@ -6,7 +6,7 @@ import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.experiments import bands, campaigns, detection, tracking
-from kilnflight.twin.scenes import scene_name
+from kilnflight.twin.scenes import SCENARIOS, scene_name
 
 
 def numbers(*rows):
@@ -41,6 +41,47 @@ def test_bands_keep_what_has_no_value_and_the_order_of_the_numbers():
     assert found["case"].tolist() == ["shred", "chip"]
     assert np.isnan(found.loc[1, "low"])
     assert found.loc[1, "lowest"] == ""
+
+
+def test_what_is_printed_stands_beside_each_quantity():
+    table = bands.printed().set_index(["quantity", "case"])
+    assert table.index.is_unique
+    dwell = table.loc[("dwell median (s)", "confetti")]
+    assert dwell.tolist() == [0.3, 0.5]
+    assert table.loc[("F1", "Combi SIFT+DBSCAN"), "published_low"] == 0.9017
+    assert table.loc[("alpha of GNN", "confetti"), "published_high"] == 0.45
+    assert not table.loc[list(bands.OUTCOMES)].empty
+
+
+def test_bands_are_drawn_and_told_as_far_as_they_are_known():
+    table = bands.bands(
+        numbers(
+            ("base", "dwell median (s)", "confetti", 0.4),
+            ("pose-00", "dwell median (s)", "confetti", 0.35),
+            ("dumped", "dwell median (s)", "confetti", 0.6),
+            ("base", "F1", "2D-SIFT", 0.8),
+        ),
+        ["pose-00"],
+    )
+    assert bands.describe(table) == "Median dwell time of confetti (s) 0.35 to 0.35 [0.35 to 0.60]."
+    picture = bands.draw_bands(table)
+    labels = [axes.get_xlabel() for axes in picture.axes]
+    assert labels == ["median of the dwell time (s)", "F1"]
+    assert table["published_high"].tolist() == [0.5, 0.8749]
+
+
+def test_numbers_of_all_scenarios_stand_below_each_other():
+    def one(scenario, value):
+        return numbers((scenario, "F1", "SIFT", value))
+
+    table = bands.of_all(one, ["base", "dumped"], 0.5)
+    assert table["scenario"].tolist() == ["base", "dumped"]
+    assert list(bands.of_all(one, [], 0.5)) == bands.COLUMNS
+
+
+def test_scenarios_of_the_bands_exist():
+    assert len(bands.DRAWS) == 16
+    assert SCENARIOS.keys() >= {bands.BASE, *bands.DRAWS, *bands.OTHERS}
 
 
 def test_flight_numbers_change_with_the_scenario_and_not_with_the_run():

@@ -50,3 +50,18 @@ def test_dwell_times_are_boxes_by_source_and_fraction():
     expected = pd.DataFrame({"source": ["simulated", "measured"], "fraction": "confetti"})
     expected["median"] = [0.3, 0.7]
     pd.testing.assert_frame_equal(table[expected.columns], expected)
+
+
+def test_facts_are_filled_half_or_crossed_by_campaign_and_version():
+    keys = {"fraction": "confetti", "pressure_bar": [4.5, 4.5, 5.0]}
+    table = pd.DataFrame(keys | {"fact": "reach", "a_holds": [True, False, False]})
+    table["b_holds"] = True
+    picture = flight_pictures.draw_facts(table, ["a", "b"])
+    axes = picture.axes[0]
+    marks = [line.get_fillstyle() for line in axes.lines if len(line.get_xdata())]
+    assert sorted(marks) == ["full", "full", "full", "left", "none"]
+    assert [text.get_text() for text in axes.texts] == ["1/2", "2/2"]
+    assert [each.get_text() for each in axes.get_yticklabels()] == [
+        "confetti, 4.5 bar",
+        "confetti, 5.0 bar",
+    ]

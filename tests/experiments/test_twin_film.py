@@ -30,6 +30,15 @@ def test_a_film_shows_the_frames_in_order(twin, tmp_path):
     assert again.read_bytes() == path.read_bytes()
 
 
+def test_fractions_are_drawn_with_what_is_visible(twin):
+    picture, table = twin_film.draw_fractions({"mixed": twin})
+    t = twin_film.busiest(twin)
+    assert table["frame"].unique().tolist() == [t]
+    assert table["fraction"].unique().tolist() == ["mixed"]
+    assert len(picture.axes) == 2
+    assert picture.axes[0].get_title() == f"mixed, frame {t}"
+
+
 def test_films_that_cannot_be_are_refused(twin, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="frames"):
         twin_film.write_film(twin, tmp_path / "none.gif", 70, frames=0)

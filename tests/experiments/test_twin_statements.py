@@ -46,6 +46,14 @@ def test_what_is_left_out_says_why():
     assert left["fact"].isna().all()
 
 
+def test_the_reasons_count_every_sentence_that_is_left_out():
+    table = twin_statements.left_out()
+    every = twin_statements.sentences()["left_out"].notna().sum()
+    assert table["sentences"].sum() == every
+    assert table["reason"].is_unique
+    assert table["example"].notna().all()
+
+
 def test_the_error_of_a_share_is_binomial_and_that_of_a_speed_has_the_length():
     """By hand: 25 flights, 50 % with one more of each, and 8 m/s of 25 with 30 % spread."""
     rows = pd.DataFrame({"outcome": ["ignited (%)", "velocity 0-1 m (m/s)"]})
@@ -103,9 +111,47 @@ def test_counts_are_means_over_draws(values):
     assert (counts["cells_hold"] <= counts["cells"]).all()
 
 
+def test_what_no_fit_read_is_counted_apart(values):
+    counts = twin_statements.count_holding({"a": [values]}).iloc[0]
+    assert 0 < counts["held_out"] < counts["facts"]
+    assert counts["held_out_hold"] <= min(counts["held_out"], counts["facts_hold"])
+
+
+def test_the_old_count_is_that_of_notebook_12(values):
+    every = statements.statements()
+    rows = every[every["use"] == statements.HELD_OUT]
+    off = statements.misfits(rows, statements.answer(rows, statements.outcome_table(values)))
+    counted = twin_statements.count_holding({"a": [values], "none": [{}]}).set_index("version")
+    assert counted.loc["a", "statements_hold"] == (off == 0).sum()
+    assert counted.loc["a", "median_misfit"] == off.median()
+    assert counted.loc["none", ["facts_hold", "orders_hold", "statements"]].eq(0).all()
+
+
+def test_the_counts_are_told_with_both_null_models(values):
+    slow = {key: flights(key[0], 0.2) for key in KEYS}
+    first, second, measured, same, prior = twin_statements.VERSIONS
+    runs = {first: [slow], second: [values], measured: [{}], prior: [slow, slow]}
+    runs |= {same: [twin_statements.all_alike(values)]}
+    told = twin_statements.describe_counts(twin_statements.count_holding(runs))
+    assert "0 as measured" in told
+    assert "are more than the null models" in told
+    runs[prior] = [values]
+    told = twin_statements.describe_counts(twin_statements.count_holding(runs))
+    assert "are no more than the null models" in told
+
+
+def test_draws_of_the_prior_are_flown_whatever_the_processes(monkeypatch):
+    monkeypatch.setattr(twin_statements, "true_values", lambda kiln, *_: kiln)
+    flown = twin_statements.prior_values(SEARCH, lambda each: each, 3, 5, 1, jobs=1)
+    assert flown == twin_statements.prior(SEARCH, 3, 1)
+
+
 def test_versions_stand_side_by_side(values):
     slow = {key: flights(key[0], 0.2) for key in KEYS}
-    table = twin_statements.side_by_side({"first": values, "slow": slow})
+    part = {("confetti", 4.5): values["confetti", 4.5]}
+    table = twin_statements.side_by_side({"first": values, "slow": slow, "part": part})
+    known = table["part_holds"].notna()
+    assert (known == ((table["fraction"] == "confetti") & (table["pressure_bar"] == 4.5))).all()
     assert table["first_holds"].sum() > table["slow_holds"].sum()
     speed = table["outcome"].str.startswith("velocity 0-1")
     assert (table.loc[speed, "slow_z"] < 0).all()

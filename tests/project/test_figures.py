@@ -33,6 +33,15 @@ def save(identifier="fig-1", **more):
     return figures.save(identifier, given.pop("table", TABLE), **given)
 
 
+def test_a_film_is_shown_with_its_caption_and_listed_for_make(tmp_path, monkeypatch):
+    monkeypatch.setenv(paths.SAVED_LIST, str(tmp_path / "saved"))
+    path = paths.figures() / "film.gif"
+    shown = figures.film(path, "A film & more.")
+    assert 'src="figures/film.gif"' in shown._repr_html_()
+    assert "<figcaption>A film &amp; more.</figcaption>" in shown.page
+    assert (tmp_path / "saved").read_text() == f"{path.resolve()}\n"
+
+
 def test_a_figure_is_png_pdf_csv_and_an_entry_in_the_gallery():
     save(picture=drawn())
     names = {path.name for path in paths.figures().iterdir()}

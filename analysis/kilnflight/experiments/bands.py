@@ -8,20 +8,32 @@ is told apart from what the chain adds (`kilnflight.experiments.accuracy`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from kilnflight.experiments import detection, tracking
+from kilnflight.experiments import detection, tracking, twin_statements
 from kilnflight.experiments.campaigns import settings_from_labels
+from kilnflight.experiments.tracking_claims import with_table_5_17
 from kilnflight.experiments.tracking_scores import FROM_LANCE, STAGES, tabulate
+from kilnflight.project import claims
+from kilnflight.project.parallel import run_all
+from kilnflight.project.style import COLOURS, PAGE_MM, PUBLISHED, PUBLISHED_BAR, canvas
 from kilnflight.scores.flights import outcomes
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import Kiln
 from kilnflight.twin.particles import FRACTIONS
+from kilnflight.twin.poses import POSE_SCENARIOS
 from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, scene_name
 
 BASE = "base"
+DRAWS = tuple(name for name in POSE_SCENARIOS if name != "pose")  # the mode is the base
+# Other inputs that the publications only bound: feeding in handfuls, a colder wall towards the
+# outlet, and no jet at all.
+OTHERS = ("dumped", "wall-profile", "no-jet")
 # Headline outcomes of flights, of `kilnflight.scores.flights.outcomes`.
 OUTCOMES = (
     "dwell median (s)",
@@ -31,6 +43,7 @@ OUTCOMES = (
     "ignited (%)",
 )
 COLUMNS = ["scenario", "quantity", "case", "value"]
+GNN, F1, ALPHA = "GNN", "F1", "alpha of GNN"
 
 
 def flight_numbers(scenario: str, count: int, seed: int) -> pd.DataFrame:
@@ -61,7 +74,7 @@ def detection_numbers(scenario: str, scale: str, seed: int, frames: int = 0) -> 
     threshold = detection.chosen_thresholds(detection.compare_thresholds(subsets, scale))
     total = detection.sum_counts(detection.compare_methods(subsets, threshold), ["method"])
     table = pd.DataFrame({"case": total["method"], "value": total["f1"]})
-    return table.assign(scenario=scenario, quantity="F1")[COLUMNS]
+    return table.assign(scenario=scenario, quantity=F1)[COLUMNS]
 
 
 def tracking_numbers(
@@ -70,11 +83,36 @@ def tracking_numbers(
     """Return alpha of a tracker with post-processing, tracks from the lance, by fraction."""
     settings = settings_from_labels(scale, seed, scenario)
     windows = tracking.windows(scale, settings, seed, jobs=jobs, scenario=scenario)
-    cells = tracking.cells(windows, tracking.follow_all(windows, {"GNN": tracker}), [FROM_LANCE])
+    cells = tracking.cells(windows, tracking.follow_all(windows, {GNN: tracker}), [FROM_LANCE])
     table = tabulate(cells)
     after = table[table["postprocessing"] == STAGES[1]]
     columns = {"case": after["fraction"], "value": after["alpha"]}
-    return pd.DataFrame(columns).assign(scenario=scenario, quantity="alpha of GNN")[COLUMNS]
+    return pd.DataFrame(columns).assign(scenario=scenario, quantity=ALPHA)[COLUMNS]
+
+
+def of_all(
+    numbers: Callable[..., pd.DataFrame], scenarios: Sequence[str], *rest: Any, jobs: int = 1
+) -> pd.DataFrame:
+    """Return one of the numbers above of several scenarios, ``rest`` its other arguments."""
+    parts = run_all(numbers, [(name, *rest) for name in scenarios], jobs)
+    return pd.concat(parts or [pd.DataFrame(columns=COLUMNS)], ignore_index=True)
+
+
+def printed() -> pd.DataFrame:
+    """Return what is published: ``quantity``, ``case``, ``published_low``, ``published_high``."""
+    facts = twin_statements.facts().query("pressure_bar == @PRESSURES_BAR[0]")
+    names = {"outcome": "quantity", "fraction": "case"}
+    names |= {"low": "published_low", "high": "published_high"}
+    flights = facts.rename(columns=names)[list(names.values())]
+    f1 = claims.published("table_5.11").rename(columns={"method": "case"})[["case", "f1"]]
+    alpha = pd.DataFrame({"fraction": list(FRACTIONS), "tracker": GNN, "postprocessing": STAGES[1]})
+    alpha = with_table_5_17(alpha).rename(columns={"fraction": "case"})[["case", "alpha_published"]]
+    parts = [flights]
+    for quantity, table in ((F1, f1), (ALPHA, alpha)):
+        value = table.iloc[:, 1].astype(float)
+        ends = {"published_low": value, "published_high": value}
+        parts.append(table[["case"]].assign(quantity=quantity, **ends))
+    return pd.concat(parts, ignore_index=True)
 
 
 def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
@@ -92,7 +130,7 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
     DataFrame
         ``quantity``, ``case``, ``base``; ``draws_low``, ``draws_median``, ``draws_high`` (least,
         median and greatest of the draws); ``low`` and ``high`` over all, and the scenarios that
-        give them, ``lowest`` and ``highest``. NaN where no draw has a value.
+        give them, ``lowest`` and ``highest``; and what is `printed`. NaN where no draw has a value.
     """
     keys = ["quantity", "case"]
     wide = numbers.pivot(index=keys, columns="scenario", values="value")
@@ -104,4 +142,56 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
     known = wide.dropna(how="all")
     table["lowest"] = known.idxmin(axis=1).reindex(wide.index, fill_value="")
     table["highest"] = known.idxmax(axis=1).reindex(wide.index, fill_value="")
-    return table.reset_index()
+    return table.reset_index().merge(printed(), how="left")
+
+
+def draw_bands(table: pd.DataFrame) -> Figure:
+    """Draw `bands`: published, base, range of the draws (broad) and of all scenarios (thin)."""
+    cases = table.groupby("quantity", sort=False).size()
+    quantities = list(cases.index)
+    tall = [int(cases.iloc[k : k + 2].max()) + 2 for k in range(0, len(cases), 2)]
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 15 + 5.5 * sum(tall)}
+    picture, grid = canvas(len(tall), 2, height_ratios=tall, **size)
+    for axes, quantity in zip(grid.flat, quantities, strict=False):
+        _draw_quantity(axes, table[table["quantity"] == quantity])
+        axes.set_xlabel("median of the dwell time (s)" if quantity == OUTCOMES[0] else quantity)
+    for axes in list(grid.flat)[len(quantities) :]:
+        axes.axis("off")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    picture.legend(handles, labels, loc="outside upper center", ncols=4)
+    return picture
+
+
+def _draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the bands of one quantity, a line for each case."""
+    y = range(len(rows))
+    axes.hlines(y, rows["low"], rows["high"], color="black", lw=0.8, ls="-", label="all scenarios")
+    wide: dict[str, Any] = {"color": COLOURS[6], "lw": 5, "ls": "-"}
+    axes.hlines(y, rows["draws_low"], rows["draws_high"], label="draws of the pose", **wide)
+    axes.plot(rows["base"], y, "|", color="black", ms=8, mew=1.4, ls="none", label="base")
+    below = [place + 0.3 for place in y]
+    bar: dict[str, Any] = {**PUBLISHED_BAR, "label": ""}
+    axes.hlines(below, rows["published_low"], rows["published_high"], **bar)
+    exact = rows["published_low"].where(rows["published_low"] == rows["published_high"])
+    axes.plot(exact, below, **PUBLISHED)
+    axes.set_yticks(y, rows["case"])
+    axes.set_ylim(len(rows) - 0.4, -0.5)
+
+
+def describe(table: pd.DataFrame) -> str:
+    """Return the bands of headline numbers, a sentence each: of the draws, in brackets of all."""
+    rows = table.set_index(["quantity", "case"])[["draws_low", "draws_high", "low", "high"]]
+    shown = (
+        (OUTCOMES[0], "confetti", "median dwell time of confetti (s)", "2f"),
+        (OUTCOMES[1], "wood chip", "first velocity of wood chips (m/s)", "1f"),
+        (OUTCOMES[3], "wood chip", "share of wood chips beyond 3 m (%)", "0f"),
+        (OUTCOMES[4], "confetti", "share of confetti that ignites (%)", "0f"),
+        (F1, "Combi SIFT+DBSCAN", "F1 of SIFT with DBSCAN", "2f"),
+        (ALPHA, "confetti", "alpha of GNN, confetti", "2f"),
+    )
+    told = []
+    for quantity, case, words, digits in shown:
+        if (quantity, case) in rows.index:
+            ends = [f"{value:.{digits}}" for value in rows.xs((quantity, case)).to_numpy()]
+            told.append(f"{words} {ends[0]} to {ends[1]} [{ends[2]} to {ends[3]}]")
+    return " ".join(f"{words[0].upper()}{words[1:]}." for words in told)

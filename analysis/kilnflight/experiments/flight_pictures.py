@@ -32,7 +32,6 @@ from kilnflight.experiments.plots import (
     examples,
 )
 from kilnflight.experiments.space import draw_curves, draw_flown_paths
-from kilnflight.experiments.twin_statements import FURTHEST, z_scores
 from kilnflight.flight import kept
 from kilnflight.project.style import (
     COLOURS,
@@ -435,27 +434,35 @@ def draw_true_dwell(table: pd.DataFrame) -> Figure:
     return picture
 
 
-def draw_facts(table: pd.DataFrame) -> Figure:
-    """Draw how many tolerances each fact lies outside its bounds: a panel for each campaign.
+def draw_facts(table: pd.DataFrame, versions: Sequence[str]) -> Figure:
+    """Draw which facts hold: a row for each campaign, a column for each fact, a mark by version.
 
-    ``table`` is of `twin_statements.statement_table`. Filled: measured; open: true. What lies
-    farther out than the panel is drawn at its edge.
+    ``table`` is of `twin_statements.side_by_side`. Filled: all sentences hold; half: some; open
+    and crossed: none. Of several sentences the numbers stand below.
     """
     keys = list(table[KEYS].drop_duplicates().itertuples(index=False, name=None))
-    pressures, most = sorted({bar for _, bar in keys}), 6.0
-    names = list(dict.fromkeys(name for name, _ in keys))
-    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 48 * len(names), "sharex": True}
-    picture, grid = canvas(len(names), len(pressures), **size)
-    for (i, name), (j, bar) in product(enumerate(names), enumerate(pressures)):
-        rows = table[(table["fraction"] == name) & (table["pressure_bar"] == bar)]
-        axes, true = grid[i, j], z_scores(rows, rows["true"])
-        axes.axvspan(-FURTHEST, FURTHEST, color="0.9")
-        places = np.arange(len(rows))
-        axes.plot(true.clip(-most, most), places, "D", ms=4, mfc="none", color=COLOURS[2], ls="")
-        axes.plot(rows["z"].clip(-most, most), places, "o", ms=4, color=COLOURS[0], ls="")
-        axes.set_yticks(places, rows["fact"].str.split(": ").str[1], fontsize=5)
-        axes.set(title=f"{name}, {bar} bar", xlim=(-most - 0.5, most + 0.5))
-        axes.invert_yaxis()
-    for axes in grid[-1]:
-        axes.set_xlabel("outside the published bounds (tolerances)")
+    facts = list(table["fact"].drop_duplicates())
+    picture, grid = canvas(1, 1, width_mm=PAGE_MM, height_mm=25 + 9 * len(keys))
+    axes, across = grid[0, 0], 0.8 / len(versions)
+    for k, version in enumerate(versions):
+        look: dict[str, Any] = {"marker": MARKERS[k], "ms": 7, "mec": "black", "ls": "none"}
+        look |= {"color": COLOURS[(2, 3, 5)[k % 3]], "markerfacecoloralt": "white"}
+        axes.plot([], [], label=version, **look)
+        known = table.dropna(subset=f"{version}_holds")
+        held = known.groupby([*KEYS, "fact"])[f"{version}_holds"].agg(["sum", "size"]).astype(int)
+        for (name, bar, fact), (good, size) in zip(held.index, held.to_numpy(), strict=True):
+            x = facts.index(fact) + (k - (len(versions) - 1) / 2) * across
+            y, some = keys.index((name, bar)), 0 < good < size
+            fill = "left" if some else "full" if good else "none"
+            axes.plot(x, y, fillstyle=fill, **look)
+            if not good:
+                axes.plot(x, y, "x", color="black", ms=4, mew=0.8)
+            if size > 1:
+                axes.annotate(f"{good}/{size}", (x, y + 0.42), ha="center", va="center", size=5)
+    axes.set_xticks(range(len(facts)), facts)
+    axes.set_yticks(range(len(keys)), [f"{name}, {bar} bar" for name, bar in keys])
+    axes.set(xlim=(-0.5, len(facts) - 0.5), ylim=(len(keys) - 0.3, -0.5))
+    axes.vlines(np.arange(1, len(facts)) - 0.5, -0.5, len(keys), color="0.8", lw=0.6, ls="-")
+    axes.tick_params(length=0)
+    picture.legend(loc="outside upper center", ncols=len(versions))
     return picture

@@ -40,7 +40,7 @@ from kilnflight.experiments.twin_calibration import (
 )
 from kilnflight.project import cache, paths
 from kilnflight.project.closure import code_hash
-from kilnflight.twin.fitted import SECOND_FLIGHT_FILE, SecondInputs, second_kiln_with
+from kilnflight.twin.fitted import SECOND_FLIGHT_FILE, Kiln, SecondInputs, second_kiln_with
 from kilnflight.twin.flight import fly
 from kilnflight.twin.poses import Pose, read_poses
 
@@ -114,9 +114,15 @@ def cost(
     seed: int = SEED,
 ) -> float:
     """Return the sum of squared misfits of inputs in a pose; see `twin_calibration.kiln_cost`."""
+    kiln = coarse_kiln(inputs, pose)
+    cut = replace(kiln.flight, longest_s=LONGEST_S)
+    return kiln_cost(kiln._replace(flight=cut), targets, count, seed)
+
+
+def coarse_kiln(inputs: SecondInputs, pose: Pose) -> Kiln:
+    """Return the kiln with inputs in a pose, its flights in steps twice the usual ones."""
     kiln = second_kiln_with(inputs, pose)
-    coarse = replace(kiln.flight, step_s=STEP_S, longest_s=LONGEST_S)
-    return kiln_cost(kiln._replace(flight=coarse), targets, count, seed)
+    return kiln._replace(flight=replace(kiln.flight, step_s=STEP_S))
 
 
 @dataclass(frozen=True)

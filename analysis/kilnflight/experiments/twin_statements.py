@@ -21,6 +21,7 @@ from kilnflight.experiments.campaigns import KEYS, CampaignKey, outcome_table
 from kilnflight.experiments.confidence import trajectory_counts
 from kilnflight.experiments.twin_calibration import Inputs, Search
 from kilnflight.project import paths
+from kilnflight.project.parallel import run_all
 from kilnflight.scores.flights import FlightValues
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import Kiln
@@ -31,6 +32,14 @@ OF_MEDIAN = np.sqrt(np.pi / 2)  # error of a median over that of a mean (normal 
 LENGTH = 0.1  # error of printed lengths: 772 mm were fitted to a kiln of 700 mm (Table 5.12)
 FURTHEST = 2.0  # standard deviations
 SHARE = "share that ignites"
+# That are counted: first twin and second look, and the second's null models.
+VERSIONS = (
+    "first twin, true",
+    "second look, true",
+    "second look, measured",
+    "second look, all alike",
+    "second look, draws of the inputs",
+)
 COLUMNS = [*KEYS, "fact", "published", "low", "high", "tolerance", "measured", "true", "z"]
 COLUMNS += ["holds", "null_same", "null_prior"]
 
@@ -41,6 +50,14 @@ Values = Mapping[CampaignKey, FlightValues]
 def sentences() -> pd.DataFrame:
     """Return facts.csv: the facts, and the sentences that are left out, with the reason."""
     return pd.read_csv(paths.reference() / "facts.csv")
+
+
+def left_out() -> pd.DataFrame:
+    """Return why sentences are no facts, and how many: ``reason``, ``sentences``, ``example``."""
+    table = sentences().dropna(subset="left_out")
+    reason = table["left_out"].str.split("[:;,(]").str[0].str.strip().rename("reason")
+    groups = table["quote"].groupby(reason, sort=False).agg(["size", "first"]).reset_index()
+    return groups.rename(columns={"size": "sentences", "first": "example"})
 
 
 def facts() -> pd.DataFrame:
@@ -91,9 +108,14 @@ def end_tolerance(table: pd.DataFrame, end: Array, number: Array) -> Array:
 
 def answers(rows: pd.DataFrame, values: Values) -> pd.Series:
     """Return the value of each row's outcome; NaN where its campaign is not among them."""
-    keys = [key in values for key in rows[KEYS].itertuples(index=False, name=None)]
-    known = statements.answer(rows[keys], outcome_table(values)) if any(keys) else pd.Series()
+    there = among(rows, values)
+    known = statements.answer(rows[there], outcome_table(values)) if any(there) else pd.Series()
     return known.reindex(rows.index).astype(float)
+
+
+def among(rows: pd.DataFrame, values: Values) -> npt.NDArray[np.bool_]:
+    """Return which rows are of a campaign that has values."""
+    return np.array([key in values for key in rows[KEYS].itertuples(index=False, name=None)], bool)
 
 
 def z_scores(rows: pd.DataFrame, value: pd.Series) -> pd.Series:
@@ -146,10 +168,16 @@ def prior(search: Search[Inputs], count: int, seed: int) -> list[Inputs]:
 
 
 def prior_values(
-    search: Search[Inputs], kiln_of: Callable[[Inputs], Kiln], draws: int, count: int, seed: int
+    search: Search[Inputs],
+    kiln_of: Callable[[Inputs], Kiln],
+    draws: int,
+    count: int,
+    seed: int,
+    jobs: int = 1,
 ) -> list[dict[CampaignKey, FlightValues]]:
     """Return the `true_values` of `prior` inputs; ``kiln_of`` puts them into a kiln."""
-    return [true_values(kiln_of(each), count, seed) for each in prior(search, draws, seed)]
+    kilns = [kiln_of(each) for each in prior(search, draws, seed)]
+    return run_all(true_values, [(each, count, seed) for each in kilns], jobs)
 
 
 def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> pd.DataFrame:
@@ -164,15 +192,13 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
         which share of the draws.
     """
     rows = facts()
-    keys = rows[KEYS].itertuples(index=False, name=None)
-    known = np.array([key in measured for key in keys])
     table = rows.rename(columns={"printed": "published"})
     table = table.assign(
         fact=rows["fact"] + ": " + rows["outcome"],
         measured=answers(rows, measured),
         true=answers(rows, true),
         z=z_scores(rows, answers(rows, measured)),
-        holds=holding(rows, measured).astype("boolean").where(known),
+        holds=holding(rows, measured).astype("boolean").where(among(rows, measured)),
         null_same=holding(rows, all_alike(true)),
         null_prior=np.mean([holding(rows, each) for each in draws], axis=0),
     )
@@ -180,13 +206,17 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
 
 
 def side_by_side(versions: Mapping[str, Values]) -> pd.DataFrame:
-    """Return every fact with its bounds, and by version its value and whether it holds."""
+    """Return every fact with its bounds, and by version its value and whether it holds.
+
+    Empty for campaigns that a version has not.
+    """
     rows = facts()
     table = rows[[*KEYS, "fact", "outcome", "printed", "low", "high", "tolerance"]]
     for name, values in versions.items():
         value = answers(rows, values)
-        columns = {name: value, f"{name}_z": z_scores(rows, value)}
-        table = table.assign(**columns, **{f"{name}_holds": holding(rows, values)})
+        held = holding(rows, values).astype("boolean").where(among(rows, values))
+        columns = {name: value, f"{name}_z": z_scores(rows, value), f"{name}_holds": held}
+        table = table.assign(**columns)
     return table
 
 
@@ -202,19 +232,62 @@ def count_holding(versions: Mapping[str, Iterable[Values]]) -> pd.DataFrame:
     -------
     DataFrame
         ``version``, ``draws``, ``facts_hold`` of ``facts`` (of draws the mean, ``facts_low`` and
-        ``facts_high`` the range that holds 90 %), ``cells_hold`` of ``cells``: campaign and fact,
-        of which every sentence holds; ``orders_hold`` of ``orders``.
+        ``facts_high`` the range that holds 90 %), ``held_out_hold`` of ``held_out``: what no
+        calibration read; ``cells_hold`` of ``cells``: campaign and fact, of which every sentence
+        holds; ``orders_hold`` of ``orders``; and the `old_count`.
     """
     rows, orders, counts = facts(), rankings(), []
+    places = rows[[*KEYS, "outcome"]].itertuples(index=False, name=None)
+    unseen = np.array([statements.use_of(*each) != statements.CALIBRATED for each in places])
     for name, runs in versions.items():
         held = pd.DataFrame([holding(rows, each) for each in runs]).T.set_index(rows.index)
         total, cells = held.sum(), held.groupby([rows[key] for key in (*KEYS, "fact")]).all()
-        kept = [in_order(orders, each).mean() * len(orders) for each in runs]
         row = {"version": name, "draws": held.shape[1], "facts_hold": total.mean()}
         row |= {"facts_low": total.quantile(0.05), "facts_high": total.quantile(0.95)}
-        row |= {"facts": len(rows), "cells_hold": cells.sum().mean(), "cells": len(cells)}
-        counts.append(row | {"orders_hold": np.mean(kept), "orders": len(orders)})
+        row |= {"facts": len(rows), "held_out_hold": held[unseen].sum().mean()}
+        row |= {"held_out": int(unseen.sum())}
+        row |= {"cells_hold": cells.sum().mean(), "cells": len(cells)}
+        kept = [in_order(orders, each).sum() for each in runs]
+        row |= {"orders_hold": np.mean(kept), "orders": len(orders)}
+        counts.append(row | pd.DataFrame([old_count(each) for each in runs]).mean().to_dict())
     return pd.DataFrame(counts)
+
+
+def old_count(values: Values) -> dict[str, float]:
+    """Return how the first twin was counted, by `statements` that no calibration read.
+
+    ``statements_hold`` of the ``statements`` about these campaigns, and the ``median_misfit`` in
+    units of the bounds.
+    """
+    every = statements.statements()
+    every = every[every["use"] == statements.HELD_OUT]
+    rows = every[among(every, values)]
+    off = statements.misfits(rows, answers(rows, values))
+    return {
+        "statements_hold": float((off == 0).sum()),
+        "statements": float(len(off)),
+        "median_misfit": float(off.median()),
+    }
+
+
+def describe_counts(counts: pd.DataFrame) -> str:
+    """Return `count_holding` of `VERSIONS` in sentences: first twin, second look, null models."""
+    rows = counts.set_index("version").round(2)
+    first, second, measured, alike, drawn = (rows.loc[name] for name in VERSIONS)
+    best = max(alike["facts_hold"], drawn["facts_high"])
+    skill = "more than" if second["facts_hold"] > best else "no more than"
+    return (
+        f"Second look: of {second['facts']:.0f} facts {second['facts_hold']:.0f} hold of true "
+        f"flights, {measured['facts_hold']:.0f} as measured; of the first twin's "
+        f"{first['facts_hold']:.0f}. Of {second['held_out']:.0f} that no fit read "
+        f"{second['held_out_hold']:.0f} hold. The true ones are {skill} the null models: all alike "
+        f"{alike['facts_hold']:.0f}, draws of the inputs {drawn['facts_low']:.0f} to "
+        f"{drawn['facts_high']:.0f}. Of {second['orders']:.0f} orders {second['orders_hold']:.0f} "
+        f"hold, of the first twin's {first['orders_hold']:.0f}. Old count: of "
+        f"{second['statements']:.0f} statements {first['statements_hold']:.0f} and now "
+        f"{second['statements_hold']:.0f}. Median misfit {first['median_misfit']:.2f} and now "
+        f"{second['median_misfit']:.2f}."
+    )
 
 
 def rankings() -> pd.DataFrame:

@@ -192,12 +192,28 @@ def save(
         for name, content in contents.items():
             write_whole(folder / name, content)
         write_whole(folder / "README.md", gallery(folder).encode())
-    if os.environ.get(paths.SAVED_LIST):
-        with Path(os.environ[paths.SAVED_LIST]).open("a") as listed:
-            listed.writelines(f"{(folder / name).resolve()}\n" for name in contents)
+    _list_saved(folder / name for name in contents)
     return Saved(
         _page(identifier, caption, table if picture is None else png), folder / f"{identifier}.png"
     )
+
+
+def _list_saved(files: Iterable[Path]) -> None:
+    """Tell make what was saved."""
+    if os.environ.get(paths.SAVED_LIST):
+        with Path(os.environ[paths.SAVED_LIST]).open("a") as listed:
+            listed.writelines(f"{path.resolve()}\n" for path in files)
+
+
+def film(path: Path, caption: str) -> Saved:
+    """Return a film that lies in the folder of figures, to show it on its notebook's page.
+
+    As the PDFs it is made by make and not tracked; the gallery of figures leaves it out.
+    """
+    _list_saved([path])
+    words = html.escape(caption, quote=True)
+    image = f'<img alt="{words}" src="figures/{path.name}" loading="lazy"/>'
+    return Saved(f"<figure class='saved'>{image}<figcaption>{words}</figcaption></figure>", path)
 
 
 def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> Saved:

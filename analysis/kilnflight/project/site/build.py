@@ -108,7 +108,7 @@ def build_site(notebooks: Sequence[Path], build: Path, site: Path) -> Path:
     _sphinx(sources, fresh, build / "doctrees")
     (fresh / "figures").mkdir()
     for path in paths.figures().iterdir():
-        if path.suffix in (".png", ".pdf", ".csv"):
+        if path.suffix in (".png", ".pdf", ".csv", ".gif"):
             shutil.copy(path, fresh / "figures")
     shutil.rmtree(site, ignore_errors=True)
     shutil.move(fresh, site)

@@ -14,6 +14,7 @@ END_MARK = "<!-- end of results -->"
 SHOWN = {
     "01": ("Printed numbers", "figures/errata.csv"),
     "24": ("Detection", "figures/table-5-11-detection.csv"),
+    "57": ("Bands", "figures/twin-bands.csv"),
 }
 
 
