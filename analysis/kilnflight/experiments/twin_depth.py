@@ -78,8 +78,8 @@ def least_contrast(twins: Sequence[Twin], camera: LensCamera) -> float:
         known = [_unlit_with_depth(with_depth(twin, camera_then), t, v) for twin, t, v in views]
         return float(np.concatenate(known).mean()) - UNLIT
 
-    ends = np.log(np.array(MARGIN) * camera.contrast)
-    return float(np.exp(brentq(more, *ends, xtol=0.01)))
+    low, high = (float(np.log(factor * camera.contrast)) for factor in MARGIN)
+    return float(np.exp(brentq(more, low, high, xtol=0.01)))
 
 
 def _unlit_with_depth(twin: Twin, t: int, view: SceneView) -> Any:
@@ -113,7 +113,7 @@ def fitted_errors(twins: dict[str, Twin]) -> dict[str, float]:
         begun = twin.life.release_s * twin.scene.frame_rate_hz >= window.start
         tracks = tracks[begun[tracks["particle"]]]
         long = tracks.groupby("particle")["z"].transform("count") >= FEWEST
-        exit_point = twin.attributes.exit_point_mm
+        exit_point = np.array(twin.attributes.exit_point_mm, dtype=np.float64)
         fits = regression.regress_all(tracks[long], exit_point, twin.scene.frame_rate_hz)
         errors[name] = float(fits.loc[fits["outcome"] == regression.FITTED, "rmse_z_mm"].median())
     return errors
@@ -145,7 +145,7 @@ def wall_points(twins: Sequence[Twin], camera: LensCamera) -> int:
     total = []
     for twin in (with_depth(each, camera) for each in twins):
         total.append(len(twin.frame(LABELLED[0]).pixels))
-    return round(camera.wall_points + POINTS - float(np.mean(total)), -2)
+    return int(round(camera.wall_points + POINTS - float(np.mean(total)), -2))
 
 
 def neighbours(twins: Sequence[Twin]) -> dict[str, float]:
@@ -185,8 +185,8 @@ def calibrate(camera: LensCamera) -> dict[str, Any]:
 def targets() -> list[dict[str, Any]]:
     """Return what decides, as published."""
     table = claims.published("table_5.2").iloc[:3]
-    rows = table[["class", "percentage_with_3d_info"]].to_dict("records")
-    return [*rows, {"points": POINTS}, printed_errors()]
+    shares = dict(table[["class", "percentage_with_3d_info"]].itertuples(index=False, name=None))
+    return [shares, {"points": POINTS}, printed_errors()]
 
 
 def read_fit(path: Path = DEPTH_FILE) -> dict[str, Any]:

@@ -150,7 +150,8 @@ def measure_contrast(picture: Picture, lattice: Lattice) -> Contrast:
         cv2.blur(cv2.resize(each, size, interpolation=cv2.INTER_AREA), (BLOCKS, BLOCKS))
         for each in (picture, picture * picture)
     )
-    return Contrast(np.maximum(square - mean * mean, 0.0), mean)
+    variance = np.maximum(square - mean * mean, 0.0)
+    return Contrast(np.asarray(variance, np.float32), np.asarray(mean, np.float32))
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class LensWall:
         lattice = Lattice(rows, columns, camera.lenses)
         generator = np.random.default_rng([seed, 304])
         seen = measure_contrast(level, lattice)
-        over_noise = np.sqrt(seen.variance) / optics.noise(seen.mean)
+        over_noise = np.asarray(np.sqrt(seen.variance) / optics.noise(seen.mean), np.float32)
         index = _textured(over_noise, lattice, camera, edge_px, generator)
         row, column = np.divmod(index, columns)
         centre = lattice.centres()
@@ -218,8 +219,8 @@ class LensWall:
         apart, mixed = np.flatnonzero(kept & ~near), np.flatnonzero(kept & near)
         index = np.concatenate([self.index[apart], self.index[mixed], sight.pixels])
         pixel = np.divmod(index[len(apart) :], lattice.columns)
-        particle = np.stack([own, own * sight.depth_mm.take(block)])
-        depth = np.concatenate([depth[apart], self._mixed(pixel, *particle, changing)])
+        weighted_mm = own * sight.depth_mm.take(block)
+        depth = np.concatenate([depth[apart], self._mixed(pixel, own, weighted_mm, changing)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
     def _mixed(
@@ -272,7 +273,8 @@ class LensWall:
 
         def within(weights: Array) -> Picture:
             total = np.bincount(block, weights, size).reshape(lattice.blocks)
-            return cv2.blur(total.astype(np.float32), (BLOCKS, BLOCKS))
+            summed = cv2.blur(total.astype(np.float32), (BLOCKS, BLOCKS))
+            return np.asarray(summed, np.float32)
 
         count = within(np.ones(len(block)))
         there = count > 0.5 / BLOCKS**2
@@ -283,13 +285,13 @@ class LensWall:
         strongest = np.zeros(len(blobs.row))
         np.maximum.at(strongest, blob, contrast.reshape(-1)[block])
         found = blobs.depth_mm + error[blobs.particle] * self.camera.particle_scale(strongest)
-        depth = within(found[blob]) / total
+        depth = np.asarray(within(found[blob]) / total, np.float32)
         valid = there & (contrast >= self.camera.contrast) & (own >= self.variance)
         candidates = _pixels_of(valid, lattice)
         kept = random.random(len(candidates), dtype=np.float32) < self.camera.points_per_pixel
         kept &= labels.take(candidates) != 1
         hidden = labels.reshape(-1) != 0
-        return Sight(np.sqrt(own), depth, valid, hidden, candidates[kept])
+        return Sight(np.sqrt(own).astype(np.float32), depth, valid, hidden, candidates[kept])
 
 
 def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture) -> Picture:
@@ -329,10 +331,9 @@ def _textured(
     """
     rows, columns = lattice.rows, lattice.columns
     around = cv2.GaussianBlur(over_noise, (0, 0), lattice.blocks[1] / 20)
-    score = cv2.resize(over_noise / (around + 0.05), (columns, rows))
+    score = np.asarray(cv2.resize(over_noise / (around + 0.05), (columns, rows)), np.float32)
     score *= 0.9 + 0.1 * generator.random(score.shape, dtype=np.float32)
-    enough = cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
-    score *= enough
+    score *= cv2.resize(over_noise, (columns, rows)) >= camera.wall_contrast
     score[:edge_px], score[-edge_px:], score[:, :edge_px], score[:, -edge_px:] = 0, 0, 0, 0
     count = min(int(camera.wall_points / camera.kept_per_frame), score.size // 2)
     best = np.argpartition(score.reshape(-1), -count)[-count:]
@@ -342,8 +343,8 @@ def _textured(
 def _smooth(generator: np.random.Generator, rows: int, columns: int, cell_px: float) -> Picture:
     """Return a smooth field (rows, columns) of unit variance."""
     cells = (int(rows / cell_px) + 2, int(columns / cell_px) + 2)
-    field = generator.standard_normal(cells).astype(np.float32)
-    field = cv2.resize(field, (columns, rows), interpolation=cv2.INTER_CUBIC)
+    coarse = generator.standard_normal(cells).astype(np.float32)
+    field = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC)
     return np.asarray((field - field.mean()) / field.std(), dtype=np.float32)
 
 

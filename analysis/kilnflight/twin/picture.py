@@ -213,7 +213,9 @@ def cover(blobs: Blobs, rows: int, columns: int) -> Pixels:
 
     Each row of an ellipse is a run of pixels: what is the same in a run is computed once.
     """
-    matrix = np.linalg.inv(blobs.spread_px2) if len(blobs.row) else np.empty((0, 2, 2))
+    matrix = np.zeros((0, 2, 2))
+    if len(blobs.row):
+        matrix = np.asarray(np.linalg.inv(blobs.spread_px2), dtype=np.float64)
     blob, row, left, count = _runs(blobs, matrix, rows, columns)
     first = np.cumsum(count) - count
     place = np.repeat(row * columns + left - first, count)
@@ -302,6 +304,8 @@ def paint(
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
+    behind: npt.NDArray[np.floating]
+    change: npt.NDArray[np.floating]
     if optics.light:
         behind, change = _drawn_over(picture, blobs, pixels, veil)
     else:
@@ -327,8 +331,8 @@ def _drawn_over(
     flat, of_blob = picture.reshape(-1), pixels.blob
     last = 1 / (1 + np.exp((LARGEST_RADIUS - 1) / blobs.softness))  # it ends where it is drawn
     per_blob = (1 / blobs.softness, last, blobs.dilution / (1 - last))
-    steepness, last, dilution = (part.astype(np.float32).take(of_blob) for part in per_blob)
-    share = np.maximum(1 / (1 + np.exp((pixels.radius - 1) * steepness)) - last, 0) * dilution
+    steepness, least, dilution = (part.astype(np.float32).take(of_blob) for part in per_blob)
+    share = np.maximum(1 / (1 + np.exp((pixels.radius - 1) * steepness)) - least, 0) * dilution
     covered = share * (1 - blobs.passes).astype(np.float32).take(of_blob)
     added = share * blobs.brightness.astype(np.float32).take(of_blob)
     if veil:

@@ -126,7 +126,8 @@ class Twin:
         """Return whether any particle lies in the picture while it is recorded."""
         place, flights = self.scene.geometry, life.flights
         time = life.release_s[:, None] + flights.age_s
-        camera = place.to_camera(flights.position_m[(time >= 0) & (time <= self.time_s(len(self)))])
+        recorded = (time >= 0) & (time <= self.time_s(len(self)))
+        camera = place.to_camera(flights.position_m[recorded].astype(np.float64))
         row, column = place.project(camera[camera[:, 2] > LEAST_DEPTH_MM])
         shown = (row >= 0) & (row < place.rows) & (column >= 0) & (column < place.columns)
         landed = (life.over_s > 0) & (life.release_s + flights.end_s <= self.time_s(len(self)))
@@ -276,6 +277,7 @@ class Twin:
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
         generator, wall = self._random(t, 1), self._wall
+        depth: npt.NDArray[np.floating]
         if isinstance(wall, LensWall):
             index, depth = wall.points(self._sight(t, view, wall), generator)
         else:
