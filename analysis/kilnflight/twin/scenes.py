@@ -80,11 +80,11 @@ FIRST_SIZES: dict[str, dict[str, int]] = {
 }
 # Of the second look, likewise.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 255, "unlit": 34, "landed": 165},
-    "V2": {"flying": 128, "unlit": 12, "landed": 495},
-    "V3": {"flying": 37, "unlit": 15, "landed": 278},
-    "V4": {"flying": 526, "unlit": 9, "landed": 503},
-    "V5": {"flying": 21, "unlit": 86, "landed": 134},
+    "V1": {"flying": 150, "unlit": 33, "landed": 311},
+    "V2": {"flying": 99, "unlit": 12, "landed": 465},
+    "V3": {"flying": 22, "unlit": 17, "landed": 328},
+    "V4": {"flying": 254, "unlit": 16, "landed": 519},
+    "V5": {"flying": 16, "unlit": 84, "landed": 150},
 }
 
 # Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
