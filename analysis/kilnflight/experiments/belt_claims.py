@@ -88,9 +88,9 @@ def _but(names: Sequence[str], model: str) -> tuple[str, ...]:
 
 
 def by_model(table: pd.DataFrame, quantity: str) -> pd.DataFrame:
-    """Return a quantity by data set (rows, as the paper orders them) and model."""
+    """Return a quantity by data set (rows, as the paper orders them, then others) and model."""
     wide = table.pivot(index="data_set", columns="model", values=quantity)
-    return wide.reindex([name for name in DATA_SETS if name in wide.index])
+    return wide.reindex(sorted(wide.index, key=[*DATA_SETS, *wide.index].index))
 
 
 class Compared(NamedTuple):
