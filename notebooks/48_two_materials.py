@@ -150,6 +150,7 @@ for axes, (axis, label), costs in zip(panels, labels.items(), (by_odds, by_time)
     axes.set(xlabel=label, yscale="log")
     axes.yaxis.set(major_formatter="{x:g}")
 panels[0].set_xscale("symlog", linthresh=10)
+panels[0].xaxis.set(major_formatter="{x:g}")
 panels[0].set_ylabel("cost per particle\n(good ones blown out)")
 _ = panels[1].legend()
 
