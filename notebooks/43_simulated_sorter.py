@@ -161,9 +161,9 @@ figures.save("sorter-velocity", profiles, picture=picture, caption=caption, prov
 # %% [markdown]
 # ## Misfits
 #
-# The targets hold the ranges from 5 to 95 %, and still our spheres' are too narrow, along and
-# across, while their quartiles across are too far apart. Our collisions do not make the tails of
-# the authors' velocities.
+# The targets hold the ranges from 5 to 95 %. Still our spheres' are too narrow, along and across,
+# and their quartiles across are too far apart. Our collisions do not make the tails of the authors'
+# velocities.
 #
 # Root mean square over the belt of simulation minus the authors' tracks. Our cylinders roll where
 # they lie askew: they lag behind and drift. The authors' cylinders gain as much as their cuboids
