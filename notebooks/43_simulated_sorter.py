@@ -135,7 +135,7 @@ quantities = {
 }
 
 # %% tags=["hide-input"]
-size = {"width_mm": style.PAGE_MM, "height_mm": 130}
+size = {"width_mm": style.PAGE_MM, "height_mm": 140}
 picture, grid = style.canvas(3, 3, **size, sharex=True)
 for panels, (name, label) in zip(grid, quantities.items(), strict=True):
     panels[0].set_ylabel(f"{label} (m/s)")
@@ -146,23 +146,24 @@ for panels, (name, label) in zip(grid, quantities.items(), strict=True):
             axes.plot(table["x_mm"], table[name], color=colour, ls=line, label=LABELS[variant])
 for axes in grid[-1]:
     axes.set_xlabel("x along the belt (mm)")
-for axes in grid[0, [0, 2]]:
-    axes.legend(loc="lower right")
+pairs = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in grid[0])
+handles = {label: handle for panel in pairs for handle, label in panel}
+_ = picture.legend(handles.values(), handles, loc="outside lower center", ncols=3)
 
 # %%
 caption = (
     "Velocity of our simulation and of the authors' tracks: median and range from 5 to 95 % along "
-    "the belt, range between the quartiles across. The free values were fitted to the spheres up "
-    "to 600 mm; cuboids and cylinders are a prediction. " + belt_calibration.SPIN_KNOWN
-)
+    "the belt, range between the quartiles across. Axes differ between panels. The free values "
+    "were fitted to the spheres up to 600 mm; cuboids and cylinders are a prediction. "
+) + belt_calibration.SPIN_KNOWN
 figures.save("sorter-velocity", profiles, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Misfits
 #
-# The targets hold the ranges from 5 to 95 %, and still our spheres' are too narrow, along and
-# across, while their quartiles across are too far apart. Our collisions do not make the tails of
-# the authors' velocities.
+# The targets hold the ranges from 5 to 95 %. Still our spheres' are too narrow, along and across,
+# and their quartiles across are too far apart. Our collisions do not make the tails of the authors'
+# velocities.
 #
 # Root mean square over the belt of simulation minus the authors' tracks. Our cylinders roll where
 # they lie askew: they lag behind and drift. The authors' cylinders gain as much as their cuboids

@@ -129,7 +129,8 @@ pd.concat(rows).set_index("calibrated_with").drop(columns=["ratio", "log_odds"])
 
 # %%
 setting, ratios = settings["bad material alone"], (1, 5, 25)
-thresholds = np.linspace(log_odds.min() - 2.0, log_odds.max() + 2.0, 81)
+quantiles = np.quantile(log_odds, np.linspace(0, 1, 41))  # nearly all lie far from even odds
+thresholds = np.unique(np.concatenate([quantiles, np.linspace(-10, 10, 41)]))
 by_odds = belt_mixture.costs(setting, first_bad, log_odds, [setting.bar], thresholds, ratios)
 bars = [replace(setting.bar, open_s=time / 1000) for time in belt_valves.OPEN_MS]
 by_time = belt_mixture.costs(setting, first_bad, log_odds, bars, [0.0], ratios)
@@ -148,6 +149,8 @@ for axes, (axis, label), costs in zip(panels, labels.items(), (by_odds, by_time)
             axes.plot(bayes[ratio], np.interp(bayes[ratio], part.index, part), "o", color=colour)
     axes.set(xlabel=label, yscale="log")
     axes.yaxis.set(major_formatter="{x:g}")
+panels[0].set_xscale("symlog", linthresh=10)
+panels[0].xaxis.set(major_formatter="{x:g}")
 panels[0].set_ylabel("cost per particle\n(good ones blown out)")
 _ = panels[1].legend()
 

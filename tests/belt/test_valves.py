@@ -145,10 +145,7 @@ def test_a_particle_beside_a_narrow_bar_is_never_hit():
     true = np.full(4, 0.1), np.array([69.0, 71.0, 109.0, 150.0])
     schedule = ValveSchedule(bar)
     schedule.step(0.0, arrivals(*zip(*true, strict=True)))
-    assert (schedule.out_of_reach, schedule.are_open(0.1).tolist()) == (
-        2,
-        [True, False, False, True],
-    )
+    assert (schedule.out_of_reach, schedule.due(0.2)["valve"].tolist()) == (2, [0, 3])
     every = np.ones(4, dtype=bool)
     assert separate(bar, every, true, true).hit.tolist() == [False, True, True, False]
     beyond_the_wall = BAR.events(arrivals((0.1, -20), (0.1, 200)))
@@ -184,7 +181,7 @@ def test_what_is_known_too_late_opens_late_or_never():
     schedule = ValveSchedule(bar)
     schedule.step(0.1, arrivals((0.101, 5), (0.090, 15), (0.2, 25)))
     assert (schedule.late, schedule.never) == (1, 1)
-    assert schedule.are_open(0.103).nonzero()[0].tolist() == [0]
+    assert schedule.due(0.103)["valve"].tolist() == [0]
     assert event_rows(schedule.step(0.11, none)) == [(0, 0.1, 0.106)]
     schedule.step(0.12, arrivals((0.124, 5)))  # in time, but valve 0 has a pause until 126 ms
     assert (schedule.late, schedule.never) == (2, 1)
@@ -197,9 +194,9 @@ def test_an_open_valve_stays_open_for_the_next_particle():
     schedule, none = ValveSchedule(BAR), BELT_PREDICTED.empty()
     schedule.step(0.0, arrivals((0.1, 5)))
     assert schedule.step(0.1, arrivals((0.108, 5))).empty
-    assert schedule.are_open(0.109)[0]
+    assert schedule.due(0.109)["valve"].tolist() == [0]
     assert event_rows(schedule.step(0.2, none)) == [(0, 0.095, 0.113)]
-    assert not schedule.are_open(0.2).any()
+    assert schedule.due(0.21).empty
 
 
 def test_what_is_due_is_cut_to_the_time_asked_for():

@@ -157,6 +157,22 @@ def test_one_of_the_best_has_few_better_models(name, ca, holds):
     assert list(arrival_answers(table)["belt20-14"].values()) == [holds]
 
 
+def test_the_last_reading_decides_and_the_other_stands_beside_it():
+    """As sampled IA is best, carried CVBC: by the carried states the claim fails."""
+    readings = {"": arrivals(bias=4.1), "carried": arrivals(CVBC=0.4)}
+    values = compared(readings)
+    assert values.deciding == ["MAE carried", "IQR carried"]
+    answers = arrival_answers(values)
+    assert answers["belt20-5"] == {
+        "spheres: IA 0.500, 0.500, 0.500, 0.500 (least: IA, IA, CVBC, CVBC) ms": False
+    }
+    assert list(answers["belt20-11"].values()) == [True, True]  # no bias of CA where carried
+    assert list(answers["belt20-14"].values()) == [True]
+    assert answers["belt20-4"].columns.tolist() == values.deciding
+    sampled = arrival_answers(compared({"carried": readings["carried"], "": readings[""]}))
+    assert list(sampled["belt20-5"].values()) == [True]
+
+
 @pytest.mark.parametrize(("along", "holds"), [(0.9, False), (0.2, True), (0.5, None)])
 def test_the_gain_across_is_compared_with_that_along(along, holds):
     """IA-Ratio deviates by 0.5: 44 % less than CA-CA (0.9) and 47 % less than IA-CA (0.95)."""

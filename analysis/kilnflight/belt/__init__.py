@@ -34,7 +34,7 @@ lateral     equation    parameter from calibration                   reference
 `Ratio`     Eq. 7       median share of lateral velocity that stays  sec. 4.2
 ==========  ==========  ===========================================  ================
 
-The room is over its plan of 1500 lines by some 40: what a running sorter must notice (another
+The room is over its plan of 1500 lines by some 35: what a running sorter must notice (another
 light, a belt that stands or drifts, commands that are due) was not in the plan.
 """
 

@@ -280,16 +280,6 @@ class ValveSchedule:
         ]
         return _table(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
 
-    def are_open(self, time_s: float) -> Flags:
-        """Return which valves (valves,) are to be open at a time from the last step on.
-
-        To ask once a frame misses what opens and closes between: `due` has all.
-        """
-        commands = np.zeros(self.bar.valves, dtype=bool)
-        for valve, windows in self._windows.items():
-            commands[valve] = any(window[0] <= time_s <= window[1] for window in windows)
-        return commands
-
     def _add(self, valve: int, open_s: float, close_s: float) -> None:
         """Plan a window from now on, and merge it with those near it."""
         earliest = max(open_s, self.now_s)

@@ -332,7 +332,7 @@ class Study:
     shapes: tuple[str, ...]  # claims on how each shape moves, which the friction model assumes
     orders: Callable[[], list[Order]]
     resampled: Deviations  # those that are resampled
-    carried: bool = False  # whether states carried to the start of the phase are a second reading
+    carried: bool = False  # whether states carried to the start of the phase decide
 
     @property
     def captions(self) -> dict[str, str]:
@@ -394,8 +394,8 @@ class Study:
     ) -> tuple[dict[str, Answer], pd.DataFrame]:
         """Return the answers by the tracks of a source, and the differences that decide.
 
-        Both measures count, and on arrivals both readings: the last observation as it is, and
-        carried on to the start of the phase.
+        Both measures count. On arrivals they are those of states carried on to the start of the
+        phase; the last observation as it is stands beside.
         """
         parts = {name: part for (where, name), part in observed.items() if where == source}
         readings = {"": parts}

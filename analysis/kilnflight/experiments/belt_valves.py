@@ -32,6 +32,7 @@ from kilnflight.belt.models import (
     LateralModel,
     Straight,
 )
+from kilnflight.belt.online import predict_arrivals
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.tracker import BELT_FRAME_S
 from kilnflight.belt.valves import Separation, ValveBar
@@ -42,7 +43,6 @@ from kilnflight.project import parallel
 from kilnflight.sorter import simulation
 from kilnflight.sorter.bodies import is_installed
 from kilnflight.sorter.rendering import Pictures, at_rate
-from kilnflight.tables import BELT_PREDICTED
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
@@ -108,10 +108,7 @@ class Entering(NamedTuple):
 
     def predict(self, when: ArrivalModel, where: LateralModel) -> pd.DataFrame:
         """Return `kilnflight.tables.BELT_PREDICTED` of all tracks."""
-        time = when(self.last, self.target_mm)
-        y = where(self.last, time - self.last["time_s"].to_numpy())
-        columns = (self.last["particle"].to_numpy(), time, y)
-        return pd.DataFrame(dict(zip(BELT_PREDICTED.names, columns, strict=True)))
+        return predict_arrivals(self.last, when, where, self.target_mm)
 
     def counts(self) -> dict[str, int]:
         """Return how many particles arrive, and how many have no prediction or several."""

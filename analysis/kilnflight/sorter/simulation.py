@@ -2,10 +2,11 @@
 
 slide -> bodies on the belt, 0.2 ms at a time -> positions 1000 times a second
 
-Seven values that the papers do not print were fitted to the spheres of the authors' tracks
-(`kilnflight.experiments.belt_calibration`) and frozen. Cylinders and cuboids get the same values,
-so their motion is a prediction. The fitted values are effective ones. The slide stands for a feeder
-and a chute of unknown shape, friction for the contact law of the authors' DEM.
+Six values that the papers do not print were fitted to the spheres of the authors' tracks
+(`kilnflight.experiments.belt_calibration`) and frozen; a seventh, the share of spin, was chosen.
+Cylinders and cuboids get the same values, so their motion is a prediction. The fitted values are
+effective ones. The slide stands for a feeder and a chute of unknown shape, friction for the contact
+law of the authors' DEM.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class Sorter:
 
 @dataclass(frozen=True)
 class FittedValues:
-    """The fitted values; their defaults are those of `Contacts` and `Slide`."""
+    """The fitted values and the share of spin; defaults are those of `Contacts` and `Slide`."""
 
     belt_friction: float = Contacts.belt_friction
     rolling_friction: float = Contacts.rolling_friction
