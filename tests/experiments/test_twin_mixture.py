@@ -6,6 +6,7 @@ import pytest
 
 from kilnflight.experiments import twin_mixture as mixture
 from kilnflight.twin import scenes
+from kilnflight.twin.scene import Twin
 
 
 def test_published_counts_are_those_of_table_5_2():
@@ -69,10 +70,10 @@ def test_neighbours_come_nearest_first_and_never_fall_below_zero():
 def test_handfuls_are_sized_for_what_a_scenario_makes_of_the_scene(monkeypatch):
     moment, seen = scenes.LABELLED.start / scenes.RATE_HZ, []
 
-    def one_sighting_each(scene):
-        seen.append(scene.flight.plates)
+    def one_sighting_each(twin):
+        seen.append(twin.scene.flight.plates)
         starts = [moment + start for _, start, _ in scenes.HANDFULS.values()]
-        counts = [sum(b.count for b in scene.feed if b.start_s == start) for start in starts]
+        counts = [sum(b.count for b in twin.scene.feed if b.start_s == start) for start in starts]
         return np.array(counts, dtype=float)
 
     monkeypatch.setattr(mixture, "counted", one_sighting_each)
@@ -84,6 +85,6 @@ def test_handfuls_are_sized_for_what_a_scenario_makes_of_the_scene(monkeypatch):
 @pytest.mark.parametrize("first", [False, True], ids=["second look", "first twin"])
 @pytest.mark.parametrize("name", ["V5"])  # all five: python -m kilnflight.experiments.twin_mixture
 def test_a_subset_counts_as_table_5_2_within_ten_per_cent(name, first):
-    counts = mixture.counted(scenes.ground_truth(name, first=first))
+    counts = mixture.counted(Twin(scenes.ground_truth(name, first=first)))
     published = mixture.published_counts(name)
     assert np.all(np.abs(counts / published - 1) <= 0.1), f"{counts} instead of {published}"

@@ -15,7 +15,8 @@ scenes ``...@first``.
 ==========  =====================================================================
 module      content
 ==========  =====================================================================
-camera      kiln, lance and camera; light into grey values; depth and its error
+camera      kiln, lance and camera; light into grey values; the first look's depth
+lenses      the second look's depth, made from the picture on the grid of micro-lenses
 gas         stream and jet; drag, heat transfer, conduction
 particles   the feed: sizes, masses, material, handfuls and their times
 burning     the state of a particle in flight: heating, ignition, burning
@@ -29,7 +30,7 @@ picture     particles as ellipses in the picture, marked as by a person
 scene       `Scene` and `Twin`, its recording
 scenes      the five subsets, the eight campaigns, the scenarios
 truth       tables of the truth; true velocities and dwell times of flights
-fitted      the few fitted inputs (calibrated, exposure, flight and light.json)
+fitted      the few fitted inputs (calibrated, exposure, flight, light and depth.json)
 poses       where camera and lance may stand: mode and draws (pose.json)
 ==========  =====================================================================
 """
