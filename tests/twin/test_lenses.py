@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kilnflight.camera import EQUATION_2_4
 from kilnflight.checks import InputError
 from kilnflight.twin import scenes
+from kilnflight.twin.camera import DepthCamera
 from kilnflight.twin.lenses import (
     Lattice,
     LensCamera,
@@ -28,6 +30,8 @@ EXACT = LensCamera(
     white_mm=0.0,
     contrast=5.0,
     half_contrast=1e-3,
+    dominance=1.0,
+    points_per_pixel=0.9,
 )
 OPTICS = scenes.second_light().applied(scenes.ground_truth("V1")).optics
 
@@ -193,7 +197,7 @@ def test_the_wall_scatters_as_in_the_first_look_without_steps():
     camera = LensCamera()
     depth = np.arange(1000.0, 9000.0, 1.0)
     scale = camera.wall_scale(depth)
-    assert camera.wall_scale(3000.0) == pytest.approx(350.0)
+    assert camera.wall_scale(3000.0) == pytest.approx(1000.0 / 6, rel=0.03)  # "exceeds 1 m"
     assert camera.wall_scale(np.array([4000.0, 8000.0])) == pytest.approx([88.0, 176.0])
     assert np.abs(np.diff(scale)).max() < 1.0
 
@@ -221,3 +225,10 @@ def test_frames_of_a_scene_have_points_of_wall_and_particles_in_any_order():
     view = twin.view(10)
     known = twin.particles_with_depth(10, view)
     assert 0 < len(known) <= len(view.visible)
+
+
+def test_the_captured_depth_is_the_inverse_of_the_equation():
+    true = np.concatenate([np.arange(1000.0, 4900.0, 37.0), np.arange(4960.0, 12_000.0, 37.0)])
+    assert EQUATION_2_4(LensCamera().captured(true)) == pytest.approx(true, abs=0.5)
+    first = EQUATION_2_4(DepthCamera().captured(2500.0))
+    assert first > 3400.0  # the first look's came back a metre too far

@@ -15,12 +15,14 @@ sets `LensCamera` by these alone. No detection has a part in it.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.checks import InputError, check_positive
 from kilnflight.twin.background import Background
 from kilnflight.twin.camera import DepthCamera, Optics
@@ -31,6 +33,7 @@ Picture = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
 
 FULL_COLUMNS = 2048
+INVERSE_MM = (10.0, 15_000.0)  # step and end of the table of Eq. 2.4
 BLOCKS = 3  # per lens and direction, in which contrast is summed
 # Depths between which the plate scatters most (sec. 2.1.5: 3 m), and where it no longer does
 NEAR_MM = (2300.0, 2700.0, 3300.0, 3700.0)
@@ -43,16 +46,24 @@ class LensCamera(DepthCamera):
     lenses: tuple[int, int] = (152, 176)  # rows, columns (R12 data sheet): 11.6 px apart
     # Contrast over noise, both standard deviations of a pixel, from which a lens finds a depth
     contrast: float = 15.0
+    # Power of the contrast by which depths are weighed where a lens sees two: 2 where squared
+    # differences are matched, more where the stronger edge wins
+    dominance: float = 4.0
+    clear: float = 2.0  # a particle's contrast over the wall's, below which two depths are refused
     wall_contrast: float = 0.5  # likewise, of the wall, which many lenses see; assumption
     # Chosen by hand while looking at the distances of neighbours (Fig. 5.7), and at nothing else:
-    # 0.1, 96 px, 0.6 mm, 0.6 and 0.85 gave 29, 58 and 85 % nearer than 1, 2 and 4 mm.
+    # 0.1, 96 px, 0.6 mm, 0.6 and 0.85 gave 29, 58 and 85 % nearer than 1, 2 and 4 mm before the
+    # least contrast was found; 0.03, 200 px, 0.4 mm, 0.9 and 0.95 gave 47, 73 and 90 % after it.
     changing: float = 0.03  # of the error's variance, from frame to frame
     bias_px: float = 200.0  # over which the bias of the calibration changes
-    white_mm: float = 0.4
-    points_per_pixel: float = 0.9  # of what lenses see of particles
-    kept_per_frame: float = 0.95  # of the wall's points
+    white_mm: float = 0.9
+    points_per_pixel: float = 0.5  # of what lenses see of particles
+    kept_per_frame: float = 0.9  # of the wall's points
     # Contrast over noise at which noise makes the error of a particle 1.4 times as large
     half_contrast: float = 3.0
+    # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these: with
+    # the 350 mm of the first look no trajectory past 3 m could have the RMSE of Table 5.18
+    wall_error_near_mm: float = 170.0
     outlier_share: float = 0.0  # mixed depths are the outliers
 
     def __post_init__(self) -> None:
@@ -62,6 +73,15 @@ class LensCamera(DepthCamera):
                 check_positive(float(getattr(self, field.name)), f"LensCamera: {field.name}")
         if not 0.0 <= self.changing <= 1.0:
             raise InputError(f"LensCamera: changing is {self.changing}, expected a share, 0 to 1.")
+
+    def captured(self, true_mm: npt.ArrayLike) -> Array:
+        """Return the captured depth that Eq. 2.4 turns into each true depth.
+
+        The first look's was exact at whole metres only: Eq. 2.4 is not monotone below 3 m, and
+        2.5 m came back as 3.5 m. Here it jumps where the equation does.
+        """
+        depth = np.asarray(true_mm, dtype=np.float64)
+        return np.asarray(np.interp(depth, *_inverse_of_equation_2_4()))
 
     def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths.
@@ -143,6 +163,21 @@ class Contrast(NamedTuple):
     mean: Picture
 
 
+@lru_cache(maxsize=1)
+def _inverse_of_equation_2_4() -> tuple[Array, Array]:
+    """Return true depths, ascending, and the captured ones; lines between them."""
+    step, top = INVERSE_MM
+    true = np.arange(step, top, step)
+    captured = invert_depth(true)
+    at = float(EQUATION_2_4(EQUATION_2_4.breakpoints_mm[0]))  # from here on the second segment
+    sides = np.array([at - 1e-6, at])
+    place = [int(np.searchsorted(true, at))] * 2
+    captured = np.insert(captured, place, invert_depth(sides))
+    true = np.insert(true, place, sides)
+    beyond = float(captured[-1] - captured[-2]) / step * 1e5
+    return np.append(true, true[-1] + 1e5), np.append(captured, captured[-1] + beyond)
+
+
 def measure_contrast(picture: Picture, lattice: Lattice) -> Contrast:
     """Return mean and variance of grey values within a lens around each block."""
     size = lattice.blocks[::-1]
@@ -163,7 +198,6 @@ class LensWall:
     depth_mm: Picture  # (rows, columns), true
     bias: Picture  # (rows, columns) of the calibration, in standard deviations
     variance: Picture  # of blocks
-    contrast: Picture  # of lenses, standard deviation of the grey values
     changing_mm: Picture  # of lenses: error that changes
     index: Index  # pixels of the wall that can have depth
     block: npt.NDArray[np.int32]  # of each of them
@@ -198,7 +232,6 @@ class LensWall:
             true,
             bias,
             seen.variance,
-            np.sqrt(seen.variance).take(lattice.block_of(*centre)),
             changing.astype(np.float32),
             index,
             lattice.block_of(row, column).astype(np.int32),
@@ -210,7 +243,7 @@ class LensWall:
         """Return pixels (n,) and depths in mm (n,) of the points of a frame, error included."""
         camera, lattice = self.camera, self.lattice
         block = lattice.block_of(*lattice.centres())
-        own = sight.contrast.take(block)
+        own, wall = (of.take(block) ** camera.dominance for of in (sight.contrast, sight.wall))
         changing = self.changing_mm * random.standard_normal(len(block), dtype=np.float32)
         kept = random.random(len(self.index), dtype=np.float32) < camera.kept_per_frame
         kept &= ~(sight.valid.reshape(-1).take(self.block) | sight.hidden.take(self.index))
@@ -220,20 +253,25 @@ class LensWall:
         index = np.concatenate([self.index[apart], self.index[mixed], sight.pixels])
         pixel = np.divmod(index[len(apart) :], lattice.columns)
         weighted_mm = own * sight.depth_mm.take(block)
-        depth = np.concatenate([depth[apart], self._mixed(pixel, own, weighted_mm, changing)])
+        depth = np.concatenate([depth[apart], self._mixed(pixel, own, weighted_mm, wall, changing)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
     def _mixed(
-        self, pixel: tuple[Index, Index], own: Picture, weighted_mm: Picture, changing: Picture
+        self,
+        pixel: tuple[Index, Index],
+        own: Picture,
+        weighted_mm: Picture,
+        wall: Picture,
+        changing: Picture,
     ) -> Picture:
         """Return the depths at pixels near particles: of the wall, of particles, and between.
 
-        By lens: ``own`` contrast of particles, that times their depth, and the wall's error.
+        By lens: the weight of particles, that times their depth, the wall's weight and its error.
         """
         lens, weight = self.lattice.between(*pixel)
-        of_lenses = (own, weighted_mm, changing, self.contrast)
-        mine, depth, error, wall = (_interpolated(of, lens, weight) for of in of_lenses)
-        share = mine / np.maximum(mine + wall, 1e-6)
+        of_lenses = (own, weighted_mm, wall, changing)
+        mine, depth, other, error = (_interpolated(of, lens, weight) for of in of_lenses)
+        share = mine / np.maximum(mine + other, 1e-6)
         depth = (1 - share) * (self.depth_mm[pixel] + error) + share * depth / np.maximum(
             mine, 1e-6
         )
@@ -279,19 +317,23 @@ class LensWall:
         count = within(np.ones(len(block)))
         there = count > 0.5 / BLOCKS**2
         total = np.maximum(count, 1e-6)
-        own = np.where(there, np.maximum(seen.variance - self.variance, 0.0), 0.0)
+        covered_share = np.minimum(count / lattice.block_px**2, 1.0)
+        wall = self.variance * (1 - covered_share)  # what a particle hides has no contrast
+        own = np.where(there, np.maximum(seen.variance - wall, 0.0), 0.0)
         noise = optics.noise(seen.mean)
         contrast = np.sqrt(own) / noise
         strongest = np.zeros(len(blobs.row))
         np.maximum.at(strongest, blob, contrast.reshape(-1)[block])
         found = blobs.depth_mm + error[blobs.particle] * self.camera.particle_scale(strongest)
         depth = np.asarray(within(found[blob]) / total, np.float32)
-        valid = there & (contrast >= self.camera.contrast) & (own >= self.variance)
+        valid = there & (contrast >= self.camera.contrast) & (own >= self.camera.clear**2 * wall)
         candidates = _pixels_of(valid, lattice)
         kept = random.random(len(candidates), dtype=np.float32) < self.camera.points_per_pixel
         kept &= labels.take(candidates) != 1
         hidden = labels.reshape(-1) != 0
-        return Sight(np.sqrt(own).astype(np.float32), depth, valid, hidden, candidates[kept])
+        weights = np.sqrt(own) + 0.1 * noise * covered_share  # within a body there is only itself
+        two = (of.astype(np.float32) for of in (weights, np.sqrt(wall)))
+        return Sight(*two, depth, valid, hidden, candidates[kept])
 
 
 def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture) -> Picture:
@@ -311,6 +353,7 @@ class Sight(NamedTuple):
     """What the lenses see of the particles of a frame."""
 
     contrast: Picture  # of blocks: standard deviation of grey values, of particles alone
+    wall: Picture  # likewise: of the wall that they leave to be seen
     depth_mm: Picture  # of blocks: the particle's, with its error
     valid: npt.NDArray[np.bool_]  # of blocks: a particle gives a depth
     hidden: npt.NDArray[np.bool_]  # of pixels (rows * columns,): the wall is not seen there

@@ -48,9 +48,9 @@ class Light:
     soot_k: Range = (1800.0, 2000.0)  # luminous diffusion flames of hydrocarbons and cellulose
     # Absorption of soot in the band, 5 f/wavelength: 6 to 60 1/m for 1 to 10 ppm (Modest 2013)
     soot_1_m: float = 30.0
-    # Char that oxidises is hotter than gas and wall around it, 1423 K; pyrometry of burning char
-    # of biomass gives 1500 to 1800 K. Assumption within.
-    char_k: Range = (1450.0, 1750.0)
+    # Char that oxidises is hotter than gas and wall around it, 1423 K, and dimmer than a flame
+    # (design: twin2.md): below the 3 walls of the mean flame at the least soot. Assumption within.
+    char_k: Range = (1430.0, 1540.0)
     # Relative standard deviation of luminosity and area, and corner frequency (design:
     # twin2.md); both differ from flame to flame
     flutter: Range = (0.1, 0.3)

@@ -80,11 +80,11 @@ FIRST_SIZES: dict[str, dict[str, int]] = {
 }
 # Of the second look, likewise.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 150, "unlit": 33, "landed": 311},
-    "V2": {"flying": 99, "unlit": 12, "landed": 465},
-    "V3": {"flying": 22, "unlit": 17, "landed": 328},
-    "V4": {"flying": 254, "unlit": 16, "landed": 519},
-    "V5": {"flying": 16, "unlit": 84, "landed": 150},
+    "V1": {"flying": 127, "unlit": 39, "landed": 228},
+    "V2": {"flying": 80, "unlit": 12, "landed": 720},
+    "V3": {"flying": 10, "unlit": 18, "landed": 611},
+    "V4": {"flying": 273, "unlit": 11, "landed": 660},
+    "V5": {"flying": 5, "unlit": 87, "landed": 215},
 }
 
 # Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
