@@ -167,7 +167,7 @@ figures.save("belt-real-models", models, **part) if files else None
 #
 # With the filter that fits each model: constant velocity for IV, CV, CVBC and IA, constant
 # acceleration for CA. A sentence is open where mean absolute error and interquartile range differ.
-# This table is no verdict: nobody claimed it of these recordings. That CV is better than Straight
+# This table is no verdict: the sentences are about other data. That CV is better than Straight
 # is said of real data (section 5.3), though of another sorter, an industrial one (its reference 8).
 # That sentence is judged (belt20-22), with tracks resampled.
 

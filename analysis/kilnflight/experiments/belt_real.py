@@ -150,7 +150,7 @@ def hold_on_recordings(table: pd.DataFrame) -> pd.DataFrame:
     """Return which sentences of the 2020 paper hold on recordings of a real belt.
 
     The recordings are the authors'. Each model has the filter that fits it: constant velocity for
-    most, constant acceleration for CA. No verdict: nobody claimed it of these recordings; the last
+    most, constant acceleration for CA. No verdict: the paper is on other data; the last
     sentence is `judge_straight`'s.
 
     Parameters
