@@ -461,7 +461,8 @@ def judge_spheres(
         "belt16-1": "; their rolling friction was fitted" if fitted else "",
         "belt16-2": "; interquartile range; bounds half and twice as far must decide alike",
         "belt16-4": "; median; " + "; ".join(f"{k} {v:.2f} ms" for k, v in medians.items()),
-        "belt16-5": "; median; rests on the bias, since the spread is belt16-10",
+        "belt16-5": "; median; rests on the bias, since the spread is belt16-10; the spheres of "
+        "2016 had another friction than ours (2020 paper, section 4)",
         "belt16-7": "; far worse is twice, as in belt16-2; 1.5 and 3 times must decide alike",
     }
     varied = "; corners off by 1 px along each axis, a choice; the usual filter"

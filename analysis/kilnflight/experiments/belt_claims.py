@@ -443,6 +443,11 @@ _BOTH = (
     "within chance"
 )
 
+# Section 4 of the 2020 paper says that other spheres were used before (belt_fidelity's audit).
+_SPHERES = (
+    "the authors' public spheres contradict belt20-5, -9 and -12, and may not be those of Fig. 9"
+)
+
 _CARRIED = "by states carried to the start of the phase; as sampled stands first"
 
 
@@ -459,18 +464,19 @@ def arrival_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
     source, note = note, f"{note}; {_CARRIED}"
     notes = dict.fromkeys([f"belt20-{k}" for k in (*range(1, 6), 11, 14)], f"{note}; {_BOTH}")
     notes["belt20-2"] = f"{note}; mean absolute error, since the text names the bias"
-    notes["belt20-3"] += "; the public spheres contradict several sentences of the paper, and may "
-    notes["belt20-3"] += "not be those of Fig. 9"
+    notes["belt20-3"] += f"; of the authors' tracks the cylinders decide; {_SPHERES}"
     notes["belt20-4"] = f"{note}; 1 - CALV / CA, which does not change when a state is carried"
-    notes["belt20-5"] += f"; {everywhere}"
+    notes["belt20-5"] += f"; {everywhere}; {_SPHERES}"
     notes["belt20-6"] = f"{source}; mean velocity"
     notes["belt20-11"] += "; large is the bias of CV, by the section: half of it is our bound; "
     notes["belt20-11"] += "a quarter and all of it must decide alike"
-    notes["belt20-14"] += "; better models counted, beyond chance"
+    notes["belt20-14"] += "; better models counted, beyond chance; of the authors' tracks the "
+    notes["belt20-14"] += "cylinders decide"
     notes["belt20-12"] = (
         f"{source}; few: up to 10 %; the greater of the speeds now and at the target; "
     )
-    notes["belt20-12"] += "carrying a state by its acceleration keeps its speed at the target"
+    notes["belt20-12"] += "carrying a state by its acceleration keeps its speed at the target; "
+    notes["belt20-12"] += _SPHERES
     notes["belt20-13"] = f"{source}; median"
     notes["belt20-21"] = (
         f"{source}; calibrated with all particles; medians make it an identity, so it "
@@ -495,8 +501,8 @@ def lateral_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
         sizes.append(f"{', '.join(f'{value:+.1f}' for value in change)} % of the {name}")
     at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
     return {
-        "belt20-7": f'{note}; how much is "much" is not printed, only chance is asked; the least '
-        f"gain is {' and '.join(gains)}; {at} the largest share CV / Straight (IQR) is "
+        "belt20-7": f'{note}; "significant" is read as beyond chance: no size is printed; the '
+        f"least gain is {' and '.join(gains)}; {at} the largest share CV / Straight (IQR) is "
         f"{shares.min():.2f} to {shares.max():.2f}",
         "belt20-8": f"{note}; exactly two of three, as printed",
         "belt20-9": f"{note}; only chance is asked, not size: LV-DSC changes CA-CA by "

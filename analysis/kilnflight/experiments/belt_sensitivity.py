@@ -220,7 +220,7 @@ def _by_lateral_spread(friction: pd.DataFrame) -> str:
     fitted = friction[friction["friction"] == "fitted"]
     pairs = zip(fitted["lateral_spread"], fitted["within_0.2_mm"], strict=True)
     shares = ", ".join(f"{spread:g} times {share:.2f}" for spread, share in pairs)
-    return f"share by the lateral spread, which is not printed: {shares}"
+    return f"share by the lateral spread (not printed; fewer spheres than above): {shares}"
 
 
 def _with_noise_free(
