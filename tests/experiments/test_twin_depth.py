@@ -36,7 +36,7 @@ def test_another_camera_sees_the_same_picture(chips):
     assert other.life is chips.life
 
 
-def test_places_are_means_of_the_labelled_points(chips):
+def test_places_are_medians_of_the_labelled_points(chips):
     table, view, frame = twin_depth.points_on(chips, 20), chips.view(20), chips.frame(20)
     assert set(table["particle"]) <= set(chips.particles_with_depth(20, view))
     particle = int(table["particle"].iloc[0])
@@ -52,20 +52,23 @@ def test_errors_come_out_again(monkeypatch):
     """Where the fit adds a constant variance, the error put in makes up for it."""
     rest = 60.0
 
-    def fitted(twins):
-        put_in = dict(next(iter(twins.values())).scene.depth.particle_error_mm)
+    def fitted(camera):
+        put_in = dict(camera.particle_error_mm)
         return {name: float(np.hypot(error, rest)) for name, error in put_in.items()}
 
     monkeypatch.setattr(twin_depth, "fitted_errors", fitted)
-    monkeypatch.setattr(twin_depth, "with_depth", lambda twin, camera: Deep(camera))
-    camera, measured = twin_depth.errors_that_return(dict.fromkeys(["any"]), second_depth())
+    camera, measured = twin_depth.errors_that_return(second_depth())
     assert measured == pytest.approx(twin_depth.printed_errors(), abs=0.1)
     assert dict(camera.particle_error_mm)["confetti"] == pytest.approx(126.65, abs=0.1)
 
 
-class Deep:
-    def __init__(self, camera):
-        self.scene = pd.Series({"depth": camera})
+def test_jumps_to_the_depth_of_another_particle_are_left_out():
+    z = 5000.0 - 30.0 * np.arange(20)
+    z[[7, 15]] = [2500.0, 9000.0]
+    table = pd.DataFrame({"frame": range(20), "particle": 1, "z": z})
+    table.loc[3, "z"] = np.nan
+    kept = twin_depth.without_jumps(table, 400.0)
+    assert sorted(set(range(20)) - set(kept["frame"])) == [3, 7, 15]
 
 
 def test_the_frozen_file_is_what_scenes_use():
