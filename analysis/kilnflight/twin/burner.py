@@ -177,9 +177,10 @@ class Flame:
     def _border(self) -> npt.NDArray[np.float32]:
         """Let the flame end softly before its rectangle does, (rows, columns)."""
         top, bottom, left, right = self.rectangle
-        edges = [np.linspace(-1, 1, bottom - top)[:, None], np.linspace(-1, 1, right - left)[None]]
-        row, column = (np.clip((1 - np.abs(edge)) / 0.15, 0, 1) for edge in edges)
-        return (row * column).astype(np.float32)
+        down, over = np.linspace(-1, 1, bottom - top)[:, None], np.linspace(-1, 1, right - left)
+        from_middle = (down**4 + over**4) ** 0.25  # round corners
+        outside = np.clip((from_middle - 0.6) / 0.4, 0, 1)
+        return (0.5 + 0.5 * np.cos(np.pi * outside)).astype(np.float32)
 
     def lights(self, camera_mm: Array, optics: Optics) -> Array:
         """Return the grey values that its light adds to walls at positions (..., 3)."""

@@ -80,11 +80,11 @@ FIRST_SIZES: dict[str, dict[str, int]] = {
 }
 # Of the second look, likewise.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 127, "unlit": 39, "landed": 228},
-    "V2": {"flying": 80, "unlit": 12, "landed": 720},
-    "V3": {"flying": 10, "unlit": 18, "landed": 611},
-    "V4": {"flying": 273, "unlit": 11, "landed": 660},
-    "V5": {"flying": 5, "unlit": 87, "landed": 215},
+    "V1": {"flying": 122, "unlit": 36, "landed": 490},
+    "V2": {"flying": 52, "unlit": 10, "landed": 909},
+    "V3": {"flying": 2, "unlit": 17, "landed": 615},
+    "V4": {"flying": 215, "unlit": 12, "landed": 1222},
+    "V5": {"flying": 1, "unlit": 84, "landed": 299},
 }
 
 # Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
