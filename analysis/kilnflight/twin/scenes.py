@@ -80,11 +80,11 @@ FIRST_SIZES: dict[str, dict[str, int]] = {
 }
 # Of the second look, likewise.
 SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 122, "unlit": 36, "landed": 490},
-    "V2": {"flying": 52, "unlit": 10, "landed": 909},
-    "V3": {"flying": 2, "unlit": 17, "landed": 615},
-    "V4": {"flying": 215, "unlit": 12, "landed": 1222},
-    "V5": {"flying": 1, "unlit": 84, "landed": 299},
+    "V1": {"flying": 126, "unlit": 34, "landed": 268},
+    "V2": {"flying": 81, "unlit": 12, "landed": 645},
+    "V3": {"flying": 22, "unlit": 14, "landed": 408},
+    "V4": {"flying": 294, "unlit": 7, "landed": 788},
+    "V5": {"flying": 1, "unlit": 84, "landed": 170},
 }
 
 # Windows of Table 5.15: trajectories, frames, and first frame in the thesis's recordings. A
