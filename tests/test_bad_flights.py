@@ -20,7 +20,7 @@ from kilnflight.recording.store import open_recording, write_recording
 from kilnflight.run.lance import place_in_picture
 from kilnflight.tables import DETECTIONS, FLIGHTS, SLICES, TRAJECTORIES
 
-LANCE = np.array([-71.9, 236.9, 6487.2])  # of the small twin, depth calibrated
+LANCE = np.array([-64.9, 213.9, 5856.0])  # of the small twin, depth calibrated
 RATE_HZ = 330.0
 FILES = {"detections", "tracks", "trajectories", "flights", "slices"}
 
