@@ -9,8 +9,8 @@
 # in handfuls, a wall that gets colder towards the outlet, and no jet. Flights are true ones at
 # 4.5 bar. Threshold and wall are found anew on the labelled frames of each draw. The settings of
 # the tracker stay. F1 and alpha, their base too, are of as many frames as a reduced run has: each
-# draw renders its own. A band is what the inputs leave open. It holds no chance of a small sample, and
-# it does not hold what no scenario asks. No claim is judged.
+# draw renders its own. A band is what the inputs leave open. It holds no chance of a small sample,
+# and it does not hold what no scenario asks. No claim is judged.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two draws, flights only), standard or full
