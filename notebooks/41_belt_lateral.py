@@ -27,7 +27,9 @@ Markdown(belt_2020.describe_input(files))
 # **Here.** The same on the tracks that the authors published (100 Hz, predicted to 773 mm, see
 # notebook 40), with the calibration drawn many times. Our own simulation stands beside them; in the
 # study of the sampling rate it is predicted to the edge. Two combinations with the same lateral
-# model differ only in the time that the particle still takes.
+# model differ only in the time that the particle still takes. States are as sampled, not carried as
+# in notebook 40: only the ratio assumes one length of the way. What carrying them would change was
+# not worked out.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full

@@ -26,7 +26,7 @@ Markdown(f"**Own simulation**: {engine}. {missing_reason()}".rstrip())
 # %% [markdown]
 # **Published** (2016 paper). A camera sees the whole belt, and a tracker follows its particles up
 # to 10 cm before the edge. A constant velocity predicts when and where each one passes it. Without
-# noise nearly all predictions are within 0.2 mm; from synthetic pictures most are within 1.5 mm.
+# noise the "vast majority" of predictions is within 0.2 mm; from synthetic pictures, 1.5 mm.
 # Assuming a movement straight along the belt is worse. Particles come earlier than predicted, since
 # they still accelerate.
 #
@@ -71,13 +71,14 @@ boxes.round(4)
 # These rows are predictions, not particles: a particle without a valid track has none, and one
 # whose track broke may have two.
 #
-# Nearly all such particles touch another. The two are one spot at their common centroid, half a
+# Such particles touch another. The two are one spot at their common centroid, half a
 # particle away from where either is expected: outside the gate. Both tracks are missed and, after
 # six frames, lost. The pair is followed as one track; where it parts, two new tracks begin.
 #
 # The paper's tracker gives each measurement to one track and has no state for two particles in one
-# spot. Neither paper mentions the case, so we add nothing: the spots are marked, but the tracker
-# does not use the mark. The table is ours: it shows what that costs.
+# spot. It names the case: "colliding particles may be detected as one" (section IV.B). It hints at
+# size and shape (II.B, footnote 1), and prints no remedy that it used. So we add nothing: the spots
+# are marked, but the tracker does not use the mark. The table is ours: it shows what that costs.
 
 # %%
 caption = (

@@ -20,10 +20,11 @@ absent = f" {bodies.missing_reason()}".rstrip()
 Markdown(f"**Input:** {belt_2020.describe_own()}.{absent} {authors_note}")
 
 # %% [markdown]
-# **Published** (2016 paper, section III; 2020 paper, section 4). Wooden spheres, cuboids and
+# **Published** (2016 paper, section III; 2020 paper, sections 3 and 4). Wooden spheres, cuboids and
 # cylinders lie on a belt of 40 cm x 18 cm at 1.5 m/s. They were simulated by the discrete element
-# method with steps of 0.1 ms and sampled at 1000 Hz. Friction, restitution and the shape of slide
-# and feeder were "determined experimentally"; no value is printed. The public tracks have 100 Hz.
+# method with steps of 0.1 ms and sampled at 1000 Hz. Physical properties were "determined
+# experimentally", the sorter's shape came from its CAD model; neither is printed. The public tracks
+# have 100 Hz.
 #
 # **Here.** The same bodies in MuJoCo with steps of 0.2 ms. Six free values of slide and friction
 # were fitted to the *spheres* of the authors' tracks alone, and frozen. The fit reads quantiles of

@@ -74,7 +74,8 @@ figures.save("belt16-pictures", errors, caption=caption, provenance=origin)
 #
 # As published, particles that touch are one spot at their common centroid, and tracks are missed.
 # An option splits a spot that is larger than one particle: as many parts as single areas fit into
-# it, by k-means of its pixels. Neither paper mentions the case, so it is off elsewhere.
+# it, by k-means of its pixels. The 2016 paper names the case (IV.B; II.B, footnote 1) and prints no
+# remedy that it used, so it is off elsewhere.
 #
 # The table is ours: it shows what splitting gains. Predictions are wrong by the spots or by the
 # motion: a particle may be bumped or roll after its last picture. Exact positions know the second

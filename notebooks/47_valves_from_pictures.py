@@ -170,7 +170,8 @@ hits.round(1)
 #
 # What is not hit has, nearly always, no window: of particles that touch, one is missed. Spots are
 # measured as published here; notebook 46 splits them. Between models of the velocity the hits
-# differ by less than the misses.
+# differ by less than the misses. That is so for our own spheres, whose velocities vary far less
+# than the authors'. On the authors' positions, above, the model matters.
 
 # %%
 recordings = {feed: seen["spheres", feed] for feed in feeds}

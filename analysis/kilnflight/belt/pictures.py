@@ -64,16 +64,17 @@ class Spots:
 
     Notes
     -----
-    Section II.B names connected components and centroids, neither threshold nor sizes nor the
-    case of particles that touch. The number is by size, so no neck between the particles is
-    needed, as a watershed would. Two cylinders side by side are cut across, though.
+    Section II.B names connected components and centroids, neither threshold nor sizes. Its
+    footnote 1 names particles that touch, but no remedy that was used. The number is by size, so no
+    neck between the particles is needed, as a watershed would. Two cylinders side by side are cut
+    across, though.
     """
 
     threshold: float = 40.0  # grey values of 255, above any noise of a camera; not printed
     least_px: float = 12.0  # smaller is noise: a disc of 1.7 mm across; not printed
     touching_from: float = 1.5  # of a single particle's area: half-way between one and two
     single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
-    split: bool = False  # neither paper mentions it
+    split: bool = False  # neither paper used it
 
     def __post_init__(self) -> None:
         """Refuse settings that find everything or nothing."""
