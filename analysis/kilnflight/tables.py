@@ -287,6 +287,7 @@ BOUNDS = [
     Bound(r"dwell.*(_s|\(s\)|/(low|high|median|q\d+|whisker))$", 0, 6, "s, 8.4 m at 1.5 m/s"),
     Bound(r"/(expected_)?z(_captured)?(_mm)?$|depth.*_mm$", 0, 15e3, "mm, kiln and camera"),
     Bound(r"depth.*_m$", 0, 15, "m, kiln and camera"),
+    Bound(r"along_kiln_m$", -6, 10, "m from the lance, inside the kiln"),
     Bound(r"radius.*_mm$", 0, 2000, "mm, the kiln's is 700 mm (sec. 2.1.1)"),
     Bound(r"/[xy](_mm)?$", -5000, 5000, "mm, beyond any wall"),
     Bound(r"/r2", -INF, 1, "1, Eq. 4.32"),

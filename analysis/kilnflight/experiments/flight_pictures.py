@@ -348,9 +348,12 @@ def draw_simulated_in_space(
 
 
 def simulated_ends(flown: Mapping[str, Flights], most: int) -> pd.DataFrame:
-    """Return when (s) and how far from the lance (m) the first flights end, by fraction."""
+    """Return when (s) and how far along the kiln from the lance (m) the first flights end.
+
+    By fraction. Negative: gas that goes back drew the particle behind the lance's mouth.
+    """
     parts = {
-        name: pd.DataFrame({"end_s": each.end_s, "depth_m": each.end_position_m[:, 0]}).head(most)
+        name: pd.DataFrame({"end_s": each.end_s, "along_kiln_m": each.end_position_m[:, 0]})[:most]
         for name, each in flown.items()
     }
     return pd.concat(parts, names=["fraction", "flight"]).reset_index()
