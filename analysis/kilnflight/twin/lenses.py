@@ -332,8 +332,8 @@ class LensWall:
         kept &= labels.take(candidates) != 1
         hidden = labels.reshape(-1) != 0
         weights = np.sqrt(own) + 0.1 * noise * covered_share  # within a body there is only itself
-        two = (of.astype(np.float32) for of in (weights, np.sqrt(wall)))
-        return Sight(*two, depth, valid, hidden, candidates[kept])
+        within_body, behind = weights.astype(np.float32), np.sqrt(wall).astype(np.float32)
+        return Sight(within_body, behind, depth, valid, hidden, candidates[kept])
 
 
 def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture) -> Picture:
