@@ -122,7 +122,7 @@ def test_the_lateral_spread_is_told_where_it_decides():
     table = pd.DataFrame({"friction": ["fitted", "fitted", "0.10"], "lateral_spread": [1, 2, 1]})
     table = table.assign(**{"within_0.2_mm": [0.87, 0.55, 0.96], "belt16-1": ["open"] * 3})
     verdict = settle(claims.judge("belt16-1", 0.854), {"friction": table})
-    assert verdict.reason.endswith("is not printed: 1 times 0.87, 2 times 0.55")
+    assert verdict.reason.endswith("fewer spheres than above): 1 times 0.87, 2 times 0.55")
 
 
 @pytest.mark.parametrize(("name", "because"), [("friction", "twin"), ("filter", "method")])
