@@ -509,8 +509,8 @@ def lateral_notes(by_target: pd.DataFrame, note: str) -> dict[str, str]:
     at = f"at targets from {targets.iloc[0]:.0f} to {targets.iloc[-1]:.0f} mm"
     return {
         "belt20-7": f'{note}; section 5.3 says "significant", read as beyond chance: no size is '
-        f"printed; the least gain is {' and '.join(gains)}; {at} the largest share CV / Straight (IQR) is "
-        f"{shares.min():.2f} to {shares.max():.2f}",
+        f"printed; the least gain is {' and '.join(gains)}; {at} the largest share CV / Straight "
+        f"(IQR) is {shares.min():.2f} to {shares.max():.2f}",
         "belt20-8": f"{note}; exactly two of three, as printed",
         "belt20-9": f"{note}; only chance is asked, not size: LV-DSC changes CA-CA by "
         f"{' and '.join(sizes)} (spheres, cuboids, cylinders); {at} the changes of the IQR lie "
