@@ -151,9 +151,24 @@ def constant_acceleration() -> pd.DataFrame:
 
 
 @pytest.fixture(scope="session")
-def campaign_twin():
-    """A function that gives a campaign at 4.5 bar by fraction; its flights are made once."""
-    return cache(lambda fraction: scenes.open_scene(scenes.campaign_name(fraction, 4.5)))
+def kept_scene():
+    """A function that gives a scene by name; its flights are made once, or are there already.
+
+    They are kept where a run of the notebooks keeps them, under the hash of scene and code.
+    """
+
+    def kept(name):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("KILNFLIGHT_DERIVED", str(PROJECT / "data" / "derived"))
+            return scenes.cached_scene(name)
+
+    return cache(kept)
+
+
+@pytest.fixture(scope="session")
+def campaign_twin(kept_scene):
+    """A function that gives a campaign at 4.5 bar by fraction."""
+    return lambda fraction: kept_scene(scenes.campaign_name(fraction, 4.5))
 
 
 @dataclass
@@ -200,10 +215,10 @@ def small() -> SmallRecording:
 
 
 @pytest.fixture(scope="session")
-def stored_flights(tmp_path_factory) -> Path:
+def stored_flights(tmp_path_factory, kept_scene) -> Path:
     """Twenty frames of the small twin on disk, in which paper shreds fly."""
     folder = tmp_path_factory.mktemp("recordings") / "shreds.zarr"
-    twin = scenes.open_scene("paper-shred-4.5-bar@small")
+    twin = kept_scene("paper-shred-4.5-bar@small")
     write_recording(twin, folder, range(562, 582))
     return folder
 

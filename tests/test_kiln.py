@@ -24,8 +24,8 @@ SCENE = "wood-chip-4.5-bar@small"
 
 
 @pytest.fixture(scope="module")
-def twin():
-    return open_scene("V3@small")
+def twin(kept_scene):
+    return kept_scene("V3@small")
 
 
 def test_a_view_is_the_frame_without_the_flame(twin):

@@ -10,7 +10,6 @@ from hypothesis.extra.numpy import arrays
 from kilnflight.camera import calibrate_depth
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, ScikitDBSCAN, k_distances
-from kilnflight.twin.scenes import open_scene
 
 
 def same_as_scikit_learn(points, eps, min_points):
@@ -59,9 +58,9 @@ def test_the_point_itself_counts_and_eps_belongs_to_the_neighbourhood():
 
 
 @pytest.fixture(scope="module")
-def window():
+def window(kept_scene):
     """The middle of a frame of the twin, calibrated."""
-    frame = open_scene("V1").frame(75)
+    frame = kept_scene("V4").frame(75)
     inside = (np.abs(frame.pixels - [760, 1000]) < 200).all(axis=1)
     cloud = frame.xyz[inside].astype(np.float64)
     cloud[:, 2] = calibrate_depth(cloud[:, 2])

@@ -14,7 +14,6 @@ from scipy.ndimage import gaussian_filter
 from kilnflight.camera import inside
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG, sift
-from kilnflight.twin.scenes import open_scene
 
 _spec = importlib.util.spec_from_file_location(
     "plain_sift", Path(__file__).parent / "plain_sift.py"
@@ -142,10 +141,10 @@ def test_it_is_the_plain_definition_on_a_frame_of_the_twin(frame):
 
 
 @pytest.fixture(scope="module")
-def frame():
+def frame(kept_scene):
     """A part of a foreground of the twin."""
     rows, cols = slice(300, 1000), slice(600, 1400)
-    twin = open_scene("V4")
+    twin = kept_scene("V4")
     frames = np.stack([twin.frame(i).gray[rows, cols] for i in (60, 75, 90)])
     return np.abs(frames[1] - np.median(frames, axis=0))
 

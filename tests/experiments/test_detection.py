@@ -12,14 +12,13 @@ from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables
 from kilnflight.project import claims
 from kilnflight.twin import truth
-from kilnflight.twin.scenes import open_scene
 
 MEDIAN = background.Median(window=20)
 
 
 @pytest.fixture(scope="module")
-def subset():
-    twin, frames = open_scene("V3@small"), (75, 76)
+def subset(kept_scene):
+    twin, frames = kept_scene("V3@small"), (75, 76)
     instances = {t: truth.instances(twin, t) for t in frames}
     return detection.Subset("V3", twin, frames, truth.marked(twin, frames), instances.get)
 

@@ -4,13 +4,11 @@ from PIL import Image
 
 from kilnflight.checks import InputError
 from kilnflight.experiments import twin_film
-from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import downscaled, ground_truth
 
 
 @pytest.fixture(scope="module")
-def twin():
-    return Twin(downscaled(ground_truth("V3")))
+def twin(kept_scene):
+    return kept_scene("V3@small")
 
 
 def test_a_film_shows_the_frames_in_order(twin, tmp_path):
