@@ -34,6 +34,18 @@ def test_a_drawn_ellipse_has_its_area_and_centre(row, column, a, b):
     assert len(np.unique(pixels.place)) == len(pixels.place)
 
 
+@pytest.mark.parametrize(
+    ("column", "half"), [(128, (90, 110)), (-150, (101, 241)), (120, (5.3, 9.1))]
+)
+def test_all_pixels_within_the_radius_are_covered_however_large(column, half):
+    """A flame near the camera is cut by the picture's edge alone, never by a box."""
+    pixels = drawing.cover(blobs(100, column, half), 192, 256)
+    y, x = np.mgrid[:192, :256]
+    square = ((y - 100) / half[0]) ** 2 + ((x - column) / half[1]) ** 2
+    expected = np.flatnonzero(square.ravel() < drawing.LARGEST_RADIUS**2)
+    np.testing.assert_array_equal(np.sort(pixels.place), expected)
+
+
 def test_what_lies_outside_the_picture_is_cut_off():
     for row, column in ((-50.0, 100.0), (0.0, 0.0), (191.0, 255.0), (1e6, 1e6)):
         pixels = drawing.cover(blobs(row, column, (6, 6)), 192, 256)

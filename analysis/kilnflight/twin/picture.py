@@ -29,7 +29,7 @@ Single = npt.NDArray[np.float32]
 VISIBLE_CONTRAST = 3.0  # times the noise: what a person would mark (twin.md, rule 5)
 VISIBLE_PX = 5  # pixels of that contrast
 LARGEST_RADIUS = 1.6  # of an ellipse that is drawn, in radii
-LARGEST_PX = 120  # half a box at most; nothing that flies is larger at these depths
+FAR_PX = 1e6  # beyond every picture: a particle at the camera is endlessly large
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ def _runs(
 ) -> tuple[Index, Index, Index, Index]:
     """Return blob, row, first column and length of the runs of pixels that may be covered."""
     half = np.sqrt(np.stack([blobs.spread_px2[:, 0, 0], blobs.spread_px2[:, 1, 1]]))
-    half = np.minimum(np.ceil(LARGEST_RADIUS * half), LARGEST_PX).astype(np.intp)
+    half = np.minimum(np.ceil(LARGEST_RADIUS * half), FAR_PX).astype(np.intp)
     middle = np.round(np.stack([blobs.row, blobs.column])).astype(np.intp)
     top = np.maximum(middle[0] - half[0], 0)
     height = np.maximum(np.minimum(middle[0] + half[0], rows - 1) - top + 1, 0)
