@@ -23,6 +23,7 @@ seed = 0  # nothing random happens here
 import pandas as pd
 from IPython.display import HTML, Markdown, display
 
+from kilnflight.experiments import blind_tests
 from kilnflight.project import claims, claims_page, figures, style
 
 concluded = figures.concluded()
@@ -71,6 +72,30 @@ Markdown(
     + ", ".join(f"{before.get(verdict, 0)} {verdict}" for verdict in claims.VERDICTS)
     + f". Another verdict in the second look: {', '.join(beside.loc[beside['label'] != '', 'id'])}."
 )
+
+# %% [markdown]
+# ## Blind tests of the second look
+#
+# No input of the twin was fitted to Tables 5.8 to 5.11 and 5.17, nor to R2 of Table 5.18. They were
+# measured once, after the inputs were frozen. The diagonal is print. Tracks are those from the
+# lance. One reading of what "change" means stands for Table 5.11, the one of notebook 24's table.
+
+# %%
+numbers = blind_tests.compare()
+caption = (
+    "Blind tests: each number of Tables 5.8 to 5.11 and 5.17, and R2 of Table 5.18, as printed, "
+    "and as measured on the first twin (full scale) and on the second look."
+)
+picture = blind_tests.draw(numbers)
+figures.save("blind-tests", numbers, picture=picture, caption=caption, provenance=origin)
+
+# %%
+summary = blind_tests.by_table(numbers)
+caption = "Blind tests by table: median of the absolute difference from print, for both twins."
+figures.save("blind-tests-summary", summary, caption=caption, provenance=origin)
+
+# %% tags=["hide-input"]
+Markdown(blind_tests.describe(summary))
 
 # %% [markdown]
 # ## The claims

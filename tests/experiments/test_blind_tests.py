@@ -1,0 +1,71 @@
+"""Blind tests of the second look, on tables made by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kilnflight.checks import InputError
+from kilnflight.experiments import blind_tests
+from kilnflight.project import claims, paths
+
+MO = next(test for test in blind_tests.TESTS if test.table == "5.9")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Saved tables in which all is as the first twin had it, but one F1 as printed."""
+    first = pd.read_csv(paths.reference() / "first_twin_tables.csv", dtype={"table": str})
+    rows = [{"R": 100, "subset": "Total"}, {"R": 150, "subset": "Total"}]
+    table = pd.DataFrame([*rows, {"R": 100, "subset": "V1"}])
+    for quantity in MO.quantities:
+        known = first.query("table == '5.9' and quantity == @quantity").set_index("case")
+        values = [known.loc[f"R {radius}", "first_twin"] for radius in (100, 150)]
+        table[quantity] = [*values, 0.99]
+        table[quantity + blind_tests.SUFFIX] = [0.5, 0.5, np.nan]
+    table.loc[1, "f1"] = 0.5
+    table.to_csv(tmp_path / f"{MO.file}.csv", index=False)
+    monkeypatch.setattr(blind_tests, "TESTS", (MO,))
+    return tmp_path
+
+
+def test_ours_stands_beside_print_and_the_first_twin(folder):
+    numbers = blind_tests.compare(folder)
+    assert numbers["case"].tolist() == ["R 100", "R 150"] * 3  # of the total alone
+    assert numbers["nearer"].tolist() == ["alike"] * 5 + ["second look"]
+    summary = blind_tests.by_table(numbers).set_index("quantity")
+    assert summary["second_look_nearer"].to_dict() == {"precision": 0, "recall": 0, "f1": 1}
+    apart = (numbers.loc[4, "first_twin"] - 0.5, numbers.loc[5, "first_twin"] - 0.5)
+    assert summary.loc["f1", "first_twin_apart"] == pytest.approx(np.median(np.abs(apart)))
+    assert summary.loc["f1", "second_look_apart"] == pytest.approx(abs(apart[0]) / 2)
+    words = "Nearer to print than the first twin: 1 of 6 (Table 5.9)."
+    assert blind_tests.describe(summary.reset_index()) == words
+
+
+def test_what_gets_worse_is_told_and_what_has_no_first_value_is_neither(folder):
+    path = folder / f"{MO.file}.csv"
+    table = pd.read_csv(path)
+    table.loc[0, "f1"], table.loc[1, "R"] = 9.0, 151
+    table.to_csv(path, index=False)
+    numbers = blind_tests.compare(folder).query("quantity == 'f1'").fillna({"nearer": ""})
+    assert numbers["nearer"].tolist() == ["first twin", ""]
+
+
+def test_every_table_is_drawn(folder):
+    picture = blind_tests.draw(blind_tests.compare(folder))
+    assert picture.axes[0].get_title() == "Table 5.9"
+    assert picture.axes[0].get_xlabel() == "published (1)"
+
+
+def test_a_table_that_was_not_saved_is_an_error(tmp_path):
+    with pytest.raises(InputError, match=r"missing; run the notebook of Table 5\.8"):
+        blind_tests.compare(tmp_path)
+
+
+def test_the_first_twins_numbers_are_complete_and_once():
+    first = pd.read_csv(paths.reference() / "first_twin_tables.csv", dtype={"table": str})
+    assert not first.duplicated(["table", "case", "quantity"]).any()
+    assert first["first_twin"].between(0, 1).all()
+    printed = {"5.8": 30, "5.9": 21, "5.10": 21, "5.11": 33, "5.17": 64, "5.18": 12}
+    assert first.groupby("table").size().to_dict() == printed
+    for table in ("5.8", "5.9", "5.10", "5.11"):
+        assert len(claims.published(f"table_{table}")) * 3 == printed[table]
