@@ -73,9 +73,9 @@ data: $(VENV)/installed ## fetch the authors' public data (optional; needs a net
 	@mkdir -p build && touch build/folders.settings
 test: $(VENV)/installed ## run the tests, those of the whole project beside those of the rooms
 	@mkdir -p build; echo "test: the rooms here; beside them the whole project, shown at the end (build/tests.log)"
-	@$(RUN) -m pytest -m "not published" tests/test_*.py > build/tests.log 2>&1 & whole=$$!; failed=0; \
+	@$(RUN) -m pytest -m "not published" tests/test_*.py tests/project analysis > build/tests.log 2>&1 & whole=$$!; failed=0; \
 	trap "kill $$whole 2> /dev/null || true" EXIT; \
-	$(RUN) -m pytest -m "not published" tests/*/test_*.py analysis || failed=1; \
+	$(RUN) -m pytest -m "not published" $(filter-out tests/project/%,$(wildcard tests/*/test_*.py)) || failed=1; \
 	wait $$whole || failed=1; cat build/tests.log; exit $$failed
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy

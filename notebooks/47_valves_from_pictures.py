@@ -46,7 +46,7 @@ jobs = 2  # processes of the simulation and of the pictures
 
 # %%
 style.use_style()
-count = {"quick": 60, "standard": 120, "full": 1500}[scale]  # particles per recording
+count = {"quick": 40, "standard": 120, "full": 1500}[scale]  # particles per recording
 setting = {"scale": scale, "count": count, "blown": blown}
 files = recordings.find_dem()
 origin = figures.trace("47_valves_from_pictures", setting, seed=seed, inputs=files.values())
