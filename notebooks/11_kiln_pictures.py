@@ -77,8 +77,8 @@ for axes in grid[-1]:
 # %%
 caption = (
     f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
-    "5.17. Beside them the true paths of the same particles in the air, as far as the picture. The burner is left out, "
-    "and so is what lies below eight times a frame's median difference."
+    "5.17. Beside them the true paths of the same particles in the air, up to the picture's edge. "
+    "The burner is left out, and so is what lies below eight times a frame's median difference."
 )
 figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption, provenance=origin)
 
