@@ -55,10 +55,9 @@ for name, window in windows.items():
         moment = twin.life.at(twin.time_s(t))
         row, col = twin.scene.geometry.project(twin.scene.geometry.to_camera(moment.position_m))
         places = pd.DataFrame({"particle": moment.particle, "frame": t, "row": row, "col": col})
-        near = places["row"].between(-100, 1636) & places["col"].between(
-            -100, 2148
-        )  # in the picture
-        paths.append(places[near & ~moment.landed].assign(fraction=name))
+        height, width = twin.attributes.rows, twin.attributes.columns
+        shown = ~moment.landed & (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        paths.append(places[shown].assign(fraction=name))
 tracks = pd.concat(paths)
 
 # %% tags=["hide-input"]
@@ -77,7 +76,7 @@ for axes in grid[-1]:
 # %%
 caption = (
     f"Differences of up to {frames} frames from the sliding median, summed, after Figs 5.13 and "
-    "5.17. Beside them the true paths of the same particles in the air, up to the picture's edge. "
+    "5.17. Beside them the true paths of the same particles in the air, inside the picture. "
     "The burner is left out, and so is what lies below eight times a frame's median difference."
 )
 figures.save("fig-5-13-optical-truth", tracks, picture=picture, caption=caption, provenance=origin)

@@ -16,7 +16,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 WIDE, NARROW = 1280, 390  # px: a desk, a phone
 LIGHT, FRONT = 2_000_000, 1_000_000  # bytes of a page and all it loads
 AXE = "axe-core@4.14.1"
-ALIKE = 4  # pages of a folder of generated ones that a browser opens: the largest
+ALIKE = 4  # pages of a folder of generated ones that axe-core looks at: the largest
 FEW_ROWS = "document.querySelectorAll('tbody tr:nth-child(n+20)').forEach(row => row.remove())"
 FINDINGS = """async () => (await axe.run(document, {resultTypes: ['violations'], preload: false}))
     .violations
@@ -163,15 +163,16 @@ def browser():
 
 @pytest.fixture(scope="module")
 def visits(site, parsed, axe, browser):
-    """Every notebook and written page, and some of those that are made alike, in a browser."""
+    """Every page, opened in a browser."""
     alike: dict[Path, list[Path]] = {}
-    for path in parsed:
+    for path in sorted(parsed, key=lambda path: -path.stat().st_size):
         alike.setdefault(path.parent, []).append(path)
-    chosen = []
-    for folder, paths in alike.items():
-        largest = sorted(paths, key=lambda path: -path.stat().st_size)
-        chosen += largest if folder == site else largest[:ALIKE]
-    return {str(path.relative_to(site)): visited(browser, path, axe) for path in chosen}
+    looked_at = {path for paths in alike.values() for path in paths[:ALIKE]}
+    looked_at |= {*alike[site], *alike.get(site / "documents", [])}
+    return {
+        str(path.relative_to(site)): visited(browser, path, axe if path in looked_at else "")
+        for path in parsed
+    }
 
 
 def visited(context, path, axe):
