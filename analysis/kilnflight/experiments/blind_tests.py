@@ -22,6 +22,7 @@ from kilnflight.project.style import COLOURS, canvas
 
 TWINS = ("first twin", "second look")
 SUFFIX = "_published"
+NAMES = {"f1": "F1", "jsc": "JSC", "jsc_theta": "JSC_theta", "r2": "R2"}
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,9 @@ def measured(test: BlindTest, folder: Path) -> pd.DataFrame:
     rows = pd.read_csv(path)
     for column, value in test.only:
         rows = rows[rows[column] == value]
-    words = [f"{key} {{}}" if rows[key].dtype.kind in "if" else "{}" for key in test.keys]
+    forms = [f"{key} {{}}" if rows[key].dtype.kind in "if" else "{}" for key in test.keys]
     cases = [
-        ", ".join(word.format(value) for word, value in zip(words, row, strict=True))
+        ", ".join(form.format(value) for form, value in zip(forms, row, strict=True))
         for row in rows[list(test.keys)].itertuples(index=False)
     ]
     parts = [
@@ -149,12 +150,14 @@ def draw(numbers: pd.DataFrame) -> Figure:
     """Draw ours against print, a panel for each table: first twin open, second look filled."""
     picture, grid = canvas(2, 3, width_mm=170, height_mm=110)
     for axes, (name, rows) in zip(grid.flat, numbers.groupby("table", sort=False), strict=False):
+        low = min(0.0, rows[["first_twin", "second_look"]].min().min()) - 0.03  # R2 may be below 0
         axes.plot([0, 1], [0, 1], color="black", lw=0.6, ls="-")
         looks = {"mfc": "none", "ms": 4, "mew": 0.7, "marker": "o", "ls": "none"}
         axes.plot(rows["published"], rows["first_twin"], color="black", label=TWINS[0], **looks)
         looks |= {"mfc": COLOURS[1], "mec": COLOURS[1], "marker": "s", "ms": 3}
         axes.plot(rows["published"], rows["second_look"], label=TWINS[1], **looks)
-        axes.set(title=f"Table {name}", xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
+        shown = ", ".join(NAMES.get(each, each) for each in rows["quantity"].unique())
+        axes.set(title=f"Table {name}: {shown}", xlim=(-0.03, 1.03), ylim=(low, 1.03))
         axes.set(xlabel="published (1)", ylabel="simulated (1)")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     picture.legend(handles, labels, loc="outside upper center", ncols=2)
