@@ -16,13 +16,14 @@ from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
 from kilnflight.experiments.detection_tables import ABSOLUTE
+from kilnflight.experiments.plots import SYMBOLS
 from kilnflight.experiments.tracking_scores import FROM_LANCE
 from kilnflight.project import paths
 from kilnflight.project.style import COLOURS, canvas
 
 TWINS = ("first twin", "second look")
 SUFFIX = "_published"
-NAMES = {"f1": "F1", "jsc": "JSC", "jsc_theta": "JSC_theta", "r2": "R2"}
+NAMES = {**SYMBOLS, "f1": "F1", "r2": "R2"}
 
 
 @dataclass(frozen=True)
