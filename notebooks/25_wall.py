@@ -24,7 +24,6 @@ import pandas as pd
 
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.wall import CylinderFit
 from kilnflight.experiments import detection, detection_claims, detection_pictures, detection_tables
 from kilnflight.project import claims, figures, style
 from kilnflight.scores.detections import NEAR_GATE_PX
@@ -39,16 +38,21 @@ print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.
 # %% [markdown]
 # ## The cylinder
 #
-# The wall is the largest cluster of DBSCAN's first pass, with the true axis beside the fit.
+# The wall is the largest cluster of DBSCAN's first pass, with the true axis beside the fit. Few
+# points lie midway along the kiln, so that its floor near the camera and its far wall are two
+# clusters. Where the floor is the larger one, it covers a small arc.
 
 # %%
 walls = {
     subset.name: detection.wall_points(subset.recording, subset.frames[0]) for subset in subsets
 }
-fits = {name: CylinderFit()(wall, seed) for name, wall in walls.items()}
+fits = detection.fitted_walls(walls, seed)
 fit, wall = fits[subsets[0].name], walls[subsets[0].name]
 cylinders = detection_tables.cylinder_table(fits, subsets[0].recording.scene.geometry)
-caption = "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12."
+caption = (
+    "Cylinder fitted to the wall's points of one frame per subset, after Table 5.12. Empty: the "
+    "largest cluster is a flat strip of the floor near the camera, and holds no cylinder."
+)
 figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origin)
 
 # %%

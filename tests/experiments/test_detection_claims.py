@@ -249,5 +249,10 @@ def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
     far = cylinders.assign(radius_mm=1000.0)
     missed = detection_claims.wall_verdicts(far, 720.0, *tables)[0]
     assert missed.verdict == claims.NOT_REPRODUCED  # a miss stays a miss
+    lost = detection_tables.cylinder_table({**fits, "V2": None}, geometry)
+    assert lost[["radius_mm", "inliers", "rms_mm"]].isna().all(axis=1).tolist() == [False, True]
+    missed = detection_claims.wall_verdicts(lost, 720.0, *tables)[0]
+    assert missed.verdict == claims.NOT_REPRODUCED
+    assert "in V2 no cylinder is found" in missed.reason
     assert verdicts[1].measured == "+10 mm"
     assert verdicts[2].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.971"

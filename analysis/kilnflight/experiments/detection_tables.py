@@ -215,11 +215,19 @@ def published_radius_mm() -> float:
     return float(printed["Radius"])
 
 
-def cylinder_table(fits: Mapping[str, Cylinder], geometry: Geometry) -> pd.DataFrame:
-    """Return the fitted cylinder of each subset beside the true one and Table 5.12."""
-    along = [abs(np.dot(fit.direction, geometry.axes[0])) for fit in fits.values()]
+def cylinder_table(fits: Mapping[str, Cylinder | None], geometry: Geometry) -> pd.DataFrame:
+    """Return the fitted cylinder of each subset beside the true one and Table 5.12.
+
+    Of a subset without one (`detection.fitted_walls`), what is measured is empty.
+    """
+    along = [
+        abs(np.dot(fit.direction, geometry.axes[0])) if fit else np.nan for fit in fits.values()
+    ]
     names = ["radius_mm", "inliers", "rms_mm"]
-    table = pd.DataFrame([asdict(fit) for fit in fits.values()])[names]
+    rows = [asdict(fit) if fit else dict.fromkeys(names) for fit in fits.values()]
+    table = pd.DataFrame(rows)[names].astype(
+        {"radius_mm": float, "inliers": "Int64", "rms_mm": float}
+    )
     table.insert(0, "subset", list(fits))
     table.insert(2, "radius_true_mm", geometry.kiln_radius_mm)
     table.insert(3, "radius_published_mm", published_radius_mm())
