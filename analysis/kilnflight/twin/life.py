@@ -31,9 +31,8 @@ class OnTheWall:
 
     Flames on the wall must be shorter than about 0.2 s or flicker strongly: a background
     over 150 frames would absorb them otherwise, yet they are found (Table 5.5). Scenes take
-    ``share_on`` and ``body_s`` from `kilnflight.twin.fitted`. In the first twin a flame that is
-    on does not change from frame to frame; in the second look it flutters
-    (`kilnflight.twin.light.Fires`).
+    ``share_on`` and ``body_s`` from `kilnflight.twin.fitted`. While a flame is on it does
+    not change from frame to frame; a real one would.
     """
 
     delay_s: float = 0.03  # until the flame is there
