@@ -46,7 +46,7 @@ print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.
 walls = {
     subset.name: detection.wall_points(subset.recording, subset.frames[0]) for subset in subsets
 }
-fits = detection.fitted_walls(walls, seed)
+fits = detection_tables.fitted_walls(walls, seed)
 fit, wall = fits[subsets[0].name], walls[subsets[0].name]
 cylinders = detection_tables.cylinder_table(fits, subsets[0].recording.scene.geometry)
 caption = (

@@ -247,14 +247,3 @@ def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monk
     assert table["size_rule"].tolist() == 4 * [False] + 4 * [True]
     assert table["tp"].tolist() == [4] * 8
     assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 8
-
-
-def test_a_wall_that_is_a_plane_has_no_cylinder(capsys):
-    generator = np.random.default_rng(0)
-    angle, along = generator.uniform(0, np.pi, 500), generator.uniform(0, 3000, 500)
-    bent = np.column_stack([700 * np.cos(angle), 700 * np.sin(angle), along])
-    flat = np.column_stack([generator.uniform(-300, 300, 500), np.full(500, -100.0), along])
-    fits = detection.fitted_walls({"bent": bent, "flat": flat}, seed=0)
-    assert fits["bent"].radius_mm == pytest.approx(700)
-    assert fits["flat"] is None
-    assert capsys.readouterr().out.startswith("flat: cylinder fit: no cylinder")

@@ -1,5 +1,6 @@
 from itertools import product
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -256,3 +257,14 @@ def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
     assert "in V2 no cylinder is found" in missed.reason
     assert verdicts[1].measured == "+10 mm"
     assert verdicts[2].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.971"
+
+
+def test_a_wall_that_is_a_plane_has_no_cylinder(capsys):
+    generator = np.random.default_rng(0)
+    angle, along = generator.uniform(0, np.pi, 500), generator.uniform(0, 3000, 500)
+    bent = np.column_stack([700 * np.cos(angle), 700 * np.sin(angle), along])
+    flat = np.column_stack([generator.uniform(-300, 300, 500), np.full(500, -100.0), along])
+    fits = detection_tables.fitted_walls({"bent": bent, "flat": flat}, seed=0)
+    assert fits["bent"].radius_mm == pytest.approx(700)
+    assert fits["flat"] is None
+    assert capsys.readouterr().out.startswith("flat: cylinder fit: no cylinder")

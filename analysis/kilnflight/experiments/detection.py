@@ -32,7 +32,7 @@ from kilnflight.detection import (
     QuasiClusterCenters,
 )
 from kilnflight.detection.combination import Combination, View, second_pass, summarise
-from kilnflight.detection.wall import Cylinder, CylinderFit, distance_to_axis
+from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.project import claims
 from kilnflight.recording.frames import Recording, calibrated_cloud
 from kilnflight.scores import rates, score_detections, score_in_pixels
@@ -273,22 +273,6 @@ def wall_points(recording: Recording, frame: int) -> npt.NDArray[np.float64]:
     points = calibrated_cloud(recording, frame)
     labels = PASSES["DBSCAN"][0](points)
     return points[labels == np.bincount(labels[labels >= 0]).argmax()]
-
-
-def fitted_walls(
-    walls: Mapping[str, npt.NDArray[np.float64]], seed: int
-) -> dict[str, Cylinder | None]:
-    """Return the cylinder in each subset's wall points, None where they hold none.
-
-    The largest cluster may be a strip of the floor near the camera, as flat as a plane.
-    """
-    fits: dict[str, Cylinder | None] = dict.fromkeys(walls)
-    for name, points in walls.items():
-        try:
-            fits[name] = CylinderFit()(points, seed)
-        except InputError as error:
-            print(f"{name}: {error}")
-    return fits
 
 
 def compare_thresholds(

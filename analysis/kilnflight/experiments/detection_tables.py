@@ -16,7 +16,7 @@ import pandas as pd
 
 from kilnflight.checks import InputError
 from kilnflight.detection import Polygon
-from kilnflight.detection.wall import Cylinder, crossing
+from kilnflight.detection.wall import Cylinder, CylinderFit, crossing
 from kilnflight.experiments.detection import COUNTS, GATES, TABLES, Subset, sum_counts
 from kilnflight.project import claims
 from kilnflight.scores import count_in_air, rates, score_detections
@@ -215,10 +215,26 @@ def published_radius_mm() -> float:
     return float(printed["Radius"])
 
 
+def fitted_walls(
+    walls: Mapping[str, npt.NDArray[np.float64]], seed: int
+) -> dict[str, Cylinder | None]:
+    """Return the cylinder in each subset's wall points, None where they hold none.
+
+    The largest cluster may be a strip of the floor near the camera, as flat as a plane.
+    """
+    fits: dict[str, Cylinder | None] = dict.fromkeys(walls)
+    for name, points in walls.items():
+        try:
+            fits[name] = CylinderFit()(points, seed)
+        except InputError as error:
+            print(f"{name}: {error}")
+    return fits
+
+
 def cylinder_table(fits: Mapping[str, Cylinder | None], geometry: Geometry) -> pd.DataFrame:
     """Return the fitted cylinder of each subset beside the true one and Table 5.12.
 
-    Of a subset without one (`detection.fitted_walls`), what is measured is empty.
+    Of a subset without one (`fitted_walls`), what is measured is empty.
     """
     along = [
         abs(np.dot(fit.direction, geometry.axes[0])) if fit else np.nan for fit in fits.values()
