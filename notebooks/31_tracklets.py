@@ -93,19 +93,21 @@ figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 #
 # Eq. 4.18 calls an outlier what turns by more than 30 degrees *and* changes its velocity by more
 # than 18 px/frame. So as printed a jump straight ahead connects, however far ("no limit"). The
-# thesis says that the rule keeps connections short. Here a connection may be faster than what both
-# tracklets show by those 18 px/frame at most. "change alone" leaves the angle out instead. The
-# weight f of the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13). Ours are in the table
-# above. The smaller they are, the more the term outweighs all others of Eq. 4.24. Two variants take
-# an f for energies of order 1e5, or leave the term out. "Hungarian" is the framework but for the
-# method of Fig. 4.14. Gains are over the first, with intervals by bootstrap over true tracks.
+# thesis says that the rule keeps connections short. By default a connection may be faster here than
+# what both tracklets show by those 18 px/frame at most. "change alone" leaves the angle out
+# instead. The weight f of the texture, 1e11, belongs to energies of order 1e8 (Fig. 4.13). Ours are
+# in the table above. The smaller they are, the more the term outweighs all others of Eq. 4.24. Two
+# variants take an f for energies of order 1e5, or leave the term out. "Hungarian" is the framework
+# but for the method of Fig. 4.14. Gains are over the first, with intervals by bootstrap over true
+# tracks.
 
 # %%
 variants = post_processing.compare_variants(windows, post_processing.variants())
 caption = (
     "Post-processing under six readings of section 4.2.3, tracks of GNN, all tracks and those from "
-    "the lance. Gains in alpha and beta over the first, with 95 % intervals. No interval: a window "
-    "has fewer than six true trajectories."
+    "the lance. Gains in alpha and beta over the first, with 95 % intervals. Beta's false tracks "
+    "are drawn anew for each reading, so that a gain of zero has an interval, too. No interval: a "
+    "window has fewer than six true trajectories."
 )
 figures.save("tracklet-readings", variants, caption=caption, provenance=origin)
 

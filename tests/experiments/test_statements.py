@@ -183,3 +183,30 @@ def test_what_holds_is_counted_by_campaign_and_quantity():
     assert (table.loc[fast, "second_look_hold"] == table.loc[fast, "statements"]).all()
     assert (table.loc[~fast, "second_look_hold"] == 0).all()
     assert (table.loc[~fast, "second_look_misfit"] == 3.0).all()
+
+
+def test_a_velocity_that_rises_where_the_sentence_says_it_falls_is_within_by_level_only():
+    """Chips are slower at 5 bar in print; here faster, though below the printed level."""
+    printed = statements.statements()
+    rows = printed[printed["outcome"] == "velocity 0-1 m (m/s)"]
+    keys = rows[statements.KEYS].drop_duplicates()
+    outcomes = keys.assign(**{"velocity 0-1 m (m/s)": 10.0}).reset_index(drop=True)
+    chips = (outcomes["fraction"] == "wood chip") & (outcomes["pressure_bar"] == 5.0)
+    outcomes.loc[chips, "velocity 0-1 m (m/s)"] = 12.0
+    against = statements.against_its_words(rows, outcomes)
+    (wrong,) = rows[against].to_dict("records")
+    assert (wrong["fraction"], wrong["pressure_bar"], wrong["high"]) == ("wood chip", 5.0, 13.5)
+    answers = {"one": statements.answer(rows, outcomes)}
+    table = statements.comparison(rows, answers, {"one": against})
+    assert (table["one_within"] == statements.BY_LEVEL).tolist() == against.tolist()
+    outcomes.loc[chips, "velocity 0-1 m (m/s)"] = np.nan  # none is there: nothing is said of it
+    assert not statements.against_its_words(rows, outcomes).any()
+
+
+def test_every_sentence_that_compares_is_one_of_the_statements():
+    printed = statements.statements().set_index([*statements.KEYS, "outcome"])
+    for (fraction, bar, outcome), (_, other) in statements.COMPARED.items():
+        row = printed.loc[(fraction, bar, outcome)]
+        assert "crease" in row["printed"]
+        assert ("decrease" in row["printed"]) == (not row["low"] > 0)
+        assert other in {each for *_, each in printed.index}

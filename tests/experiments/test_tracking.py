@@ -103,7 +103,7 @@ def test_variants_are_steps_and_the_first_is_as_printed(window):
     assert list(table.index) == list(variants)
     steps, _ = post_processing.compare_steps([window])
     assert table.loc["none", "alpha"] == steps["alpha"].iloc[0]
-    assert table.loc["as printed", "alpha"] == steps["alpha"].iloc[-1]
+    assert table.loc["default", "alpha"] == steps["alpha"].iloc[-1]
     without = tracklets.postprocess(track(window.detections))  # no differences, no texture
     measures = tracking_scores.measure_tracks(window.truth, without)
     assert table.loc["no texture", "alpha"] == measures["alpha"]

@@ -1,4 +1,5 @@
 from itertools import islice
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -47,6 +48,28 @@ def test_shares_stand_beside_tables_5_2_and_5_3():
     assert table["in_roi_percent"].tolist() == [0, 0, 100]
     assert table["published_depth_percent"].tolist() == [99.39, 78.79, 93.09]
     assert table["published_roi_percent"].tolist() == [87.82, 90.86, 50.53]
+
+
+def test_what_burns_is_told_by_flame_and_char():
+    """Of four that burn in the air and are seen, one is char; what is not seen counts not."""
+    view = SimpleNamespace(
+        moment=None,
+        visible=np.array([True, True, True, True, True, False]),
+        kinds=np.array([2, 2, 2, 2, 4, 2]),
+        blobs=SimpleNamespace(
+            dilution=np.array([1.0, 1.0, 1.0, 0.5, 1.0, 1.0]),
+            brightness=np.array([200.0, 300.0, 400.0, 300.0, 900.0, 900.0]),
+        ),
+    )
+    char = np.array([False, False, False, True, False, True])
+    twin = SimpleNamespace(
+        scene=SimpleNamespace(optics=SimpleNamespace(at_wall=100.0)),
+        view=lambda t: view,
+        life=SimpleNamespace(glowing=lambda moment: char),
+    )
+    (row,) = mixture.burning_table({"V1": twin}, 2).to_dict("records")
+    expected = {"subset": "V1", "burning_in_air": 8, "char_percent": 25.0}
+    assert row == expected | {"flame_over_wall": 3.0, "char_over_wall": 2.0}
 
 
 def test_the_search_tries_neighbours_until_close():

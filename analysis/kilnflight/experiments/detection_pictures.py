@@ -36,6 +36,7 @@ from kilnflight.project.style import (
 from kilnflight.twin.camera import Geometry
 
 Array = npt.NDArray[np.float64]
+FEWEST = 10  # particles of a class, else one of them is a large part of its recall
 NAMES = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
 HERE: dict[str, Any] = {
     "marker": "o",
@@ -102,16 +103,19 @@ def draw_precision_recall(totals: Mapping[str, pd.DataFrame]) -> tuple[Figure, p
 def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
     """Draw the recall of each class by subset, a panel for each value of a column.
 
+    Of fewer than `FEWEST` particles no bar is drawn.
+
     Parameters
     ----------
     recall
-        ``subset``, ``kind``, ``recall`` and the column.
+        ``subset``, ``kind``, ``tp``, ``fn``, ``recall`` and the column.
     by
         The column.
     published
         Recall of non-burning particles by subset, drawn in the first panel.
     """
-    groups = recall.groupby(by, sort=False)
+    few = recall["tp"] + recall["fn"] < FEWEST
+    groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
     picture, (panels,) = canvas(1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True)
     for axes, (name, table) in zip(panels, groups, strict=True):
         draw_bars(axes, table, "subset", "kind", "recall")

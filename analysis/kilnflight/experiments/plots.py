@@ -94,6 +94,18 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     axes.set_ylim(bottom, top)
 
 
+def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return tracks with an empty place for every frame they miss, so that no line is drawn there.
+
+    The columns are ``particle``, ``frame``, ``row`` and ``col``.
+    """
+    parts = {}
+    for particle, track in tracks.groupby("particle"):
+        frames = pd.RangeIndex(track["frame"].min(), track["frame"].max() + 1, name="frame")
+        parts[particle] = track.set_index("frame")[["row", "col"]].reindex(frames)
+    return pd.concat(parts, names=["particle"]).reset_index()
+
+
 def summed_changes(recording: Recording, frames: range) -> Array:
     """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
     total = np.zeros((recording.attributes.rows, recording.attributes.columns))

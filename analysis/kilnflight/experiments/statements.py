@@ -34,6 +34,7 @@ from kilnflight.twin.scenes import PRESSURES_BAR
 IGNITED, EARLY = "ignited (%)", "ignited < 0.1 s (%)"
 EARLY_OF_IGNITED = "ignited < 0.1 s (% of ignited)"
 CALIBRATED, HELD_OUT, NOT_USED = "calibrated on", "held out", "same cell, not used"
+BY_LEVEL = "by level only"
 FIT_CAMPAIGNS = (("wood chip", 4.5), ("confetti", 4.5))
 # What one unit of misfit is at least, where a number is printed without bounds: assumptions,
 # about the spread between runs that differ only by 0.5 bar.
@@ -53,6 +54,16 @@ OUTCOMES = {
     ("ignited", "0.2-0.3 s", "share"): "ignited 0.2-0.3 s (% of ignited)",
     ("CFD penetration", "", "majority"): "penetration (m)",
     ("CFD penetration", "", "most"): "penetration (m)",
+}
+# Sentences that say more or less than another velocity (m/s), with pressure and metre of that one.
+# Their bounds are the printed level of the other.
+COMPARED = {
+    ("wood chip", 5.0, "velocity 0-1 m (m/s)"): (4.5, "velocity 0-1 m (m/s)"),
+    ("confetti", 4.5, "velocity 1-2 m (m/s)"): (4.5, "velocity 0-1 m (m/s)"),
+    ("paper shred", 4.5, "velocity 2-3 m (m/s)"): (4.5, "velocity 1-2 m (m/s)"),
+    ("paper shred", 5.0, "velocity 1-2 m (m/s)"): (5.0, "velocity 0-1 m (m/s)"),
+    ("PE granule", 4.5, "velocity 2-3 m (m/s)"): (4.5, "velocity 1-2 m (m/s)"),
+    ("PE granule", 5.0, "velocity 0-1 m (m/s)"): (4.5, "velocity 0-1 m (m/s)"),
 }
 LEAST_FLIGHTS = 6  # in a campaign; nothing is decided about fewer
 VAGUE = ("the vast majority", "only very few", "almost all")  # printed without a number
@@ -145,14 +156,39 @@ def answer(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
     return pd.Series(values, index=rows.index, dtype=np.float64)
 
 
-def comparison(rows: pd.DataFrame, answers: Mapping[str, pd.Series]) -> pd.DataFrame:
-    """Return every statement with several versions' answers, and if they are within."""
+def against_its_words(rows: pd.DataFrame, outcomes: pd.DataFrame) -> pd.Series:
+    """Return which statements compare two velocities (`COMPARED`) that stand the other way round.
+
+    ``outcomes`` is the `outcome_table` of one version.
+    """
+    table, wrong = outcomes.set_index(KEYS), []
+    for fraction, bar, outcome, low in rows[[*KEYS, "outcome", "low"]].itertuples(index=False):
+        other = COMPARED.get((fraction, bar, outcome))
+        if other is None or np.isnan(table.loc[(fraction, bar), outcome]):
+            wrong.append(False)
+            continue
+        rise = table.loc[(fraction, bar), outcome] - table.loc[(fraction, other[0]), other[1]]
+        # "increases" has the other's level as lower bound, "decreases" as upper one
+        wrong.append(bool(rise < 0 if low > 0 else rise > 0))
+    return pd.Series(wrong, index=rows.index)
+
+
+def comparison(
+    rows: pd.DataFrame, answers: Mapping[str, pd.Series], against: Mapping[str, pd.Series]
+) -> pd.DataFrame:
+    """Return every statement with several versions' answers, and if they are within.
+
+    ``against`` is `against_its_words` by version; what then is within is so "by level only".
+    """
     table = rows[[*KEYS, "outcome", "printed", "low", "high"]]
     names = {version: version.replace(" ", "_") for version in answers}
     table = table.assign(**{names[key]: values.round(3) for key, values in answers.items()})
     for version, values in answers.items():
         off = misfits(rows, values)
-        table[f"{names[version]}_within"] = [f"off by {x:.1f}" if x else "yes" for x in off]
+        held = np.where(against[version], BY_LEVEL, "yes")
+        table[f"{names[version]}_within"] = [
+            f"off by {x:.1f}" if x else word for x, word in zip(off, held, strict=True)
+        ]
     return table.assign(use=rows["use"])
 
 

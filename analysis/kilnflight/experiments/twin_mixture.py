@@ -69,6 +69,34 @@ def share_table(labelled: pd.DataFrame) -> pd.DataFrame:
     return shares.reset_index()
 
 
+def burning_table(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
+    """Return how many of what is labelled as burning in the air have a flame, by subset.
+
+    Returns
+    -------
+    DataFrame
+        ``subset``, ``burning_in_air`` (sightings in the first frames), ``char_percent`` (glowing,
+        without a flame), ``flame_over_wall`` and ``char_over_wall`` (median grey value in the
+        middle of a particle, over that of the wall).
+    """
+    rows = []
+    for name, twin in twins.items():
+        wall, seen = twin.scene.optics.at_wall, []
+        for t in LABELLED[:frames]:
+            view = twin.view(t)
+            glowing, sharp = twin.life.glowing(view.moment), view.blobs.dilution
+            level = sharp * view.blobs.brightness / wall + (1 - sharp)
+            burning = view.visible & (view.kinds == 2)
+            seen.append(pd.DataFrame({"char": glowing, "level": level})[burning])
+        table = pd.concat(seen)
+        level = table.groupby("char")["level"].median()
+        row = {"subset": name, "burning_in_air": len(table)}
+        row |= {"char_percent": 100.0 * table["char"].mean()}
+        row |= {"flame_over_wall": level.get(False), "char_over_wall": level.get(True)}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
 def counted(twin: Twin) -> Counts:
     """Return the visible particles of the labelled frames by class, summed, (3,)."""
     total, place = np.zeros(3), twin.scene.geometry
