@@ -68,8 +68,8 @@ caption = (
 figures.save("twin-flights-calibration", values, caption=caption, provenance=origin)
 
 # %% [markdown]
-# The second look's search descends from two starts. How far apart they end shows how open these
-# inputs are.
+# The second look's search descends from two starts. Where they end, and at which cost, shows how
+# well it converges: an end at a higher cost is a worse minimum, or no minimum yet.
 
 # %%
 second = twin_flight.read_fit()
@@ -193,6 +193,11 @@ words = [
     for row in worst.itertuples()
 ]
 print(f"Off by more than a unit in the second look: {'; '.join(words) or 'nothing'}.")
+left_out = (printed["use"] == statements.NOT_USED).sum()
+print(
+    f"{left_out} statements of the two campaigns that were fitted, but on other quantities, count "
+    "neither as fitted nor as held out (same cell, not used). Above all confetti ignites too early."
+)
 
 # %% [markdown]
 # ## Result

@@ -96,7 +96,9 @@ result = (
     f"The misfit to Table 5.5 is {first['cost_calibrated']:.0f} for the first twin and "
     f"{second['cost_calibrated']:.0f} for the second look, whose wall may have at most "
     f"{twin_light.LIMITS['wall_level'][1]:.0f} grey values "
-    f"({second['inputs']['wall_level']:.0f} fitted; first twin "
+    f"({second['inputs']['wall_level']:.0f} fitted; soot "
+    f"{second['inputs']['soot_1_m']:.1f} of at least {twin_light.LIMITS['soot_1_m'][0]:.0f} 1/m; "
+    "first twin "
     f"{first['inputs']['wall_level']:.0f}). Means of the subsets, first and second look "
     f"(published): {means}. No claim is tested here."
 )

@@ -30,6 +30,7 @@ def test_bands_of_draws_leave_other_scenarios_out():
         0.9,
         "pose-01",
     )
+    assert (row["draws"], row["scenarios"]) == (3, 5)
 
 
 def test_bands_keep_what_has_no_value_and_the_order_of_the_numbers():
@@ -63,7 +64,9 @@ def test_bands_are_drawn_and_told_as_far_as_they_are_known():
         ),
         ["pose-00"],
     )
-    assert bands.describe(table) == "Median dwell time of confetti (s) 0.35 to 0.35 [0.35 to 0.60]."
+    told = "Median dwell time of confetti (s) 0.35 to 0.35"
+    assert bands.describe(table) == f"{told} [0.35 to 0.60] (1 draws)."
+    assert bands.describe(table.assign(scenarios=2)) == f"{told} (1 draws)."  # base and the draw
     picture = bands.draw_bands(table)
     labels = [axes.get_xlabel() for axes in picture.axes]
     assert labels == ["median of the dwell time (s)", "F1"]

@@ -234,8 +234,11 @@ def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
     fits = {name: Cylinder(tuple(geometry.origin_mm), axis, 710.0) for name in ("V1", "V2")}
     cylinders = detection_tables.cylinder_table(fits, geometry)
     assert cylinders["direction_off_deg"].tolist() == pytest.approx([0, 0], abs=1e-5)
-    names = ["crossing_plus_40", "crossing", "printed_800"]
-    counts = pd.DataFrame({"threshold": names, "tp": [95, 90, 99], "fp": 5, "fn": [5, 10, 1]})
+    names = ["crossing_plus_40", "crossing", "printed_800", "all_in_air"]
+    fp = [5, 5, 5, 30]  # of 30 on the wall
+    counts = pd.DataFrame(
+        {"threshold": names, "tp": [95, 90, 99, 100], "fp": fp, "fn": [5, 10, 1, 0]}
+    )
     tables = []
     for misses in (0, 10):
         table = counts.assign(subset="Total", fn=counts["fn"] + misses)
@@ -250,13 +253,21 @@ def test_the_wall_is_judged_by_the_crossing_and_forty_millimetres():
     far = cylinders.assign(radius_mm=1000.0)
     missed = detection_claims.wall_verdicts(far, 720.0, *tables)[0]
     assert missed.verdict == claims.NOT_REPRODUCED  # a miss stays a miss
+    few = [table.assign(fp=0) for table in tables]  # on the wall: all called airborne is as good
+    few = [t.assign(**rates(t["tp"], t["fp"], t["fn"]).to_dict("series")) for t in few]
+    null = detection_claims.wall_verdicts(cylinders, 720.0, *few)[2]
+    assert (null.verdict, null.because) == (claims.NOT_DECIDABLE, "twin")
     lost = detection_tables.cylinder_table({**fits, "V2": None}, geometry)
     assert lost[["radius_mm", "inliers", "rms_mm"]].isna().all(axis=1).tolist() == [False, True]
     missed = detection_claims.wall_verdicts(lost, 720.0, *tables)[0]
     assert missed.verdict == claims.NOT_REPRODUCED
-    assert "in V2 no cylinder is found" in missed.reason
+    assert missed.measured == "V1 0.01429; V2 none"
+    assert (missed.because, "in V2 the largest cluster" in missed.reason) == ("method", True)
     assert verdicts[1].measured == "+10 mm"
-    assert verdicts[2].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.971"
+    of_f1 = "crossing + 40 mm = 760 mm; with 800 mm F1 0.971; all called airborne 0.870"
+    assert verdicts[2].reason == of_f1
+    assert verdicts[3].reason == "crossing + 40 mm = 760 mm; with 800 mm F1 0.925"
+    assert verdicts[4].reason.startswith("crossing + 40 mm = 760 mm; with 800 mm 0.010")
 
 
 def test_a_wall_that_is_a_plane_has_no_cylinder(capsys):

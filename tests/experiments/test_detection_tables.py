@@ -160,7 +160,7 @@ def test_kinds_that_spread_alike_cross_in_the_middle():
     placed = pd.DataFrame({"label": [2, 3, 2, 4, 4, 4]})
     placed["distance_mm"] = [450.0, 500.0, 550.0, 650.0, 700.0, 750.0]
     assert detection_tables.axis_thresholds(placed) == pytest.approx(
-        {"crossing_plus_40": 640, "crossing": 600, "printed_800": 800}
+        {"crossing_plus_40": 640, "crossing": 600, "printed_800": 800, "all_in_air": 10_000}
     )
 
 

@@ -130,7 +130,8 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
     DataFrame
         ``quantity``, ``case``, ``base``; ``draws_low``, ``draws_median``, ``draws_high`` (least,
         median and greatest of the draws); ``low`` and ``high`` over all, and the scenarios that
-        give them, ``lowest`` and ``highest``; and what is `printed`. NaN where no draw has a value.
+        give them, ``lowest`` and ``highest``; ``draws`` and ``scenarios``, how many have a value;
+        and what is `printed`. NaN where no draw has a value.
     """
     keys = ["quantity", "case"]
     wide = numbers.pivot(index=keys, columns="scenario", values="value")
@@ -142,6 +143,7 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
     known = wide.dropna(how="all")
     table["lowest"] = known.idxmin(axis=1).reindex(wide.index, fill_value="")
     table["highest"] = known.idxmax(axis=1).reindex(wide.index, fill_value="")
+    table["draws"], table["scenarios"] = drawn.notna().sum(axis=1), wide.notna().sum(axis=1)
     return table.reset_index().merge(printed(), how="left")
 
 
@@ -179,19 +181,25 @@ def _draw_quantity(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def describe(table: pd.DataFrame) -> str:
-    """Return the bands of headline numbers, a sentence each: of the draws, in brackets of all."""
-    rows = table.set_index(["quantity", "case"])[["draws_low", "draws_high", "low", "high"]]
+    """Return the bands of headline numbers, a sentence each: of the draws, in brackets of all.
+
+    Without brackets where no other scenario was asked. Alpha is left out: its few frames move it
+    more than the pose does.
+    """
+    rows = table.set_index(["quantity", "case"])
     shown = (
         (OUTCOMES[0], "confetti", "median dwell time of confetti (s)", "2f"),
         (OUTCOMES[1], "wood chip", "first velocity of wood chips (m/s)", "1f"),
         (OUTCOMES[3], "wood chip", "share of wood chips beyond 3 m (%)", "0f"),
         (OUTCOMES[4], "confetti", "share of confetti that ignites (%)", "0f"),
         (F1, "Combi SIFT+DBSCAN", "F1 of SIFT with DBSCAN", "2f"),
-        (ALPHA, "confetti", "alpha of GNN, confetti", "2f"),
     )
     told = []
     for quantity, case, words, digits in shown:
         if (quantity, case) in rows.index:
-            ends = [f"{value:.{digits}}" for value in rows.xs((quantity, case)).to_numpy()]
-            told.append(f"{words} {ends[0]} to {ends[1]} [{ends[2]} to {ends[3]}]")
+            row = rows.xs((quantity, case)).to_dict()
+            names = ("draws_low", "draws_high", "low", "high")
+            low, high, least, most = (f"{row[name]:.{digits}}" for name in names)
+            others = f" [{least} to {most}]" if row["scenarios"] > row["draws"] + 1 else ""
+            told.append(f"{words} {low} to {high}{others} ({row['draws']} draws)")
     return " ".join(f"{words[0].upper()}{words[1:]}." for words in told)

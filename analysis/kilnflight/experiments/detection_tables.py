@@ -251,15 +251,20 @@ def cylinder_table(fits: Mapping[str, Cylinder | None], geometry: Geometry) -> p
     return table
 
 
+ANY_DISTANCE_MM = 10_000.0  # no particle is as far from the axis
+
+
 def axis_thresholds(placed: pd.DataFrame) -> dict[str, float]:
     """Return up to which distance from the axis in mm a particle is in the air, by name.
 
-    Where the Gaussians of both kinds cross, that plus 40 mm, and the printed 800 mm. ``placed``
-    holds ``label`` and ``distance_mm`` of marked particles with 3D.
+    Where the Gaussians of both kinds cross, that plus 40 mm, and the printed 800 mm. The last one
+    calls all that there is in the air: what the others must beat. ``placed`` holds ``label`` and
+    ``distance_mm`` of marked particles with 3D.
     """
     on_wall, distance = placed["label"] == 4, placed["distance_mm"]
     crossing_mm = crossing(distance[~on_wall], distance[on_wall])
-    return {"crossing_plus_40": crossing_mm + 40.0, "crossing": crossing_mm, "printed_800": 800.0}
+    thresholds = {"crossing_plus_40": crossing_mm + 40.0, "crossing": crossing_mm}
+    return {**thresholds, "printed_800": 800.0, "all_in_air": ANY_DISTANCE_MM}
 
 
 def resampled(

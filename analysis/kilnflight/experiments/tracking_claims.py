@@ -120,11 +120,14 @@ def describe(beside: pd.DataFrame) -> str:
         name = str(fraction)
         parts.append(f"{name[0].upper()}{name[1:]}: {' and '.join(values)}.")
     place = ["fraction", "tracker", "measure"]
-    wide = beside.pivot(index=place, columns="postprocessing", values="recomputed")
-    gain = wide["with"] - wide["without"]
+    wide = beside.pivot(index=place, columns="postprocessing")
+    rises = [
+        f"{(wide[values]['with'] > wide[values]['without']).sum()} ({reading})"
+        for values, reading in (("recomputed", FROM_LANCE), ("all_tracks", ALL))
+    ]
     return (
         f"Alpha of tracks from the lance after post-processing, {' and '.join(TRACKERS)} "
-        f"(published). {' '.join(parts)} {(gain > 0).sum()} of {len(gain)} cells rise."
+        f"(published). {' '.join(parts)} Of {len(wide)} cells rise {', '.join(rises)}."
     )
 
 
