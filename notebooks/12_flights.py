@@ -153,7 +153,7 @@ values = {
 picture, data = flight_pictures.draw_ignition_bars(values, keys, printed)
 caption = (
     "True ignition in flight in steps of 0.1 s, in per cent of all particles, after Figs 5.25 and "
-    "5.26. Diamonds: published share within 0.1 s."
+    "5.26; any: all that ignite. Diamonds and open bars: published, a number or a range."
 )
 data = data.rename(columns={"kind": "version"})
 figures.save("fig-5-25-true-ignition", data, picture=picture, caption=caption, provenance=origin)

@@ -45,7 +45,7 @@ LIMITS = {
 }
 # Why, for a table; the docstring says more.
 REASONS = {
-    "wall_level": "PE's longer shutter would saturate the wall above 27,000",
+    "wall_level": "PE's longer shutter saturates the wall above 27,000; a quarter is for flames",
     "soot_1_m": "flame at least 3 times the wall; at most 10 ppm of soot",
     "irradiance": "of the hot wall alone, and with the burner's flame near",
     "irradiance_spread": "ours: alike, or most within a factor of 2",
