@@ -197,7 +197,7 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
         fact=rows["fact"] + ": " + rows["outcome"],
         measured=answers(rows, measured),
         true=answers(rows, true),
-        z=z_scores(rows, answers(rows, measured)),
+        z=z_scores(rows, answers(rows, measured)).abs(),  # a distance: the side is seen
         holds=holding(rows, measured).astype("boolean").where(among(rows, measured)),
         null_same=holding(rows, all_alike(true)),
         null_prior=np.mean([holding(rows, each) for each in draws], axis=0),
