@@ -139,6 +139,9 @@ def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
     marks = {line.get_marker(): line.get_xdata().tolist() for line in axes.lines[:3]}
     assert marks == {"D": [3.0], "^": [1.0], "v": [2.0]}
     assert axes.get_ylim() == (0, 10)
+    axes.set_ylim(0, 4.5)
+    plots.draw_published(axes, pd.DataFrame({"at": [1.0], "low": [7.1], "high": [7.1]}))
+    assert axes.get_ylim()[1] > 7.1  # no printed value is cut off
 
 
 def test_a_falling_particle_ends_lower_from_the_side(axes):

@@ -274,10 +274,11 @@ def regression_verdicts(
         resolved[claim] = in_words(group_differences(groups, each, generator), "medians")
     evidence: Evidence = {"fit-1": ratio, "fit-2": lowest, "fit-3": least}
     evidence["fit-4"] = order_gain(by_order)
-    note = "trajectories from the lance; the scatter of the depth is an input"
+    note = "trajectories from the lance; the scatter of the depth was fitted to Table 5.18"
     judged = judge_all(counted_flights(tables.flights), evidence, note, resolved, because="twin")
-    fit = "the pose was fitted to the printed RMSE of y over that of z (notebook 15)"
-    return [claims.fitted(v, fit) if v.id == "fit-1" else v for v in judged]
+    terms = {"fit-1": "RMSE of y over that of z", "fit-2": "MAPE of z"}
+    fit = "the pose was fitted to the printed {} (notebook 15)"
+    return [claims.fitted(v, fit.format(terms[v.id])) if v.id in terms else v for v in judged]
 
 
 def _by_axis(tables: Measurement, column: str) -> dict[tuple[str, object], Array]:

@@ -77,7 +77,8 @@ def draw_grouped_boxes(
 def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
 
-    A number is a diamond, two bounds are a bar; what is open on one side is an arrow.
+    A number is a diamond, two bounds are a bar; what is open on one side is an arrow. The axis
+    grows to hold them.
     """
     bottom, top = axes.get_ylim()
     low, high, at = bounds["low"] * scale, bounds["high"] * scale, bounds["at"]
@@ -91,7 +92,8 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     ):
         axes.plot(at[places], values[places], **{**PUBLISHED, "marker": mark, "label": None})
     axes.plot([], [], **PUBLISHED)
-    axes.set_ylim(bottom, top)
+    highest = pd.concat(ends).max()
+    axes.set_ylim(bottom, top if not highest > top else highest + reach / 2)
 
 
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
