@@ -125,14 +125,16 @@ caption = (
     "Dwell times of complete flights, after Fig. 5.19. True of all flights that begin and end "
     "within the recording; true of those that a person sees until they end; measured. Numbers: "
     "flights. Shaded: where the text puts the medians at 4.5 bar. In the table, seen: how long a "
-    "lost flight was seen. Particle -1: a false flight, a further one of its particle, or of one "
-    "that the recording cuts."
+    "lost flight was seen. The axis ends at 1.5 s. Particle -1: a false flight, a further one of "
+    "its particle, or of one that the recording cuts."
 )
 figures.save("fig-5-19-dwell-time", data, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# Ours: what the boxes leave out. A long flight is lost more easily than a short one, so medians of
-# complete flights alone are too short. A censored flight counts as flying until it was last seen.
+# Ours: what the boxes leave out. Were long flights lost more easily than short ones, medians of
+# complete flights alone would be too short. A censored flight counts as flying until it was last
+# seen. That holds only where losses do not depend on what comes next: particles are lost where they
+# leave the picture or fade, some just before their end, and then the curve overshoots.
 
 # %%
 curves = dwell.curves(sources)
@@ -154,8 +156,8 @@ caption = (
     "Median dwell time in s by fraction and pressure. Of complete flights with its 95 % interval "
     "(bootstrap over flights), and with lost ones censored (interval from that of the curve). "
     "Beside them the same two of the true flights as a person could follow them. Last: the true "
-    "median of all flights in the same frames, and whether the first interval covers it. Empty: "
-    "fewer than six flights, or a curve that ends before one half."
+    "median of all flights in the same frames that land or burn out, and whether the first "
+    "interval covers it. Empty: fewer than six flights, or a curve that ends before one half."
 )
 figures.save("dwell-medians", rows.round(4), caption=caption, provenance=origin)
 
@@ -168,6 +170,7 @@ middle = confidence.medians_in_words(results.measured, "dwell median (s)", digit
 result = (
     f"{dwell.describe(counts)} Median dwell time in s of complete flights {middle}. "
     f"Of the {rows['covers'].count()} campaigns with an interval and a truth, "
-    f"{rows['covers'].sum()} cover the true median. {dwell.describe_refused(refused)}"
+    f"{rows['covers'].sum()} cover the true median (of complete flights). "
+    f"{dwell.describe_refused(refused)}"
 )
 figures.conclude(result, verdicts, origin)

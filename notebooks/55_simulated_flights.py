@@ -65,8 +65,8 @@ data = flight_pictures.simulated_ends(flown, shown)
 # %%
 caption = (
     f"{shown} simulated flights of each fraction from the side, coloured by dwell time (5 to 95 % "
-    "of all), after the left part of Fig. A.6. The table says when and how far from the lance each "
-    "ends along the kiln; gas that goes back may draw one behind the lance's mouth (negative)."
+    "of all), after the left part of Fig. A.6. The table says when each ends, and how far from the "
+    "lance along the kiln."
 )
 figures.save("fig-a-6-paths", data, picture=picture, caption=caption, provenance=origin)
 

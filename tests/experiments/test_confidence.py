@@ -126,7 +126,7 @@ def test_metres_before_detection_are_described():
     columns = ["metre", "number", "before_detection", "median_m_s", "detected_m_s"]
     assert confidence.describe_before_detection(pd.DataFrame(rows, columns=columns)) == (
         "Of 20 metres 7 were passed before the particle was detected, beyond 3 m 3 of 4. Without "
-        "them no median of the first three moves by over 0.5 m/s."
+        "them no median of the first three moves by more than 0.50 m/s."
     )
 
 

@@ -175,7 +175,7 @@ def test_a_sentence_says_where_refusing_selects_most():
         }
     )
     assert dwell.describe_refused(table) == (
-        "Refusing selects most of paper shred flights: the refused ones truly last 0.50 s, "
+        "Refusing shifts paper shred flights most: the refused ones truly last 0.50 s, "
         "the others 0.40 s (medians)."
     )
     assert "not known" in dwell.describe_refused(table[:0])

@@ -175,8 +175,8 @@ def describe_before_detection(metres: pd.DataFrame) -> str:
     return (
         f"Of {metres['number'].sum()} metres {metres['before_detection'].sum()} were passed before "
         f"the particle was detected, beyond 3 m {far['before_detection'].sum()} of "
-        f"{far['number'].sum()}. Without them no median of the first three moves by over "
-        f"{shift:.1f} m/s."
+        f"{far['number'].sum()}. Without them no median of the first three moves by more than "
+        f"{shift:.2f} m/s."
     )
 
 

@@ -217,6 +217,6 @@ def describe_refused(table: pd.DataFrame) -> str:
     name = wide.index[int(np.argmax(np.abs(apart)))]
     counted, refused = wide.loc[[name]].to_numpy()[0]
     return (
-        f"Refusing selects most of {name} flights: the refused ones truly last {refused:.2f} s, "
+        f"Refusing shifts {name} flights most: the refused ones truly last {refused:.2f} s, "
         f"the others {counted:.2f} s (medians)."
     )
