@@ -193,10 +193,12 @@ words = [
     for row in worst.itertuples()
 ]
 print(f"Off by more than a unit in the second look: {'; '.join(words) or 'nothing'}.")
-left_out = (printed["use"] == statements.NOT_USED).sum()
+left_out = printed["use"] == statements.NOT_USED
+farthest = printed.loc[units["second look"][left_out].idxmax()]
 print(
-    f"{left_out} statements of the two campaigns that were fitted, but on other quantities, count "
-    "neither as fitted nor as held out (same cell, not used). Above all confetti ignites too early."
+    f"{left_out.sum()} statements of the two campaigns that were fitted, but on other quantities, "
+    "count neither as fitted nor as held out (same cell, not used). Farthest off: "
+    f"{farthest['fraction']}, {farthest['outcome']}, by {units['second look'][left_out].max():.1f}."
 )
 
 # %% [markdown]

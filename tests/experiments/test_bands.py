@@ -65,8 +65,8 @@ def test_bands_are_drawn_and_told_as_far_as_they_are_known():
         ["pose-00"],
     )
     told = "Median dwell time of confetti (s) 0.35 to 0.35"
-    assert bands.describe(table) == f"{told} [0.35 to 0.60] (1 draws)."
-    assert bands.describe(table.assign(scenarios=2)) == f"{told} (1 draws)."  # base and the draw
+    assert bands.describe(table) == f"{told} [0.35 to 0.60] (1 draw)."
+    assert bands.describe(table.assign(scenarios=2)) == f"{told} (1 draw)."  # base and the draw
     picture = bands.draw_bands(table)
     labels = [axes.get_xlabel() for axes in picture.axes]
     assert labels == ["median of the dwell time (s)", "F1"]

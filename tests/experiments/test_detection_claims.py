@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kilnflight.checks import InputError
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_claims, detection_tables, twin_light
 from kilnflight.project import claims
@@ -279,3 +280,5 @@ def test_a_wall_that_is_a_plane_has_no_cylinder(capsys):
     assert fits["bent"].radius_mm == pytest.approx(700)
     assert fits["flat"] is None
     assert capsys.readouterr().out.startswith("flat: cylinder fit: no cylinder")
+    with pytest.raises(InputError, match="flat, whose wall serves all subsets: cylinder fit"):
+        detection_tables.fitted_walls({"flat": flat, "bent": bent}, seed=0)

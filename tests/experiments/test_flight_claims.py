@@ -100,6 +100,40 @@ def test_lost_flights_have_velocities_and_refused_ones_decide_nothing():
     assert {each.verdict for each in judged.values()} == {claims.NOT_DECIDABLE}
 
 
+def test_measures_of_the_regression_to_which_the_pose_was_fitted_are_no_result():
+    """As in print: z is far off in mm, nearest in per cent, and R2 is worst in z of shreds."""
+    rows = [
+        {"fraction": name, "pressure_bar": bar, "particle": k}
+        for name, bar in KEYS
+        for k in range(20)
+    ]
+    least = {"x": 6.0, "y": 5.0, "z": 2.0}
+    columns = {f"mape_{axis}_percent": value for axis, value in least.items()}
+    columns |= {f"r2_{axis}": value for axis, value in {"x": 0.98, "y": 0.99, "z": 0.9}.items()}
+    trajectories = pd.DataFrame(rows).assign(**columns)
+    made = results(every(), count=20)
+    tables = made.tables._replace(trajectories=trajectories)
+    table = pd.DataFrame(
+        {"fraction": name, "axis": axis, "rmse_mm": rmse, "mape_percent": least[axis]}
+        | {"r2": 0.5 if (name, axis) == ("paper shred", "z") else 0.9 if axis == "z" else 0.98}
+        for name in FRACTIONS
+        for axis, rmse in {"x": 6.0, "y": 7.0, "z": 150.0}.items()
+    )
+    orders = pd.DataFrame({"order": [6, 7], "axis": "x", "r2_adjusted": [0.99, 0.991]})
+    judged = flight_claims.regression_verdicts(tables, table, orders, SCENE)
+    by_id = {each.id: each for each in judged}
+    assert {name: each.verdict for name, each in by_id.items()} == {
+        "fit-1": claims.NOT_DECIDABLE,
+        "fit-2": claims.NOT_DECIDABLE,
+        "fit-3": claims.REPRODUCED,
+        "fit-4": claims.REPRODUCED,
+    }
+    assert "agrees, but the pose was fitted to the printed MAPE of z" in by_id["fit-2"].reason
+    off = table.assign(mape_percent=table["mape_percent"].where(table["axis"] != "z", 9.0))
+    missed = flight_claims.regression_verdicts(tables, off, orders, SCENE)
+    assert {each.id: each.verdict for each in missed}["fit-2"] == claims.NOT_REPRODUCED
+
+
 def test_velocities_are_judged_beside_the_truth_and_what_was_fitted_is_no_result():
     judged = velocity(every())
     assert set(judged) == {f"vel-{k}" for k in range(1, 7)}

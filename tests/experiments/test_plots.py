@@ -190,6 +190,7 @@ def test_without_and_with_are_joined_at_the_place_of_their_entry(axes):
 def test_no_line_is_drawn_where_a_track_misses_frames():
     tracks = pd.DataFrame({"particle": [1, 1, 1, 2], "frame": [3, 4, 7, 9], "row": [0.0, 1, 5, 2]})
     broken = plots.broken_at_gaps(tracks.assign(col=2.0))
-    assert broken["particle"].tolist() == [1] * 5 + [2]
-    assert broken["frame"].tolist() == [3, 4, 5, 6, 7, 9]
-    assert broken["row"].isna().tolist() == [False, False, True, True, False, False]
+    assert broken["particle"].tolist() == [1] * 4 + [2]
+    assert broken["frame"].tolist() == [3, 4, 6, 7, 9]
+    assert broken["row"].isna().tolist() == [False, False, True, False, False]
+    assert plots.broken_at_gaps(tracks.assign(col=2.0)[:0]).empty

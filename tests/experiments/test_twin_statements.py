@@ -100,6 +100,9 @@ def test_without_a_measurement_nothing_is_measured_and_nothing_judged(values):
     whole = twin_statements.statement_table(values, values, [values])
     assert (whole["holds"] == (whole["null_prior"] == 1.0)).all()
     assert whole["measured"].equals(whole["true"])
+    slow = {key: flights(key[0], 0.2) for key in KEYS}  # far below the printed velocities
+    assert twin_statements.statement_table(slow, values, [values])["z"].max() > 2
+    assert twin_statements.statement_table(slow, values, [values])["z"].min() >= 0
 
 
 def test_counts_are_means_over_draws(values):

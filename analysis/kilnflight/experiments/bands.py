@@ -201,5 +201,6 @@ def describe(table: pd.DataFrame) -> str:
             names = ("draws_low", "draws_high", "low", "high")
             low, high, least, most = (f"{row[name]:.{digits}}" for name in names)
             others = f" [{least} to {most}]" if row["scenarios"] > row["draws"] + 1 else ""
-            told.append(f"{words} {low} to {high}{others} ({row['draws']} draws)")
+            number = f"{row['draws']} draw{'s' if row['draws'] != 1 else ''}"
+            told.append(f"{words} {low} to {high}{others} ({number})")
     return " ".join(f"{words[0].upper()}{words[1:]}." for words in told)

@@ -54,7 +54,7 @@ def beside(
 ) -> list[claims.Verdict]:
     """Return verdicts in the reading ``held`` whose reasons say what the ``other`` one gives.
 
-    What is reproduced in the other reading is not here because of a choice that no work prints.
+    A claim that is reproduced in the other reading only fails by a choice that no work prints.
     Claims that do not hang on the reading are missing in ``others``.
     """
     by_id, both = {verdict.id: verdict for verdict in others}, []

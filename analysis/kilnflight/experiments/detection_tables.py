@@ -32,6 +32,7 @@ ANALYSED = {"dbscan": 5, "mo": 1, "qcc": 2}
 ABSOLUTE, STOPS = "absolute", "stops at zero"  # column ``reading``, of differences
 DRAWS = Bootstrap().draws
 NOT_DRAWN = "no interval: one frame per subset"
+ANY_DISTANCE_MM = 10_000.0  # from the kiln's axis: no particle is as far
 
 
 def with_total(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -220,14 +221,23 @@ def fitted_walls(
 ) -> dict[str, Cylinder | None]:
     """Return the cylinder in each subset's wall points, None where they hold none.
 
-    The largest cluster may be a strip of the floor near the camera, as flat as a plane.
+    The largest cluster may be a strip of the floor near the camera, as flat as a plane. Why it is
+    refused is printed.
+
+    Raises
+    ------
+    InputError
+        If the first subset has none: its cylinder serves all.
     """
-    fits: dict[str, Cylinder | None] = dict.fromkeys(walls)
+    fits: dict[str, Cylinder | None] = {}
     for name, points in walls.items():
         try:
             fits[name] = CylinderFit()(points, seed)
         except InputError as error:
+            if not fits:
+                raise InputError(f"{name}, whose wall serves all subsets: {error}") from error
             print(f"{name}: {error}")
+            fits[name] = None
     return fits
 
 
@@ -249,9 +259,6 @@ def cylinder_table(fits: Mapping[str, Cylinder | None], geometry: Geometry) -> p
     table.insert(3, "radius_published_mm", published_radius_mm())
     table.insert(4, "direction_off_deg", np.degrees(np.arccos(np.minimum(along, 1.0))))
     return table
-
-
-ANY_DISTANCE_MM = 10_000.0  # no particle is as far from the axis
 
 
 def axis_thresholds(placed: pd.DataFrame) -> dict[str, float]:

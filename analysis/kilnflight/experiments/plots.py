@@ -97,15 +97,14 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
 
 
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return tracks with an empty place for every frame they miss, so that no line is drawn there.
+    """Return tracks with an empty place in every gap of frames, so that no line is drawn there.
 
     The columns are ``particle``, ``frame``, ``row`` and ``col``.
     """
-    parts = {}
-    for particle, track in tracks.groupby("particle"):
-        frames = pd.RangeIndex(track["frame"].min(), track["frame"].max() + 1, name="frame")
-        parts[particle] = track.set_index("frame")[["row", "col"]].reindex(frames)
-    return pd.concat(parts, names=["particle"]).reset_index()
+    places = tracks[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"])
+    behind = places[places.groupby("particle")["frame"].diff() > 1]
+    empty = behind.assign(frame=behind["frame"] - 1, row=np.nan, col=np.nan)
+    return pd.concat([places, empty]).sort_values(["particle", "frame"], ignore_index=True)
 
 
 def summed_changes(recording: Recording, frames: range) -> Array:

@@ -237,8 +237,8 @@ def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:
     if lance[LOW] <= 0.0 <= lance[HIGH]:
         reason = f"the interval of the difference holds 0; {note}"
         return claims.undecidable("track-7", reason, told, because="criterion")
-    signs = {name: np.sign(-row["alpha_gain"]) for name, row in by_reading.iterrows()}
-    note += "; with all tracks the sign is the other one" if len(set(signs.values())) > 1 else ""
+    turned = ALL in by_reading.index and by_reading["alpha_gain"][ALL] * lance["alpha_gain"] < 0
+    note += "; of all tracks the difference has the other sign" if turned else ""
     better = {told: bool(lance[HIGH] < 0.0)}
     return claims.judge("track-7", better, note=note, because="method")
 

@@ -187,7 +187,8 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
     -------
     DataFrame
         `COLUMNS`. ``low`` and ``high`` are the bounds as printed, ``tolerance`` a standard
-        deviation. ``z`` and ``holds`` are of what is measured: empty where nothing is.
+        deviation. ``z`` is the distance from the bounds in those (`z_scores` without its sign).
+        ``z`` and ``holds`` are of what is measured: empty where nothing is.
         ``null_same``: whether it holds with all fractions alike (true values). ``null_prior``: in
         which share of the draws.
     """
@@ -197,7 +198,7 @@ def statement_table(measured: Values, true: Values, draws: Iterable[Values]) -> 
         fact=rows["fact"] + ": " + rows["outcome"],
         measured=answers(rows, measured),
         true=answers(rows, true),
-        z=z_scores(rows, answers(rows, measured)).abs(),  # a distance: the side is seen
+        z=z_scores(rows, answers(rows, measured)).abs(),
         holds=holding(rows, measured).astype("boolean").where(among(rows, measured)),
         null_same=holding(rows, all_alike(true)),
         null_prior=np.mean([holding(rows, each) for each in draws], axis=0),
