@@ -150,8 +150,7 @@ confidence.slices_behind_lance(results.tables.slices)
 # %%
 verdicts = flight_claims.velocity_verdicts(results, printed, generator)
 middle = confidence.medians_in_words(results.measured, "velocity 0-1 m (m/s)", digits=1)
-off = (pairs["measured_m_s"] - pairs["true_m_s"])[pairs["slice_m"] == 1.0].dropna()
-both = f"median {off.median():+.2f} m/s ({len(off)} particles)" if len(off) else "no particle"
+both = accuracy.first_metre_errors(pairs)
 
 # %%
 result = (

@@ -144,3 +144,17 @@ def test_velocities_are_judged_beside_the_truth_and_what_was_fitted_is_no_result
     swapped |= {("confetti", bar): flights("wood chip", bar) for bar in PRESSURES_BAR}
     assert velocity(swapped, every())["vel-1"].because == "chain"
     assert velocity(swapped)["vel-1"].because == "twin"
+
+
+def test_a_ratio_of_velocities_is_open_where_its_interval_decides_otherwise():
+    """5.3.1: 5 bar changes little. A bound of ours; 1.5 is out of it, unless it scatters."""
+    for spread, verdict in ((0.05, claims.NOT_REPRODUCED), (8.0, claims.NOT_DECIDABLE)):
+        speed = flights("wood chip", 4.5).velocity_m_s
+        first = 1.5 * np.median(speed[:, 0]) + np.linspace(-spread, spread, len(speed))
+        faster = speed.copy()
+        faster[:, 0] = first
+        fast = flights("wood chip", 4.5)._replace(velocity_m_s=faster)
+        judged = velocity(every() | {("wood chip", 5.0): fast})["vel-6"]
+        assert judged.verdict == verdict
+        assert "95 % intervals of the ratios: " in judged.reason
+    assert judged.because == "criterion"

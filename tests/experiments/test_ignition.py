@@ -45,9 +45,11 @@ def results(values, flights=6):
     return Results([], Measurement(None, None, table, None), values, values)
 
 
-def traces(light_up=0, number=100):
+def traces(light_up=0, number=100, **counts):
     rows = [(name, *key, light_up, number) for name in ignition.PICTURES for key in KEYS]
-    return pd.DataFrame(rows, columns=["picture", "fraction", "pressure_bar", "light_up", "number"])
+    columns = ["picture", "fraction", "pressure_bar", "light_up", "number"]
+    counts = {"unlit": 50, "unlit_light": 0, "lit": 50, "lit_light": 50} | counts
+    return pd.DataFrame(rows, columns=columns).assign(**counts)
 
 
 def judged(values, table, measured=None):
@@ -81,6 +83,16 @@ def test_wood_is_judged_by_the_picture_and_a_few_are_open(values, light_up, verd
     assert first.because == {claims.NOT_REPRODUCED: "chain"}.get(
         verdict, "criterion" if verdict == claims.NOT_DECIDABLE else ""
     )
+
+
+@pytest.mark.parametrize("counts", [{"unlit_light": 3}, {"lit_light": 24}])
+@pytest.mark.parametrize("light_up", [0, 50])
+def test_a_test_of_traces_that_tells_nothing_decides_nothing(values, light_up, counts):
+    """It takes over 5 % of the unlit for light, or sees under half of what burns."""
+    first = judged(values, traces(light_up, **counts))[0]
+    assert (first.verdict, first.because) == (claims.NOT_DECIDABLE, "criterion")
+    few = counts.get("unlit_light", 0) * 4
+    assert f"light are {few} of 200 unlit wood chips and granules" in first.reason
 
 
 def test_grey_values_of_wood_decide_nothing(values):
@@ -145,8 +157,9 @@ def test_a_trace_counts_up_to_the_landing_and_of_kept_flights_only():
             for k, gray in courses.items()
         ]
     ).assign(background=1000.0)
-    count = ignition._count_lit(kept(flights), tracks, LitTrace())
+    count = ignition._count_lit(kept(flights), tracks, LitTrace(), pd.Series({0: False, 2: True}))
     assert (count["light_up"], count["light_at_first"], count["too_few"]) == (1, 0, 0)
+    assert [count[name] for name in ignition.COUNTS] == [1, 1, 0, 0]
     assert (count["number"], count["estimate"]) == (2, 0.5)
 
 

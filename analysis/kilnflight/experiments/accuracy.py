@@ -239,6 +239,20 @@ def compare_velocities(campaigns: Sequence[Campaign], tables: Measurement) -> pd
     return stack(parts)
 
 
+def first_metre_errors(pairs: pd.DataFrame) -> str:
+    """Return in words how far velocities in the first metre are off; of `compare_velocities`."""
+    first = pairs[pairs["slice_m"] == 1.0]
+    first = first.assign(off=first["measured_m_s"] - first["true_m_s"]).dropna(subset="off")
+    if first.empty:
+        return "no particle"
+    low, middle, high = first["off"].quantile([0.25, 0.5, 0.75])
+    medians = first.groupby(KEYS)["off"].median()
+    return (
+        f"median {middle:+.2f} m/s, half of them from {low:+.2f} to {high:+.2f} m/s ({len(first)} "
+        f"particles); medians of campaigns from {medians.min():+.2f} to {medians.max():+.2f} m/s"
+    )
+
+
 def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
     """Return number, bias and spread by quantity, and where ignition was detected.
 

@@ -122,7 +122,8 @@ def interval_of(
         counted = int(remaining(flight_values)[1][METRES.index(int(outcome.split()[1]))])
     percent = float(np.nan_to_num(outcomes(flight_values)[outcome]))
     each = intervals.share(round(percent / 100 * counted), counted)
-    return Interval(100 * each.estimate, 100 * each.low, 100 * each.high, each.numbers)
+    low, high = min(100 * each.low, percent), max(100 * each.high, percent)
+    return Interval(percent, low, high, each.numbers)  # the share itself is of no whole number
 
 
 def metres_before_detection(

@@ -23,7 +23,14 @@ from kilnflight.experiments.campaigns import (
     counted_flights,
     from_lance,
 )
-from kilnflight.experiments.confidence import Array, Values, group_differences, in_words, median_of
+from kilnflight.experiments.confidence import (
+    Array,
+    Values,
+    finite,
+    group_differences,
+    in_words,
+    median_of,
+)
 from kilnflight.experiments.statements import (
     HEAVY,
     Evidence,
@@ -37,7 +44,7 @@ from kilnflight.experiments.statements import (
 from kilnflight.flight import LOST
 from kilnflight.project import claims
 from kilnflight.scores.flights import NONE_LOST, censored_median
-from kilnflight.scores.intervals import Interval, difference, share
+from kilnflight.scores.intervals import Bootstrap, Interval, difference, share
 from kilnflight.twin.particles import FRACTIONS
 
 SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each about a fraction at 4.5 bar
@@ -191,6 +198,8 @@ def velocity_verdicts(
     flights = counted_flights(results.tables.flights)
     verdicts = judge_all(flights, evidence, note, _resolved(speeds, pairs, generator), truth)
     for k, verdict in enumerate(verdicts):
+        if verdict.id == "vel-6" and verdict.measured:
+            verdicts[k] = _beyond_chance(verdict, _speed_ratios(speeds, bars, generator))
         if verdict.because == "twin" and verdict.id in SENTENCES:
             added = _of_chain(evidence[verdict.id], truth[verdict.id])
             verdicts[k] = replace(verdict, reason=f"{verdict.reason}; the chain adds: {added}")
@@ -200,6 +209,42 @@ def velocity_verdicts(
             verdicts[k] = claims.in_both_readings(verdicts[k], other, name)
     fit = "the twin's flights were fitted to this campaign"
     return [claims.fitted(v, fit) if v.id in ("vel-2", "vel-3") else v for v in verdicts]
+
+
+def _speed_ratios(
+    speeds: Mapping[CampaignKey, Array], bars: Sequence[float], generator: np.random.Generator
+) -> dict[str, Interval]:
+    """Return by fraction the ratio of median velocities at the last and the first pressure."""
+
+    def ratio(later: Array, earlier: Array, axis: int = -1) -> Array:
+        return np.asarray(np.median(later, axis=axis) / np.median(earlier, axis=axis))
+
+    known = {key: finite(values) for key, values in speeds.items()}
+    names = dict.fromkeys(name for name, _ in known)
+    return {
+        name: Bootstrap()(ratio, [known[name, bars[-1]], known[name, bars[0]]], generator)
+        for name in names
+    }
+
+
+def _beyond_chance(verdict: claims.Verdict, ratios: Mapping[str, Interval]) -> claims.Verdict:
+    """Return a verdict on ratios, open if those nearest to 1 in their intervals answer otherwise.
+
+    Likewise those farthest from it.
+    """
+    told = ", ".join(f"{name} {one.low:.2f} to {one.high:.2f}" for name, one in ratios.items())
+    reason = f"{verdict.reason}; 95 % intervals of the ratios: {told}"
+    ends = (
+        [min(max(1.0, one.low), one.high) for one in ratios.values()],
+        [max(one.low, one.high, key=lambda end: abs(end - 1.0)) for one in ratios.values()],
+    )
+    if not np.isfinite(ends).all():
+        return replace(verdict, verdict=claims.NOT_DECIDABLE, reason=reason, because="criterion")
+    answers = {claims.judge(verdict.id, each).verdict for each in ends} | {verdict.verdict}
+    if len(answers) == 1:
+        return replace(verdict, reason=reason)
+    reason = f"{reason}; chance decides"
+    return replace(verdict, verdict=claims.NOT_DECIDABLE, reason=reason, because="criterion")
 
 
 def _lost_as_ended(

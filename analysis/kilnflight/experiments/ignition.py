@@ -61,6 +61,7 @@ AS_THEY_ARE, ABOVE = "as they are", "above background"
 # Two readings of Fig. 5.17, as the text does not say whether differences are absolute.
 LIGHTER, TWICE = "lighter than the kiln behind", "twice as light as the kiln behind"
 PICTURES = {LIGHTER: LitTrace(0.1), TWICE: LitTrace(1.0)}
+COUNTS = ("unlit", "unlit_light", "lit", "lit_light")  # of `trace_shares`
 BASICALLY = 0.05  # of the flights: ours, for "do not combust basically" (section 5.3)
 STRETCH = 151  # frames with one median background: 75 before and 75 after (Table 5.4)
 Conditions = dict[str, bool | None]
@@ -133,17 +134,26 @@ def ignition_times(both: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     return table[[*KEYS, *columns]]
 
 
-def trace_shares(results: Results) -> pd.DataFrame:
+def trace_shares(results: Results, true: pd.DataFrame) -> pd.DataFrame:
     """Return how many flights light up in the optical picture, by reading and campaign.
+
+    Parameters
+    ----------
+    results
+        The campaigns.
+    true
+        `kilnflight.experiments.accuracy.compare_campaigns`: which flights truly ignite.
 
     Returns
     -------
     DataFrame
         ``picture``, fraction, pressure, ``light_up``, ``light_at_first`` (light from the first
         detection on), ``too_few`` points to judge; ``number``, ``estimate``, ``low``, ``high``
-        of the share that lights up (Wilson).
+        of the share that lights up (Wilson); of those ``unlit`` and ``lit`` in truth, how many
+        are light at first or later (``unlit_light``, ``lit_light``).
     """
     rows: dict[str, dict[CampaignKey, dict[str, float]]] = {name: {} for name in PICTURES}
+    true = true[true["track"] >= 0]
     for campaign in results.campaigns:
         tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
         flights = counted_flights(flights)
@@ -151,23 +161,40 @@ def trace_shares(results: Results) -> pd.DataFrame:
         behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
         time_s = tracks["frame"] / campaign.run.frame_rate_hz
         tracks = tracks.assign(background=behind, time_s=time_s)
+        known = of_campaign(true, campaign.key).set_index("track")["true_ignition_s"].notna()
         for name, look in PICTURES.items():
-            rows[name][campaign.key] = _count_lit(flights, tracks, look)
+            rows[name][campaign.key] = _count_lit(flights, tracks, look, known)
     tables = {name: rows_by_campaign(each) for name, each in rows.items()}
     return pd.concat(tables, names=["picture"]).reset_index("picture").reset_index(drop=True)
 
 
-def _count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, look: LitTrace) -> dict[str, float]:
-    """Return how many flights light up before they end; the wall ignites all that land (5.1.1)."""
+def _count_lit(
+    flights: pd.DataFrame, tracks: pd.DataFrame, look: LitTrace, ignites: pd.Series
+) -> dict[str, float]:
+    """Return how many flights light up before they end; the wall ignites all that land (5.1.1).
+
+    ``ignites``: whether a flight's particle truly does, by flight; of false flights nothing.
+    """
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
-    seen = [
-        look(track["time_s"], track["gray"], track["background"])
-        for _, track in flying.groupby("particle")
-    ]
-    count = {"light_up": seen.count(SEEN), "light_at_first": seen.count(BEFORE)}
-    count["too_few"] = seen.count(TOO_FEW) + len(flights) - len(seen)
-    return count | interval_columns(intervals.share(count["light_up"], len(flights)))
+    seen = pd.Series(
+        {
+            particle: look(track["time_s"], track["gray"], track["background"])
+            for particle, track in flying.groupby("particle")
+        },
+        dtype=object,
+    ).reindex(flights["particle"], fill_value=TOO_FEW)
+    count: dict[str, float] = {
+        "light_up": (seen == SEEN).sum(),
+        "light_at_first": (seen == BEFORE).sum(),
+    }
+    count["too_few"] = (seen == TOO_FEW).sum()
+    count |= interval_columns(intervals.share(int(count["light_up"]), len(flights)))
+    known = seen[seen.ne(TOO_FEW) & seen.index.isin(ignites.index)]
+    truly = ignites.reindex(known.index).to_numpy(dtype=bool)
+    light = known.isin([SEEN, BEFORE]).to_numpy()
+    count |= {"unlit": (~truly).sum(), "unlit_light": (light & ~truly).sum()}
+    return count | {"lit": truly.sum(), "lit_light": (light & truly).sum()}
 
 
 def optical_picture(recording: Recording, frames: range) -> Array:
@@ -251,11 +278,12 @@ def verdicts(
     """
     flights = counted_flights(results.tables.flights)
     true_lit = {
-        key: {"light_up": int(np.isfinite(each.ignition_s).sum()), "number": len(each.ignition_s)}
+        key: dict.fromkeys(COUNTS, 0)
+        | {"light_up": int(np.isfinite(each.ignition_s).sum()), "number": len(each.ignition_s)}
         for key, each in results.true.items()
     }
     true = _evidence(results.true, rows_by_campaign(true_lit), generator)
-    notes = _notes(values[AS_THEY_ARE], generator)
+    notes = _notes(values[AS_THEY_ARE], traces, generator)
     first, other = (
         judge_all(
             flights,
@@ -277,7 +305,7 @@ def verdicts(
     return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in judged]
 
 
-def _notes(values: Values, generator: np.random.Generator) -> dict[str, str]:
+def _notes(values: Values, traces: pd.DataFrame, generator: np.random.Generator) -> dict[str, str]:
     """Return by claim what a reader must know, and which differences are beyond chance."""
     note = (
         "our test of grey values as they are, brighter than the kiln behind afterwards; the thesis "
@@ -290,9 +318,11 @@ def _notes(values: Values, generator: np.random.Generator) -> dict[str, str]:
         confidence.in_words(group_differences(times, pairs, generator, shares=share), name)
         for name, share in (("shares", True), ("median times", False))
     ]
+    seen = "; ".join(f"{name}: {_light_in_words(traces, name)}" for name in PICTURES)
     picture = (
         f"traces in the optical picture (Fig. 5.17) that turn {LIGHTER}. Up to "
-        f"{100 * BASICALLY:g} % is open, as 'basically' has no number"
+        f"{100 * BASICALLY:g} % is open, as 'basically' has no number. Open, too, where our test "
+        f"tells nothing: it takes more of the unlit for light, or misses most of the lit ({seen})"
     )
     return {"ign-1": picture, "ign-2": note, "ign-3": note, "ign-4": "; ".join([note, *told])}
 
@@ -301,8 +331,11 @@ def _evidence(
     values: Values, traces: pd.DataFrame, generator: np.random.Generator
 ) -> dict[str, Conditions]:
     """Return what the claims ask for: papers by their ignition times, the others by traces."""
+    tells = _tells_lit_from_unlit(traces)
     never: Conditions = {
-        f"{name} {bar} bar {lit} of {number}": None if 0 < lit < BASICALLY * number else not lit
+        f"{name} {bar} bar {lit} of {number}": not lit
+        if tells and not 0 < lit < BASICALLY * number
+        else None
         for name, bar, lit, number in _light_up(traces)
     }
     shares = {
@@ -310,6 +343,29 @@ def _evidence(
         for claim, name in zip(("ign-2", "ign-3"), PAPERS, strict=True)
     }
     return {"ign-1": never, **shares, "ign-4": _more_and_earlier(values)}
+
+
+def _tells_lit_from_unlit(traces: pd.DataFrame) -> bool:
+    """Return whether a test of traces can decide on a share that is `BASICALLY` none.
+
+    Of wood chips and granules that truly stay unlit it may take that share for light, no more; of
+    the particles that ignite, papers too, it must see half.
+    """
+    unlit = traces.loc[traces["fraction"].isin(HEAVY), ["unlit", "unlit_light"]].sum()
+    lit = traces[["lit", "lit_light"]].sum()
+    few = unlit["unlit_light"] <= BASICALLY * unlit["unlit"]
+    return bool(few and 2 * lit["lit_light"] >= lit["lit"])
+
+
+def _light_in_words(traces: pd.DataFrame, picture: str) -> str:
+    """Return how many that are unlit and lit in truth are light in a reading of the picture."""
+    table = traces[traces["picture"] == picture]
+    unlit = table.loc[table["fraction"].isin(HEAVY), ["unlit_light", "unlit"]].sum()
+    lit = table[["lit_light", "lit"]].sum()
+    return (
+        f"light are {unlit['unlit_light']:g} of {unlit['unlit']:g} unlit wood chips and granules, "
+        f"and {lit['lit_light']:g} of {lit['lit']:g} particles of all fractions that ignite"
+    )
 
 
 def _light_up(traces: pd.DataFrame) -> list[tuple[str, float, int, int]]:
@@ -351,8 +407,16 @@ def _more_and_earlier(values: Values) -> Conditions:
     return holds
 
 
-def in_words(results: Results, values: Mapping[str, Values], traces: pd.DataFrame) -> str:
-    """Return the shares of the verdicts beside the truth, a sentence for each fraction."""
+def in_words(
+    results: Results,
+    values: Mapping[str, Values],
+    traces: pd.DataFrame,
+    rates: pd.DataFrame,
+) -> str:
+    """Return the shares of the verdicts beside the truth, a sentence for each fraction.
+
+    ``rates``: `ignition_errors`; what of these shares are hits, and what false alarms.
+    """
     first, above, true = (
         by_pressure(each, IGNITED) for each in (values[AS_THEY_ARE], values[ABOVE], results.true)
     )
@@ -364,6 +428,20 @@ def in_words(results: Results, values: Mapping[str, Values], traces: pd.DataFram
     lit = _light_up(traces[traces["picture"] == LIGHTER])
     heavy = [(name, bar, f"{light} of {number}") for name, bar, light, number in lit]
     return (
-        f"Traces that light up in the optical picture. {by_fraction(heavy)} Ignition in %, by our "
-        f"test of grey values as they are / above the background / true. {by_fraction(papers)}"
+        f"Traces that light up in the optical picture. {by_fraction(heavy)} Of those whose truth "
+        f"is known, {_light_in_words(traces, LIGHTER)}. Ignition in %, by our "
+        f"test of grey values as they are / above the background / true. {by_fraction(papers)} "
+        f"{_rates_in_words(rates)}"
     )
+
+
+def _rates_in_words(rates: pd.DataFrame) -> str:
+    """Return how many papers that ignite are found, and how many that do not, by reading."""
+    parts = []
+    for name, table in rates[rates["fraction"].isin(PAPERS)].groupby("reading", sort=False):
+        sums = table[["lit_detected", "lit", "unlit_detected", "unlit"]].sum()
+        parts.append(
+            f"{name} finds {sums['lit_detected']:g} of {sums['lit']:g} papers that ignite, and "
+            f"{sums['unlit_detected']:g} of {sums['unlit']:g} that do not"
+        )
+    return f"{'; '.join(parts)}.".capitalize() if parts else "No paper's truth is known."
