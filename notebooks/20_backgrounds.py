@@ -109,13 +109,17 @@ unlit = detection_tables.class_recall(both, ["model", "reading"]).query("label =
 unlit = unlit.assign(subset="Total", recall_non_burning=unlit["recall"])
 table = table.merge(unlit[["model", "reading", "subset", "recall_non_burning"]], how="left")
 printed = {"Median": 0.8592, "TwoFrame": 0.8385}  # in the text; the others are only drawn
+grid = detection.tried_thresholds(scale)
+ends = used["threshold"].isin([min(grid), max(grid)]).sum()
 first = (table["subset"] == "Total") & (table["reading"] == absolute)
 table["f1_published"] = table["model"].map(printed).where(first)
 caption = (
     "Detection by SIFT on six backgrounds with the values of Table 5.4, by subset and in total. "
     f"{frames} labelled frames of each subset within the region of interest, scoring distance 45 "
     "px. Threshold of DoG in grey values found on the other four subsets. Reading: differences "
-    "that are absolute, or stop at zero where no equation has bars (section 2.2.1)."
+    "that are absolute, or stop at zero where no equation has bars (section 2.2.1). Tried were "
+    f"{len(grid)} thresholds from {min(grid):.0f} to {max(grid):.0f}; {ends} of {len(used)} that "
+    "were chosen are the least or the largest of these."
 )
 table = detection_tables.reading_last(table.drop(columns="seconds_per_image"))
 figures.save("table-5-4-background", table, caption=caption, provenance=origin)

@@ -97,7 +97,8 @@ papers = [key for key in keys if key[0] in statements.PAPERS]
 picture, _ = flight_pictures.draw_ignition_bars(sources, papers, statements.statements())
 caption = (
     "When confetti and paper shreds ignite, in per cent of all particles, after Figs 5.25 and "
-    "5.26. True of all flights in the same frames, and by our test in both readings (simulated)."
+    "5.26. True of all flights in the same frames, and by our test in both readings (simulated). "
+    "In the table a time is below 0 where the fit leaves the lance later than the step was seen."
 )
 data = ignition.ignition_times(both)
 figures.save("fig-5-25-ignition", data, picture=picture, caption=caption, provenance=origin)

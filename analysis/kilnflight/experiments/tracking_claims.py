@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight.experiments.plots import SYMBOLS
-from kilnflight.experiments.tracking import Window
+from kilnflight.experiments.tracking import Window, true_particles
 from kilnflight.experiments.tracking_scores import (
     AFTERWARDS,
     ALL,
@@ -59,6 +59,7 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
             "trajectories_from_lance": from_lance["particle"].nunique(),
             "positions": len(window.truth),
             "detections": len(window.detections),
+            "of_no_particle": (true_particles(window.detections, window.truth) < 0).sum(),
             "trajectories_published": amount[window.fraction.lower()],
         }
         for window in windows
@@ -68,7 +69,14 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
 
 
 def with_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return measures of `tracking_scores.tabulate` with the published ones, ``*_published``."""
+    """Return measures of `tracking_scores.tabulate` with the published ones, ``*_published``.
+
+    The reading that stands beside the print comes first.
+    """
+    order = {name: k for k, name in enumerate(measured["reading"].unique())} | {FROM_LANCE: -1}
+    measured = measured.sort_values(
+        "reading", key=lambda reading: reading.map(order), kind="stable", ignore_index=True
+    )
     wide = _printed().pivot(index=KEYS[:3], columns="measure", values="published")
     return measured.merge(wide.add_suffix("_published").reset_index(), how="left")
 
@@ -129,6 +137,14 @@ def describe(beside: pd.DataFrame) -> str:
         f"Alpha of tracks from the lance after post-processing, {' and '.join(TRACKERS)} "
         f"(published). {' '.join(parts)} Of {len(wide)} cells rise {', '.join(rises)}."
     )
+
+
+def describe_windows(table: pd.DataFrame) -> str:
+    """Return how many detections of a `window_table` belong to no particle, by fraction."""
+    parts = [
+        f"{row.fraction} {row.of_no_particle} of {row.detections}" for row in table.itertuples()
+    ]
+    return f"Detections of no particle: {', '.join(parts)}."
 
 
 def verdicts(cells: Cells) -> list[claims.Verdict]:
