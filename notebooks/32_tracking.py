@@ -19,6 +19,8 @@ seed = 0  # of the scenes
 jobs = 2  # processes of the detection
 
 # %%
+import pandas as pd
+
 from kilnflight.experiments import (
     campaigns,
     plots,
@@ -96,6 +98,8 @@ caption = (
     "fewer than six true trajectories."
 )
 table = table_5_17.with_table_5_17(measured)
+first = table["reading"] == tracking_scores.FROM_LANCE  # what the picture of the table has room for
+table = pd.concat([table[first], table[~first]])
 figures.save("table-5-17-tracking", table, caption=caption, provenance=origin)
 
 # %%

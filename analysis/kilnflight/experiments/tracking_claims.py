@@ -69,14 +69,7 @@ def window_table(windows: Sequence[Window]) -> pd.DataFrame:
 
 
 def with_table_5_17(measured: pd.DataFrame) -> pd.DataFrame:
-    """Return measures of `tracking_scores.tabulate` with the published ones, ``*_published``.
-
-    The reading that stands beside the print comes first.
-    """
-    order = {name: k for k, name in enumerate(measured["reading"].unique())} | {FROM_LANCE: -1}
-    measured = measured.sort_values(
-        "reading", key=lambda reading: reading.map(order), kind="stable", ignore_index=True
-    )
+    """Return measures of `tracking_scores.tabulate` with the published ones, ``*_published``."""
     wide = _printed().pivot(index=KEYS[:3], columns="measure", values="published")
     return measured.merge(wide.add_suffix("_published").reset_index(), how="left")
 
