@@ -126,7 +126,8 @@ picture = tracking.draw_trajectories(shown, tables)
 table = tracking.joined_tables(tables, "tracks")
 caption = (
     "Simulated: true trajectories and those of GNN and JPDA, without and with post-processing, on "
-    "the sum of frame differences; after Figs 5.12 to 5.15."
+    "the sum of frame differences; after Figs 5.12 to 5.15. Black rectangle: where the burner's "
+    "flame is cut out."
 )
 figures.save("fig-5-12-trajectories", table, picture=picture, caption=caption, provenance=origin)
 
