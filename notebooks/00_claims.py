@@ -26,6 +26,7 @@ from IPython.display import HTML, Markdown, display
 from kilnflight.experiments import blind_tests
 from kilnflight.project import claims, claims_page, figures, style
 
+style.use_style()
 concluded = figures.concluded()
 origin = figures.trace("00_claims", {"scale": scale}, inputs=concluded.values(), mark="")
 table = claims.collect(pd.read_csv(path) for path in concluded.values())

@@ -158,7 +158,7 @@ def draw(numbers: pd.DataFrame) -> Figure:
         looks |= {"mfc": COLOURS[1], "mec": COLOURS[1], "marker": "s", "ms": 3}
         axes.plot(rows["published"], rows["second_look"], label=TWINS[1], **looks)
         shown = ", ".join(NAMES.get(each, each) for each in rows["quantity"].unique())
-        axes.set(title=f"Table {name}: {shown}", xlim=(-0.03, 1.03), ylim=(low, 1.03))
+        axes.set(title=f"Table {name}\n{shown}", xlim=(-0.03, 1.03), ylim=(low, 1.03))
         axes.set(xlabel="published (1)", ylabel="simulated (1)")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     picture.legend(handles, labels, loc="outside upper center", ncols=2)

@@ -240,7 +240,9 @@ def _beyond_chance(verdict: claims.Verdict, ratios: Mapping[str, Interval]) -> c
     )
     if not np.isfinite(ends).all():
         return replace(verdict, verdict=claims.NOT_DECIDABLE, reason=reason, because="criterion")
-    answers = {claims.judge(verdict.id, each).verdict for each in ends} | {verdict.verdict}
+    answers = {claims.judge(verdict.id, each, because="chain").verdict for each in ends} | {
+        verdict.verdict
+    }
     if len(answers) == 1:
         return replace(verdict, reason=reason)
     reason = f"{reason}; chance decides"
