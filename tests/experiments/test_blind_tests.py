@@ -54,7 +54,7 @@ def test_every_table_is_drawn(folder):
     numbers = blind_tests.compare(folder)
     numbers.loc[0, "second_look"] = -0.4  # as R2 may be
     picture = blind_tests.draw(numbers)
-    assert picture.axes[0].get_title() == "Table 5.9: precision, recall, F1"
+    assert picture.axes[0].get_title() == "Table 5.9\nprecision, recall, F1"
     assert picture.axes[0].get_ylim()[0] < -0.4
     assert picture.axes[0].get_xlabel() == "published (1)"
 
