@@ -60,7 +60,7 @@ values = pd.DataFrame({name: vars(free) for name, free in versions.items()}).ren
 limits = pd.DataFrame(twin_calibration.LIMITS, index=["lowest", "highest"]).T
 values = values.join(limits).reset_index().rename(columns={"inputs only": "inputs_only"})
 caption = (
-    "First twin: the inputs that nobody published, before and after the fit to wood chips and "
+    "First twin: the unpublished inputs, before and after the fit to wood chips and "
     f"confetti at 4.5 bar. Cost {record['cost_inputs_only']:.0f} before and "
     f"{record['cost_calibrated']:.0f} after {record['evaluations']} evaluations; with other "
     f"particles {again[0]:.0f} and {again[1]:.0f}, so some of the gain was chance."

@@ -54,7 +54,7 @@ rows = [
     for key, value in record["inputs"].items()
 ]
 caption = (
-    "Inputs of the picture that nobody published, as assumed and as fitted to Otsu's row "
+    "Unpublished inputs of the picture, as assumed and as fitted to Otsu's row "
     "(Table 5.5), with their limits and, for the second look, their reason. Cost of the first twin "
     f"{costs['first twin']}, of the second look {costs['second look']}."
 )

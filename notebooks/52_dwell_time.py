@@ -159,8 +159,9 @@ caption = (
     "Median dwell time in s by fraction and pressure. Of complete flights with its 95 % interval "
     "(bootstrap over flights), and with lost ones censored (interval from that of the curve). "
     "Beside them the same two of the true flights as a person could follow them. Last: the true "
-    "median of all flights in the same frames that land or burn out, and whether the first "
-    "interval covers it. Empty: fewer than six flights, or a curve that ends before one half."
+    "median of all flights in the same frames that land or burn out, and whether the interval of "
+    "complete flights covers it, and that with lost ones. Empty: fewer than six flights, or a "
+    "curve that ends before one half."
 )
 figures.save("dwell-medians", rows.round(4), caption=caption, provenance=origin)
 
@@ -170,8 +171,7 @@ figures.save("dwell-medians", rows.round(4), caption=caption, provenance=origin)
 # %%
 verdicts = flight_claims.dwell_verdicts(results, generator)
 middle = confidence.medians_in_words(results.measured, "dwell median (s)", digits=2)
-bounds = rows[["with_lost_low", "with_lost_high", "true_s"]].dropna()
-with_lost = bounds["true_s"].between(bounds["with_lost_low"], bounds["with_lost_high"])
+with_lost = rows["covers_with_lost"]
 result = (
     f"{dwell.describe(counts)} Median dwell time in s of complete flights {middle}. "
     f"Of the {rows['covers'].count()} campaigns with an interval and a truth, "

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How far the headline numbers move with what nobody published
+# # How far unpublished inputs move the headline numbers
 #
 # **Published.** One number each, without a band: dwell time, first velocity, reach and ignition
 # (section 5.3), F1 of eleven methods (Table 5.11), alpha of GNN (Table 5.17).
@@ -65,7 +65,7 @@ if followed:
 # %% [markdown]
 # ## Bands
 #
-# Ours: a published number within the band of an input that nobody published neither confirms nor
+# Ours: a published number within the band of an unpublished input neither confirms nor
 # refutes a method.
 
 # %%

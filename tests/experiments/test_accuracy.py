@@ -211,3 +211,17 @@ def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
     assert replaced["particle"].tolist() == [7, 7, -1]
     np.testing.assert_equal(replaced["z"].to_numpy(), [7499.0, np.nan, 9000.0])
     np.testing.assert_equal(replaced["x"].to_numpy(), [1.0, np.nan, 1.0])
+
+
+def test_errors_of_the_first_metre_say_how_far_campaigns_are_apart():
+    """A median of nought may hide errors of both signs."""
+    rows = [("a", 4.5, 1.0, 9.0 + k, 10.0) for k in (-1.0, 0.0, 1.0)]
+    rows += [("b", 4.5, 1.0, 11.0 + k, 10.0) for k in (-1.0, 0.0, 1.0)]
+    rows += [("b", 4.5, 1.0, 99.0, np.nan), ("b", 4.5, 2.0, 50.0, 10.0)]
+    columns = ["fraction", "pressure_bar", "slice_m", "measured_m_s", "true_m_s"]
+    said = accuracy.first_metre_errors(pd.DataFrame(rows, columns=columns))
+    assert said == (
+        "median +0.00 m/s, half of them from -0.75 to +0.75 m/s (6 particles); medians of "
+        "campaigns from -1.00 to +1.00 m/s"
+    )
+    assert accuracy.first_metre_errors(pd.DataFrame(columns=columns)) == "no particle"

@@ -259,3 +259,13 @@ def test_distances_of_distributions_are_nought_one_or_unknown():
     assert table["distance"].tolist()[:2] == [0.0, 1.0]
     assert table["p"].tolist()[:2] == [1.0, pytest.approx(2 / 10)]  # 2 of C(5, 2) orders
     assert table.loc[2:, ["distance", "p"]].isna().all(axis=None)
+
+
+def test_a_share_with_lost_flights_is_of_no_whole_number_of_particles():
+    """Kaplan and Meier: one of five ends at 1.5 m, one is lost, one of the other three ends."""
+    lost = np.array([False, True, False, False, False])
+    far, unseen = np.array([1.5, 2.2, 2.5, 3.5, 3.5]), np.full((5, 5), np.nan)
+    made = flights(5)._replace(reached_m=far, velocity_m_s=unseen, lost=lost)
+    each = confidence.interval_of(made, "remaining 3 m (%)", np.random.default_rng(0))
+    assert each.estimate == pytest.approx(100 * 4 / 5 * 2 / 3)
+    assert each.low <= each.estimate <= each.high

@@ -93,11 +93,15 @@ def values(complete, lost=()):
 def test_medians_are_of_complete_flights_and_lost_ones_move_the_censored_one_only():
     times = np.linspace(0.2, 0.4, 11)
     ours = {CHIP: values(times), GRANULE: values(times, [0.31] * 10)}
-    table = dwell.medians(ours, ours, ours, np.random.default_rng(0))
+    draw = np.random.default_rng(0)
+    table = dwell.medians(ours, ours, ours, draw)
     assert table["measured_s"].tolist() == [pytest.approx(0.3)] * 2
     assert table[["complete", "lost"]].to_numpy().tolist() == [[11, 0], [11, 10]]
     assert table["with_lost_s"].tolist() == [pytest.approx(0.3), pytest.approx(0.34)]
     assert table["covers"].tolist() == [True, True]
+    assert table["covers_with_lost"].tolist() == [True, True]
+    late = dwell.medians(ours, ours, {key: values(times + 0.5) for key in ours}, draw)
+    assert late[["covers", "covers_with_lost"]].to_numpy().tolist() == [[False, False]] * 2
 
 
 @pytest.mark.parametrize("ours", [NONE, values([], [0.2, 0.3]), values([0.3])])
@@ -108,6 +112,7 @@ def test_few_or_no_complete_flights_are_counted_and_have_no_interval(ours):
     assert np.isnan([row["low"], row["high"], row["with_lost_low"]]).all()
     assert np.isnan(row["measured_s"]) == (len(ours.dwell_s) == 0)
     assert pd.isna(row["covers"])
+    assert pd.isna(row["covers_with_lost"])
     curves = dwell.curves({"true": made, "measured": made})
     assert curves["source"].nunique() in (0, 2)
     picture = flight_pictures.draw_still_flying(curves, [CHIP])

@@ -158,3 +158,11 @@ def test_a_ratio_of_velocities_is_open_where_its_interval_decides_otherwise():
         assert judged.verdict == verdict
         assert "95 % intervals of the ratios: " in judged.reason
     assert judged.because == "criterion"
+
+
+def test_a_ratio_of_too_few_particles_is_open():
+    few = flights("wood chip", 4.5)
+    speed = few.velocity_m_s.copy()
+    speed[5:, 0] = np.nan
+    judged = velocity(every() | {("wood chip", 5.0): few._replace(velocity_m_s=speed)})["vel-6"]
+    assert (judged.verdict, judged.because) == (claims.NOT_DECIDABLE, "criterion")

@@ -90,7 +90,7 @@ def test_wood_is_judged_by_the_picture_and_a_few_are_open(values, light_up, verd
 def test_a_test_of_traces_that_tells_nothing_decides_nothing(values, light_up, counts):
     """It takes over 5 % of the unlit for light, or sees under half of what burns."""
     first = judged(values, traces(light_up, **counts))[0]
-    assert (first.verdict, first.because) == (claims.NOT_DECIDABLE, "criterion")
+    assert (first.verdict, first.because) == (claims.NOT_DECIDABLE, "method")
     few = counts.get("unlit_light", 0) * 4
     assert f"light are {few} of 200 unlit wood chips and granules" in first.reason
 

@@ -6,7 +6,7 @@ import pytest
 
 from kilnflight import tracklets
 from kilnflight.checks import InputError
-from kilnflight.experiments import post_processing, tracking, tracking_scores
+from kilnflight.experiments import post_processing, tracking, tracking_claims, tracking_scores
 from kilnflight.experiments.tracking_scores import ALL, Lance
 from kilnflight.project import claims
 from kilnflight.tracking.tracker import track
@@ -157,3 +157,11 @@ def test_the_defaults_are_the_printed_values_in_their_order():
     table = post_processing.table_5_16()
     assert table["used"].tolist() == pytest.approx(table["printed"].tolist())
     assert len(table) == 16
+
+
+def test_detections_of_no_particle_are_counted(window):
+    """Six of sixty are 90 px off every true position."""
+    table = tracking_claims.window_table([window])
+    assert table[["detections", "of_no_particle"]].to_numpy().tolist() == [[60, 6]]
+    said = tracking_claims.describe_windows(table)
+    assert said == "Detections of no particle: confetti 6 of 60."

@@ -144,7 +144,7 @@ def draw_fitted_wall(points: Array, fit: cylinder.Cylinder) -> Figure:
     _, across, up = upright(middle + fit.radius_mm * ring)
     panels[0].plot(across, up, "-", color=COLOURS[2], label=f"fit, {fit.radius_mm:.0f} mm")
     panels[0].set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal")
-    panels[0].legend(loc="upper right")
+    panels[0].legend(loc="center")  # within the circle
     levels = {
         "fit": (fit.radius_mm, "-", COLOURS[2]),
         "true": (Geometry().kiln_radius_mm, ":", "black"),

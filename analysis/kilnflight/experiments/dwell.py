@@ -140,7 +140,8 @@ def medians(
         ``low`` and ``high``: median of complete ones and 95 % interval; ``with_lost_s`` with its
         bounds: lost ones censored (`censored_median`); the same two of those that could be
         followed, ``followed_s`` and ``followed_with_lost_s``; ``true_s`` of all ``true_number``;
-        ``covers``: whether the first interval holds ``true_s``. Empty where nothing is known.
+        ``covers``, ``covers_with_lost``: whether the interval of the complete flights, and that
+        with lost ones, holds ``true_s``. Empty where nothing is known.
     """
     rows: dict[CampaignKey, dict[str, float]] = {}
     for key, values in measured.items():
@@ -158,7 +159,9 @@ def medians(
         row["true_number"] = len(true[key].dwell_s)
         rows[key] = row
     table = rows_by_campaign(rows)
-    return table.assign(covers=covers(table, "true_s"))
+    names = {"with_lost_low": "low", "with_lost_high": "high"}
+    censored = table[["true_s", *names]].rename(columns=names)
+    return table.assign(covers=covers(table, "true_s"), covers_with_lost=covers(censored, "true_s"))
 
 
 def curves(sources: Mapping[str, Values]) -> pd.DataFrame:

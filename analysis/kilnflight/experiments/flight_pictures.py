@@ -106,7 +106,7 @@ def draw_velocity_boxes(
     for axes, key in zip(grid.flat, keys, strict=False):
         groups = {name: list(values[key].velocity_m_s.T) for name, values in sources.items()}
         draw_grouped_boxes(axes, groups, metres)
-        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(0, 25))
+        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
         if bounds is not None:
             at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
             draw_published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
@@ -139,7 +139,7 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
         axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
         _say_if_empty(axes, sum(len(each) for group in groups.values() for each in group))
     grid[0, 0].set_ylabel("dwell time (s)")
-    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return picture
 
 

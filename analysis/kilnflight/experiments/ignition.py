@@ -296,11 +296,14 @@ def verdicts(
     )
     if not first[0].measured:  # campaigns are missing
         return first
+    looks = [_tells_lit_from_unlit(table) for _, table in traces.groupby("picture")]
     names = {"ign-1": TWICE}
     judged = [
         claims.in_both_readings(one, two, names.get(one.id, "rise above the background"))
         for one, two in zip(first, other, strict=True)
     ]
+    if not any(looks):  # it is our test of traces that decides nothing, not the words
+        judged[0] = replace(judged[0], because="method")
     fit = "the twin was fitted to the share of confetti at 4.5 bar"
     return [claims.fitted(each, fit) if each.id == "ign-2" else each for each in judged]
 
@@ -349,7 +352,7 @@ def _tells_lit_from_unlit(traces: pd.DataFrame) -> bool:
     """Return whether a test of traces can decide on a share that is `BASICALLY` none.
 
     Of wood chips and granules that truly stay unlit it may take that share for light, no more; of
-    the particles that ignite, papers too, it must see half.
+    the particles that ignite, papers too, it must see half. Both are ours.
     """
     unlit = traces.loc[traces["fraction"].isin(HEAVY), ["unlit", "unlit_light"]].sum()
     lit = traces[["lit", "lit_light"]].sum()
