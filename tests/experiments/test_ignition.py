@@ -163,6 +163,13 @@ def test_a_trace_counts_up_to_the_landing_and_of_kept_flights_only():
     assert (count["number"], count["estimate"]) == (2, 0.5)
 
 
+def test_what_truly_ignites_is_known_of_tracks_of_particles_only():
+    """Neither of a particle without a track nor of a false flight."""
+    columns = {"particle": [7, 8, 9, -1], "track": [0, 1, -1, 2]}
+    true = pd.DataFrame(columns | {"true_ignition_s": [0.2, np.nan, 0.1, np.nan]})
+    assert ignition._truly_ignite(true).to_dict() == {0: True, 1: False}
+
+
 def test_rates_of_hits_and_false_alarms():
     both = pd.DataFrame(
         {

@@ -153,7 +153,6 @@ def trace_shares(results: Results, true: pd.DataFrame) -> pd.DataFrame:
         are light at first or later (``unlit_light``, ``lit_light``).
     """
     rows: dict[str, dict[CampaignKey, dict[str, float]]] = {name: {} for name in PICTURES}
-    true = true[true["track"] >= 0]
     for campaign in results.campaigns:
         tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
         flights = counted_flights(flights)
@@ -161,11 +160,20 @@ def trace_shares(results: Results, true: pd.DataFrame) -> pd.DataFrame:
         behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
         time_s = tracks["frame"] / campaign.run.frame_rate_hz
         tracks = tracks.assign(background=behind, time_s=time_s)
-        known = of_campaign(true, campaign.key).set_index("track")["true_ignition_s"].notna()
+        known = _truly_ignite(of_campaign(true, campaign.key))
         for name, look in PICTURES.items():
             rows[name][campaign.key] = _count_lit(flights, tracks, look, known)
     tables = {name: rows_by_campaign(each) for name, each in rows.items()}
     return pd.concat(tables, names=["picture"]).reset_index("picture").reset_index(drop=True)
+
+
+def _truly_ignite(true: pd.DataFrame) -> pd.Series:
+    """Return whether the particle of a track truly ignites in flight, by track.
+
+    Of `accuracy.compare`, without false flights and further tracks of a particle.
+    """
+    known = true[(true["track"] >= 0) & (true["particle"] >= 0)]
+    return known.set_index("track")["true_ignition_s"].notna()
 
 
 def _count_lit(
@@ -173,7 +181,7 @@ def _count_lit(
 ) -> dict[str, float]:
     """Return how many flights light up before they end; the wall ignites all that land (5.1.1).
 
-    ``ignites``: whether a flight's particle truly does, by flight; of false flights nothing.
+    ``ignites``: whether a flight's particle truly does (`_truly_ignite`).
     """
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
