@@ -200,12 +200,33 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
 
     Eq. 2.4 is not one to one: a true depth of 3 m is reached from 2065 and 3118 mm.
     """
-    solutions = []
+    solutions = _solutions(np.array([float(true_mm)]), calibration)[0]
+    return np.sort(solutions[np.isfinite(solutions)]).tolist()
+
+
+def _solutions(true_mm: Array, calibration: DepthCalibration) -> Array:
+    """Return the captured depths (n, solutions) of true depths (n,), NaN where there is none."""
+    found = []
     for index, coefficients in enumerate(calibration.coefficients):
-        roots = (np.poly1d(coefficients) - true_mm).roots
-        real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
-        solutions += real[(real > 0) & (calibration.segment(real) == index)].tolist()
-    return sorted(solutions)
+        roots = _roots(np.trim_zeros(np.array(coefficients), "f"), true_mm)
+        real = np.where(np.abs(roots.imag) < 1e-9 * np.abs(roots), roots.real, np.nan)
+        here = (real > 0) & (calibration.segment(real) == index)
+        found.append(np.where(here, real, np.nan))
+    return np.concatenate(found, axis=1)
+
+
+def _roots(coefficients: Array, values: Array) -> npt.NDArray[np.complexfloating]:
+    """Return where a polynomial takes each value (n,), one column per root.
+
+    They are the eigenvalues of its companion matrix, as in `numpy.roots`, but of all values at
+    once.
+    """
+    degree = max(len(coefficients) - 1, 0)
+    companion = np.tile(np.eye(degree, k=-1), (len(values), 1, 1))
+    if degree:
+        companion[:, 0] = -coefficients[1:] / coefficients[0]
+        companion[:, 0, -1] = -(coefficients[-1] - values) / coefficients[0]
+    return np.asarray(np.linalg.eigvals(companion), dtype=np.complex128)
 
 
 def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATION_2_4) -> Array:
@@ -220,13 +241,14 @@ def invert_depth(true_mm: npt.ArrayLike, calibration: DepthCalibration = EQUATIO
         If a depth is not finite or no captured depth leads to it.
     """
     true = check_finite(true_mm, "true depth")
-    captured = np.empty(true.shape)
-    for index, depth in np.ndenumerate(true):
-        solutions = captured_depths(float(depth), calibration)
-        if not solutions:
-            raise InputError(f"no captured depth gives {depth} mm; the calibration skips it.")
-        captured[index] = min(solutions, key=lambda z: abs(z - float(depth)))
-    return captured
+    flat = true.reshape(-1)
+    solutions = _solutions(flat, calibration)
+    apart = np.where(np.isnan(solutions), np.inf, np.abs(solutions - flat[:, None]))
+    if (lost := np.isinf(apart).all(axis=1)).any():
+        missed = flat[lost][0]
+        raise InputError(f"no captured depth gives {missed} mm; the calibration skips it.")
+    nearest = np.argmin(apart, axis=1)
+    return np.asarray(solutions[np.arange(len(flat)), nearest].reshape(true.shape))
 
 
 def fit_depth_segments(

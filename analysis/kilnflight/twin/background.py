@@ -19,6 +19,7 @@ from kilnflight.twin.picture import Veil
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
+Index = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -192,6 +193,7 @@ class Background:
         return picture
 
 
+ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
 WAVES = 12  # of the flicker's frequencies
 FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
 FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
@@ -222,11 +224,28 @@ class LivingBackground(Background):
     @cached_property
     def solid_mm(self) -> Picture:
         """Depth of lance and burner, (rows, columns); infinite where there is neither."""
-        row, column = np.indices((self.geometry.rows, self.geometry.columns), dtype=np.float64)
-        nearest = np.full(row.shape, np.inf)
+        depth = _depth_mm(self.geometry)
+        nearest = np.full(depth.shape, np.inf)
+        for pixels, seen_mm, _ in self._seen_tubes:
+            nearest[pixels] = np.minimum(nearest[pixels], seen_mm)
+        return np.where(nearest < depth, nearest, np.inf).astype(np.float32)
+
+    @cached_property
+    def _seen_tubes(self) -> list[tuple[tuple[Index, Index], Array, Array]]:
+        """Row and column of the pixels that see a tube, its depth in mm and its shade there."""
+        place = self.geometry
+        found = []
         for tube in self.tubes:
-            nearest = np.minimum(nearest, tube.seen(self.geometry, row, column)[0])
-        return np.where(nearest < _depth_mm(self.geometry), nearest, np.inf).astype(np.float32)
+            parts = []
+            for first in range(0, place.rows, ROWS):
+                size = min(ROWS, place.rows - first), place.columns
+                row, column = np.indices(size, dtype=np.float64)
+                seen_mm, shade = tube.seen(place, row + first, column)
+                at = np.nonzero(np.isfinite(seen_mm))
+                parts.append((at[0] + first, at[1], seen_mm[at], shade[at]))
+            rows, columns, depth, shades = map(np.concatenate, zip(*parts, strict=True))
+            found.append(((rows, columns), depth, shades))
+        return found
 
     @cached_property
     def depth_mm(self) -> Array:
@@ -247,9 +266,8 @@ class LivingBackground(Background):
         wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
         kelvin = np.where(plate, around.plate_k, optics.wall_k + around.texture_k * wall)
         level: Array = optics.glow(kelvin) + self.flame.lights(camera, optics)
-        for tube in self.tubes:
-            seen_mm, shade = tube.seen(place, row, column)
-            level = np.where(seen_mm < depth, shade * optics.at_wall, level)
+        for at, seen_mm, shade in self._seen_tubes:
+            level[at] = np.where(seen_mm < depth[at], shade * optics.at_wall, level[at])
         soft = cv2.GaussianBlur(level * self._vignetting(), (0, 0), optics.edge_softness_px)
         return soft.astype(np.float32)
 
