@@ -64,7 +64,8 @@ figures.save("table-5-3-ground-truth", table, caption=caption, provenance=origin
 burning = twin_mixture.burning_table(twins, frames)
 caption = (
     "Ours: what is labelled as burning in the air. Share of glowing char without a flame, and the "
-    "median grey value in the middle of both over that of the wall."
+    "median grey value in the middle of both over that of the wall, up to the camera's full scale. "
+    "The light's bound of 3 walls was set for the mean flame of confetti, not for this median."
 )
 figures.save("twin-burning", burning, caption=caption, provenance=origin)
 

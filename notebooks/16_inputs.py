@@ -7,7 +7,8 @@
 #
 # **Here.** All that decides a recording of the second look, read from the code itself: value, unit,
 # status, bounds and what is said of it. Who doubts a verdict can start here. "Fitted" are the
-# inputs of three declared fits, with the limits fixed before (notebooks 12, 13 and 15 show how).
+# inputs of four declared fits: flights, light and pose, with the limits fixed before (notebooks 12,
+# 13 and 15 show how), and depth, to Tables 5.2 and 5.18 and the number of points (twin/depth.json).
 # No claim is judged.
 
 # %% tags=["parameters"]

@@ -14,8 +14,13 @@
 # F1 and alpha, their base too, are of as many frames as a reduced run has, and each draw renders
 # its own: a labelled frame of each subset, and 48 frames of each campaign in a row. So their bands
 # hold pose and chance together, and only draws of the pose were asked. Alpha of so few frames is
-# another number than that of Table 5.17, which notebook 32 has. The base is the mode of the pose
-# and no draw: with few draws it may lie outside them.
+# another number than that of Table 5.17, which notebook 32 has: print has no mark there. The base
+# is the mode of the pose and no draw: with few draws it may lie outside them.
+#
+# The 16 draws were taken once, without looking. By chance four have elevations above 8.2 degrees,
+# where the posterior puts less than one. Two draws at its ends (-1.3 and 9.7 degrees) give the
+# widest dwell times. So the bands are rather too wide than too narrow. Speeds here are in true
+# lengths; the scale of the pose moves what a camera would print of them, which notebook 15 shows.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (two draws, flights only), standard or full

@@ -37,8 +37,30 @@ def test_ours_stands_beside_print_and_the_first_twin(folder):
     apart = (numbers.loc[4, "first_twin"] - 0.5, numbers.loc[5, "first_twin"] - 0.5)
     assert summary.loc["f1", "first_twin_apart"] == pytest.approx(np.median(np.abs(apart)))
     assert summary.loc["f1", "second_look_apart"] == pytest.approx(abs(apart[0]) / 2)
-    words = "Nearer to print than the first twin: 1 of 6 (Table 5.9)."
-    assert blind_tests.describe(summary.reset_index()) == words
+    clusters = pd.DataFrame({"epsilon_mm": [50.0, 50.0, 70.0], "over_print": [1.0, 2.0, 2.0]})
+    words = (
+        "Nearer to print than the first twin: 1 of 6 (Table 5.9). Farther in the median: nothing."
+    )
+    words += " False clusters of DBSCAN over print, median by epsilon: 1.5 at 50 mm, 2.0 at 70 mm."
+    assert blind_tests.describe(summary.reset_index(), clusters) == words
+    worse = summary.reset_index().assign(second_look_apart=0.5, first_twin_apart=0.25)
+    assert "Farther in the median: precision of Table 5.9 (0.250, now 0.500), recall" in (
+        blind_tests.describe(worse, clusters)
+    )
+
+
+def test_false_clusters_are_counted_per_labelled_frame():
+    """Print: 2436 in 50 frames at 50 mm and 10 points; the saved table is at full scale."""
+    table = blind_tests.false_clusters(paths.root() / "figures")
+    assert len(table) == len(claims.published("table_5.8"))
+    row = table.set_index(["minPts", "epsilon_mm"]).loc[(10, 50)]
+    saved = pd.read_csv(paths.root() / "figures" / "table-5-8-dbscan.csv")
+    saved = saved[saved["subset"] == "Total"].set_index(["minPts", "epsilon_mm"]).loc[(10, 50)]
+    assert row["published"] == pytest.approx(48.72)
+    assert row["first_twin"] == pytest.approx(252.78)
+    assert row["second_look"] == pytest.approx(saved["fp"] / 50)
+    assert row["over_print"] == pytest.approx(saved["fp"] / 2436)
+    assert table["first_twin"].notna().all()
 
 
 def test_what_gets_worse_is_told_and_what_has_no_first_value_is_neither(folder):
@@ -67,6 +89,10 @@ def test_a_table_that_was_not_saved_is_an_error(tmp_path):
 def test_the_first_twins_numbers_are_complete_and_once():
     first = pd.read_csv(paths.reference() / "first_twin_tables.csv", dtype={"table": str})
     assert not first.duplicated(["table", "case", "quantity"]).any()
+    clusters = first["quantity"] == blind_tests.FALSE
+    assert set(first.loc[clusters, "table"]) == {"5.8"}
+    assert clusters.sum() == len(claims.published("table_5.8"))
+    first = first[~clusters]
     assert first["first_twin"].between(0, 1).all()
     printed = {"5.8": 30, "5.9": 21, "5.10": 21, "5.11": 30, "5.17": 64, "5.18": 12}
     assert first.groupby("table").size().to_dict() == printed

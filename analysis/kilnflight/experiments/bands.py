@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 
 from kilnflight.experiments import detection, tracking, twin_statements
 from kilnflight.experiments.campaigns import settings_from_labels
-from kilnflight.experiments.tracking_claims import with_table_5_17
 from kilnflight.experiments.tracking_scores import FROM_LANCE, STAGES, tabulate
 from kilnflight.project import claims
 from kilnflight.project.parallel import run_all
@@ -99,20 +98,18 @@ def of_all(
 
 
 def printed() -> pd.DataFrame:
-    """Return what is published: ``quantity``, ``case``, ``published_low``, ``published_high``."""
+    """Return what is published: ``quantity``, ``case``, ``published_low``, ``published_high``.
+
+    Nothing for alpha: of the few frames here it is another number than that of Table 5.17.
+    """
     facts = twin_statements.facts().query("pressure_bar == @PRESSURES_BAR[0]")
     names = {"outcome": "quantity", "fraction": "case"}
     names |= {"low": "published_low", "high": "published_high"}
     flights = facts.rename(columns=names)[list(names.values())]
     f1 = claims.published("table_5.11").rename(columns={"method": "case"})[["case", "f1"]]
-    alpha = pd.DataFrame({"fraction": list(FRACTIONS), "tracker": GNN, "postprocessing": STAGES[1]})
-    alpha = with_table_5_17(alpha).rename(columns={"fraction": "case"})[["case", "alpha_published"]]
-    parts = [flights]
-    for quantity, table in ((F1, f1), (ALPHA, alpha)):
-        value = table.iloc[:, 1].astype(float)
-        ends = {"published_low": value, "published_high": value}
-        parts.append(table[["case"]].assign(quantity=quantity, **ends))
-    return pd.concat(parts, ignore_index=True)
+    ends = {"published_low": f1["f1"].astype(float), "published_high": f1["f1"].astype(float)}
+    f1 = f1[["case"]].assign(quantity=F1, **ends)
+    return pd.concat([flights, f1], ignore_index=True)
 
 
 def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:

@@ -18,12 +18,15 @@ from kilnflight.checks import InputError
 from kilnflight.experiments.detection_tables import ABSOLUTE
 from kilnflight.experiments.plots import SYMBOLS
 from kilnflight.experiments.tracking_scores import FROM_LANCE
-from kilnflight.project import paths
+from kilnflight.project import claims, paths
+from kilnflight.project.figures import entries
 from kilnflight.project.style import COLOURS, canvas
 
 TWINS = ("first twin", "second look")
 SUFFIX = "_published"
 NAMES = {**SYMBOLS, "f1": "F1", "r2": "R2"}
+FALSE = "false clusters per frame"
+LABELLED = 50  # frames of the thesis
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,37 @@ def compare(folder: Path | None = None) -> pd.DataFrame:
     return table.assign(nearer=nearer)
 
 
+def false_clusters(folder: Path | None = None) -> pd.DataFrame:
+    """Return the false positives of DBSCAN per labelled frame, Table 5.8, by its parameters.
+
+    Parameters
+    ----------
+    folder
+        Of the saved tables; default figures/.
+
+    Returns
+    -------
+    DataFrame
+        ``minPts``, ``epsilon_mm``, ``published``, ``first_twin``, ``second_look``, ``over_print``
+        (the second look's over what is printed).
+    """
+    folder, (test, *_) = folder or paths.figures(), TESTS
+    table = pd.read_csv(folder / f"{test.file}.csv")
+    saved = next(each for each in entries(folder) if each.identifier == test.file)
+    frames = saved.provenance["parameters"]["frames"] * (table["subset"].nunique() - 1)
+    keys = list(test.keys)
+    total = table.loc[table["subset"] == "Total", [*keys, "fp"]]
+    printed = claims.published("table_5.8")[[*keys, "FP"]].astype(float)
+    rows = total.merge(printed, on=keys)
+    case = [f"minPts {a:g}, epsilon_mm {b:g}" for a, b in rows[keys].to_numpy()]
+    first = pd.read_csv(paths.reference() / "first_twin_tables.csv", dtype={"table": str})
+    before = first[first["quantity"] == FALSE].set_index("case")["first_twin"]
+    rows = rows.assign(published=rows["FP"] / LABELLED, first_twin=before.reindex(case).to_numpy())
+    rows = rows.assign(second_look=rows["fp"] / frames)
+    rows["over_print"] = rows["second_look"] / rows["published"]
+    return rows.drop(columns=["fp", "FP"]).sort_values(keys, ignore_index=True)
+
+
 def by_table(numbers: pd.DataFrame) -> pd.DataFrame:
     """Return how far both twins are from print, by table and quantity.
 
@@ -165,11 +199,23 @@ def draw(numbers: pd.DataFrame) -> Figure:
     return picture
 
 
-def describe(summary: pd.DataFrame) -> str:
-    """Return in a sentence how the second look did; ``summary`` of `by_table`."""
+def describe(summary: pd.DataFrame, clusters: pd.DataFrame) -> str:
+    """Return in sentences how the second look did: `by_table` and `false_clusters`."""
     total = summary.groupby("table", sort=False)[["numbers", "second_look_nearer"]].sum()
     parts = [
         f"{int(row['second_look_nearer'])} of {int(row['numbers'])} (Table {name})"
         for name, row in total.iterrows()
     ]
-    return f"Nearer to print than the first twin: {', '.join(parts)}."
+    farther = summary[summary["second_look_apart"] > summary["first_twin_apart"]]
+    names = [
+        f"{NAMES.get(row['quantity'], row['quantity'])} of Table {row['table']} "
+        f"({row['first_twin_apart']:.3f}, now {row['second_look_apart']:.3f})"
+        for _, row in farther.iterrows()
+    ]
+    by_eps = clusters.groupby("epsilon_mm")["over_print"].median()
+    ratios = ", ".join(f"{ratio:.1f} at {eps:g} mm" for eps, ratio in by_eps.items())
+    return (
+        f"Nearer to print than the first twin: {', '.join(parts)}. Farther in the median: "
+        f"{', '.join(names) or 'nothing'}. False clusters of DBSCAN over print, median by epsilon: "
+        f"{ratios}."
+    )

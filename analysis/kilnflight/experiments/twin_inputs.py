@@ -32,9 +32,11 @@ FITTED: dict[str, tuple[float | None, float | None]] = {**twin_flight.LIMITS, **
 FITTED |= {name: twin_pose.PRIOR[name].support() for name in ("axis_height_mm", "lance_depth_mm")}
 FITTED |= {"launch_elevation_deg": twin_pose.PRIOR["elevation_deg"].interval(0.95)}
 FITTED |= dict.fromkeys(("axis_far_mm", "inlet_depth_mm"), (None, None))  # by the pose's scale
+# to Tables 5.2 and 5.18 and the number of points (`kilnflight.experiments.twin_depth`)
+FITTED |= dict.fromkeys(("contrast", "wall_points", "particle_error_mm"), (None, None))
 # What a comment says, in the order in which it is asked.
 STATUS = {
-    "assumption": r"assum|tried first",
+    "assumption": r"assum|tried first|by hand",
     "scenario": r"scenario",
     "handbook": r"handbook|data sheet",
     "published": r"\bsec\.|Tables? \d|Figs?\. \d|Eqs?\. \d",
@@ -71,9 +73,13 @@ def _parts(whole: Any) -> Iterator[Any]:
 
 def _rows(part: Any, name: str, notes: dict[str, str]) -> list[tuple[object, ...]]:
     """Return a row for each field that is a number; ``notes`` come before those of the class."""
-    source = inspect.getsource(type(part))
-    stated = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.AnnAssign)]
-    notes = _notes(source, {ast.unparse(node.target): node for node in stated}) | notes
+    kinds = [kind for kind in reversed(type(part).__mro__) if is_dataclass(kind)]
+    of_class: dict[str, str] = {}
+    for source in map(inspect.getsource, kinds):  # what a class inherits is stated where it is
+        stated = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.AnnAssign)]
+        own = _notes(source, {ast.unparse(node.target): node for node in stated})
+        of_class |= {key: note for key, note in own.items() if note or key not in of_class}
+    notes = of_class | notes
     general = "handbook" if isinstance(part, particles.Fraction) else type(part).__doc__ or ""
     rows: list[tuple[object, ...]] = []
     for key in (field.name for field in fields(part)):

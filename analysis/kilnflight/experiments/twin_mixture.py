@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 
 from kilnflight.project import claims
 from kilnflight.twin import truth
+from kilnflight.twin.camera import FULL_SCALE
 from kilnflight.twin.scene import Scene, Twin
 from kilnflight.twin.scenes import HANDFULS, LABELLED, SUBSETS, second, subset_scene
 
@@ -77,7 +78,7 @@ def burning_table(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
     DataFrame
         ``subset``, ``burning_in_air`` (sightings in the first frames), ``char_percent`` (glowing,
         without a flame), ``flame_over_wall`` and ``char_over_wall`` (median grey value in the
-        middle of a particle, over that of the wall).
+        middle of a particle, up to full scale, over that of the wall).
     """
     rows = []
     for name, twin in twins.items():
@@ -86,6 +87,7 @@ def burning_table(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
             view = twin.view(t)
             glowing, sharp = twin.life.glowing(view.moment), view.blobs.dilution
             level = sharp * view.blobs.brightness / wall + (1 - sharp)
+            level = np.minimum(level, FULL_SCALE / wall)  # as the camera sees it
             burning = view.visible & (view.kinds == 2)
             seen.append(pd.DataFrame({"char": glowing, "level": level})[burning])
         table = pd.concat(seen)

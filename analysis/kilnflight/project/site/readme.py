@@ -13,6 +13,7 @@ END_MARK = "<!-- end of results -->"
 # Results that README.md shows, by number of the notebook: topic and table.
 SHOWN = {
     "01": ("Printed numbers", "figures/errata.csv"),
+    "14": ("Skill of the twin", "figures/twin-count.csv"),
     "24": ("Detection", "figures/table-5-11-detection.csv"),
     "57": ("Bands", "figures/twin-bands.csv"),
 }
