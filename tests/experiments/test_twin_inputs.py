@@ -19,8 +19,13 @@ def test_every_input_has_its_value_unit_status_and_source(scene):
     assert not table.duplicated(["of", "input"]).any()
     rows = table.set_index(["of", "input"])
     row = rows.loc[("Gas", "lance_diameter_m")]
-    assert row[["value", "unit", "status"]].tolist() == ["0.04", "m", "published"]
-    assert row["source"].startswith("sec. 2.1.1")
+    assert row[["value", "unit", "status"]].tolist() == ["0.04", "m", "assumption"]
+    assert row[["low", "high"]].tolist() == [0.04, 0.10]
+    speed = rows.loc[("Gas", "velocity_at_5_bar_m_s")]
+    assert speed[["value", "unit", "status"]].tolist() == ["16", "m/s", "published"]
+    inherited = rows.loc[("LensCamera", "static_bias")]  # stated where the first look has it
+    assert inherited["status"] == "scenario"
+    assert "of the combustion chamber (sec. 2.1.1)" in row["source"]
     row = rows.loc[("Geometry", "lance_depth_mm")]
     assert row["status"] == "fitted"
     assert row["low"] <= float(row["value"]) <= row["high"]

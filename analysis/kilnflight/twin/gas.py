@@ -50,7 +50,9 @@ class Gas:
 
     pressure_bar: float = 4.5  # of the lance's air; runs at 4.5 and 5 bar (sec. 5.2.1)
     velocity_at_5_bar_m_s: float = 16.0  # at the lance's outlet (sec. 2.1.1)
-    lance_diameter_m: float = 0.040  # sec. 2.1.1, for the lance of the combustion chamber
+    # Printed for the lance of the combustion chamber (sec. 2.1.1), assumption for the kiln's. The
+    # printed volumes of air, if at the pressure of the feed, give 0.10 m: 0.04 to 0.10
+    lance_diameter_m: float = 0.040
     lance_temperature_k: float = 330.0  # assumption: air warmed in the lance
     temperature_k: float = 1373.0  # flue gas, 1000 to 1200 degC (sec. 2.1.1)
     wall_temperature_k: float = 1423.0  # wall about 1200 degC (sec. 5.1.1)
