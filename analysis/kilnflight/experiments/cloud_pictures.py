@@ -85,7 +85,8 @@ def draw_cloud(cloud: pd.DataFrame, seed: int) -> tuple[Figure, pd.DataFrame]:
     dots = alone.scatter(across, up, c=depth, s=9, cmap="viridis")
     alone.set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal", title="the marked particle")
     alone.margins(0.15)
-    alone.set_xticks([round(float(across.mean()), 3)])  # a particle is too narrow for two labels
+    if len(marked):  # a particle is too narrow for two labels
+        alone.set_xticks([round(float(across.mean()), 3)])
     alone.locator_params(axis="y", nbins=4)
     picture.colorbar(dots, ax=alone, label="depth z (m)", location="bottom", pad=0.25, shrink=0.9)
     plt.close(picture)
