@@ -102,8 +102,8 @@ Markdown(blind_tests.describe(summary, clusters))
 
 # %%
 caption = (
-    "False clusters of DBSCAN per labelled frame (Table 5.8), printed and of both twins. The "
-    "printed number falls with epsilon as noise joins; ours tells how good the cloud is."
+    "False clusters of DBSCAN per labelled frame (Table 5.8), printed and of both twins. They fall "
+    "with epsilon, as more points of the wall join. Over print: the second look's number over it."
 )
 figures.save("blind-tests-clusters", clusters.round(3), caption=caption, provenance=origin)
 

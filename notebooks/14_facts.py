@@ -59,21 +59,21 @@ caption = (
     "the bounds in tolerances, and whether it holds, of what is measured. Null models: whether it "
     f"holds with all fractions alike, and in which share of {draws} draws of the inputs ({few} "
     "flights each). Shares and times of ignition are measured by a test of grey values that takes "
-    "nearly every second particle for lit, whether it is or not (notebook 54): where they hold as "
-    "measured, the test did it."
+    "about every second particle for lit, whether it is or not (notebook 54), so that such a fact "
+    "says nothing where it holds as measured."
 )
 figures.save("twin-statements", table, caption=caption, provenance=origin)
 
 # %% [markdown]
-# A fact whose tolerance is wide holds whatever the inputs are. It cannot fail, so it tells nothing.
+# A fact with a wide tolerance holds whatever the inputs are. It cannot fail, so it says nothing.
 
 # %%
-can_fail = twin_statements.telling(table)
+can_fail = twin_statements.facts_that_can_fail(table)
 caption = (
     "Facts that hold in every draw of the inputs, and those that can fail: how many of these hold "
     "as measured, and in a draw on average."
 )
-figures.save("twin-telling", can_fail, caption=caption, provenance=origin)
+figures.save("twin-facts-that-can-fail", can_fail, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## What is left out

@@ -17,9 +17,9 @@
 # another number than that of Table 5.17, which notebook 32 has: print has no mark there. The base
 # is the mode of the pose and no draw: with few draws it may lie outside them.
 #
-# The 16 draws were taken once, without looking. By chance four have elevations above 8.2 degrees,
-# where the posterior puts less than one. Two draws at its ends (-1.3 and 9.7 degrees) give the
-# widest dwell times. So the bands are rather too wide than too narrow. Speeds here are in true
+# The seed of the 16 draws was kept: by chance four have elevations above 8.2 degrees, where the
+# posterior puts less than one. Two draws at its ends (-1.3 and 9.7 degrees) give the shortest and
+# the longest dwell times. So the bands may be too wide. Speeds here are in true
 # lengths; the scale of the pose moves what a camera would print of them, which notebook 15 shows.
 
 # %% tags=["parameters"]

@@ -88,3 +88,9 @@ def test_sentences_and_their_recomputations_belong_together(monkeypatch):
     monkeypatch.setattr(errata, "recomputed_statements", lambda: {"qcc-best": 0.6})
     with pytest.raises(errata.InputError, match=r"statements\.csv and errata\.py disagree"):
         list(errata.check_statements())
+
+
+def test_one_lance_fits_both_printed_flows_where_they_are_at_the_pressure_of_the_feed():
+    """By hand: 79 mm (4.5 m/s: 74.4) and 41 mm (15.5 m/s: 41.8) at the outlet, 32.6 mm apart."""
+    assert errata.lance_bores_apart(at_feed=False) == pytest.approx(32.6, abs=0.1)
+    assert errata.lance_bores_apart(at_feed=True) == 0.0

@@ -135,21 +135,31 @@ def test_the_counts_are_told_with_both_null_models(values):
     first, second, measured, same, prior = twin_statements.VERSIONS
     runs = {first: [slow], second: [values], measured: [{}], prior: [slow, slow]}
     runs |= {same: [twin_statements.all_alike(values)]}
-    free = twin_statements.telling(twin_statements.statement_table({}, values, [slow, slow]))
+    free = twin_statements.facts_that_can_fail(
+        twin_statements.statement_table({}, values, [slow, slow])
+    )
     told = twin_statements.describe_counts(twin_statements.count_holding(runs), free)
     assert " 0 hold as measured and " in told
-    assert "as measured no more than that, true more than that" in told
+    assert (
+        "as measured the second look has no skill and on the truth the second look has some" in told
+    )
     runs[prior] = [values]
     told = twin_statements.describe_counts(twin_statements.count_holding(runs), free)
-    assert "true no more than that" in told
+    assert "on the truth the second look has no skill" in told
 
 
 def test_what_holds_in_every_draw_cannot_fail(values):
     slow = {key: flights(key[0], 0.2) for key in KEYS}
     same = twin_statements.statement_table(values, values, [values]).assign(null_prior=1.0)
-    assert twin_statements.telling(same).iloc[0].tolist() == [len(same), len(same), 0, 0, 0.0]
+    assert twin_statements.facts_that_can_fail(same).iloc[0].tolist() == [
+        len(same),
+        len(same),
+        0,
+        0,
+        0.0,
+    ]
     table = twin_statements.statement_table(values, values, [values, slow])
-    row = twin_statements.telling(table).iloc[0]
+    row = twin_statements.facts_that_can_fail(table).iloc[0]
     free = table[table["null_prior"] < 1]
     assert 0 < row["can_fail"] == len(free)
     assert row["can_fail"] + row["hold_in_every_draw"] == len(table)

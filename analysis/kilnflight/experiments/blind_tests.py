@@ -26,7 +26,7 @@ TWINS = ("first twin", "second look")
 SUFFIX = "_published"
 NAMES = {**SYMBOLS, "f1": "F1", "r2": "R2"}
 FALSE = "false clusters per frame"
-LABELLED = 50  # frames of the thesis
+PUBLISHED_FRAMES = 50  # that were labelled by hand (section 5.1.1)
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,11 @@ class BlindTest:
     fitted: tuple[str, ...] = ()  # cases to which an input was fitted: no test
 
 
+CLUSTERS = BlindTest(
+    "5.8", "table-5-8-dbscan", ("minPts", "epsilon_mm"), only=(("subset", "Total"),)
+)
 TESTS = (
-    BlindTest("5.8", "table-5-8-dbscan", ("minPts", "epsilon_mm"), only=(("subset", "Total"),)),
+    CLUSTERS,
     BlindTest("5.9", "table-5-9-mo", ("R",), only=(("subset", "Total"),)),
     BlindTest("5.10", "table-5-10-qcc", ("K", "alpha"), only=(("subset", "Total"),)),
     BlindTest(
@@ -63,6 +66,14 @@ TESTS = (
 )
 
 
+def saved_table(test: BlindTest, folder: Path) -> pd.DataFrame:
+    """Return the saved table of a test, or raise an `InputError` if it is not there."""
+    path = folder / f"{test.file}.csv"
+    if not path.is_file():
+        raise InputError(f"{path} is missing; run the notebook of Table {test.table}.")
+    return pd.read_csv(path)
+
+
 def measured(test: BlindTest, folder: Path) -> pd.DataFrame:
     """Return what a saved table holds of a test, one row for each number that is printed, too.
 
@@ -76,10 +87,7 @@ def measured(test: BlindTest, folder: Path) -> pd.DataFrame:
     InputError
         If the table is not there.
     """
-    path = folder / f"{test.file}.csv"
-    if not path.is_file():
-        raise InputError(f"{path} is missing; run the notebook of Table {test.table}.")
-    rows = pd.read_csv(path)
+    rows = saved_table(test, folder)
     for column, value in test.only:
         rows = rows[rows[column] == value]
     forms = [f"{key} {{}}" if rows[key].dtype.kind in "if" else "{}" for key in test.keys]
@@ -143,19 +151,26 @@ def false_clusters(folder: Path | None = None) -> pd.DataFrame:
     DataFrame
         ``minPts``, ``epsilon_mm``, ``published``, ``first_twin``, ``second_look``, ``over_print``
         (the second look's over what is printed).
+
+    Raises
+    ------
+    InputError
+        If the table of DBSCAN is not there.
     """
-    folder, (test, *_) = folder or paths.figures(), TESTS
-    table = pd.read_csv(folder / f"{test.file}.csv")
-    saved = next(each for each in entries(folder) if each.identifier == test.file)
-    frames = saved.provenance["parameters"]["frames"] * (table["subset"].nunique() - 1)
-    keys = list(test.keys)
+    folder, keys = folder or paths.figures(), list(CLUSTERS.keys)
+    table = saved_table(CLUSTERS, folder)
+    saved = {each.identifier: each.provenance["parameters"] for each in entries(folder)}
+    subsets = table["subset"].nunique() - 1  # and their total
+    frames = saved[CLUSTERS.file]["frames"] * subsets
     total = table.loc[table["subset"] == "Total", [*keys, "fp"]]
     printed = claims.published("table_5.8")[[*keys, "FP"]].astype(float)
     rows = total.merge(printed, on=keys)
     case = [f"minPts {a:g}, epsilon_mm {b:g}" for a, b in rows[keys].to_numpy()]
     first = pd.read_csv(paths.reference() / "first_twin_tables.csv", dtype={"table": str})
     before = first[first["quantity"] == FALSE].set_index("case")["first_twin"]
-    rows = rows.assign(published=rows["FP"] / LABELLED, first_twin=before.reindex(case).to_numpy())
+    rows = rows.assign(
+        published=rows["FP"] / PUBLISHED_FRAMES, first_twin=before.reindex(case).to_numpy()
+    )
     rows = rows.assign(second_look=rows["fp"] / frames)
     rows["over_print"] = rows["second_look"] / rows["published"]
     return rows.drop(columns=["fp", "FP"]).sort_values(keys, ignore_index=True)

@@ -272,8 +272,8 @@ def old_count(values: Values) -> dict[str, float]:
     }
 
 
-def telling(table: pd.DataFrame) -> pd.DataFrame:
-    """Return what holds of the facts that can fail: that do not hold in every draw of the inputs.
+def facts_that_can_fail(table: pd.DataFrame) -> pd.DataFrame:
+    """Count the facts that do not hold in every draw of the inputs, and which of them hold.
 
     Parameters
     ----------
@@ -293,20 +293,20 @@ def telling(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def describe_counts(counts: pd.DataFrame, can_fail: pd.DataFrame) -> str:
-    """Return `count_holding` of `VERSIONS` and `telling` in sentences."""
+    """Return `count_holding` of `VERSIONS` and `facts_that_can_fail` in sentences."""
     rows, free = counts.set_index("version").round(2), can_fail.iloc[0]
     first, second, measured, alike, drawn = (rows.loc[name] for name in VERSIONS)
     best = max(alike["facts_hold"], drawn["facts_high"])
     skill = [
-        f"{name} {'more' if row['facts_hold'] > best else 'no more'} than that"
-        for name, row in (("as measured", measured), ("true", second))
+        f"{name} the second look has {'some' if row['facts_hold'] > best else 'no'} skill"
+        for name, row in (("as measured", measured), ("on the truth", second))
     ]
     return (
         f"Of {second['facts']:.0f} facts {measured['facts_hold']:.0f} hold as measured and "
         f"{second['facts_hold']:.0f} of true flights, of the first twin's "
         f"{first['facts_hold']:.0f}. In draws of the inputs {drawn['facts_low']:.0f} to "
         f"{drawn['facts_high']:.0f} hold, with all fractions alike {alike['facts_hold']:.0f}: "
-        f"{', '.join(skill)}. {free['hold_in_every_draw']:.0f} hold in every draw; of the "
+        f"{' and '.join(skill)}. {free['hold_in_every_draw']:.0f} hold in every draw; of the "
         f"{free['can_fail']:.0f} that can fail {free['measured']:.0f} hold as measured, in a draw "
         f"{free['draws_mean']:.1f} on average. Of {second['held_out']:.0f} that no fit read "
         f"{second['held_out_hold']:.0f} hold of true flights; of {second['orders']:.0f} orders "
