@@ -124,6 +124,28 @@ def test_the_nearer_inverse_is_taken():
     assert invert_depth(3000.0) == pytest.approx(3117.5, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    "calibration",
+    [
+        EQUATION_2_4,
+        DepthCalibration((3000.0,), ((1.0, 0.0), (0.0, 1e-9, 2e-4, 0.5, 100.0))),
+        DepthCalibration((3000.0,), ((2000.0,), (0.0, 1.0, 0.0))),
+    ],
+    ids=["Eq. 2.4", "degrees 1 and 3", "degrees 0 and 1"],
+)
+def test_all_depths_at_once_are_the_roots_of_numpy_one_by_one(calibration):
+    for true in np.arange(5.0, 14_000.0, 333.3):
+        expected = []
+        for index, coefficients in enumerate(calibration.coefficients):
+            roots = (np.poly1d(coefficients) - true).roots
+            real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots)].real
+            expected += real[(real > 0) & (calibration.segment(real) == index)].tolist()
+        assert captured_depths(true, calibration) == sorted(expected)
+        if expected:
+            nearest = min(expected, key=lambda depth: abs(depth - true))
+            assert invert_depth([[true]], calibration).tolist() == [[nearest]]
+
+
 def test_a_depth_without_inverse_is_refused():
     gap = DepthCalibration((1000.0,), ((1.0, 0.0), (1.0, 500.0)))
     assert captured_depths(1200.0, gap) == []

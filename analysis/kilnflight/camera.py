@@ -205,7 +205,7 @@ def captured_depths(true_mm: float, calibration: DepthCalibration = EQUATION_2_4
 
 
 def _solutions(true_mm: Array, calibration: DepthCalibration) -> Array:
-    """Return the captured depths (n, solutions) of true depths (n,), NaN where there is none."""
+    """Return all captured depths of each true depth (n,), a row each, filled up with NaN."""
     found = []
     for index, coefficients in enumerate(calibration.coefficients):
         roots = _roots(np.trim_zeros(np.array(coefficients), "f"), true_mm)
@@ -216,10 +216,10 @@ def _solutions(true_mm: Array, calibration: DepthCalibration) -> Array:
 
 
 def _roots(coefficients: Array, values: Array) -> npt.NDArray[np.complexfloating]:
-    """Return where a polynomial takes each value (n,), one column per root.
+    """Return the roots of a polynomial minus each value (n,), a row each.
 
-    They are the eigenvalues of its companion matrix, as in `numpy.roots`, but of all values at
-    once.
+    They are the eigenvalues of its companion matrix. `numpy.roots` does so for one value at a time,
+    which takes two hundred times as long.
     """
     degree = max(len(coefficients) - 1, 0)
     companion = np.tile(np.eye(degree, k=-1), (len(values), 1, 1))

@@ -48,6 +48,21 @@ def test_depth_knows_lance_and_burner():
     assert BACK.solid_mm.min() == pytest.approx(SMALL.lance_depth_mm, rel=0.01)
 
 
+def test_tubes_are_seen_as_if_all_rays_were_followed_at_once():
+    nearest = np.full(SMALL.wall_depth(*GRID).shape, np.inf)
+    for tube, (at, seen_mm, shade) in zip(BACK.tubes, BACK._seen_tubes, strict=True):
+        depth, shades = tube.seen(SMALL, *GRID)
+        whole = np.full_like(depth, np.inf)
+        whole[at] = seen_mm
+        np.testing.assert_array_equal(whole, depth)
+        np.testing.assert_array_equal(shade, shades[at])
+        nearest = np.minimum(nearest, depth)
+    hidden = nearest >= SMALL.wall_depth(*GRID)
+    np.testing.assert_array_equal(
+        BACK.solid_mm, np.where(hidden, np.inf, nearest).astype(np.float32)
+    )
+
+
 def test_the_plate_is_not_cloudy():
     point = SMALL.to_kiln(SMALL.unproject(*GRID, BACK.depth_mm))
     plate = np.isclose(point[..., 0], SMALL.inlet_m)

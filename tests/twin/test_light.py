@@ -10,7 +10,14 @@ from kilnflight.twin import picture as drawing
 from kilnflight.twin.camera import FULL_SCALE, Optics
 from kilnflight.twin.fitted import SecondLightInputs
 from kilnflight.twin.gas import Gas
-from kilnflight.twin.light import Light, band_radiance
+from kilnflight.twin.light import (
+    BAND_UM,
+    PIXELS,
+    RESPONSE,
+    SECOND_RADIATION_UM_K,
+    Light,
+    band_radiance,
+)
 from kilnflight.twin.picture import Blobs, Veil
 from kilnflight.twin.scene import Twin
 
@@ -45,6 +52,15 @@ def painted(*given, veil=None, behind=5000.0):
     several = blobs(*given)
     drawing.paint(picture, several, drawing.cover(several, 80, 80), LIT, veil)
     return picture
+
+
+def test_a_picture_is_summed_in_pieces_to_the_same_bit():
+    kelvin = np.random.default_rng(0).uniform(200.0, 2200.0, (3, PIXELS // 2 + 7))
+    planck = BAND_UM**-5 / np.expm1(
+        SECOND_RADIATION_UM_K / (BAND_UM * np.maximum(kelvin, 250.0)[..., None])
+    )
+    np.testing.assert_array_equal(band_radiance(kelvin), np.trapezoid(RESPONSE * planck, BAND_UM))
+    assert band_radiance(1423.0).shape == ()
 
 
 def test_planck_in_a_narrow_band_is_plancks_law():

@@ -306,8 +306,8 @@ def _gain_verdicts(
               for k in ("OTSU", "SIFT")]  # fmt: skip
     mean = ", ".join(filter(None, (interval(of_draws["f1"][k], str(k)) for k in gains.index)))
     printed = claims.published("table_5.11").set_index("method")["f1"].astype(float)
-    names = ("OTSU", "SIFT")
-    alone = ", ".join(f"{name} {float(rates.loc[f'2D-{name}', 'f1']):.3f}" for name in names)
+    names, f1 = ("OTSU", "SIFT"), rates["f1"].astype(float)
+    alone = ", ".join(f"{name} {float(f1[f'2D-{name}']):.3f}" for name in names)
     print_f1 = ", ".join(f"{printed[f'2D-{name}']:.3f}" for name in names)
     size = (
         "the sign alone decides, not the size: 3 to 5 points in the text, 1.9 to 4.8 in the table; "
