@@ -82,8 +82,7 @@ picture, table = pose_pictures.draw_views(flights, some)
 caption = (
     "The kiln in the picture in four poses: inlet plate, wall at the depth of the lance exit, "
     "lance, and true flights of wood chips at 4.5 bar of the second look up to the wall. The dots "
-    "bound the region of interest: of the second look, in the first panel of the first twin. "
-    "Frames of the twin draw the lance along the axis instead, without its elevation (limits)."
+    "bound the region of interest: of the second look, in the first panel of the first twin."
 )
 figures.save("twin-pose-view", table, picture=picture, caption=caption, provenance=origin)
 

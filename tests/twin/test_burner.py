@@ -39,6 +39,37 @@ def test_a_tube_is_seen_where_its_points_are():
     assert np.isclose(depth, camera[..., 2], rtol=2e-3).mean() > 0.25  # the side turned to us
 
 
+@pytest.mark.parametrize("degrees", [0.0, 5.5, -1.3])
+def test_the_lance_points_where_particles_go(degrees):
+    """Points of its side, back along the launch, are seen at their own depth or nearer."""
+    tube = lance_tube(Burner(), SMALL, degrees)
+    ahead = np.array([np.cos(np.deg2rad(degrees)), 0.0, np.sin(np.deg2rad(degrees))])
+    up = np.array([-ahead[2], 0.0, ahead[0]])
+    angle, back = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0.0, 2.0, 40))
+    radius = 0.999 * tube.radius_mm / 1000
+    aside = np.cos(angle)[..., None] * np.array([0.0, 1.0, 0.0]) + np.sin(angle)[..., None] * up
+    camera = SMALL.to_camera(np.array(tube.mouth_m) - back[..., None] * ahead + radius * aside)
+    depth, _ = tube.seen(SMALL, *SMALL.project(camera))
+    assert np.isfinite(depth).mean() > 0.99
+    assert (depth <= camera[..., 2] + 1.0).all()
+    assert np.isclose(depth, camera[..., 2], rtol=2e-3).mean() > 0.25
+
+
+def test_a_rising_lance_has_its_far_end_lower():
+    rows = []
+    for degrees in (0.0, 5.5):
+        seen, _ = lance_tube(Burner(), SMALL, degrees).seen(SMALL, *GRID)
+        rows.append(np.nonzero(np.isfinite(seen))[0].max())
+        assert np.nanmax(seen[np.isfinite(seen)]) <= SMALL.inlet_depth_mm + 100
+    assert rows[1] > rows[0] + 10
+
+
+def test_the_tube_of_a_scene_has_the_elevation_of_its_flights(small_scene):
+    twin = Twin(SecondLightInputs().applied(small_scene()))
+    steep = replace(twin.scene, flight=replace(twin.scene.flight, launch_elevation_deg=6.0))
+    assert [Twin(steep)._background.tubes[k].elevation_deg for k in (0, 1)] == [6.0, 0.0]
+
+
 def test_depth_knows_lance_and_burner():
     solid = np.isfinite(BACK.solid_mm)
     assert 0.002 < solid.mean() < 0.05

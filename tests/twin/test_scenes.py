@@ -236,6 +236,16 @@ def test_run_effects_differ_between_recordings_and_repeat():
         assert 0.3 < more < 3.0
 
 
+def test_a_wide_lance_has_six_times_the_momentum_and_a_wider_tube():
+    plain, wide = (scenes.open_scene(f"V1{more}").scene for more in ("", "@wide-lance"))
+    momentum = [s.gas.air_kg_s * s.gas.jet_velocity_m_s for s in (plain, wide)]
+    assert momentum[1] == pytest.approx(6.25 * momentum[0])
+    bodies = [s.surroundings.burner for s in (plain, wide)]
+    assert 2 * bodies[1].lance_bore_mm == pytest.approx(1000 * wide.gas.lance_diameter_m)
+    steel = [body.lance_mm - body.lance_bore_mm for body in bodies]
+    assert steel[1] == pytest.approx(steel[0])
+
+
 def test_a_scene_without_a_particle_in_view_says_so():
     late = replace(scenes.ground_truth("V3"), feed=(Burst("PE granule", 3, 10.0),))
     with pytest.raises(InputError, match="none of its 3 particles is in the picture in 160 frames"):

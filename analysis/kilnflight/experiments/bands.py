@@ -31,8 +31,8 @@ from kilnflight.twin.scenes import PRESSURES_BAR, campaign_name, open_scene, sce
 BASE = "base"
 DRAWS = tuple(name for name in POSE_SCENARIOS if name != "pose")  # the mode is the base
 # Other inputs that the publications only bound: feeding in handfuls, a colder wall towards the
-# outlet, and no jet at all.
-OTHERS = ("dumped", "wall-profile", "no-jet")
+# outlet, no jet at all, a lance of two and a half times the bore, and a recording of another day.
+OTHERS = ("dumped", "wall-profile", "no-jet", "wide-lance", "run-effects")
 # Headline outcomes of flights, of `kilnflight.scores.flights.outcomes`.
 OUTCOMES = (
     "dwell median (s)",

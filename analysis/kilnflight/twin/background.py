@@ -208,12 +208,14 @@ class LivingBackground(Background):
     that lets light through, and the flicker of hot gas has no lattice. All is positive.
     """
 
+    lance_elevation_deg: float = 0.0  # over the axis, as particles leave it
+
     @cached_property
     def tubes(self) -> list[Tube]:
         """The tubes of lance and burner."""
         burner = self._burner
         return [
-            lance_tube(burner, self.geometry),
+            lance_tube(burner, self.geometry, self.lance_elevation_deg),
             burner_tube(burner, self.geometry, self.surroundings.flame_roi),
         ]
 

@@ -58,21 +58,33 @@ class Burner:
 
 @dataclass(frozen=True)
 class Tube:
-    """A tube parallel to the kiln's axis, from the inlet to its mouth."""
+    """A tube from the inlet to its mouth, along the kiln's axis or rising from it."""
 
     mouth_m: tuple[float, float, float]  # kiln coordinates
     radius_mm: float
     bore_mm: float  # radius of its mouth
     shade: float  # grey value over that of the wall
     bore_shade: float
+    elevation_deg: float = 0.0  # over the axis
+
+    def _turned(self, vectors: Array) -> Array:
+        """Return vectors (..., 3) of the kiln in the tube's own directions: along, aside, up."""
+        angle = np.deg2rad(self.elevation_deg)
+        x, y, z = np.moveaxis(vectors, -1, 0)
+        along, up = np.cos(angle) * x + np.sin(angle) * z, np.cos(angle) * z - np.sin(angle) * x
+        return np.stack([along, y, up], axis=-1)
 
     def seen(self, geometry: Geometry, row: Array, column: Array) -> tuple[Array, Array]:
         """Return depth in mm (infinite beside the tube) and shade at pixels.
 
         The camera sees its mouth, and the side that is turned to the camera's own axis.
         """
-        ray = geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
-        start = -geometry.origin_mm @ geometry.axes.T - 1000.0 * np.array(self.mouth_m)
+        ray = self._turned(
+            geometry.unproject(row, column, np.ones(np.shape(row))) @ geometry.axes.T
+        )
+        start = self._turned(
+            -geometry.origin_mm @ geometry.axes.T - 1000.0 * np.array(self.mouth_m)
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             mouth = -start[0] / ray[..., 0]
             a = (ray[..., 1:] ** 2).sum(axis=-1)
@@ -83,7 +95,9 @@ class Tube:
         from_centre = np.hypot(across[..., 0], across[..., 1])
         on_mouth = from_centre <= self.radius_mm
         along = start[0] + side * ray[..., 0]
-        inlet = 1000.0 * (geometry.inlet_m - self.mouth_m[0])
+        inlet = (
+            1000.0 * (geometry.inlet_m - self.mouth_m[0]) / np.cos(np.deg2rad(self.elevation_deg))
+        )
         on_side = ~on_mouth & (side > 0) & (along <= 0) & (along >= inlet)
         depth = np.where(on_mouth, mouth, np.where(on_side, side, np.inf))
         # the side is the darker, the less it faces the camera
@@ -93,11 +107,11 @@ class Tube:
         return depth, np.where(on_mouth, rim, side_shade)
 
 
-def lance_tube(burner: Burner, geometry: Geometry) -> Tube:
-    """Return the lance: its mouth is where particles start."""
-    x, y, z = geometry.lance_m
+def lance_tube(burner: Burner, geometry: Geometry, elevation_deg: float = 0.0) -> Tube:
+    """Return the lance: its mouth is where particles start, and it points where they go."""
+    x, y, z = map(float, geometry.lance_m)
     radii = (burner.lance_mm, burner.lance_bore_mm)
-    return Tube((float(x), float(y), float(z)), *radii, burner.lance_shade, burner.bore_shade)
+    return Tube((x, y, z), *radii, burner.lance_shade, burner.bore_shade, elevation_deg)
 
 
 def burner_tube(burner: Burner, geometry: Geometry, rectangle: Rectangle) -> Tube:

@@ -140,8 +140,10 @@ class Twin:
     @cached_property
     def _background(self) -> Background:
         scene = self.scene
-        kind = LivingBackground if scene.optics.light else Background
-        return kind(scene.geometry, scene.optics, scene.surroundings, scene.seed)
+        parts = (scene.geometry, scene.optics, scene.surroundings, scene.seed)
+        if scene.optics.light is None:
+            return Background(*parts)
+        return LivingBackground(*parts, lance_elevation_deg=scene.flight.launch_elevation_deg)
 
     @cached_property
     def _fires(self) -> Fires | None:

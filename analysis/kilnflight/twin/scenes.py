@@ -297,6 +297,28 @@ def with_run_effects(scene: Scene) -> Scene:
     )
 
 
+WIDE_BORE_M = 0.10  # of the lance, if the printed volumes of air are at the pressure of the feed
+
+
+def with_wide_lance(scene: Scene) -> Scene:
+    """Return a scene whose lance has the bore that the printed volumes of air would give.
+
+    The thesis prints 40 mm for the lance of the combustion chamber (sec. 2.1.1), none for the
+    kiln's. The velocity of the air is printed, so the jet has six times the momentum.
+    """
+    around = scene.surroundings
+    if around.burner is not None:
+        wider = 500.0 * WIDE_BORE_M - around.burner.lance_bore_mm  # of the radius
+        burner = replace(
+            around.burner,
+            lance_bore_mm=500.0 * WIDE_BORE_M,
+            lance_mm=around.burner.lance_mm + wider,
+        )
+        around = replace(around, burner=burner)
+    gas = replace(scene.gas, lance_diameter_m=WIDE_BORE_M)
+    return replace(scene, gas=gas, surroundings=around)
+
+
 def downscaled(scene: Scene) -> Scene:
     """Return a scene for trials: a camera with a quarter of the rows and columns."""
     place, around, depth = scene.geometry, scene.surroundings, scene.depth
@@ -346,6 +368,7 @@ SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "plates": lambda s: replace(s, flight=replace(s.flight, plates=Plates())),
     "dumped": dumped,
     "run-effects": with_run_effects,
+    "wide-lance": with_wide_lance,
     # 200 K over the length of the kiln; Fig. 2.4 has no axis that can be read
     "wall-profile": lambda s: replace(s, gas=replace(s.gas, wall_fall_k_m=24.0)),
     **POSE_SCENARIOS,
