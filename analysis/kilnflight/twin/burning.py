@@ -78,10 +78,11 @@ def at_rest(particles: Particles, nodes: int, temperature_k: float) -> Any:
     The laws below take it, or one of its records.
     """
     n, kind, dry = len(particles), particles.fraction, particles.dry_mass_kg
-    nodes = 1 if kind.sheet else nodes
-    areas, volumes = shells(nodes, kind.body)
+    count, areas, volumes = 1 if kind.sheet else nodes, np.zeros((n, nodes)), np.zeros((n, nodes))
+    areas[:, :count], volumes[:, :count] = shells(count, kind.body)
     start: dict[str, Any] = {
         "kind": np.tile(numbers(kind), n),  # the numbers of the `Fraction`
+        "disc": np.full(n, kind.round),
         "char_thins": np.zeros(n, dtype=bool),  # charred sheets keep their area
         "diameter_m": particles.diameter_m,
         "short_m": np.minimum(particles.length_m, particles.width_m),  # of the broadside
@@ -95,14 +96,17 @@ def at_rest(particles: Particles, nodes: int, temperature_k: float) -> Any:
         "velocity": np.zeros((n, 3)),
         "turbulence": np.zeros((n, 3)),
         "lift": np.tile([0.0, 0.0, 1.0], (n, 1)),  # unit vectors
-        "areas": np.tile(areas, (n, 1)),  # of the shells of equal thickness
-        "volumes": np.tile(volumes, (n, 1)),
+        "shells": np.full(n, count),  # of equal thickness; what is beyond has no meaning
+        "areas": areas,
+        "volumes": volumes,
         "nodes_k": np.full((n, nodes), temperature_k),  # middles of the shells, from inside out
         "mean_k": np.full(n, temperature_k),  # over the thickness
         "surface_k": np.full(n, temperature_k),
         "volatiles_kg": dry * kind.volatile_share,
         "char_kg": dry * (1 - kind.volatile_share),
         "burning": np.full(n, UNLIT, dtype=np.int8),
+        "gust": np.zeros((n, 3)),  # standard normal draws of the step
+        "turning": np.zeros((n, 3)),
         "missing": np.zeros(n, dtype=np.int8),  # first ignition criterion not fulfilled before
         "length_m": particles.diameter_m,  # that convection goes by
         # Of plates (`kilnflight.twin.plates`), NaN and 0 of others
@@ -172,7 +176,7 @@ def _heat(particle: Any, flux: float, step_s: float) -> None:
     The surface lies half a shell outside the last node; the flux brings the difference. A sheet
     has one temperature.
     """
-    kind, nodes = particle.kind, particle.nodes_k
+    kind, nodes = particle.kind, particle.nodes_k[: particle.shells]
     # mass over the heated surface, so that mass and heat agree for any shape
     areal = particle.dry_kg / particle.surface_m2
     properties = (kind.conductivity_w_m_k, kind.heat_capacity_j_kg_k, areal, kind.moisture)
@@ -193,7 +197,7 @@ def lose_volatiles(particle: Any, step_s: float) -> Any:
     (`Fraction.pyrolysis_1_s`), mean over the volume.
     """
     kind, rate_1_s = particle.kind, 0.0
-    for k in range(len(particle.nodes_k)):
+    for k in range(particle.shells):
         hindrance = kind.pyrolysis_j_mol / GAS_CONSTANT_J_MOL_K / particle.nodes_k[k]
         rate_1_s += particle.volumes[k] * kind.pyrolysis_1_s * np.exp(-hindrance)
     particle.volatiles_kg *= np.exp(-rate_1_s * step_s)

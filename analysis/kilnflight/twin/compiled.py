@@ -16,9 +16,11 @@ from numba.extending import overload, register_jitable
 def numbers(settings: Any, **more: float) -> Any:
     """Return the numbers of a dataclass, and more, as a record that compiled loops can read.
 
-    A field without a number as its default is left out.
+    Left out are fields without a number as their default, and those that a record array would hide
+    behind a method of its own, such as ``round``.
     """
     simple = [each for each in fields(settings) if isinstance(each.default, bool | int | float)]
+    simple = [each for each in simple if not hasattr(np.recarray, each.name)]
     values = {each.name: getattr(settings, each.name) for each in simple} | more
     flags = {each.name for each in simple if isinstance(each.default, bool)}
     flags |= {name for name, value in more.items() if isinstance(value, bool)}

@@ -36,7 +36,7 @@ from kilnflight.twin.burning import (
     mass_kg,
 )
 from kilnflight.twin.camera import Geometry, unit_vectors
-from kilnflight.twin.compiled import cross, dot, either, numbers, plus, put, scaled, unit, vector
+from kilnflight.twin.compiled import cross, dot, numbers, plus, put, scaled, unit, vector
 from kilnflight.twin.gas import (
     GRAVITY_M_S2,
     Gas,
@@ -228,7 +228,7 @@ def _inputs(gas: Gas, geometry: Geometry, settings: Flight) -> _Inputs:
     return _Inputs(gas.numbers, flight, numbers(plates), numbers(volatiles), (x, y, z))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fly(
     state: Any, inputs: _Inputs, generator: Any, every: int, samples: Any, ends: Any
 ) -> None:
@@ -239,7 +239,6 @@ def _fly(
     ignition_s, cause, end_s, end, end_position = ends
     step_s, steps = inputs.flight.step_s, int(inputs.flight.longest_s / inputs.flight.step_s)
     flying, count = np.arange(len(state)), len(state)
-    noise = np.empty((2, len(state), 3))
     for step in range(steps + 1):
         left = 0
         for i in flying[:count]:
@@ -253,17 +252,23 @@ def _fly(
                 end_s[i] = step * step_s
                 end_position[i] = state[i].position
         count = left
-        for turning in range(2):
-            for k in range(count):
-                for axis in range(3):
-                    noise[turning, k, axis] = generator.normal()
-        for k in range(count):
-            particle = state[flying[k]]
+        for i in flying[:count]:
+            _draw(state[i].gust, generator)
+        for i in flying[:count]:
+            _draw(state[i].turning, generator)
+        for i in flying[:count]:
             if step % every == 0:
-                _store(samples, flying[k], step // every, particle)
-            why = _advance(particle, noise[0, k], noise[1, k], inputs)
+                _store(samples, i, step // every, state[i])
+            why = _advance(state[i], inputs)
             if why:
-                ignition_s[flying[k]], cause[flying[k]] = step * step_s + step_s, why
+                ignition_s[i], cause[i] = step * step_s + step_s, why
+
+
+@register_jitable
+def _draw(row: Any, generator: Any) -> None:
+    """Draw three standard normal components."""
+    for axis in range(3):
+        row[axis] = generator.normal()
 
 
 @register_jitable
@@ -281,15 +286,12 @@ def _store(samples: Any, row: int, column: int, particle: Any) -> None:
 
 
 @register_jitable
-def _advance(particle: Any, gust: Any, turning: Any, inputs: _Inputs) -> int:
-    """Advance a particle by one step; return why it ignites (see `CAUSES`), 0 if it does not.
-
-    ``gust`` and ``turning`` are standard normal.
-    """
+def _advance(particle: Any, inputs: _Inputs) -> int:
+    """Advance a particle by one step; return why it ignites (see `CAUSES`), 0 if it does not."""
     gas, step_s = inputs.gas, inputs.flight.step_s
     place = plus(vector(particle.position), -1.0, inputs.lance_m)
     gas_k = temperature(gas, place)
-    slip = _move(particle, place, gas_k, gust, turning, inputs)
+    slip = _move(particle, place, gas_k, inputs)
     place = plus(vector(particle.position), -1.0, inputs.lance_m)
     heat_and_burn(particle, wall_k(gas, place), gas_k, slip, step_s)
     return _ignite(particle, place, gas_k, slip, inputs) if particle.burning == UNLIT else 0
@@ -350,7 +352,7 @@ def exit_velocity(state: Any, gas: Gas, settings: Flight) -> Array:
     return np.asarray(_exit_velocity(state, gas.numbers, numbers(settings, **{LAWS: 0.0})))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _exit_velocity(state: Any, gas: Any, settings: Any) -> Any:
     speeds = np.empty(len(state))
     for i in range(len(state)):
@@ -383,27 +385,25 @@ def _lance_friction(speed_m_s: float, diameter_m: float, settings: Any) -> float
 def drag_rate(state: Any, slip_m_s: Any, gas_k: Any) -> Any:
     """Return drag acceleration over slip velocity in 1/s."""
     number = reynolds(slip_m_s, state.diameter_m, gas_k)
-    drag = either(state.kind.body == SPHERE, sphere_drag(number), disc_drag(number))
+    drag = sphere_drag(number) if state.kind.body == SPHERE else disc_drag(number)
     area = state.orientation * state.broadside_m2 * area_share(state)
     return density(gas_k) * drag * area * slip_m_s / (2 * mass_kg(state))
 
 
 @register_jitable
-def _move(
-    particle: Any, place: Any, gas_k: float, gust: Any, turning: Any, inputs: _Inputs
-) -> float:
+def _move(particle: Any, place: Any, gas_k: float, inputs: _Inputs) -> float:
     """Advance velocity and position of a particle by one step; return the slip before it.
 
     Drag is taken implicitly, so that light sheets stay stable.
     """
     gas, settings, step_s = inputs.gas, inputs.flight, inputs.flight.step_s
     excess = excess_velocity(gas, place)
-    turbulence = _gust(particle, excess, gust, inputs)
+    turbulence = _gust(particle, excess, inputs)
     wind = plus(turbulence, stream(gas, place) + excess, (1.0, 0.0, 0.0))
     velocity = vector(particle.velocity)
     relative = plus(wind, -1.0, velocity)
     slip = np.sqrt(dot(relative, relative))
-    aside = scaled(settings.wander, turning)
+    aside = scaled(settings.wander, particle.turning)
     if settings.turns and particle.kind.sheet:
         free = turn(particle, relative, gas_k, inputs.plates, aside, step_s)
         velocity = velocity_after(particle, wind, gas_k, free, inputs.plates, step_s)
@@ -419,7 +419,7 @@ def _move(
 
 
 @register_jitable
-def _gust(particle: Any, excess: float, gust: Any, inputs: _Inputs) -> Any:
+def _gust(particle: Any, excess: float, inputs: _Inputs) -> Any:
     """Advance the turbulence around a particle and return it.
 
     It is Ornstein-Uhlenbeck, exact in time.
@@ -427,7 +427,7 @@ def _gust(particle: Any, excess: float, gust: Any, inputs: _Inputs) -> Any:
     gas, kept = inputs.gas, inputs.flight.turbulence_kept
     strength = gas.turbulence_m_s + gas.turbulence_in_jet * np.abs(excess)
     old = scaled(kept, vector(particle.turbulence))
-    turbulence = plus(old, np.sqrt(1 - kept**2) * strength, gust)
+    turbulence = plus(old, np.sqrt(1 - kept**2) * strength, particle.gust)
     put(particle.turbulence, turbulence)
     return turbulence
 

@@ -46,7 +46,7 @@ def density(temperature_k: Any) -> Any:
 def viscosity(temperature_k: Any) -> Any:
     """Return the dynamic viscosity of air in Pa s (Sutherland's law)."""
     relative = temperature_k / 273.15
-    return 1.716e-5 * relative**1.5 * (273.15 + 110.4) / (temperature_k + 110.4)
+    return 1.716e-5 * relative * np.sqrt(relative) * (273.15 + 110.4) / (temperature_k + 110.4)
 
 
 @dataclass(frozen=True)
@@ -309,10 +309,11 @@ def conduct(
     conductivity, capacity, areal_kg_m2, moisture = properties
     areas, volumes = shells
     count, inner = len(nodes_k), 0.0
+    through = conductivity / (half_m / count)
     for k in range(count):
         outer = flux_w_m2
         if k + 1 < count:  # of temperatures before the step
-            outer = conductivity * (nodes_k[k + 1] - nodes_k[k]) / (half_m / count) * areas[k]
+            outer = through * (nodes_k[k + 1] - nodes_k[k]) * areas[k]
         stored = areal_kg_m2 * apparent_heat_capacity(nodes_k[k], capacity, moisture) * volumes[k]
         nodes_k[k] += step_s * (outer - inner) / stored
         inner = outer

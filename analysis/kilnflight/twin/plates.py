@@ -100,7 +100,7 @@ def release(state: Any, wind: Array, gas_k: float, generator: np.random.Generato
     along = unit(generator.normal(size=(n, 3)).T)
     normal = _upright(generator.normal(size=(n, 3)).T, along)
     state.along, state.normal = np.stack(along, axis=1), np.stack(normal, axis=1)
-    shape = np.where(state.kind.round, np.pi / 4, 1.0)
+    shape = np.where(state.disc, np.pi / 4, 1.0)
     state.tip_speed_ratio = tip_speed_ratio(state.broadside_m2 / (shape * state.short_m) ** 2)
     free, _, _ = _autorotation(state, (wind - state.velocity).T, along, gas_k, Plates())
     state.spin_1_s = generator.uniform(-1.0, 1.0, n) * free
@@ -134,7 +134,7 @@ def froude(state: Any, gas_k: Any) -> Any:
 def _autorotation(state: Any, relative: Any, along: Any, gas_k: Any, plates: Any) -> Any:
     """Return the spin of autorotation, the rate in 1/s at which it is reached, and if it is."""
     wind = np.sqrt(dot(relative, relative) - dot(relative, along) ** 2 + 1e-12)
-    inverse_inertia = either(state.kind.round, 16.0, 12.0)
+    inverse_inertia = either(state.disc, 16.0, 12.0)
     (areal, chord), gas, ratio = _sheet(state), density(gas_k), state.tip_speed_ratio
     rate = inverse_inertia * plates.moment_coefficient * gas * wind / (4 * areal * ratio)
     tumbles = areal > plates.critical_froude**2 * gas * chord
