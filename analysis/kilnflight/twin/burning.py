@@ -10,11 +10,13 @@ volatiles has to be above a critical one, and the flame's Damkoehler number abov
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from numba.extending import register_jitable
 
 from kilnflight.checks import check_positive
+from kilnflight.twin.compiled import either, numbers
 from kilnflight.twin.gas import (
     AIR_OXYGEN,
     DRYING_K,
@@ -23,10 +25,9 @@ from kilnflight.twin.gas import (
     conduct,
     heat_flux,
     heat_transfer,
+    shells,
 )
-from kilnflight.twin.particles import Fraction, Particles
-
-Array = npt.NDArray[np.float64]
+from kilnflight.twin.particles import Particles
 
 UNLIT, BURNING, CHAR = 0, 1, 2
 CAUSES = ("", "surface temperature", "hot gas", "slip", "volatiles", "flame time", "glowing char")
@@ -56,213 +57,175 @@ class VolatileIgnition:
         for field in fields(self):
             check_positive(float(getattr(self, field.name)), f"VolatileIgnition: {field.name}")
 
-    def damkoehler(self, short_m: Array, slip_m_s: Array, gas_k: Array, oxygen: Array) -> Array:
-        """Return the time of the flow along the short side over that of the flame, (active,).
 
-        The flame is as hot as the gas around and its ``oxygen`` (mass share) make it.
-        """
-        heated = gas_k + HEAT_OF_OXYGEN_J_KG * oxygen / HEAT_CAPACITY_J_KG_K
-        flame_k = np.minimum(heated, HOTTEST_FLAME_K)
-        slower = np.exp(self.activation_k * (1 / flame_k - 1 / self.reference_k))
-        chemical_s = self.chemical_time_s * slower * AIR_OXYGEN / np.maximum(oxygen, 1e-6)
-        return short_m / np.maximum(slip_m_s, self.least_slip_m_s) / chemical_s
+@register_jitable
+def damkoehler(rule: Any, short_m: Any, slip_m_s: Any, gas_k: Any, oxygen: Any) -> Any:
+    """Return the time of the flow along the short side over that of the flame.
 
-
-@dataclass
-class State:
-    """The particles still in flight, with fixed and changing values.
-
-    Arrays are (active, ...).
+    The flame is as hot as the gas around and its ``oxygen`` (mass share) make it; ``rule`` is a
+    `VolatileIgnition`.
     """
-
-    kind: Fraction
-    char_thins: bool  # charred sheets keep their area
-    index: npt.NDArray[np.intp]  # row of the particle among all
-    diameter_m: Array
-    short_m: Array  # shorter side of the broadside
-    broadside_m2: Array
-    surface_m2: Array
-    half_m: Array  # half thickness or radius
-    dry_kg: Array
-    ignition_k: Array
-    orientation: Array
-    position: Array  # (active, 3)
-    velocity: Array  # (active, 3)
-    turbulence: Array  # (active, 3)
-    lift: Array  # (active, 3) unit vectors
-    nodes_k: Array  # (active, nodes): middles of the shells, from inside out
-    surface_k: Array
-    volatiles_kg: Array
-    char_kg: Array
-    burning: npt.NDArray[np.int8]
-    fulfilled: npt.NDArray[np.bool_]  # (active, 3): ignition criteria of the step before
-    length_m: Array  # that convection goes by
-    # Of plates (`kilnflight.twin.plates`), NaN and 0 of others
-    normal: Array  # (active, 3) unit vectors
-    along: Array  # (active, 3) unit vectors in the plane, along the axis of spin
-    spin_1_s: Array  # rad/s
-
-    @classmethod
-    def at_rest(cls, particles: Particles, nodes: int, temperature_k: float) -> State:
-        """Return all particles, cold and without motion."""
-        n, kind, dry = len(particles), particles.fraction, particles.dry_mass_kg
-        return cls(
-            kind=kind,
-            char_thins=False,
-            index=np.arange(n),
-            diameter_m=particles.diameter_m,
-            short_m=np.minimum(particles.length_m, particles.width_m),
-            broadside_m2=particles.broadside_m2,
-            surface_m2=particles.surface_m2,
-            half_m=particles.thickness_m / 2,
-            dry_kg=dry,
-            ignition_k=particles.ignition_k,
-            orientation=particles.orientation,
-            position=np.zeros((n, 3)),
-            velocity=np.zeros((n, 3)),
-            turbulence=np.zeros((n, 3)),
-            lift=np.tile([0.0, 0.0, 1.0], (n, 1)),
-            nodes_k=np.full((n, 1 if kind.sheet else nodes), temperature_k),
-            surface_k=np.full(n, temperature_k),
-            volatiles_kg=dry * kind.volatile_share,
-            char_kg=dry * (1 - kind.volatile_share),
-            burning=np.full(n, UNLIT, dtype=np.int8),
-            fulfilled=np.zeros((n, 3), dtype=bool),
-            length_m=particles.diameter_m,
-            normal=np.full((n, 3), np.nan),
-            along=np.full((n, 3), np.nan),
-            spin_1_s=np.zeros(n),
-        )
-
-    def keep(self, rows: npt.NDArray[np.bool_]) -> None:
-        """Drop the particles whose flight has ended."""
-        for field in fields(self)[2:]:
-            setattr(self, field.name, getattr(self, field.name)[rows])
-
-    @property
-    def volatiles_1_s(self) -> Array:
-        """Share of the volatiles that leaves an unlit particle in a second, (active,).
-
-        One reaction of first order (`Fraction.pyrolysis_1_s`), mean over the volume.
-        """
-        kind = self.kind
-        faces = np.linspace(0.0, 1.0, self.nodes_k.shape[1] + 1) ** (kind.body + 1)
-        activation = kind.pyrolysis_j_mol / GAS_CONSTANT_J_MOL_K
-        rate = kind.pyrolysis_1_s * np.exp(-activation / self.nodes_k)
-        return rate @ np.diff(faces)
-
-    @property
-    def volatile_flux(self) -> Array:
-        """Volatiles that leave an unlit surface in kg/m2/s, (active,)."""
-        return self.volatiles_1_s * self.volatiles_kg / self.surface_m2
-
-    @property
-    def char_share(self) -> Array:
-        """Remaining over initial char, (active,); 1 for a particle without char."""
-        whole = self.dry_kg * (1 - self.kind.volatile_share)
-        return np.divide(self.char_kg, whole, out=np.ones_like(whole), where=whole > 0)
-
-    @property
-    def area_share(self) -> Array:
-        """Share of the broadside area that is left, (active,): charred sheets crumble, or thin."""
-        charred = self.burning == CHAR
-        if not charred.any() or not self.kind.sheet or self.char_thins:
-            return np.ones(len(charred))
-        return np.where(charred, self.char_share, 1.0)
-
-    @property
-    def release_mass_kg(self) -> Array:
-        """Mass at release, water included, (active,)."""
-        return self.dry_kg * (1 + self.kind.moisture)
-
-    @property
-    def mass_kg(self) -> Array:
-        """Present mass, (active,); ash keeps it above 2 % of the mass at release."""
-        low, high = DRYING_K
-        wet = 1 - np.clip((self.nodes_k.mean(axis=1) - low) / (high - low), 0.0, 1.0)
-        now = self.volatiles_kg + self.char_kg + self.kind.moisture * self.dry_kg * wet
-        return np.maximum(now, 0.02 * self.release_mass_kg)
+    heated = gas_k + HEAT_OF_OXYGEN_J_KG * oxygen / HEAT_CAPACITY_J_KG_K
+    flame_k = np.minimum(heated, HOTTEST_FLAME_K)
+    slower = np.exp(rule.activation_k * (1 / flame_k - 1 / rule.reference_k))
+    chemical_s = rule.chemical_time_s * slower * AIR_OXYGEN / np.maximum(oxygen, 1e-6)
+    return short_m / np.maximum(slip_m_s, rule.least_slip_m_s) / chemical_s
 
 
+def at_rest(particles: Particles, nodes: int, temperature_k: float) -> Any:
+    """Return the state of all particles, cold and without motion: a record array (n,).
+
+    The laws below take it, or one of its records.
+    """
+    n, kind, dry = len(particles), particles.fraction, particles.dry_mass_kg
+    count, areas, volumes = 1 if kind.sheet else nodes, np.zeros((n, nodes)), np.zeros((n, nodes))
+    areas[:, :count], volumes[:, :count] = shells(count, kind.body)
+    start: dict[str, Any] = {
+        "kind": np.tile(numbers(kind), n),  # the numbers of the `Fraction`
+        "disc": np.full(n, kind.round),
+        "char_thins": np.zeros(n, dtype=bool),  # charred sheets keep their area
+        "diameter_m": particles.diameter_m,
+        "short_m": np.minimum(particles.length_m, particles.width_m),  # of the broadside
+        "broadside_m2": particles.broadside_m2,
+        "surface_m2": particles.surface_m2,
+        "half_m": particles.thickness_m / 2,  # or radius
+        "dry_kg": dry,
+        "ignition_k": particles.ignition_k,
+        "orientation": particles.orientation,
+        "position": np.zeros((n, 3)),
+        "velocity": np.zeros((n, 3)),
+        "turbulence": np.zeros((n, 3)),
+        "lift": np.tile([0.0, 0.0, 1.0], (n, 1)),  # unit vectors
+        "shells": np.full(n, count),  # of equal thickness; what is beyond has no meaning
+        "areas": areas,
+        "volumes": volumes,
+        "nodes_k": np.full((n, nodes), temperature_k),  # middles of the shells, from inside out
+        "mean_k": np.full(n, temperature_k),  # over the thickness
+        "surface_k": np.full(n, temperature_k),
+        "volatiles_kg": dry * kind.volatile_share,
+        "char_kg": dry * (1 - kind.volatile_share),
+        "burning": np.full(n, UNLIT, dtype=np.int8),
+        "gust": np.zeros((n, 3)),  # standard normal draws of the step
+        "turning": np.zeros((n, 3)),
+        "missing": np.zeros(n, dtype=np.int8),  # first ignition criterion not fulfilled before
+        "length_m": particles.diameter_m,  # that convection goes by
+        # Of plates (`kilnflight.twin.plates`), NaN and 0 of others
+        "normal": np.full((n, 3), np.nan),  # unit vectors
+        "along": np.full((n, 3), np.nan),  # unit vectors in the plane, along the axis of spin
+        "spin_1_s": np.zeros(n),  # rad/s
+        "tip_speed_ratio": np.zeros(n),  # in autorotation
+    }
+    layout = [(name, column.dtype, column.shape[1:]) for name, column in start.items()]
+    state = np.recarray(n, np.dtype(layout, align=True))
+    for name, column in start.items():
+        state[name] = column
+    return state
+
+
+@register_jitable
+def char_share(state: Any) -> Any:
+    """Return remaining over initial char; 1 for a particle without char."""
+    whole = state.dry_kg * (1 - state.kind.volatile_share)
+    return either(whole > 0, state.char_kg / np.maximum(whole, 1e-30), 1.0)
+
+
+@register_jitable
+def area_share(state: Any) -> Any:
+    """Return the share of the broadside area that is left: charred sheets crumble, or thin."""
+    crumbles = (state.burning == CHAR) & state.kind.sheet & (state.char_thins == 0)
+    return either(crumbles, char_share(state), 1.0)
+
+
+@register_jitable
+def mass_kg(state: Any) -> Any:
+    """Return the present mass; ash keeps it above 2 % of the mass at release, water included."""
+    low, high = DRYING_K
+    dry = np.minimum(np.maximum((state.mean_k - low) / (high - low), 0.0), 1.0)
+    water = state.kind.moisture * state.dry_kg
+    now = state.volatiles_kg + state.char_kg + water * (1 - dry)
+    return np.maximum(now, 0.02 * (state.dry_kg + water))
+
+
+# What follows changes one particle: a record of the state.
+
+
+@register_jitable
 def heat_and_burn(
-    state: State, wall_k: Array | float, gas_k: Array, slip_m_s: Array, step_s: float
+    particle: Any, wall_k: float, gas_k: float, slip_m_s: float, step_s: float
 ) -> None:
-    """Advance temperatures and masses by one step, in place."""
-    coefficient = heat_transfer(slip_m_s, state.length_m, gas_k)
-    flux = heat_flux(state.surface_k, gas_k, wall_k, coefficient, state.kind.emissivity)
-    unlit = state.burning == UNLIT
-    nodes, surface = _heated(state, flux, step_s)
-    state.nodes_k = np.where(unlit[:, None], nodes, state.nodes_k)
-    state.surface_k = np.where(unlit, surface, state.surface_k)
-    power = np.maximum(flux, 0.0) * state.surface_m2
-    lost = np.where(state.burning == BURNING, power / state.kind.devolatilisation_j_kg, 0.0)
-    state.volatiles_kg = np.maximum(state.volatiles_kg - lost * step_s, 0.0)
-    fading = np.where(state.burning == CHAR, np.exp(-step_s / state.kind.char_time_s), 1.0)
-    state.char_kg = state.char_kg * fading
-    state.burning[(state.burning == BURNING) & (state.volatiles_kg <= 0.0)] = CHAR
+    """Advance temperatures and masses of a particle by one step."""
+    kind = particle.kind
+    if particle.burning == CHAR:
+        particle.char_kg *= np.exp(-step_s / kind.char_time_s)
+        return
+    coefficient = heat_transfer(slip_m_s, particle.length_m, gas_k)
+    flux = heat_flux(particle.surface_k, gas_k, wall_k, coefficient, kind.emissivity)
+    if particle.burning == UNLIT:
+        _heat(particle, flux, step_s)
+        return
+    lost = np.maximum(flux, 0.0) * particle.surface_m2 / kind.devolatilisation_j_kg
+    particle.volatiles_kg = np.maximum(particle.volatiles_kg - lost * step_s, 0.0)
+    if particle.volatiles_kg <= 0.0:
+        particle.burning = CHAR
 
 
-def _heated(state: State, flux: Array, step_s: float) -> tuple[Array, Array]:
-    """Return the temperatures (active, nodes) and that of the surface one step later.
+@register_jitable
+def _heat(particle: Any, flux: float, step_s: float) -> None:
+    """Heat an unlit particle by one step.
 
-    The surface lies half a shell outside the last node; the flux brings the difference.
+    The surface lies half a shell outside the last node; the flux brings the difference. A sheet
+    has one temperature.
     """
-    kind = state.kind
-    if kind.sheet:
-        capacity = apparent_heat_capacity(
-            state.nodes_k[:, 0], kind.heat_capacity_j_kg_k, kind.moisture
-        )
-        gain = step_s * flux * state.surface_m2 / (state.dry_kg * capacity)
-        return state.nodes_k + gain[:, None], state.nodes_k[:, 0] + gain
-    # the volume behind the heated surface, so that mass and heat agree for any shape
-    volume = state.surface_m2 * state.half_m / (kind.body + 1)
-    solid = state.dry_kg / volume
-    properties = (kind.conductivity_w_m_k, kind.heat_capacity_j_kg_k, solid, kind.moisture)
-    nodes = conduct(state.nodes_k, flux, state.half_m, properties, kind.body, step_s)
-    half_shell = state.half_m / nodes.shape[1] / 2
-    return nodes, nodes[:, -1] + flux * half_shell / kind.conductivity_w_m_k
+    kind, nodes = particle.kind, particle.nodes_k[: particle.shells]
+    # mass over the heated surface, so that mass and heat agree for any shape
+    areal = particle.dry_kg / particle.surface_m2
+    properties = (kind.conductivity_w_m_k, kind.heat_capacity_j_kg_k, areal, kind.moisture)
+    conduct(
+        nodes, flux, particle.half_m, properties, (particle.areas, particle.volumes), step_s
+    )
+    particle.mean_k = nodes.mean()
+    half_shell = particle.half_m / len(nodes) / 2
+    outside = 0.0 if kind.sheet else flux * half_shell / kind.conductivity_w_m_k
+    particle.surface_k = nodes[-1] + outside
 
 
-def lose_volatiles(state: State, step_s: float) -> None:
-    """Let unlit particles lose volatiles for one step, in place: they are no fuel later."""
-    kept = np.where(state.burning == UNLIT, np.exp(-state.volatiles_1_s * step_s), 1.0)
-    state.volatiles_kg = state.volatiles_kg * kept
+@register_jitable
+def lose_volatiles(particle: Any, step_s: float) -> Any:
+    """Let an unlit particle lose volatiles for one step: they are no fuel later.
+
+    Returns their flux afterwards in kg/m2/s. One reaction of first order
+    (`Fraction.pyrolysis_1_s`), mean over the volume.
+    """
+    kind, rate_1_s = particle.kind, 0.0
+    for k in range(particle.shells):
+        hindrance = kind.pyrolysis_j_mol / GAS_CONSTANT_J_MOL_K / particle.nodes_k[k]
+        rate_1_s += particle.volumes[k] * kind.pyrolysis_1_s * np.exp(-hindrance)
+    particle.volatiles_kg *= np.exp(-rate_1_s * step_s)
+    return rate_1_s * particle.volatiles_kg / particle.surface_m2
 
 
-def glow(state: State, oxygen: Array) -> npt.NDArray[np.bool_]:
-    """Turn unlit particles without volatiles into glowing char, in place; return which."""
-    fuel = state.dry_kg * state.kind.volatile_share
-    spent = (state.burning == UNLIT) & (state.volatiles_kg < SPENT * fuel)
-    glows = spent & (state.surface_k >= GLOWING_K) & (oxygen >= GLOWING_OXYGEN)
-    state.burning[glows] = CHAR
+@register_jitable
+def glow(particle: Any, oxygen: float) -> bool:
+    """Turn an unlit particle without volatiles into glowing char; return whether it does."""
+    fuel = particle.dry_kg * particle.kind.volatile_share
+    spent = particle.burning == UNLIT and particle.volatiles_kg < SPENT * fuel
+    glows = spent and particle.surface_k >= GLOWING_K and oxygen >= GLOWING_OXYGEN
+    if glows:
+        particle.burning = CHAR
     return glows
 
 
+@register_jitable
 def ignite(
-    state: State,
-    gas_k: Array,
-    enough_fuel: npt.NDArray[np.bool_],
-    flame_holds: npt.NDArray[np.bool_],
-    gas_limit_k: float,
-    causes: tuple[int, int, int] = (1, 2, 3),
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int8]]:
-    """Ignite the particles that fulfil all criteria, in place.
+    particle: Any, enough_fuel: bool, hot_gas: bool, flame_holds: bool, causes: tuple[int, int, int]
+) -> int:
+    """Ignite an unlit particle that fulfils all criteria; ``causes`` are their places in `CAUSES`.
 
-    The criteria are enough fuel, gas above a limit, and a flame that holds; ``causes`` are
-    their places in `CAUSES`.
-
-    Returns
-    -------
-    lit : (active,) bool
-        Particles that ignite in this step.
-    cause : (active,) int8
-        Index into `CAUSES`: the criterion that had not been fulfilled one step before
-        (of several, the first in that order).
+    Returns the criterion that had not been fulfilled one step before (of several, the first); 0
+    if it does not ignite.
     """
-    fulfilled = np.stack([enough_fuel, gas_k >= gas_limit_k, flame_holds], axis=1)
-    lit = fulfilled.all(axis=1) & (state.burning == UNLIT)
-    missing = np.array(causes, dtype=np.int8)[np.argmin(state.fulfilled, axis=1)]
-    cause = np.where(lit, missing, 0).astype(np.int8)
-    state.burning[lit] = BURNING
-    state.fulfilled = fulfilled
-    return lit, cause
+    if enough_fuel and hot_gas and flame_holds:
+        particle.burning = BURNING
+        return causes[particle.missing]
+    particle.missing = 0 if not enough_fuel else 1 if not hot_gas else 2
+    return 0

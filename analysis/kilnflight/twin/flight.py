@@ -11,24 +11,45 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
+from numba.extending import register_jitable
 
 from kilnflight.checks import InputError, check_positive
+from kilnflight.project.closure import code_hash
 from kilnflight.twin.burning import (
     CAUSES,
     CHAR,
-    State,
+    UNLIT,
     VolatileIgnition,
+    area_share,
+    at_rest,
+    char_share,
+    damkoehler,
     glow,
     heat_and_burn,
     ignite,
     lose_volatiles,
+    mass_kg,
 )
 from kilnflight.twin.camera import Geometry, unit_vectors
-from kilnflight.twin.gas import GRAVITY_M_S2, Gas, density, disc_drag, reynolds, sphere_drag
+from kilnflight.twin.compiled import cross, dot, numbers, plus, put, scaled, unit, vector
+from kilnflight.twin.gas import (
+    GRAVITY_M_S2,
+    Gas,
+    density,
+    disc_drag,
+    excess_velocity,
+    oxygen,
+    reynolds,
+    sphere_drag,
+    stream,
+    temperature,
+    wall_k,
+)
 from kilnflight.twin.particles import SPHERE, Particles
 from kilnflight.twin.plates import Plates, release, turn, velocity_after
 
@@ -37,6 +58,10 @@ Array = npt.NDArray[np.float64]
 SAMPLED = ("position_m", "velocity_m_s", "surface_k", "area", "state")
 TURNED = ("normal", "along")
 ENDS = ("landed", "burnt out", "left the kiln", "still flying")
+LANDED, BURNT_OUT, LEFT, FLYING = range(len(ENDS))
+GLOWING = CAUSES.index("glowing char")
+# Numba's cache sees changes of this file only; a type with this name in it tells of the laws' files
+LAWS = code_hash(Plates)
 
 
 @dataclass(frozen=True)
@@ -123,25 +148,6 @@ class Flights(NamedTuple):
         whole = (None if column[0] is None else np.concatenate(column) for column in columns)
         return cls._make([parts[0].age_s, *whole])
 
-    def store(self, column: int, state: State) -> None:
-        """Store the present state as a sample."""
-        rows = state.index
-        self.position_m[rows, column] = state.position
-        self.velocity_m_s[rows, column] = state.velocity
-        self.surface_k[rows, column] = state.surface_k
-        self.area[rows, column] = state.area_share
-        self.state[rows, column] = state.burning
-        if self.normal is not None and self.along is not None:
-            self.normal[rows, column] = state.normal
-            self.along[rows, column] = state.along
-
-    def store_end(self, state: State, over: npt.NDArray[np.int8], time_s: float) -> None:
-        """Store time, kind and place of the flights that have ended."""
-        rows = state.index[over >= 0]
-        self.end_s[rows] = time_s
-        self.end[rows] = over[over >= 0]
-        self.end_position_m[rows] = state.position[over >= 0]
-
     def cut(self) -> Flights:
         """Return the flights without the samples that no particle has reached."""
         count = int((self.state >= 0).any(axis=0).sum())
@@ -189,45 +195,122 @@ def fly(
     settings = settings or Flight()
     flights = Flights.blank(len(particles), settings)
     state = launch(particles, gas, geometry, generator, settings)
-    every, steps = sample_steps(settings), int(settings.longest_s / settings.step_s)
-    for step in range(steps + 1):
-        time = step * settings.step_s
-        over = _ended(state, geometry, settings)
-        if step == steps:
-            over[over < 0] = ENDS.index("still flying")
-        flights.store_end(state, over, time)
-        if (over >= 0).any():
-            state.keep(over < 0)
-        if not len(state.index):
-            break
-        if step % every == 0:
-            flights.store(step // every, state)
-        gas_k, slip = _move(state, gas, geometry, generator, settings)
-        wall_k = gas.wall_k(state.position - geometry.lance_m)
-        heat_and_burn(state, wall_k, gas_k, slip, settings.step_s)
-        lit, cause = _ignite(state, gas, geometry, gas_k, slip, settings)
-        flights.ignition_s[state.index[lit]] = time + settings.step_s
-        flights.cause[state.index[lit]] = cause[lit]
+    turned = (flights.normal, flights.along) if settings.plates else (flights.position_m[:0],) * 2
+    samples = (*(getattr(flights, name) for name in SAMPLED), *turned)
+    inputs = _inputs(gas, geometry, settings)
+    _fly(state, inputs, generator, sample_steps(settings), samples, flights[6:11])
     return flights
 
 
-def _ignite(
-    state: State, gas: Gas, geometry: Geometry, gas_k: Array, slip_m_s: Array, settings: Flight
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int8]]:
-    """Ignite by the criteria of the settings, see `ignite`."""
-    rule = settings.volatiles
-    if rule is None:
-        hot = state.surface_k >= state.ignition_k
-        holds = slip_m_s / state.diameter_m < settings.extinction_1_s
-        return ignite(state, gas_k, hot, holds, settings.ignition_gas_k)
-    lose_volatiles(state, settings.step_s)
-    oxygen = gas.oxygen(state.position - geometry.lance_m)
-    fuel = state.volatile_flux >= rule.critical_flux_kg_m2_s
-    holds = rule.damkoehler(state.short_m, slip_m_s, gas_k, oxygen) >= 1.0
-    lit, cause = ignite(state, gas_k, fuel, holds, settings.ignition_gas_k, causes=(4, 2, 5))
-    glows = glow(state, oxygen)
-    cause[glows] = CAUSES.index("glowing char")
-    return lit | glows, cause
+class _Inputs(NamedTuple):
+    """What flights depend on, as compiled loops read it."""
+
+    gas: Any
+    flight: Any
+    plates: Any
+    volatiles: Any
+    lance_m: tuple[float, float, float]
+
+
+def _inputs(gas: Gas, geometry: Geometry, settings: Flight) -> _Inputs:
+    x, y, z = map(float, geometry.lance_m)
+    flight = numbers(
+        settings,
+        turns=settings.plates is not None,
+        by_volatiles=settings.volatiles is not None,
+        turbulence_kept=np.exp(-settings.step_s / gas.turbulence_time_s),
+        wander=np.sqrt(settings.step_s / settings.lift_time_s),
+        radius_m=geometry.kiln_radius_mm / 1000.0,
+        outlet_m=geometry.outlet_m,
+        **{LAWS: 0.0},
+    )
+    plates, volatiles = settings.plates or Plates(), settings.volatiles or VolatileIgnition()
+    return _Inputs(gas.numbers, flight, numbers(plates), numbers(volatiles), (x, y, z))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fly(
+    state: Any, inputs: _Inputs, generator: Any, every: int, samples: Any, ends: Any
+) -> None:
+    """Fly all particles of a state to their ends; store samples and ends.
+
+    Drawn are in each step the turbulence of all that still fly, then the turning of all.
+    """
+    ignition_s, cause, end_s, end, end_position = ends
+    step_s, steps = inputs.flight.step_s, int(inputs.flight.longest_s / inputs.flight.step_s)
+    flying, count = np.arange(len(state)), len(state)
+    for step in range(steps + 1):
+        left = 0
+        for i in flying[:count]:
+            end[i] = _end(state[i], inputs.flight)
+            if end[i] < 0 and step == steps:
+                end[i] = FLYING
+            if end[i] < 0:
+                flying[left] = i
+                left += 1
+            else:
+                end_s[i] = step * step_s
+                end_position[i] = state[i].position
+        count = left
+        for i in flying[:count]:
+            _draw(state[i].gust, generator)
+        for i in flying[:count]:
+            _draw(state[i].turning, generator)
+        for i in flying[:count]:
+            if step % every == 0:
+                _store(samples, i, step // every, state[i])
+            why = _advance(state[i], inputs)
+            if why:
+                ignition_s[i], cause[i] = step * step_s + step_s, why
+
+
+@register_jitable
+def _draw(row: Any, generator: Any) -> None:
+    """Draw three standard normal components."""
+    for axis in range(3):
+        row[axis] = generator.normal()
+
+
+@register_jitable
+def _store(samples: Any, row: int, column: int, particle: Any) -> None:
+    """Store the present state of a particle as a sample."""
+    position, velocity, surface_k, area, state, normal, along = samples
+    put(position[row, column], particle.position)
+    put(velocity[row, column], particle.velocity)
+    surface_k[row, column] = particle.surface_k
+    area[row, column] = area_share(particle)
+    state[row, column] = particle.burning
+    if len(normal):
+        put(normal[row, column], particle.normal)
+        put(along[row, column], particle.along)
+
+
+@register_jitable
+def _advance(particle: Any, inputs: _Inputs) -> int:
+    """Advance a particle by one step; return why it ignites (see `CAUSES`), 0 if it does not."""
+    gas, step_s = inputs.gas, inputs.flight.step_s
+    place = plus(vector(particle.position), -1.0, inputs.lance_m)
+    gas_k = temperature(gas, place)
+    slip = _move(particle, place, gas_k, inputs)
+    place = plus(vector(particle.position), -1.0, inputs.lance_m)
+    heat_and_burn(particle, wall_k(gas, place), gas_k, slip, step_s)
+    return _ignite(particle, place, gas_k, slip, inputs) if particle.burning == UNLIT else 0
+
+
+@register_jitable
+def _ignite(particle: Any, place: Any, gas_k: float, slip_m_s: float, inputs: _Inputs) -> int:
+    """Ignite an unlit particle by the criteria of the settings, see `ignite`."""
+    settings, rule = inputs.flight, inputs.volatiles
+    hot_gas = gas_k >= settings.ignition_gas_k
+    if not settings.by_volatiles:
+        hot = particle.surface_k >= particle.ignition_k
+        holds = slip_m_s / particle.diameter_m < settings.extinction_1_s
+        return ignite(particle, hot, hot_gas, holds, (1, 2, 3))
+    fuel = lose_volatiles(particle, settings.step_s) >= rule.critical_flux_kg_m2_s
+    share = oxygen(inputs.gas, place)
+    holds = damkoehler(rule, particle.short_m, slip_m_s, gas_k, share) >= 1.0
+    cause = ignite(particle, fuel, hot_gas, holds, (4, 2, 5))
+    return GLOWING if glow(particle, share) else cause
 
 
 def launch(
@@ -236,14 +319,14 @@ def launch(
     geometry: Geometry,
     generator: np.random.Generator,
     settings: Flight,
-) -> State:
+) -> Any:
     """Return the particles as they leave the lance."""
     n = len(particles)
-    state = State.at_rest(particles, settings.nodes, gas.lance_temperature_k)
-    plates = settings.plates if state.kind.sheet else None
+    state = at_rest(particles, settings.nodes, gas.lance_temperature_k)
+    plates = settings.plates if particles.fraction.sheet else None
     if plates:
         state.char_thins = plates.char_thins
-        state.orientation = np.full(n, plates.mean_drag)
+        state.orientation = plates.mean_drag
     spread = np.deg2rad(particles.fraction.launch_spread_deg * settings.launch_spread_factor)
     elevation = np.deg2rad(settings.launch_elevation_deg) + generator.normal(0.0, spread, n)
     azimuth = generator.normal(0.0, spread, n)
@@ -257,31 +340,38 @@ def launch(
     state.lift = unit_vectors(generator.normal(size=(n, 3)))
     if plates:
         wind = np.array([gas.jet_velocity_m_s, 0.0, 0.0])
-        release(state, wind, np.full(n, gas.lance_temperature_k), generator)
+        release(state, wind, gas.lance_temperature_k, generator)
     return state
 
 
-def exit_velocity(state: State, gas: Gas, settings: Flight) -> Array:
+def exit_velocity(state: Any, gas: Gas, settings: Flight) -> Array:
     """Return the velocity in m/s at the lance's outlet, before its spread, (n,).
 
     From rest over the length of the lance, against the friction of what slides or bounces.
     """
-    air_k = np.full(len(state.index), gas.lance_temperature_k)
-    speed, way = np.full(len(state.index), 0.1), np.zeros(len(state.index))
-    for _ in range(int(settings.longest_s / settings.step_s)):
-        inside = way < settings.lance_length_m
-        if not inside.any():
-            break
-        slip = gas.jet_velocity_m_s - speed
-        rate = drag_rate(state, np.abs(slip), air_k)
-        braking = _lance_friction(speed, gas.lance_diameter_m, settings)
-        gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
-        speed = np.where(inside, np.maximum(speed + gain, 0.1), speed)
-        way = way + speed * settings.step_s
-    return speed
+    return np.asarray(_exit_velocity(state, gas.numbers, numbers(settings, **{LAWS: 0.0})))
 
 
-def _lance_friction(speed_m_s: Array, diameter_m: float, settings: Flight) -> Array:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _exit_velocity(state: Any, gas: Any, settings: Any) -> Any:
+    speeds = np.empty(len(state))
+    for i in range(len(state)):
+        speed, way = 0.1, 0.0
+        for _ in range(int(settings.longest_s / settings.step_s)):
+            if way >= settings.lance_length_m:
+                break
+            slip = gas.jet_velocity_m_s - speed
+            rate = drag_rate(state[i], np.abs(slip), gas.lance_temperature_k)
+            braking = _lance_friction(speed, gas.lance_diameter_m, settings)
+            gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
+            speed = np.maximum(speed + gain, 0.1)
+            way += speed * settings.step_s
+        speeds[i] = speed
+    return speeds
+
+
+@register_jitable
+def _lance_friction(speed_m_s: float, diameter_m: float, settings: Any) -> float:
     """Return the deceleration in m/s2 by the wall of the lance."""
     if settings.bouncing:
         across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
@@ -291,85 +381,73 @@ def _lance_friction(speed_m_s: Array, diameter_m: float, settings: Flight) -> Ar
     return settings.wall_friction * GRAVITY_M_S2 + solids
 
 
-def drag_rate(state: State, slip_m_s: Array, gas_k: Array) -> Array:
-    """Return drag acceleration over slip velocity in 1/s, (active,)."""
+@register_jitable
+def drag_rate(state: Any, slip_m_s: Any, gas_k: Any) -> Any:
+    """Return drag acceleration over slip velocity in 1/s."""
     number = reynolds(slip_m_s, state.diameter_m, gas_k)
-    law = sphere_drag if state.kind.body == SPHERE else disc_drag
-    area = state.orientation * state.broadside_m2 * state.area_share
-    return density(gas_k) * law(number) * area * slip_m_s / (2 * state.mass_kg)
+    drag = sphere_drag(number) if state.kind.body == SPHERE else disc_drag(number)
+    area = state.orientation * state.broadside_m2 * area_share(state)
+    return density(gas_k) * drag * area * slip_m_s / (2 * mass_kg(state))
 
 
-def _move(
-    state: State,
-    gas: Gas,
-    geometry: Geometry,
-    generator: np.random.Generator,
-    settings: Flight,
-) -> tuple[Array, Array]:
-    """Advance positions by one step in place.
-
-    Gas temperature and slip before the step are returned.
+@register_jitable
+def _move(particle: Any, place: Any, gas_k: float, inputs: _Inputs) -> float:
+    """Advance velocity and position of a particle by one step; return the slip before it.
 
     Drag is taken implicitly, so that light sheets stay stable.
     """
-    from_lance = state.position - geometry.lance_m
-    gas_k, excess = gas.temperature(from_lance), gas.excess_velocity(from_lance)
-    _wander(state, excess, gas, generator, settings)
-    wind = state.turbulence.copy()
-    wind[:, 0] += gas.stream(from_lance) + excess
-    relative = wind - state.velocity
-    slip = np.linalg.norm(relative, axis=1)
-    dt = settings.step_s
-    if settings.plates and state.kind.sheet:
-        wander = np.sqrt(dt / settings.lift_time_s)
-        free = turn(state, relative, gas_k, settings.plates, wander, dt, generator)
-        state.velocity = velocity_after(state, wind, gas_k, free, settings.plates, dt)
+    gas, settings, step_s = inputs.gas, inputs.flight, inputs.flight.step_s
+    excess = excess_velocity(gas, place)
+    turbulence = _gust(particle, excess, inputs)
+    wind = plus(turbulence, stream(gas, place) + excess, (1.0, 0.0, 0.0))
+    velocity = vector(particle.velocity)
+    relative = plus(wind, -1.0, velocity)
+    slip = np.sqrt(dot(relative, relative))
+    aside = scaled(settings.wander, particle.turning)
+    if settings.turns and particle.kind.sheet:
+        free = turn(particle, relative, gas_k, inputs.plates, aside, step_s)
+        velocity = velocity_after(particle, wind, gas_k, free, inputs.plates, step_s)
     else:
-        rate = drag_rate(state, slip, gas_k)[:, None]
-        push = _lift(state, relative, slip, gas_k)
-        push[:, 2] -= GRAVITY_M_S2
-        state.velocity = (state.velocity + dt * (push + rate * wind)) / (1 + dt * rate)
-    state.position = state.position + dt * state.velocity
-    return gas_k, slip
+        put(particle.lift, unit(plus(aside, 1.0, particle.lift)))
+        rate = drag_rate(particle, slip, gas_k)
+        lift = scaled(_lift_rate(particle, slip, gas_k), cross(particle.lift, relative))
+        push = plus(plus(lift, GRAVITY_M_S2, (0.0, 0.0, -1.0)), rate, wind)
+        velocity = scaled(1 / (1 + step_s * rate), plus(velocity, step_s, push))
+    put(particle.velocity, velocity)
+    put(particle.position, plus(vector(particle.position), step_s, velocity))
+    return slip
 
 
-def _wander(
-    state: State, excess: Array, gas: Gas, generator: np.random.Generator, settings: Flight
-) -> None:
-    """Advance turbulence and the lift's direction.
+@register_jitable
+def _gust(particle: Any, excess: float, inputs: _Inputs) -> Any:
+    """Advance the turbulence around a particle and return it.
 
-    Turbulence is Ornstein-Uhlenbeck, exact in time.
+    It is Ornstein-Uhlenbeck, exact in time.
     """
-    shape, dt = state.position.shape, settings.step_s
-    keep = np.exp(-dt / gas.turbulence_time_s)
+    gas, kept = inputs.gas, inputs.flight.turbulence_kept
     strength = gas.turbulence_m_s + gas.turbulence_in_jet * np.abs(excess)
-    noise = generator.normal(size=shape) * strength[:, None]
-    state.turbulence = keep * state.turbulence + np.sqrt(1 - keep**2) * noise
-    if not (settings.plates and state.kind.sheet):
-        turn = np.sqrt(dt / settings.lift_time_s)
-        state.lift = unit_vectors(state.lift + turn * generator.normal(size=shape))
+    old = scaled(kept, vector(particle.turbulence))
+    turbulence = plus(old, np.sqrt(1 - kept**2) * strength, particle.gust)
+    put(particle.turbulence, turbulence)
+    return turbulence
 
 
-def _lift(state: State, relative: Array, slip_m_s: Array, gas_k: Array) -> Array:
-    """Return the lift's acceleration in m/s2, (active, 3).
-
-    It is across the slip and turns with time.
-    """
-    area = state.kind.lift_coefficient * state.broadside_m2 * state.area_share
-    rate = density(gas_k) * area * slip_m_s / (2 * state.mass_kg)
-    return rate[:, None] * np.cross(state.lift, relative)
+@register_jitable
+def _lift_rate(particle: Any, slip_m_s: float, gas_k: float) -> float:
+    """Return the lift's acceleration over slip velocity in 1/s; it is across the slip."""
+    area = particle.kind.lift_coefficient * particle.broadside_m2 * area_share(particle)
+    return density(gas_k) * area * slip_m_s / (2 * mass_kg(particle))
 
 
-def _ended(state: State, geometry: Geometry, settings: Flight) -> npt.NDArray[np.int8]:
-    """Return the end of each active particle as an index into `ENDS`.
-
-    It is -1 while the particle flies.
-    """
-    over = np.full(len(state.index), -1, dtype=np.int8)
-    crumbles = state.kind.sheet | (state.kind.volatile_share == 1.0)
-    spent = (state.char_share <= settings.char_left) | (state.kind.volatile_share == 1.0)
-    over[(state.burning == CHAR) & crumbles & spent] = ENDS.index("burnt out")
-    over[state.position[:, 0] >= geometry.outlet_m] = ENDS.index("left the kiln")
-    radius = np.hypot(state.position[:, 1], state.position[:, 2])
-    over[radius >= geometry.kiln_radius_mm / 1000.0] = ENDS.index("landed")
-    return over
+@register_jitable
+def _end(particle: Any, settings: Any) -> int:
+    """Return the end of a particle as an index into `ENDS`, -1 while it flies."""
+    x, y, z = vector(particle.position)
+    if np.hypot(y, z) >= settings.radius_m:
+        return LANDED
+    if x >= settings.outlet_m:
+        return LEFT
+    without_char = particle.kind.volatile_share == 1.0
+    crumbles = particle.kind.sheet or without_char
+    spent = without_char or char_share(particle) <= settings.char_left
+    return BURNT_OUT if particle.burning == CHAR and crumbles and spent else -1

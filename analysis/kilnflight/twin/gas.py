@@ -13,11 +13,14 @@ outlet of the lance, draw gas back around the jet, load it, or cool the wall alo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba.extending import register_jitable
 
 from kilnflight.checks import InputError, check_positive
+from kilnflight.twin.compiled import either, numbers
 
 Array = npt.NDArray[np.float64]
 
@@ -33,15 +36,17 @@ AIR_OXYGEN = 0.232  # mass share of oxygen in air
 AMBIENT_BAR = PRESSURE_PA / 1e5
 
 
-def density(temperature_k: npt.ArrayLike) -> Array:
+@register_jitable
+def density(temperature_k: Any) -> Any:
     """Return the density of the gas in kg/m3 (ideal gas at ambient pressure)."""
-    return PRESSURE_PA / (GAS_CONSTANT_J_KG_K * np.asarray(temperature_k, dtype=np.float64))
+    return PRESSURE_PA / (GAS_CONSTANT_J_KG_K * temperature_k)
 
 
-def viscosity(temperature_k: npt.ArrayLike) -> Array:
+@register_jitable
+def viscosity(temperature_k: Any) -> Any:
     """Return the dynamic viscosity of air in Pa s (Sutherland's law)."""
-    temperature = np.asarray(temperature_k, dtype=np.float64)
-    return 1.716e-5 * (temperature / 273.15) ** 1.5 * (273.15 + 110.4) / (temperature + 110.4)
+    relative = temperature_k / 273.15
+    return 1.716e-5 * relative * np.sqrt(relative) * (273.15 + 110.4) / (temperature_k + 110.4)
 
 
 @dataclass(frozen=True)
@@ -113,94 +118,126 @@ class Gas:
         free = self.jet_velocity_m_s * (1.0 + self.load)
         return float(density(self.lance_temperature_k) * free * area)
 
-    def stream(self, from_lance_m: Array) -> Array | float:
-        """Return the axial velocity of the gas around the jet in m/s, at (n, 3) positions."""
-        if self.lance_stream_m_s is None:
-            return self.stream_m_s
-        rest = np.exp(-np.maximum(from_lance_m[:, 0], 0.0) / self.recirculation_m)
-        return self.stream_m_s + (self.lance_stream_m_s - self.stream_m_s) * rest
-
-    def wall_k(self, from_lance_m: Array) -> Array | float:
-        """Return the temperature in K of the wall beside (n, 3) positions."""
-        if not self.wall_fall_k_m:
-            return self.wall_temperature_k
-        return self.wall_temperature_k - self.wall_fall_k_m * np.maximum(from_lance_m[:, 0], 0.0)
-
-    def oxygen(self, from_lance_m: Array) -> Array:
-        """Return the mass share of oxygen, 0 to `AIR_OXYGEN`, at (n, 3) positions."""
-        cold = self.cold_share(from_lance_m)
-        return self.flue_oxygen + cold * (AIR_OXYGEN - self.flue_oxygen)
-
     @property
     def effective_diameter_m(self) -> float:
         """Diameter of the jet of hot gas that carries the same momentum."""
         ratio = density(self.lance_temperature_k) / density(self.temperature_k)
         return float(self.lance_diameter_m * np.sqrt(ratio))
 
-    def jet_drop(self, distance_m: Array) -> Array:
-        """Return how far the jet has sunk, in m, at distances (n,) from the lance.
+    @property
+    def drop_1_m2(self) -> float:
+        """How far the jet sinks in m, over the third power of the distance in m.
 
-        The drop grows with the third power while momentum dominates: buoyancy flux B,
-        momentum flux M, entrainment 0.08 (Pope 2000; drop = 0.08 sqrt(pi) B s^3 / 3 M^1.5).
+        While momentum dominates: buoyancy flux B, momentum flux M, entrainment 0.08 (Pope 2000;
+        drop = 0.08 sqrt(pi) B s^3 / 3 M^1.5).
         """
         area = np.pi * self.lance_diameter_m**2 / 4
-        ratio = float(density(self.lance_temperature_k) / density(self.temperature_k))
+        ratio = density(self.lance_temperature_k) / density(self.temperature_k)
         buoyancy = GRAVITY_M_S2 * (ratio - 1) * self.jet_velocity_m_s * area
         momentum = ratio * self.jet_velocity_m_s**2 * area
-        return 0.08 * np.sqrt(np.pi) * buoyancy * distance_m**3 / (3 * momentum**1.5)
+        return float(0.08 * np.sqrt(np.pi) * buoyancy / (3 * momentum**1.5))
 
-    def _profile(self, from_lance_m: Array, decay: float, spreading: float) -> Array:
-        """Return a jet's property over that at its outlet, 0 to 1, at (n, 3) positions."""
-        distance = from_lance_m[:, 0]
-        along = np.maximum(distance, 1e-6)
-        height = from_lance_m[:, 2] + self.jet_drop(along)
-        square = from_lance_m[:, 1] ** 2 + height**2
-        core = np.minimum(1.0, decay * self.effective_diameter_m / along)
-        width = np.maximum(spreading * along, self.lance_diameter_m / 2)
-        return np.where(distance > 0, core * np.exp(-square / width**2), 0.0)
+    @property
+    def backflow_m_s(self) -> float:
+        """How much slower the gas around the jet is at the lance than far behind it."""
+        given = self.lance_stream_m_s
+        return 0.0 if given is None else self.stream_m_s - given
 
-    def excess_velocity(self, from_lance_m: Array) -> Array:
-        """Return the jet's velocity over that of the gas around it in m/s.
-
-        It is along s, at (n, 3) positions.
-        """
-        excess = self.jet_persistence * (self.jet_velocity_m_s - self.stream(from_lance_m))
-        return excess * self._profile(from_lance_m, self.decay, self.spreading)
-
-    def cold_share(self, from_lance_m: Array) -> Array:
-        """Return the mass share of the lance's air, 0 to 1, at (n, 3) positions."""
-        return self._profile(from_lance_m, self.scalar_decay, self.scalar_spreading)
-
-    def temperature(self, from_lance_m: Array) -> Array:
-        """Return the temperature in K of the mixture at (n, 3) positions from the lance."""
-        cold = self.cold_share(from_lance_m)
-        return self.temperature_k + cold * (self.lance_temperature_k - self.temperature_k)
+    @property
+    def numbers(self) -> Any:
+        """The fields and what follows from them, as compiled loops read them."""
+        names = ("jet_velocity_m_s", "effective_diameter_m", "drop_1_m2", "backflow_m_s")
+        return numbers(self, **{name: getattr(self, name) for name in names})
 
 
-def sphere_drag(reynolds: Array) -> Array:
+# The laws of the gas take a `Gas` and a place: components (s, y, z) in m from the lance, such as the
+# transpose of (n, 3) positions.
+
+
+@register_jitable
+def stream(gas: Any, place: Any) -> Any:
+    """Return the axial velocity of the gas around the jet in m/s."""
+    rest = np.exp(-np.maximum(place[0], 0.0) / gas.recirculation_m)
+    return gas.stream_m_s - gas.backflow_m_s * rest
+
+
+@register_jitable
+def wall_k(gas: Any, place: Any) -> Any:
+    """Return the temperature in K of the wall beside a place."""
+    return gas.wall_temperature_k - gas.wall_fall_k_m * np.maximum(place[0], 0.0)
+
+
+@register_jitable
+def jet_drop(gas: Any, distance_m: Any) -> Any:
+    """Return how far the jet has sunk, in m, at a distance from the lance."""
+    return gas.drop_1_m2 * distance_m**3
+
+
+@register_jitable
+def _profile(gas: Any, place: Any, decay: float, spreading: float) -> Any:
+    """Return a jet's property over that at its outlet, 0 to 1."""
+    distance, aside, up = place
+    along = np.maximum(distance, 1e-6)
+    square = aside**2 + (up + jet_drop(gas, along)) ** 2
+    core = np.minimum(1.0, decay * gas.effective_diameter_m / along)
+    width = np.maximum(spreading * along, gas.lance_diameter_m / 2)
+    return either(distance > 0, core * np.exp(-square / width**2), 0.0)
+
+
+@register_jitable
+def excess_velocity(gas: Any, place: Any) -> Any:
+    """Return the jet's velocity along s over that of the gas around it in m/s."""
+    excess = gas.jet_persistence * (gas.jet_velocity_m_s - stream(gas, place))
+    return excess * _profile(gas, place, gas.decay, gas.spreading)
+
+
+@register_jitable
+def cold_share(gas: Any, place: Any) -> Any:
+    """Return the mass share of the lance's air, 0 to 1."""
+    return _profile(gas, place, gas.scalar_decay, gas.scalar_spreading)
+
+
+@register_jitable
+def temperature(gas: Any, place: Any) -> Any:
+    """Return the temperature in K of the mixture."""
+    cold = cold_share(gas, place)
+    return gas.temperature_k + cold * (gas.lance_temperature_k - gas.temperature_k)
+
+
+@register_jitable
+def oxygen(gas: Any, place: Any) -> Any:
+    """Return the mass share of oxygen, 0 to `AIR_OXYGEN`."""
+    return gas.flue_oxygen + cold_share(gas, place) * (AIR_OXYGEN - gas.flue_oxygen)
+
+
+@register_jitable
+def sphere_drag(reynolds: Any) -> Any:
     """Return the drag coefficient of a sphere.
 
     Schiller and Naumann 1933; 0.44 above 1000.
     """
     re = np.maximum(reynolds, 1e-9)
-    return np.where(re < 1000.0, 24.0 / re * (1 + 0.15 * re**0.687), 0.44)
+    return either(re < 1000.0, 24.0 / re * (1 + 0.15 * re**0.687), 0.44)
 
 
-def disc_drag(reynolds: Array) -> Array:
+@register_jitable
+def disc_drag(reynolds: Any) -> Any:
     """Return the drag coefficient of a disc broadside on.
 
     Clift, Grace and Weber 1978.
     """
     re = np.maximum(reynolds, 1e-9)
-    return np.where(re < 133.0, 64.0 / (np.pi * re) * (1 + 0.138 * re**0.792), 1.17)
+    return either(re < 133.0, 64.0 / (np.pi * re) * (1 + 0.138 * re**0.792), 1.17)
 
 
-def reynolds(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> Array:
+@register_jitable
+def reynolds(slip_m_s: Any, diameter_m: Any, temperature_k: Any) -> Any:
     """Return the Reynolds number of the slip velocity."""
     return density(temperature_k) * slip_m_s * diameter_m / viscosity(temperature_k)
 
 
-def heat_transfer(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> Array:
+@register_jitable
+def heat_transfer(slip_m_s: Any, diameter_m: Any, temperature_k: Any) -> Any:
     """Return the convective heat transfer coefficient in W/m2/K.
 
     Ranz and Marshall 1952.
@@ -211,9 +248,8 @@ def heat_transfer(slip_m_s: Array, diameter_m: Array, temperature_k: Array) -> A
     return nusselt * conductivity / diameter_m
 
 
-def heat_flux(
-    surface_k: Array, gas_k: Array, wall_k: Array | float, coefficient: Array, emissivity: float
-) -> Array:
+@register_jitable
+def heat_flux(surface_k: Any, gas_k: Any, wall_k: Any, coefficient: Any, emissivity: Any) -> Any:
     """Return the heat flux into a surface in W/m2.
 
     It is convection and radiation of the wall.
@@ -222,7 +258,8 @@ def heat_flux(
     return coefficient * (gas_k - surface_k) + radiation
 
 
-def apparent_heat_capacity(temperature_k: Array, dry_j_kg_k: float, moisture: float) -> Array:
+@register_jitable
+def apparent_heat_capacity(temperature_k: Any, dry_j_kg_k: Any, moisture: Any) -> Any:
     """Return the heat capacity in J/kg/K of dry mass.
 
     The latent heat of its water is included.
@@ -232,46 +269,51 @@ def apparent_heat_capacity(temperature_k: Array, dry_j_kg_k: float, moisture: fl
     """
     low, high = DRYING_K
     drying = (temperature_k >= low) & (temperature_k < high)
-    return dry_j_kg_k + np.where(drying, moisture * LATENT_HEAT_J_KG / (high - low), 0.0)
+    return dry_j_kg_k + either(drying, moisture * LATENT_HEAT_J_KG / (high - low), 0.0)
 
 
+def shells(count: int, geometry: int) -> tuple[Array, Array]:
+    """Return outer areas and volumes, (count,), of shells of equal thickness.
+
+    From the middle to the surface of a slab (geometry 0) or a sphere (geometry 2), over the area
+    of the surface and the whole volume.
+    """
+    faces = np.linspace(0.0, 1.0, count + 1)
+    return faces[1:] ** geometry, np.diff(faces ** (geometry + 1))
+
+
+@register_jitable
 def conduct(
-    nodes_k: Array,
-    flux_w_m2: Array,
-    half_m: Array,
-    properties: tuple[float, float, Array, float],
-    geometry: int,
-    step_s: float,
-) -> Array:
-    """Return node temperatures one explicit step later.
+    nodes_k: Any, flux_w_m2: float, half_m: float, properties: Any, shells: Any, step_s: float
+) -> None:
+    """Heat the nodes of a body by one explicit step, in place.
 
-    Finite volumes across a body: shells of equal thickness from the middle (node 0) to the
-    surface (last node), for a slab (geometry 0) or a sphere (geometry 2).
+    Finite volumes: a node in each of its `shells`, from the middle to the surface.
 
     Parameters
     ----------
     nodes_k
-        (n, nodes).
+        (nodes,).
     flux_w_m2
-        Into the surface, (n,).
+        Into the surface.
     half_m
-        Half thickness or radius, (n,).
+        Half thickness or radius.
     properties
-        Conductivity in W/m/K, dry heat capacity in J/kg/K, density in kg/m3 (n,), moisture.
-    geometry
-        0 or 2.
+        Conductivity in W/m/K, dry heat capacity in J/kg/K, mass over the area of the surface in
+        kg/m2, moisture.
+    shells
+        Their areas and volumes.
     step_s
         Time step.
     """
-    conductivity, capacity, mass_density, moisture = properties
-    count = nodes_k.shape[1]
-    faces = np.linspace(0.0, 1.0, count + 1)
-    area = faces**geometry
-    volume = np.diff(faces ** (geometry + 1)) / (geometry + 1)
-    shell = half_m[:, None] / count
-    through = np.zeros((len(nodes_k), count + 1))
-    through[:, 1:-1] = conductivity * np.diff(nodes_k, axis=1) / shell * area[1:-1]
-    through[:, -1] = flux_w_m2
-    apparent = apparent_heat_capacity(nodes_k, capacity, moisture)
-    stored = mass_density[:, None] * apparent * half_m[:, None] * volume
-    return nodes_k + step_s * np.diff(through, axis=1) / stored
+    conductivity, capacity, areal_kg_m2, moisture = properties
+    areas, volumes = shells
+    count, inner = len(nodes_k), 0.0
+    through = conductivity / (half_m / count)
+    for k in range(count):
+        outer = flux_w_m2
+        if k + 1 < count:  # of temperatures before the step
+            outer = through * (nodes_k[k + 1] - nodes_k[k]) * areas[k]
+        stored = areal_kg_m2 * apparent_heat_capacity(nodes_k[k], capacity, moisture) * volumes[k]
+        nodes_k[k] += step_s * (outer - inner) / stored
+        inner = outer

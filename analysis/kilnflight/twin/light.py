@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.checks import check_positive
-from kilnflight.twin.gas import Gas
+from kilnflight.twin.gas import Gas, excess_velocity, stream
 
 Array = npt.NDArray[np.float64]
 Range = tuple[float, float]
@@ -96,7 +96,7 @@ class Light:
     def tails(self, velocity_m_s: Array, from_lance_m: Array, gas: Gas) -> Array:
         """Return the tails (m, 3) in mm of flames: along the wind on them, and up."""
         wind = -velocity_m_s
-        wind[:, 0] += gas.stream(from_lance_m) + gas.excess_velocity(from_lance_m)
+        wind[:, 0] += stream(gas, from_lance_m.T) + excess_velocity(gas, from_lance_m.T)
         wind[:, 2] += self.rise_m_s
         tail = 1000.0 * self.tail_s * wind
         length = np.linalg.norm(tail, axis=1, keepdims=True)
