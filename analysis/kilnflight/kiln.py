@@ -27,6 +27,7 @@ from zarr.codecs import ZstdCodec
 from kilnflight import flight, regression
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
+from kilnflight.background.difference import Foreground, WindowModel
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination, View, mean_gray
@@ -50,6 +51,7 @@ TILE = (384, 512)  # of a stored difference, so that a small box is read fast
 BACKGROUND_FRAMES = 21  # in the median picture that stands for the background; ours
 
 Vector = tuple[float, float, float]
+Cloud = tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]  # pixels, positions as captured
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,38 @@ class GrayFrames:
         return self.recording.gray(t)
 
 
+@dataclass(frozen=True)
+class WholeFrames(GrayFrames):
+    """Grey values as a stack that keeps the clouds of some frames read on the way.
+
+    A background reads a frame before it is asked for; so none is read or rendered twice.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    wanted
+        Numbers of the frames whose clouds are kept until they are taken.
+    """
+
+    wanted: set[int]
+    clouds: dict[int, Cloud] = field(default_factory=dict)
+
+    def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
+        """Return frame ``t``, (rows, cols); keep its cloud if it is wanted."""
+        if t not in self.wanted:
+            return self.recording.gray(t)
+        frame = self.recording.frame(t)
+        self.clouds[t] = frame.pixels, frame.xyz
+        return frame.gray
+
+    def take(self, t: int) -> Cloud:
+        """Return pixels and positions of frame ``t``; they are kept no longer."""
+        self.wanted.discard(t)
+        frame = None if t in self.clouds else self.recording.frame(t)
+        return self.clouds.pop(t) if frame is None else (frame.pixels, frame.xyz)
+
+
 def views(
     recording: Recording, frames: Iterable[int], background: BackgroundModel | None = None
 ) -> Iterator[tuple[int, View]]:
@@ -113,21 +147,38 @@ def views(
     over 150 frames if None (section 5.1.2). The first frame has no frame before it; the next
     one takes its place.
     """
-    frames, model = list(frames), background or Median()
-    before, gray = -1, np.empty((0, 0), dtype=np.uint16)
-    calibration = recording.attributes.depth_calibration
-    for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
-        frame = recording.frame(t)
+    frames, before, gray = list(frames), -1, np.empty((0, 0), dtype=np.uint16)
+    attributes = recording.attributes
+    for t, (now, foreground, (pixels, captured)) in zip(
+        frames, _read_once(recording, frames, background or Median()), strict=True
+    ):
         beside = t - 1 if t > 0 else min(1, len(recording) - 1)
         previous = gray if beside == before else recording.gray(beside)
-        pixels, xyz = frame.pixels, calibrate_points(frame.xyz, calibration)
-        if recording.attributes.flame_roi is not None:
-            flame = segment_flame(frame.gray, recording.attributes.flame_roi)
+        xyz = calibrate_points(captured, attributes.depth_calibration)
+        if attributes.flame_roi is not None:
+            flame = segment_flame(now, attributes.flame_roi)
             flame.clear(foreground)  # in place: models give every one anew
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
-        before, gray = t, frame.gray
+        before, gray = t, now
         yield t, View(gray, previous, foreground, pixels, xyz)
+
+
+def _read_once(
+    recording: Recording, frames: Sequence[int], model: BackgroundModel
+) -> Iterator[tuple[npt.NDArray[np.uint16], Foreground, Cloud]]:
+    """Yield grey values, foreground and cloud of each frame.
+
+    Models with a window hand out the frame they hold; of others it is read once more.
+    """
+    if isinstance(model, WindowModel):
+        stack = WholeFrames(recording, set(frames))
+        pairs = model.with_frames(stack, frames)
+        yield from ((*pair, stack.take(t)) for t, pair in zip(frames, pairs, strict=True))
+        return
+    for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
+        frame = recording.frame(t)
+        yield frame.gray, foreground, (frame.pixels, frame.xyz)
 
 
 def detect(

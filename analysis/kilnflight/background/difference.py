@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Protocol
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from kilnflight.checks import InputError, check_count
 
@@ -52,6 +53,19 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
     return numbers
 
 
+_spare: list[Image] = []  # at most one room that nobody uses
+LARGE = 1 << 28  # bytes from which a room is kept
+
+
+def _room(shape: tuple[int, int], kind: np.dtype[Any]) -> Image:
+    """Return an array of any content, if possible one that a stack has left."""
+    fits = bool(_spare) and (_spare[0].dtype, _spare[0].shape) == (kind, shape)
+    if fits:
+        return _spare.pop()
+    _spare.clear()
+    return np.empty(shape, kind)
+
+
 class HeldFrames:
     """Copies of the frames in use, each read from its stack once.
 
@@ -67,9 +81,9 @@ class HeldFrames:
     """
 
     def __init__(self, frames: Frames, capacity: int) -> None:
+        self.pixels = np.empty((0, 0), np.uint16)  # (capacity, rows * cols), row = slot
         self.length = len(frames)
         self.shape: tuple[int, ...] = (0, 0)
-        self.pixels = np.empty((0, 0), np.uint16)  # (capacity, rows * cols), row = slot
         self._frames = frames
         self._free = list(range(min(capacity, self.length)))[::-1]
         self._slots: dict[int, int] = {}
@@ -94,6 +108,11 @@ class HeldFrames:
             self.pixels[self._slots[index]] = image.ravel()
         return np.array([self._slots[index] for index in indices], dtype=np.intp)
 
+    def __del__(self) -> None:
+        """Leave the room to the next stack: fresh memory costs more than the frames' copies."""
+        if self.pixels.nbytes >= LARGE:
+            _spare[:] = [self.pixels]
+
     def __getitem__(self, index: int) -> Image:
         """Return a held frame, (rows, cols)."""
         return self.pixels[self._slots[index]].reshape(self.shape)
@@ -113,7 +132,8 @@ class HeldFrames:
             )
         if not self.pixels.size:
             # Memory is taken page by page as slots are filled, so capacity costs nothing unused.
-            self.shape, self.pixels = image.shape, np.empty((len(self._free), image.size), kind)
+            self.shape = image.shape
+            self.pixels = _room((len(self._free), image.size), kind)
         if image.shape != self.shape or kind != self.pixels.dtype:
             raise InputError(
                 f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._slots)} is "
@@ -131,8 +151,19 @@ class HeldFrames:
 def difference(frame: Image, background: Image) -> Foreground:
     """Return the absolute difference of two images as float32."""
     kind = np.result_type(frame, background, np.float32)  # exact for both
+    if (frame.dtype, background.dtype) == (np.uint16, np.float32):
+        return np.asarray(_apart(frame.ravel(), background.ravel())).reshape(frame.shape)
     apart = cv2.absdiff(frame.astype(kind, copy=False), background.astype(kind, copy=False))
     return np.asarray(apart, dtype=np.float32)
+
+
+@njit(cache=True)
+def _apart(frame: Image, background: Image) -> Foreground:
+    """Return the absolute difference without a float copy of the frame, which takes a third."""
+    out = np.empty(frame.size, np.float32)
+    for p in range(out.size):
+        out[p] = abs(np.float32(frame[p]) - background[p])
+    return out
 
 
 def excess(frame: Image, background: Image) -> Foreground:
@@ -225,6 +256,13 @@ class WindowModel(ABC):
         """
         held, backgrounds = self._prepared(frames, indices)
         return (difference(held[t], image) for t, image in backgrounds)
+
+    def with_frames(
+        self, frames: Frames, indices: Iterable[int]
+    ) -> Iterator[tuple[Image, Foreground]]:
+        """Yield a copy of each requested frame, and its foreground as of a call."""
+        held, backgrounds = self._prepared(frames, indices)
+        return ((held[t].copy(), difference(held[t], image)) for t, image in backgrounds)
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
         """Yield the background of each requested frame, (rows, cols)."""

@@ -20,7 +20,7 @@ Several keypoints with several clusters are not in the thesis; they are decided 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -341,10 +341,17 @@ class Combination:
                 continue
             parts = keypoints[spots], clusters.take(groups)
             particles += decide_case(case, *parts, evidence, self.margin_px)
-        table = pd.DataFrame(particles, columns=list(Particle._fields))
-        disc = table[["row", "col", "radius_px"]].to_numpy(dtype=np.float64)
-        table = table.assign(frame=frame, gray=mean_gray(view.gray, disc))
-        return table.astype({c.name: c.kind for c in DETECTIONS.columns})[DETECTIONS.names]
+        return _table(particles, frame, view.gray)
+
+
+def _table(
+    particles: Sequence[Particle], frame: int, gray: npt.NDArray[np.generic]
+) -> pd.DataFrame:
+    """Return `kilnflight.tables.DETECTIONS` of a frame's particles, column by column."""
+    values = np.array(particles, np.float64).reshape(-1, len(Particle._fields))
+    columns = dict(zip(Particle._fields, values.T, strict=True))
+    columns |= {"frame": np.full(len(values), frame), "gray": mean_gray(gray, values[:, :3])}
+    return pd.DataFrame({c.name: columns[c.name].astype(c.kind) for c in DETECTIONS.columns})
 
 
 def check_view(view: View, labels: Index, where: str) -> None:

@@ -280,12 +280,13 @@ class Evidence:
                 "recording have one size."
             )
         now, before = _smoothed(gray), _smoothed(previous)
+        _recent[:] = [(previous, before), (gray, now)]
         flat = slice(None, None, max(now.size // SAMPLES, 1) | 1)  # odd: no column twice
         sample = now.reshape(-1)[flat] - before.reshape(-1)[flat]
         spread = float(np.median(np.abs(sample - np.median(sample))))
         threshold = prominence * max(1.4826 * spread, LEAST_NOISE)
-        cv2.absdiff(now, before, dst=before)
-        return cls(now, before, threshold / np.sqrt(2.0), threshold, share)
+        change = cv2.absdiff(now, before)
+        return cls(now, change, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
         """Return the peaks (k, 3) of an area (4,), the highest first."""
@@ -309,11 +310,18 @@ class Evidence:
         return any(len(find_peaks(sign * part, whole, self.threshold)) for sign in (1, -1))
 
 
-def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
-    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`.
+_recent: list[tuple[npt.NDArray[np.generic], Float32]] = []  # frames with their blurred pictures
 
-    The Gaussian is cut at four standard deviations.
+
+def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
+    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`; nobody writes into it.
+
+    The Gaussian is cut at four standard deviations. Every frame is soon the one before, so the
+    last two are not blurred again.
     """
+    for frame, blurred in _recent:
+        if frame is image:
+            return blurred
     picture, side = image.astype(np.float32), 2 * round(4 * SMOOTHING_PX) + 1
     cv2.GaussianBlur(picture, (side, side), SMOOTHING_PX, dst=picture)
     return picture

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.checks import InputError, check_positive
@@ -240,16 +241,13 @@ class Twin:
         optics, generator = self.scene.optics, self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
         noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
+        if optics.light:  # the shot noise of flames too
+            gain, read = np.float32(optics.shot_gain), np.float32(optics.read_noise**2)
+            return np.asarray(_with_shot_noise(picture, noise, gain, read, np.float32(FULL_SCALE)))
         gray = np.empty(picture.shape, dtype=np.uint16)
         for first in range(0, len(picture), BLOCK_ROWS):
             rows = slice(first, first + BLOCK_ROWS)
-            if optics.light:  # the shot noise of flames too
-                level = optics.shot_gain * picture[rows]
-                level += optics.read_noise**2
-                level = np.sqrt(level, out=level)
-                level *= noise[rows]
-            else:
-                level = noise[rows] * self._sigma[rows]
+            level = noise[rows] * self._sigma[rows]
             level += picture[rows]
             gray[rows] = np.clip(level, 0.0, FULL_SCALE, out=level)
         return gray
@@ -363,6 +361,21 @@ class Twin:
         # whether a particle has depth persists over a few frames: its own slow wave decides
         phase = (wave[0] + (0.5 + wave[1]) * self.time_s(t) / 0.1) % 1.0
         return phase < share, size * generator.standard_normal(n)
+
+
+@njit(cache=True)
+def _with_shot_noise(picture: Any, noise: Any, gain: Any, read: Any, full: Any) -> Any:
+    """Return grey values: a picture with noise of variance ``gain * picture + read``, all float32.
+
+    Compiled: five passes of numpy over a picture take twice the time.
+    """
+    gray = np.empty(picture.shape, np.uint16)
+    for i in range(len(gray)):
+        line, of_noise, target = picture[i], noise[i], gray[i]
+        for x in range(len(line)):
+            level = np.sqrt(gain * line[x] + read) * of_noise[x] + line[x]
+            target[x] = np.uint16(min(max(level, np.float32(0)), full))
+    return gray
 
 
 class SceneView(NamedTuple):
