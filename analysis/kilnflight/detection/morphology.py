@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from numba import njit
 from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_count
-from kilnflight.detection.dbscan import NOISE, check_points_mm, numbered_by_first_point
+from kilnflight.detection.dbscan import (
+    NOISE,
+    advance,
+    check_points_mm,
+    numbered_by_first_point,
+    root_of,
+    unite,
+)
 
 
 @dataclass(frozen=True)
@@ -80,8 +87,9 @@ class MorphologicalClustering:
         cloud = check_points_mm(points, "MorphologicalClustering: points")
         if len(cloud) == 0:
             return np.empty(0, dtype=np.intp)
-        low, extent = cloud.min(axis=0), np.ptp(cloud, axis=0)
-        grid = int(self.grid)
+        # each axis for itself: along narrow rows numpy is slow
+        low, high = (np.array([edge(axis) for axis in cloud.T]) for edge in (np.min, np.max))
+        extent, grid = high - low, int(self.grid)
         stretched = grid * ((cloud - low) / np.where(extent > 0, extent, 1.0))  # Eq. 2.32
         steps = np.floor(stretched + 0.5).astype(np.intp)
         keys = np.ravel_multi_index(tuple(steps.T), 3 * (grid + 1,))
@@ -102,17 +110,45 @@ class MorphologicalClustering:
         return numbered_by_first_point(labels)
 
 
-def _joined(cells: npt.NDArray[np.intp], reach: int) -> npt.NDArray[np.int32]:
-    """Return the domain of each cell (n, 3).
+def _joined(cells: npt.NDArray[np.intp], reach: int) -> npt.NDArray[np.intp]:
+    """Return the domain of each cell (n, 3), the cells by row and column and layer.
 
     Cells that are at most ``reach`` apart along every axis share a domain.
     """
-    pairs = cKDTree(cells).query_pairs(reach + 0.5, p=np.inf, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(len(cells), len(cells)))
-    return np.asarray(connected_components(links, directed=False)[1])
+    # so many cells stay empty after each row and layer that no step leads into the next one
+    side = int(cells.max(initial=0)) + 1 + reach
+    return np.asarray(_domains(cells @ np.array([side**2, side, 1]), side, reach))
 
 
-def _dilated(cells: npt.NDArray[np.intp], dilations: int | None) -> npt.NDArray[np.int32]:
+@njit(cache=True)
+def _domains(keys: Any, side: int, reach: int) -> Any:
+    """Return the domain of each cell by its number; numbers ascend.
+
+    Cells that reach one another along a row are united first. So of a part of another row only
+    those are united that the cell before them does not reach.
+    """
+    parents = np.arange(len(keys))
+    for layer in range(reach + 1):
+        for row in range(-reach if layer else 0, reach + 1):
+            step, first = (layer * side + row) * side, 0
+            for cell in range(len(keys)):
+                low = keys[cell] + (step - reach if step else 1)
+                first = advance(keys, first, low)
+                other, before = first, low - 2 * reach
+                while other < len(keys) and keys[other] <= keys[cell] + step + reach:
+                    if keys[other] - before > reach:
+                        unite(parents, cell, other)
+                    before = keys[other]
+                    other += 1
+    numbers, count = np.empty(len(keys), np.intp), 0
+    for cell in range(len(keys)):
+        root = root_of(parents, cell)  # the first cell of its domain
+        numbers[cell] = count if root == cell else numbers[root]
+        count += root == cell
+    return numbers
+
+
+def _dilated(cells: npt.NDArray[np.intp], dilations: int | None) -> npt.NDArray[np.intp]:
     """Return the cluster of each cell after the dilations.
 
     Two cells whose steps along every axis are at most 2 k + 1 touch after k dilations, so

@@ -9,9 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, types
 from numba.typed import Dict
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_at_least, check_count
 from kilnflight.detection.dbscan import (
@@ -21,9 +18,7 @@ from kilnflight.detection.dbscan import (
     root_of,
     unite,
 )
-
-Array = npt.NDArray[np.float64]
-CHUNK = 20_000  # points whose neighbours are searched at a time, to save memory
+from kilnflight.detection.neighbors import nearest_neighbors
 
 
 @dataclass(frozen=True)
@@ -91,16 +86,7 @@ class QuasiClusterCenters:
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)
         neighbors, squares = nearest_neighbors(cloud, k)
-        # A denser point that has this one as a neighbour lies within this one's k-th distance
-        # too: "no such point" covers both conditions of the definition of a centre.
-        of_neighbors = squares[neighbors]  # small where a neighbour is dense
-        centers = np.ones(count, dtype=np.bool_)
-        centers[neighbors[of_neighbors > squares[:, None]]] = False
-        # points of equal density that reach each other share a level
-        equal, column = np.nonzero(of_neighbors == squares[:, None])
-        ends = (equal, neighbors[equal, column])
-        links = coo_array((np.ones(len(equal), np.int8), ends), shape=(count, count))
-        levels = connected_components(links, directed=False)[1].astype(np.intp)
+        centers, levels = _centers(neighbors, squares)
         dense_first = np.argsort(squares, kind="stable")
         graph = Graph(neighbors, squares, dense_first, centers, levels)
         clusters = np.arange(count)  # of a centre: the centre its cluster is merged into
@@ -112,33 +98,6 @@ class QuasiClusterCenters:
         return numbered_by_first_point(labels)
 
 
-def nearest_neighbors(
-    cloud: Array, k: int
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
-    """Return the nearest points (n, k) and the squared k-th distance (n,).
-
-    There must be more than ``k`` points; none is its own neighbour. Of equally distant points the
-    first ones of the cloud count.
-    """
-    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
-    nearest = np.empty((len(cloud), k), np.int32)
-    for start in range(0, len(cloud), CHUNK):
-        rows = np.arange(start, min(start + CHUNK, len(cloud)))
-        distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
-        itself = indices == rows[:, None]
-        distances[itself] = -1.0
-        order = np.argsort(distances, axis=1, kind="stable")
-        distances = np.take_along_axis(distances, order, axis=1)
-        nearest[rows] = np.take_along_axis(indices, order, axis=1)[:, 1 : k + 1]
-        unsure = ~itself.any(axis=1) | (distances[:, k] == distances[:, -1]) & (many > k + 1)
-        for row in np.flatnonzero(unsure):
-            around = tree.query_ball_point(cloud[rows[row]], distances[row, k] * (1 + 1e-9))
-            others = np.setdiff1d(around, rows[row])
-            apart = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
-            nearest[rows[row]] = others[np.argsort(apart, kind="stable")[:k]]
-    return nearest, ((cloud - cloud[nearest[:, -1]]) ** 2).sum(axis=1)
-
-
 class Graph(NamedTuple):
     """Points with their neighbours and densities."""
 
@@ -147,6 +106,26 @@ class Graph(NamedTuple):
     dense_first: Any  # (n,) points, the densest first
     centers: Any  # (n,) whether a point is a centre
     levels: Any  # (n,) numbers; points of equal density that reach each other share one
+
+
+@njit(cache=True)
+def _centers(neighbors: Any, squares: Any) -> Any:
+    """Return whether each point is a centre, and its level.
+
+    A denser point that has this one as a neighbour lies within this one's k-th distance too: "no
+    such point" covers both conditions of the definition of a centre. Points of equal density that
+    reach each other share a level.
+    """
+    centers, levels = np.ones(len(squares), np.bool_), np.arange(len(squares))
+    for i in range(len(squares)):
+        for j in neighbors[i]:
+            if squares[j] > squares[i]:
+                centers[j] = False
+            elif squares[j] == squares[i]:
+                unite(levels, i, j)
+    for i in range(len(squares)):
+        levels[i] = root_of(levels, i)
+    return centers, levels
 
 
 class Chains(NamedTuple):
