@@ -28,9 +28,17 @@ BROKEN = """async () => {
     const states = await Promise.allSettled(images.map(image => image.decode()));
     return images.filter((_, k) => states[k].status === 'rejected').map(image => image.src);
 }"""
-UNNAMED = """() => [...document.images]
-    .filter(image => !image.hasAttribute('alt'))  // empty: it adds nothing to the words beside it
-    .map(image => image.src)"""
+COUNTED = """() => [
+    [...document.images]
+        .filter(image => !image.hasAttribute('alt'))  // empty: the words beside it say all
+        .map(image => image.src),
+    document.querySelectorAll('.math').length,
+    document.querySelectorAll('.math svg[aria-label]').length,
+]"""
+DOLLARS = """() => {
+    document.querySelectorAll('.cell_input, pre').forEach(part => part.remove());
+    return document.body.innerText.includes('$');
+}"""
 MACHINE = re.compile(r"(?<![\w.])/(?:tmp|home|root|usr)/.{0,60}|site-packages")
 OVERFLOW = "document.scrollingElement.scrollWidth - document.scrollingElement.clientWidth"
 TOO_WIDE = """() => [...document.querySelectorAll('body *')]
@@ -163,31 +171,30 @@ def browser():
 
 @pytest.fixture(scope="module")
 def visits(site, parsed, axe, browser):
-    """Every page, opened in a browser."""
+    """Every page, opened one after the other in one tab: a tab of its own takes as long again."""
     alike: dict[Path, list[Path]] = {}
     for path in sorted(parsed, key=lambda path: -path.stat().st_size):
         alike.setdefault(path.parent, []).append(path)
     looked_at = {path for paths in alike.values() for path in paths[:ALIKE]}
     looked_at |= {*alike[site], *alike.get(site / "documents", [])}
-    return {
-        str(path.relative_to(site)): visited(browser, path, axe if path in looked_at else "")
-        for path in parsed
-    }
-
-
-def visited(context, path, axe):
-    """Open a page, look at it at both widths and close it."""
-    page, visit = context.new_page(), Visit()
+    page, made = browser.new_page(), {}
     page.on("request", lambda request: visit.requests.add(request.url))
     page.on("requestfailed", lambda request: visit.problems.append(request.url))
     page.on("pageerror", lambda error: visit.problems.append(str(error)))
     page.on("console", lambda said: said.type == "error" and visit.problems.append(said.text))
+    for path in parsed:
+        visit = made[str(path.relative_to(site))] = Visit()
+        look(page, visit, path, axe if path in looked_at else "")
+    page.close()
+    return made
+
+
+def look(page, visit, path, axe):
+    """Open a page and look at it at both widths."""
     page.set_viewport_size({"width": WIDE, "height": 900})
     page.goto(path.as_uri(), wait_until="load")
     visit.problems += page.evaluate(BROKEN)
-    visit.unnamed = page.evaluate(UNNAMED)
-    visit.formulas = page.locator(".math").count()
-    visit.unset = page.locator(".math svg[aria-label]").count() != visit.formulas
+    visit.unnamed, visit.formulas, drawn = page.evaluate(COUNTED)
     for width in (WIDE, NARROW):
         page.set_viewport_size({"width": width, "height": 900})
         if page.evaluate(OVERFLOW) > 1:
@@ -196,10 +203,7 @@ def visited(context, path, axe):
         page.evaluate(FEW_ROWS)
         page.evaluate(axe)
         visit.findings = page.evaluate(FINDINGS)
-    page.evaluate("document.querySelectorAll('.cell_input, pre').forEach(e => e.remove())")
-    visit.unset |= "$" in page.inner_text("body")
-    page.close()
-    return visit
+    visit.unset = drawn != visit.formulas or page.evaluate(DOLLARS)
 
 
 def told(visits, what):
