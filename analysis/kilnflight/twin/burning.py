@@ -21,7 +21,6 @@ from kilnflight.twin.gas import (
     AIR_OXYGEN,
     DRYING_K,
     HEAT_CAPACITY_J_KG_K,
-    apparent_heat_capacity,
     conduct,
     heat_flux,
     heat_transfer,
@@ -180,9 +179,7 @@ def _heat(particle: Any, flux: float, step_s: float) -> None:
     # mass over the heated surface, so that mass and heat agree for any shape
     areal = particle.dry_kg / particle.surface_m2
     properties = (kind.conductivity_w_m_k, kind.heat_capacity_j_kg_k, areal, kind.moisture)
-    conduct(
-        nodes, flux, particle.half_m, properties, (particle.areas, particle.volumes), step_s
-    )
+    conduct(nodes, flux, particle.half_m, properties, (particle.areas, particle.volumes), step_s)
     particle.mean_k = nodes.mean()
     half_shell = particle.half_m / len(nodes) / 2
     outside = 0.0 if kind.sheet else flux * half_shell / kind.conductivity_w_m_k
@@ -224,6 +221,8 @@ def ignite(
     Returns the criterion that had not been fulfilled one step before (of several, the first); 0
     if it does not ignite.
     """
+    if particle.burning != UNLIT:
+        return 0
     if enough_fuel and hot_gas and flame_holds:
         particle.burning = BURNING
         return causes[particle.missing]

@@ -229,9 +229,7 @@ def _inputs(gas: Gas, geometry: Geometry, settings: Flight) -> _Inputs:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fly(
-    state: Any, inputs: _Inputs, generator: Any, every: int, samples: Any, ends: Any
-) -> None:
+def _fly(state: Any, inputs: _Inputs, generator: Any, every: int, samples: Any, ends: Any) -> None:
     """Fly all particles of a state to their ends; store samples and ends.
 
     Drawn are in each step the turbulence of all that still fly, then the turning of all.

@@ -150,8 +150,8 @@ class Gas:
         return numbers(self, **{name: getattr(self, name) for name in names})
 
 
-# The laws of the gas take a `Gas` and a place: components (s, y, z) in m from the lance, such as the
-# transpose of (n, 3) positions.
+# The laws of the gas take a `Gas`, or its numbers, and a place: (s, y, z) in m from the lance, such
+# as the transpose of (n, 3) positions.
 
 
 @register_jitable

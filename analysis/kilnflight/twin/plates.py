@@ -142,9 +142,7 @@ def _autorotation(state: Any, relative: Any, along: Any, gas_k: Any, plates: Any
 
 
 @register_jitable
-def turn(
-    plate: Any, relative: Any, gas_k: float, plates: Any, aside: Any, step_s: float
-) -> Any:
+def turn(plate: Any, relative: Any, gas_k: float, plates: Any, aside: Any, step_s: float) -> Any:
     """Turn a plate by one step, in place; return the spin of autorotation in rad/s.
 
     A moment swings it about broadside. The mean moment of a turn drives what spins towards
