@@ -22,7 +22,7 @@ from numba import njit
 from kilnflight.background.difference import HeldFrames, Image
 
 CHUNK = 32  # frames; longer saves little time and costs memory: one more frame each
-TILE_BYTES = 8192  # of one slot: some 125 slots of it fill a second-level cache of 1 MiB
+TILE_BYTES = 4096  # of one slot: some 125 slots of it fill a second-level cache of 512 KiB
 LOAD, COMPARE, EMIT = range(3)
 NONE = -1  # also the last row of the scratch memory, for values that are not read again
 Comparison = tuple[int, int, int, int]  # two values, their minimum and maximum (or NONE)

@@ -142,15 +142,8 @@ class DoG:
         if within is not None:
             live &= _near(within, live.shape, BLOCK * spacing)
         kernels = tuple(taps(sigma) for sigma in sigmas)
-        parts = [np.empty((0, 7))]
-        for top, bottom, left, right in _boxes(live, image.shape):
-            first, start = top - WALK, left - WALK
-            stack = differences(image, (first, bottom + WALK, start, right + WALK), kernels)
-            visit = 1 - first, image.shape[0] - 1 - first, 1 - start, image.shape[1] - 1 - start
-            points = keypoints(stack, visit, self.threshold, self.edge)
-            points[:, 1:3] += first, start
-            parts.append(points)
-        points = np.concatenate(parts)
+        boxes = np.array(_boxes(live, image.shape), np.int64).reshape(-1, 4)
+        points = np.asarray(_search(image, boxes, kernels, self.threshold, self.edge))
         # Two maxima may lead to one sample, at which the fit is the same; the higher counts.
         points = points[np.argsort(-points[:, 6], kind="stable")]
         points = points[np.unique(points[:, [1, 2, 0]], axis=0, return_index=True)[1]]
@@ -281,6 +274,32 @@ def differences(image: Any, box: Box, kernels: Any) -> Any:
         _pass(down, stride - away, stride + away, kernels[index], across)
         gaussians[index] = across.reshape(rows, stride)[:, radius : radius + cols]
     return gaussians[:-1] - gaussians[1:]
+
+
+@njit(cache=True)
+def _search(image: Any, boxes: Any, kernels: Any, threshold: float, edge: float) -> Any:
+    """Return the `keypoints` (n, 7) of all boxes, one after the other, in the image's pixels.
+
+    Compiled: some hundred boxes a frame, each passed from Python, cost a fifth of their time.
+    """
+    found, count = np.empty((64, 7)), 0
+    rows, cols = image.shape
+    for index in range(len(boxes)):
+        first, start = boxes[index, 0] - WALK, boxes[index, 2] - WALK
+        box = (first, boxes[index, 1] + WALK, start, boxes[index, 3] + WALK)
+        stack = differences(image, box, kernels)
+        visit = (1 - first, rows - 1 - first, 1 - start, cols - 1 - start)
+        points = keypoints(stack, visit, threshold, edge)
+        if count + len(points) > len(found):
+            longer = np.empty((2 * (count + len(points)), 7))
+            longer[:count] = found[:count]
+            found = longer
+        for point in points:
+            found[count] = point
+            found[count, 1] += first
+            found[count, 2] += start
+            count += 1
+    return found[:count].copy()
 
 
 @njit(cache=True)
