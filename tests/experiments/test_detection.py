@@ -184,7 +184,7 @@ def test_a_detection_is_right_if_it_is_paired(subset):
     assert table["precision"].between(0, 1).all()
 
 
-def counts_of(subsets, methods):
+def counts_of(subsets, methods, _background=None):
     """Return two true positives of three particles for each method, as `detection.run` would."""
     table = pd.DataFrame({"method": list(methods), "tp": 2, "fp": 1, "fn": 1, "seconds": 0.1})
     counts = table[["tp", "fp", "fn"]]
@@ -211,7 +211,7 @@ def test_one_threshold_at_a_time_is_timed_on_every_fifth_frame(monkeypatch):
 
 
 def test_each_subset_has_its_threshold(monkeypatch):
-    monkeypatch.setattr(detection, "table_5_11_methods", lambda *values: {values: None})
+    monkeypatch.setattr(detection, "table_5_11_methods", lambda *values: {values[:2]: None})
     monkeypatch.setattr(
         detection, "run", lambda subsets, methods: counts_of([subsets[0].name], methods)
     )
@@ -237,6 +237,32 @@ def test_another_background_keeps_no_view_of_the_first():
     assert other.frames == subset.frames
     with pytest.raises(InputError, match="cannot stop at zero"):
         detection.stopping_at_zero([subset._replace(background=background.TwoFrame())])
+
+
+def test_views_that_stop_at_zero_are_made_of_the_absolute_ones(subset):
+    holding = subset._replace(frames=(75, 77), background=MEDIAN, cache={}, darker={})
+    first = dict(detection.subset_views(holding))
+    (other,) = detection.stopping_at_zero([holding])
+    plain = dict(kiln.views(subset.recording, (75, 77), other.background))
+    for views in (
+        detection.subset_views(other),
+        detection.subset_views(holding, other.background),
+    ):
+        for t, view in views:
+            np.testing.assert_array_equal(view.foreground, plain[t].foreground)
+            assert view.foreground.dtype == plain[t].foreground.dtype
+            assert view.xyz is first[t].xyz  # so that labels can be shared
+    assert set(other.cache) == {75, 77}
+
+
+def test_labels_that_are_known_are_not_made_again(monkeypatch):
+    calls = []
+    monkeypatch.setattr(detection, "second_pass", lambda xyz, *_: calls.append(len(xyz)) or xyz)
+    view = View(None, None, None, None, np.zeros((3, 3)))
+    passes, known = detection.PASSES["MO"], {}
+    for each in (view, view._replace(foreground=1), view._replace(xyz=np.ones((4, 3)))):
+        assert detection._labels(passes, known, each) is each.xyz
+    assert calls == [3, 4]
 
 
 def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monkeypatch):

@@ -18,8 +18,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from kilnflight import kiln
-from kilnflight.background import BackgroundModel, Median, StopsAtZero
-from kilnflight.background.difference import WindowModel
+from kilnflight.background import BackgroundModel, Median, StopsAtZero, TwoFrame
+from kilnflight.background.difference import Frames, WindowModel, difference
 from kilnflight.checks import InputError, check_columns
 from kilnflight.detection import (
     DBSCAN,
@@ -46,6 +46,7 @@ GATES = {"": GATE_PX, "_near": NEAR_GATE_PX}
 WARM_UP_POINTS = 2000  # of the untimed first call
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
 FRAMES = {"quick": 1, "standard": 1, "full": 10}
+UNUSED = TwoFrame()  # where clouds alone are clustered: it needs the fewest frames
 SMOKE_SUBSETS = ("V4", "V5")  # of a smoke run
 # The temporal median over 150 frames (section 5.1.2); few in a smoke run, to render few.
 BACKGROUNDS = {"quick": Median(window=12), "standard": Median(), "full": Median()}
@@ -68,6 +69,8 @@ MAKERS: dict[str, Callable[[Any], Clusterer]] = {
 }
 Method = Callable[[View], npt.NDArray[np.float64]]  # -> (n, 2 or more) row, col
 Foreground = npt.NDArray[np.float32]
+Bits = npt.NDArray[np.uint8]  # of `numpy.packbits`
+Known = dict[Any, tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]]  # clouds and labels
 
 
 class Subset(NamedTuple):
@@ -81,6 +84,9 @@ class Subset(NamedTuple):
     background: BackgroundModel = BACKGROUNDS["full"]
     # Views that were made, 30 MB each: every one needs 150 other frames. None: not held.
     cache: dict[int, View] | None = None
+    darker: dict[int, Bits] | None = None  # of those: pixels darker than their background
+    known: Known | None = None  # labels of these clouds, that several methods take
+    absolute: Subset | None = None  # the same with absolute differences, if these stop at zero
 
 
 def labelled_subsets(
@@ -106,7 +112,7 @@ def labelled_subsets(
 def labelled_subset(twin: Twin, frames: Sequence[int], background: BackgroundModel) -> Subset:
     """Return a twin's recording with the particles a person would mark in frames."""
     marked, instances = truth.marked(twin, frames), partial(truth.instances, twin)
-    return Subset(twin.scene.name, twin, tuple(frames), marked, instances, background, {})
+    return Subset(twin.scene.name, twin, tuple(frames), marked, instances, background, {}, {}, {})
 
 
 def stopping_at_zero(subsets: Iterable[Subset]) -> list[Subset]:
@@ -115,7 +121,8 @@ def stopping_at_zero(subsets: Iterable[Subset]) -> list[Subset]:
     for subset in subsets:
         if not isinstance(subset.background, WindowModel):
             raise InputError(f"{subset.name}: {subset.background!r} cannot stop at zero.")
-        other.append(subset._replace(background=StopsAtZero(subset.background), cache={}))
+        background = StopsAtZero(subset.background)
+        other.append(subset._replace(background=background, cache={}, absolute=subset))
     return other
 
 
@@ -127,12 +134,52 @@ def subset_views(
     With another ``background`` than the subset's nothing is cached.
     """
     subtracted = background or subset.background
-    views = kiln.views(subset.recording, subset.frames, subtracted)
+    if subset.darker is not None and subtracted == _stopping(subset.background):
+        return _stopped(subset)
     if subset.cache is None or subtracted != subset.background:
-        return views
+        return kiln.views(subset.recording, subset.frames, subtracted)
     if any(t not in subset.cache for t in subset.frames):
-        subset.cache.update(views)
+        subset.cache.update(_made(subset))
     return ((t, subset.cache[t]) for t in subset.frames)
+
+
+def _stopping(background: BackgroundModel) -> BackgroundModel | None:
+    """Return a background whose differences stop at zero; None if its equation has bars."""
+    return StopsAtZero(background) if isinstance(background, WindowModel) else None
+
+
+def _made(subset: Subset) -> Iterator[tuple[int, View]]:
+    """Return number and view of each labelled frame, for the subset's cache."""
+    absolute = subset.absolute
+    if absolute is not None and absolute.cache is not None and absolute.darker is not None:
+        return _stopped(absolute._replace(frames=subset.frames))
+    subtracted = subset.background
+    if subset.darker is not None and isinstance(subtracted, WindowModel):
+        subtracted = partial(_noted, subtracted, subset.darker)
+    return kiln.views(subset.recording, subset.frames, subtracted)
+
+
+def _noted(
+    model: WindowModel, darker: dict[int, Bits], frames: Frames, indices: Iterable[int]
+) -> Iterator[Foreground]:
+    """Yield what a background model does; note which pixels are darker than the background."""
+    wanted = list(indices)
+    for t, background in zip(wanted, model.backgrounds(frames, wanted), strict=True):
+        gray = frames[t]
+        darker[t] = np.packbits(gray < background)
+        yield difference(gray, background)
+
+
+def _stopped(subset: Subset) -> Iterator[tuple[int, View]]:
+    """Yield the views of a subset with differences that stop at zero.
+
+    No frame is read again: an absolute difference is the other one, or its negative where the
+    frame is darker than the background.
+    """
+    for t, view in subset_views(subset):
+        size = view.gray.shape
+        below = np.unpackbits((subset.darker or {})[t], count=view.gray.size).reshape(size)
+        yield t, view._replace(foreground=np.where(below, np.float32(0), view.foreground))
 
 
 def run(
@@ -227,11 +274,14 @@ def from_cloud(clusterer: Clusterer) -> Method:
     return lambda view: summarise(view.pixels, view.xyz, clusterer(view.xyz)).centers
 
 
-def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Method]:
+def table_5_11_methods(
+    threshold: float, roi: Polygon | None, known: Known | None = None
+) -> dict[str, Method]:
     """Return the eleven methods of Table 5.11 under their printed names.
 
     ``threshold`` is of DoG in grey values; the combined detector detects in ``roi`` (row, col). Two
-    combinations with one clusterer share its passes: their time is not that of either alone.
+    combinations with one clusterer share its passes: their time is not that of either alone. Those
+    that are ``known`` are not made again.
     """
 
     def combined(
@@ -246,14 +296,18 @@ def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Metho
     methods["3D-MO-based Clustering"] = from_cloud(MorphologicalClustering(150))
     methods["3D-QCC Clustering"] = from_cloud(QuasiClusterCenters(30, 0.1))
     for cloud, passes in PASSES.items():
-        labels = remembered(partial(_labels, passes))
+        labels = remembered(partial(_labels, passes, {} if known is None else known))
         for name, detector in detectors.items():
             methods[f"Combi {name}+{cloud}"] = partial(combined, detector, labels)
     return methods
 
 
-def _labels(passes: tuple[Clusterer, Clusterer], view: View) -> npt.NDArray[np.intp]:
-    return second_pass(view.xyz, *passes)
+def _labels(passes: tuple[Clusterer, Clusterer], known: Known, view: View) -> npt.NDArray[np.intp]:
+    """Return the labels of both passes; equal clouds are one array, which is held with them."""
+    key = passes, id(view.xyz)
+    if key not in known:
+        known[key] = view.xyz, second_pass(view.xyz, *passes)
+    return known[key][1]
 
 
 def remembered(function: Callable[[View], Any]) -> Callable[[View], Any]:
@@ -382,7 +436,7 @@ def compare_clusterers(subsets: list[Subset]) -> pd.DataFrame:
         for family, make in MAKERS.items()
         for row in claims.published(TABLES[family]).itertuples()
     }
-    table = run(subsets, methods)
+    table = run(subsets, methods, UNUSED)
     table[["family", "row"]] = table["method"].to_list()
     return table
 
@@ -397,7 +451,7 @@ def compare_methods(
     parts = []
     for subset in subsets:
         threshold, roi = float(thresholds[subset.name]), subset.recording.attributes.roi
-        methods = table_5_11_methods(threshold, roi)
+        methods = table_5_11_methods(threshold, roi, subset.known)
         if not clouds_alone:
             methods = {name: methods[name] for name in methods if not name.startswith("3D")}
         parts.append(run([subset], methods))
@@ -415,7 +469,7 @@ def morphology_readings(subsets: list[Subset], grid: int = 150) -> pd.DataFrame:
         for size_rule in (False, True)
         for name, end in ends.items()
     }
-    table = sum_counts(run(subsets, methods), ["method"])
+    table = sum_counts(run(subsets, methods, UNUSED), ["method"])
     names = pd.DataFrame(table.pop("method").tolist(), columns=["dilations", "size_rule"])
     published = claims.published("table_5.9").set_index("R")["f1"][grid]
     return pd.concat([names, table.assign(f1_published=published)], axis=1)
