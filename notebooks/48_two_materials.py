@@ -46,8 +46,8 @@ jobs = 2  # processes of the simulation and of the pictures
 
 # %%
 style.use_style()
-count = {"quick": 60, "standard": 300, "full": 1500}[scale]  # particles of the mixture
-labelled = {"quick": 30, "standard": 100, "full": 500}[scale]  # of each material alone
+count = {"quick": 60, "standard": 150, "full": 1500}[scale]  # particles of the mixture
+labelled = {"quick": 30, "standard": 60, "full": 500}[scale]  # of each material alone
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("48_two_materials", setting, seed=seed, inputs=files.values())
