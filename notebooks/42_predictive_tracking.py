@@ -9,11 +9,11 @@ from IPython.display import Markdown
 
 from kilnflight.experiments import (
     belt_2016,
-    belt_camera,
     belt_claims,
     belt_plots,
     belt_sensitivity,
     belt_sorter,
+    belt_valves,
 )
 from kilnflight.project import claims, figures, style
 from kilnflight.sorter.bodies import is_installed, missing_reason
@@ -44,15 +44,13 @@ jobs = 2  # processes of the simulation
 from kilnflight.belt import recordings
 
 style.use_style()
-count = {"quick": 40, "standard": 300, "full": 1500}[scale]  # particles per material
+count = {"quick": 40, "standard": 120, "full": 1500}[scale]  # particles per material
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=files.values())
 bodies = {name: belt_2016.simulate_bodies(name, count, seed, jobs) for name in BULKS}
-pictured = {
-    name: belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed))
-    for name, tracks in bodies.items()
-}
+pictures = {name: Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()}
+pictured = belt_valves.track_all(pictures)
 authors = {name: recordings.read_dem(path) for name, path in files.items()}
 tracks = {(belt_sorter.OWN, name): table for name, table in bodies.items()}
 tracks |= {(belt_sorter.AUTHORS, name): table for name, table in authors.items()}
@@ -127,7 +125,8 @@ table = belt_sensitivity.shown(friction)
 figures.save("belt16-friction", table, caption=caption, provenance=origin)
 
 # %%
-spheres_seen = pictured["spheres"], bodies["spheres"]
+free = belt_2016.only_noise_free(every, "spheres")
+spheres_seen = pictured["spheres"], bodies["spheres"], free
 filters = belt_sensitivity.vary_filter(*spheres_seen)
 caption = (
     "The same by settings of the filter, as multiples of the usual ones: noise of the velocity and "

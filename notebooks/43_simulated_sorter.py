@@ -202,7 +202,7 @@ alike.round(3)
 # prints these values, and it shows which of them matter.
 
 # %%
-count = {"quick": 8, "standard": 20, "full": 40}[scale]  # particles of each material
+count = {"quick": 8, "standard": 10, "full": 40}[scale]  # particles of each material
 materials = belt_2020.DATA_SETS[:1] if scale == "quick" else belt_2020.DATA_SETS
 studied = pd.DataFrame()
 if bodies.is_installed():

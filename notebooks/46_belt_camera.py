@@ -36,15 +36,20 @@ jobs = 2  # processes of the simulation
 
 # %%
 style.use_style()
-count = {"quick": 40, "standard": 300, "full": 1500}[scale]  # particles per material, as in 42
+count = {"quick": 40, "standard": 120, "full": 1500}[scale]  # particles per material, as in 42
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("46_belt_camera", setting, seed=seed, inputs=files.values())
 bodies = {name: belt_2016.simulate_bodies(name, count, seed, jobs) for name in BULKS}
-pictured = {
-    name: belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed))
-    for name, tracks in bodies.items()
+ways = {"as published": pictures.Spots(), "split": pictures.Spots(split=True)}
+recorded = [Pictures(tracks, BULKS[name], seed) for name, tracks in bodies.items()]
+tracked = belt_camera.track_together(recorded, spots=list(ways.values()))
+both = {
+    (name, way): one
+    for name, parts in zip(bodies, tracked, strict=True)
+    for way, one in zip(ways, parts, strict=True)
 }
+pictured = {name: both[name, "as published"] for name in bodies}
 
 # %% [markdown]
 # ## Errors of calibration and positions
@@ -82,14 +87,6 @@ figures.save("belt16-pictures", errors, caption=caption, provenance=origin)
 # cause alone, so their count stands beside.
 
 # %%
-ways = {"as published": pictures.Spots(), "split": pictures.Spots(split=True)}
-both = {
-    (name, way): belt_camera.track_pictures(Pictures(tracks, BULKS[name], seed), spots=spots)
-    if spots.split
-    else pictured[name]
-    for name, tracks in bodies.items()
-    for way, spots in ways.items()
-}
 splitting = belt_splitting.compare_splitting(both, bodies)
 caption = (
     "Particles that were fed, and those predicted at the edge: at all, more than once, or not. "

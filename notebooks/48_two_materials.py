@@ -46,8 +46,8 @@ jobs = 2  # processes of the simulation and of the pictures
 
 # %%
 style.use_style()
-count = {"quick": 60, "standard": 300, "full": 1500}[scale]  # particles of the mixture
-labelled = {"quick": 30, "standard": 100, "full": 500}[scale]  # of each material alone
+count = {"quick": 60, "standard": 150, "full": 1500}[scale]  # particles of the mixture
+labelled = {"quick": 30, "standard": 60, "full": 500}[scale]  # of each material alone
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("48_two_materials", setting, seed=seed, inputs=files.values())
@@ -62,7 +62,7 @@ pictures = {kind: Pictures(tracks, BULKS[kinds[kind]], seed) for kind, tracks in
 pictures["mixture"] = belt_mixture.MixedPictures(
     mixed, BULKS["cuboids"], seed, bad=BULKS["cylinders"], first_bad=first_bad
 )
-tracked = belt_valves.track_all(pictures, jobs)
+tracked = belt_valves.track_all(pictures, jobs, belt_mixture.elongations)
 sources = {(belt_sorter.OWN, kinds[kind]): tracks for kind, tracks in alone.items()}
 sources |= {
     (belt_sorter.AUTHORS, name): recordings.read_dem(files[name])
@@ -79,10 +79,7 @@ unlike = belt_sorter.describe_unlike(sources)
 # shared a spot with another are counted apart.
 
 # %%
-features = {
-    kind: belt_mixture.features(tracked[kind], belt_mixture.shapes(pictures[kind], tracked[kind]))
-    for kind in pictures
-}
+features = {kind: belt_mixture.features(tracks) for kind, tracks in tracked.items()}
 rule = belt_mixture.fit_classes(features["good"], features["bad"])
 log_odds = belt_mixture.odds_bad(rule, features["mixture"])
 entering = belt_valves.of_pictures(tracked["mixture"], mixed)

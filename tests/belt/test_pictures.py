@@ -15,7 +15,7 @@ from kilnflight.belt.pictures import MeasureSpots, Spots, average, measure_spots
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt_mixture import elongation
 from kilnflight.sorter.machine import BULKS
-from kilnflight.sorter.rendering import CameraView, Pictures, at_rate
+from kilnflight.sorter.rendering import CameraView, Pictures, at_rate, frames_together
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
 LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)
@@ -375,3 +375,51 @@ def test_what_is_no_picture_is_refused(wrong):
     for threshold in (255.0, 300.0):
         with pytest.raises(InputError, match="Spots: threshold"):
             Spots(threshold=threshold)
+
+
+def plainly_drawn(picture, outline, soft_px, gray):
+    """The plain definition of a particle: mean over its places, distance to a round rectangle."""
+    row, col, angle, length, width, corner, down, ahead = outline.tolist()
+    count = max(1, int(np.ceil(np.hypot(down, ahead))))
+    moved = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
+    below, right = np.ogrid[: picture.shape[0], : picture.shape[1]]
+    below = (below - row - down * moved).astype(np.float32)
+    right = (right - col - ahead * moved).astype(np.float32)
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    u = np.abs(right * c + below * s) - (length - corner)
+    v = np.abs(below * c - right * s) - (width - corner)
+    outside = np.hypot(np.maximum(u, 0.0), np.maximum(v, 0.0))
+    distance = outside + np.minimum(np.maximum(u, v), 0.0) - corner
+    share = (0.5 - distance / soft_px).clip(0.0, 1.0).mean(axis=0).clip(0.0, 1.0)
+    picture += share * (gray - picture.astype(np.float64))
+
+
+@pytest.mark.parametrize("name", BULKS)
+def test_particles_are_drawn_as_the_plain_definition_has_it_to_the_bit(name):
+    rng = np.random.default_rng(3)
+    number = np.arange(12)
+    places = {"x": rng.uniform(395, 780, 12), "y": rng.uniform(5, 175, 12)}
+    turned = {"angle_rad": rng.uniform(0, np.pi, 12), "tilt_rad": rng.uniform(0, 0.5, 12)}
+    speeds = {"velocity_x_mm_s": 1400.0, "velocity_y_mm_s": rng.normal(0, 90, 12)}
+    columns = {"frame": 0, "particle": number, "time_s": 0.0} | places | turned | speeds
+    pictures = Pictures(pd.DataFrame(columns), BULKS[name], 4)
+    outlines = pictures._outlines(at_rate(pictures.tracks, 200.0))
+    drawn = pictures._empty()
+    plain = drawn.copy()
+    pictures._draw(drawn, outlines)
+    for outline in outlines:
+        plainly_drawn(plain, outline, pictures.soft_px, pictures.particle_gray)
+    np.testing.assert_array_equal(drawn, plain)
+    noise = np.random.default_rng([4, 1, 0]).standard_normal(plain.shape, dtype=np.float32)
+    plain += noise * np.float32(3.0)
+    np.testing.assert_array_equal(pictures[0], np.rint(plain).clip(0, 255).astype(np.uint8))
+
+
+def test_recordings_together_have_the_pictures_of_each():
+    films = [Pictures(one_track(x=x), BULKS["spheres"], seed) for x, seed in ((500, 1), (520, 1))]
+    films.append(Pictures(one_track(x=600), BULKS["spheres"], 2))
+    wanted = [[0, 2], range(3), [1]]
+    seen = [(which, frame) for which, frame, _ in frames_together(films, wanted)]
+    assert seen == [(0, 0), (1, 0), (1, 1), (2, 1), (0, 2), (1, 2)]
+    for which, frame, picture in frames_together(films, wanted):
+        np.testing.assert_array_equal(picture, films[which][frame])

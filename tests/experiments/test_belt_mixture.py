@@ -2,14 +2,17 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import ndimage
 
+from kilnflight.belt.pictures import Spots
 from kilnflight.belt.tracker import Followed
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError
-from kilnflight.experiments import belt_2016, belt_mixture, belt_valves
+from kilnflight.experiments import belt_2016, belt_camera, belt_mixture, belt_valves
 from kilnflight.experiments.belt_camera import PictureTracks
 from kilnflight.experiments.belt_mixture import MixedPictures, Setting, TimedSlide
 from kilnflight.experiments.belt_valves import Entering
@@ -70,10 +73,8 @@ def test_spots_have_the_elongation_of_their_material():
     mixed = MixedPictures(both, BULKS["cuboids"], 3, VIEW, bad=BULKS["cylinders"], first_bad=1)
     empty = Pictures(resting([(10.0, 10.0)]), BULKS["cuboids"], 3, VIEW)[0]
     pixels = VIEW.pixels(np.column_stack([np.array(places), [1.0, 1.5]]))
-    spots = pd.DataFrame({"frame": 0, "row": pixels[:, 0], "col": pixels[:, 1], "touching": 0})
-    spots.loc[2] = [0, 20.0, 20.0, 0]  # nothing is there
-    pictured = PictureTracks(empty, None, spots, None)
-    values = belt_mixture.shapes(mixed, pictured)["elongation"].to_numpy()
+    spots = np.vstack([pixels, [20.0, 20.0]])  # nothing is at the last
+    values = belt_mixture.elongations(mixed[0], empty, spots)
     assert values[:2] == pytest.approx([1.2, 3.0], rel=0.06)
     assert np.isnan(values[2])
 
@@ -87,8 +88,9 @@ def test_a_track_has_the_median_of_its_spots_and_marked_ones_do_not_count():
         }
     )
     states = pd.DataFrame({"particle": [3, 3, 3, 3, 5, 6, 3], "row": [0, 1, 2, 3, 4, 5, -1]})
-    pictured = PictureTracks(np.zeros((1, 1)), None, spots, Followed(states, states))
-    table = belt_mixture.features(pictured, spots)
+    looks = spots.pop("elongation").to_numpy()
+    pictured = PictureTracks(np.zeros((1, 1)), None, spots, Followed(states, states), looks)
+    table = belt_mixture.features(pictured)
     assert table.index.tolist() == [3, 5]  # track 6 has no elongation
     assert table.loc[3].tolist() == [110.0, 1.1]
     assert table.loc[5].tolist() == [290.0, 2.2]
@@ -244,3 +246,43 @@ def test_the_cheapest_names_all_places_of_equal_cost():
         }
     )
     assert belt_mixture.cheapest(costs, "open_ms") == {1.0: "3 to 4", 5.0: "3"}
+
+
+def test_recordings_tracked_together_are_those_tracked_alone():
+    rng = np.random.default_rng(2)
+    frame = np.arange(0, 200, 5)
+    parts = [
+        pd.DataFrame({"frame": frame, "particle": k, "time_s": frame / 1000, "x": x, "y": y})
+        for k, (x, y) in enumerate(
+            zip(400 + 1.4 * frame + rng.uniform(0, 40, (3, 1)), (40.0, 46.0, 120.0), strict=True)
+        )
+    ]
+    films = [Pictures(pd.concat(parts[:n], ignore_index=True), BULKS["cuboids"], 3) for n in (2, 3)]
+    ways = [Spots(), Spots(split=True)]
+    together = belt_camera.track_together(films, 20, ways, belt_mixture.elongations)
+    for film, found in zip(films, together, strict=True):
+        for way, one in zip(ways, found, strict=True):
+            alone = belt_camera.track_pictures(film, 20, way)
+            np.testing.assert_array_equal(one.background, alone.background)
+            pd.testing.assert_frame_equal(one.spots, alone.spots, check_exact=True)
+            states = one.followed.states, alone.followed.states
+            pd.testing.assert_frame_equal(*states, check_exact=True)
+        plain = plain_elongations(film, found[0])
+        np.testing.assert_array_equal(found[0].looks, plain)
+
+
+def plain_elongations(pictures, pictured):
+    """The plain definition: each spot cut out of the mask of its picture."""
+    values, reach = [], belt_mixture.REACH_PX
+    for spot in pictured.spots.itertuples():
+        differs = cv2.absdiff(pictures[spot.frame], pictured.background) > Spots().threshold
+        labels, _ = ndimage.label(differs, np.ones((3, 3)))
+        row, col = round(spot.row), round(spot.col)
+        near = labels[max(0, row - reach) : row + reach + 1]
+        near = near[:, max(0, col - reach) : col + reach + 1]
+        own = near == labels[row, col] if labels[row, col] else np.zeros((1, 1))
+        pixels = np.argwhere(own).astype(np.float64)
+        if len(pixels):
+            square = np.linalg.eigvalsh(np.cov(pixels.T, bias=True) + np.eye(2) / 12.0)
+        values.append(np.sqrt(square[1] / square[0]) if len(pixels) else np.nan)
+    return np.array(values)

@@ -39,7 +39,8 @@ SMOOTH = FrictionBelt(
 def world():
     """Pictures and bodies of constant velocity."""
     bodies = SMOOTH(np.random.default_rng(5))
-    return belt_camera.track_pictures(Pictures(bodies, BULKS["spheres"], 0), 40), bodies
+    pictured = belt_camera.track_pictures(Pictures(bodies, BULKS["spheres"], 0), 40)
+    return pictured, bodies, belt_2016.noise_free(bodies)
 
 
 def test_corners_off_by_a_pixel_shift_what_is_predicted_and_found_ones_do_not(world):
@@ -65,7 +66,7 @@ def test_nine_filters_and_the_usual_one_among_them(world):
     assert len(keys.drop_duplicates()) == 9
     assert not {"belt16-1", "belt16-2", "belt16-4"} & set(table)  # no picture takes part
     usual = table[(keys == 1.0).all(axis="columns")].iloc[0]
-    pictured, bodies = world
+    pictured, bodies, _ = world
     images = belt_2016.from_images(pictured, bodies).query("approach == 'Tracking'")
     assert usual["images_bias_ms"] == pytest.approx(images["temporal_ms"].median())
     assert np.ptp(table["images_bias_ms"]) > 0

@@ -5,7 +5,7 @@ Background, connected areas, and where they are on the belt in mm.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -41,14 +41,32 @@ def average(pictures: Iterable[Picture]) -> Picture:
     which never moves, if s c > t. For wood on a dark belt c is 140 and t is 40 grey values: no
     ghost below s = 0.29, not found above s = 0.71, both in between.
     """
-    total, count = np.zeros(0), 0
+    mean = Mean()
     for picture in pictures:
-        check_picture(picture, f"picture {count}", total.shape if count else None)
-        total = total + picture if count else picture.astype(np.float64)
-        count += 1
-    if not count:
-        raise InputError("no picture to take the background from; give at least one.")
-    return np.rint(total / count).astype(np.uint8)
+        mean.add(picture)
+    return mean.picture()
+
+
+class Mean:
+    """The `average` of pictures that come one by one."""
+
+    def __init__(self) -> None:
+        self.count, self._total = 0, np.zeros((0, 0), dtype=np.uint32)
+
+    def add(self, picture: Picture) -> None:
+        """Take one more picture, of the shape of those before."""
+        shape = self._total.shape if self.count else None
+        check_picture(picture, f"picture {self.count}", shape)
+        if not self.count:
+            self._total = np.zeros(picture.shape, dtype=np.uint32)
+        self._total += picture
+        self.count += 1
+
+    def picture(self) -> Picture:
+        """Return the mean of the pictures so far."""
+        if not self.count:
+            raise InputError("no picture to take the background from; give at least one.")
+        return np.rint(self._total / self.count).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -204,9 +222,12 @@ def measure_spots(
         `kilnflight.tables.BELT_SPOTS`; no rows for an empty belt.
     """
     measure = MeasureSpots(background, spots, calibration, area)
-    parts = [np.empty((0, len(BELT_SPOTS.names)))]
-    for frame, picture in enumerate(pictures):
-        rows = measure(picture, frame)
-        parts.append(np.column_stack([np.full(len(rows), frame), rows]))
-    table = pd.DataFrame(np.concatenate(parts), columns=BELT_SPOTS.names)
+    return spots_table([measure(picture, frame) for frame, picture in enumerate(pictures)])
+
+
+def spots_table(measured: Sequence[Array]) -> pd.DataFrame:
+    """Return `kilnflight.tables.BELT_SPOTS` from what `MeasureSpots` found in frames 0, 1, ..."""
+    frame = np.repeat(np.arange(len(measured)), [len(rows) for rows in measured])
+    rows = np.concatenate([np.empty((0, len(BELT_SPOTS.names) - 1)), *measured])
+    table = pd.DataFrame(np.column_stack([frame, rows]), columns=BELT_SPOTS.names)
     return table.astype({"frame": np.int64, "touching": np.int64})

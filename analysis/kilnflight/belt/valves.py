@@ -171,11 +171,14 @@ class ValveBar:
         whole = 1.0 + max(opens.max(), time_s.max()) - start
         keys, nearest = valve * whole + (opens - start), self._nearest(y)
         reach = int(np.ceil(self.width_mm / self.pitch_mm / 2))
+        middles, half = self.middles_mm, self.width_mm / 2
         for passed in (nearest + step for step in range(-reach, reach + 1)):
-            latest = np.searchsorted(keys, passed * whole + (time_s - start), side="right") - 1
-            away = np.abs(y - self.middles_mm[passed.clip(0, self.valves - 1)])
-            is_open = (latest >= 0) & (valve[latest] == passed) & (time_s <= closes[latest])
-            hit |= is_open & (away <= self.width_mm / 2)
+            away = np.abs(y - middles[passed.clip(0, self.valves - 1)])
+            near = np.flatnonzero((away <= half) & ~hit)  # to search the events takes most time
+            number, time = passed[near], time_s[near]
+            latest = np.searchsorted(keys, number * whole + (time - start), side="right") - 1
+            is_open = (latest >= 0) & (valve[latest] == number) & (time <= closes[latest])
+            hit[near] = is_open
         return hit
 
     def _nearest(self, y: Array) -> Integers:

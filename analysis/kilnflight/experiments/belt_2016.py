@@ -174,6 +174,12 @@ def all_deviations(
     return pd.concat(parts, names=["material", "data"]).reset_index(["material", "data"])
 
 
+def only_noise_free(every: pd.DataFrame, material: str) -> pd.DataFrame:
+    """Return `noise_free` of a material as `all_deviations` has it."""
+    part = every[(every["material"] == material) & (every["data"] == "noise-free")]
+    return part.drop(columns=["material", "data"]).reset_index(drop=True)
+
+
 def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
     """Return the true particle of each track: that of the least distance function.
 

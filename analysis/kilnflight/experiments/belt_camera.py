@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,26 +10,28 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial import KDTree
 
-from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, calibrate_camera
-from kilnflight.belt.pictures import Spots, average, measure_spots
+from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, Picture, calibrate_camera
+from kilnflight.belt.pictures import Mean, MeasureSpots, Spots, spots_table
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed, Likelihoods
 from kilnflight.checks import check_columns
-from kilnflight.sorter.rendering import Pictures, at_rate
+from kilnflight.sorter.rendering import Pictures, at_rate, frames_together
 
 Array = npt.NDArray[np.float64]
 
 Integers = npt.NDArray[np.integer]
+Look = Callable[[Picture, Picture, Array], Array]
 FRAME_OFFSET_MM = 1e6  # a frame apart counts as this distance: more than any belt is long
-_SPOTS = Spots()
+_SPOTS, _NONE = Spots(), np.empty(0)
 
 
 class PictureTracks(NamedTuple):
     """Measurements in the camera's pictures, and their tracks."""
 
-    background: npt.NDArray[np.uint8]
+    background: Picture
     calibration: Calibration
     spots: pd.DataFrame  # kilnflight.tables.BELT_SPOTS
     followed: Followed
+    looks: Array = _NONE  # of each spot, if it was asked how they look
 
 
 def track_pictures(
@@ -53,22 +55,99 @@ def track_pictures(
     (`kilnflight.belt.pictures.average`). A ghost is a track at rest, which never enters the
     prediction phase and is never predicted. A particle that passes over it is one spot with it.
     """
-    step, frames = max(1, len(pictures) // background_of), max(1, len(pictures))
-    background = average(pictures.frames(range(0, frames, step)))
-    calibration = calibrate_camera(FindCorners()(background))
-    spots = _sized(spots, pictures, background, 10 * step)
-    measured = measure_spots(pictures.frames(range(len(pictures))), background, spots, calibration)
-    return PictureTracks(background, calibration, measured, BeltTracker()(measured, len(pictures)))
+    return track_together([pictures], background_of, [spots])[0][0]
 
 
-def _sized(spots: Spots, pictures: Pictures, background: npt.NDArray[np.uint8], step: int) -> Spots:
+def track_together(
+    pictures: Sequence[Pictures],
+    background_of: int = 200,
+    spots: Sequence[Spots] = (_SPOTS,),
+    look: Look | None = None,
+) -> list[list[PictureTracks]]:
+    """Return `track_pictures` of each recording, by each way to find spots.
+
+    Pictures are made once for all ways, and of all recordings frame by frame: those of one seed
+    share their noise, most of the work.
+
+    Parameters
+    ----------
+    pictures
+        Recordings.
+    background_of
+        See `track_pictures`.
+    spots
+        Ways to find spots.
+    look
+        Returns how the spots look, (n,), from a picture, the background and ``row`` and ``col``.
+    """
+    watched = [_Watched(each, spots, look) for each in pictures]
+    steps = [max(1, len(each) // background_of) for each in pictures]
+    taken = [range(0, max(1, len(each)), step) for each, step in zip(pictures, steps, strict=True)]
+    for which, frame, picture in frames_together(pictures, taken):
+        watched[which].add(frame, picture, is_sample=frame % (10 * steps[which]) == 0)
+    for each in watched:
+        each.calibrate()
+    for which, frame, picture in frames_together(pictures, [range(len(each)) for each in pictures]):
+        watched[which].measure(frame, picture)
+    return [each.tracks() for each in watched]
+
+
+class _Watched:
+    """A recording while its pictures come: all for the background first, then all."""
+
+    def __init__(self, pictures: Pictures, spots: Sequence[Spots], look: Look | None) -> None:
+        self.pictures, self.spots, self.look = pictures, spots, look
+        self.mean, self.samples = Mean(), list[Picture]()
+        self.measures: list[MeasureSpots] = []
+        self.found: list[list[Array]] = [[] for _ in spots]
+        self.looks: list[list[Array]] = [[_NONE] for _ in spots]
+
+    def add(self, frame: int, picture: Picture, is_sample: bool) -> None:
+        """Take a picture for the background; samples are for the area of one particle, too."""
+        self.mean.add(picture)
+        if is_sample and frame < len(self.pictures):
+            self.samples.append(picture)
+
+    def calibrate(self) -> None:
+        """Set background, calibration and the area of one particle."""
+        background = self.mean.picture()
+        calibration = calibrate_camera(FindCorners()(background))
+        sized = [_sized(each, self.pictures, background, self.samples) for each in self.spots]
+        self.measures = [MeasureSpots(background, each, calibration) for each in sized]
+        self.samples = []
+
+    def measure(self, frame: int, picture: Picture) -> None:
+        """Find the spots of the next picture, and how they look."""
+        for number, measure in enumerate(self.measures):
+            rows = measure(picture, frame)
+            self.found[number].append(rows)
+            if self.look is not None:
+                looks = self.look(picture, measure.background, rows[:, :2])
+                self.looks[number].append(looks)
+
+    def tracks(self) -> list[PictureTracks]:
+        """Return what was found, followed, for each way to find spots."""
+        results = []
+        for measure, found, looks in zip(self.measures, self.found, self.looks, strict=True):
+            spots = spots_table(found)
+            followed = BeltTracker()(spots, len(self.pictures))
+            parts = measure.background, measure.calibration, spots, followed
+            results.append(PictureTracks(*parts, np.concatenate(looks)))
+        return results
+
+
+def _sized(
+    spots: Spots, pictures: Pictures, background: Picture, samples: Sequence[Picture]
+) -> Spots:
     """Return spots with the area of one particle, if the pictures show any.
 
-    Every ``step``-th picture is taken, all of them if these show none.
+    Samples are taken, all of the pictures if these show none.
     """
-    for numbers in (range(0, len(pictures), step), range(len(pictures))):
-        if any(len(spots(picture, background)) for picture in pictures.frames(numbers)):
-            return spots.calibrated(pictures.frames(numbers), background)
+    if any(len(spots(picture, background)) for picture in samples):
+        return spots.calibrated(samples, background)
+    numbers = range(len(pictures))
+    if any(len(spots(picture, background)) for picture in pictures.frames(numbers)):
+        return spots.calibrated(pictures.frames(numbers), background)
     return spots
 
 
@@ -132,7 +211,7 @@ def describe_pictures(
 ) -> pd.DataFrame:
     """Return by material calibration, `place_errors`, and counts of tracks by end."""
     rows = []
-    for material, (_, calibration, spots, followed) in pictured.items():
+    for material, (_, calibration, spots, followed, _) in pictured.items():
         row = {"material": material, "mm_per_px": calibration.mm_per_px}
         row |= {"corner_error_mm": calibration.error_mm, "hidden_corners": calibration.hidden}
         row |= place_errors(spots, at_rate(tracks[material], 1 / BELT_FRAME_S))

@@ -24,7 +24,7 @@ from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from kilnflight.belt.pictures import Spots
+from kilnflight.belt.pictures import Picture, Spots
 from kilnflight.belt.valves import ValveBar
 from kilnflight.checks import InputError, check_count, check_inside, check_positive
 from kilnflight.experiments.belt_2016 import simulate_bodies
@@ -146,33 +146,36 @@ class MixedPictures(Pictures):
         return np.where(is_bad[:, None], others, outlines)
 
 
-def shapes(pictures: Pictures, pictured: PictureTracks) -> pd.DataFrame:
-    """Return spots with their elongation, measured in the same pictures once more.
+def elongations(picture: Picture, background: Picture, places: Array) -> Array:
+    """Return the `elongation` of the spots at places (n, 2), row and col, in a picture.
 
     Returns
     -------
-    DataFrame
-        `kilnflight.tables.BELT_SPOTS` and ``elongation``; NaN where the centroid is not in the
-        spot, as of a ring of particles.
+    ndarray
+        (n,); NaN where the centroid is not in the spot, as of a ring of particles.
     """
-    spots, threshold = pictured.spots, Spots().threshold
-    values = np.full(len(spots), np.nan)
-    numbers, places = spots["frame"].to_numpy(), np.rint(spots[["row", "col"]].to_numpy())
-    frames = np.unique(numbers)
-    for number, picture in zip(frames, pictures.frames(frames), strict=True):
-        differs = cv2.absdiff(picture, pictured.background)
-        _, labels = cv2.connectedComponents((differs > threshold).astype(np.uint8))
-        for k in np.flatnonzero(numbers == number):
-            row, col = places[k].astype(int)
-            near = labels[max(0, row - REACH_PX) : row + REACH_PX + 1]
-            near = near[:, max(0, col - REACH_PX) : col + REACH_PX + 1]
-            if labels[row, col]:
-                values[k] = elongation(near == labels[row, col])
-    return spots.assign(elongation=values)
+    mask = (cv2.absdiff(picture, background) > Spots().threshold).astype(np.uint8)
+    values, middles = np.full(len(places), np.nan), np.rint(places).astype(np.int64)
+    if not len(places) or not mask.any():
+        return values
+    _, labels = cv2.connectedComponentsWithAlgorithm(mask, 8, cv2.CV_32S, cv2.CCL_GRANA)
+    pixels = np.reshape(cv2.findNonZero(mask), (-1, 2))[:, ::-1].astype(np.int64)
+    label = labels[pixels[:, 0], pixels[:, 1]]
+    order = np.argsort(label, kind="stable")  # those of a spot stay in the order of rows
+    wanted = labels[middles[:, 0], middles[:, 1]]
+    edges = np.searchsorted(label[order], np.stack([wanted, wanted + 1]))
+    shown = np.flatnonzero(wanted)
+    spreads = np.empty((len(shown), 2, 2))
+    for spread, k in zip(spreads, shown, strict=True):
+        spot = pixels[order[edges[0, k] : edges[1, k]]]
+        near = (np.abs(spot - middles[k]) <= REACH_PX).all(axis=1)
+        spread[:] = _spread(spot[near] - np.maximum(0, middles[k] - REACH_PX))
+    values[shown] = _ratios(spreads)
+    return values
 
 
-def features(pictured: PictureTracks, spots: pd.DataFrame) -> pd.DataFrame:
-    """Return `FEATURES` of each track: medians over its spots.
+def features(pictured: PictureTracks) -> pd.DataFrame:
+    """Return `FEATURES` of each track: medians over its spots, which look as `elongations` has it.
 
     Spots that are marked as several particles count only where a track has no other. A track
     without a measured elongation is left out.
@@ -182,6 +185,7 @@ def features(pictured: PictureTracks, spots: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         Index ``particle`` (the track), columns `FEATURES`.
     """
+    spots = pictured.spots.assign(elongation=pictured.looks)
     states = pictured.followed.states
     measured = states[states["row"] >= 0]
     table = spots[[*FEATURES, "touching"]].iloc[measured["row"]].reset_index(drop=True)
@@ -421,8 +425,19 @@ def elongation(spot: npt.ArrayLike) -> float:
     rectangle with these moments: 1 for a disc, 3 for a rectangle of 9 mm x 3 mm. A pixel is a
     square, so a row of n pixels has n. NaN without pixels.
     """
-    pixels = np.argwhere(spot).astype(np.float64)
-    if not len(pixels):
-        return np.nan
-    spread = np.linalg.eigvalsh(np.cov(pixels.T, bias=True) + np.eye(2) / 12.0)
-    return float(np.sqrt(spread[1] / spread[0]))
+    pixels = np.argwhere(spot)
+    return float(_ratios(_spread(pixels))) if len(pixels) else np.nan
+
+
+def _spread(pixels: npt.NDArray[np.integer]) -> Array:
+    """Return the second moments (2, 2) of pixels (n, 2), each a square."""
+    away = np.ascontiguousarray(pixels.T, dtype=np.float64)
+    away -= away.mean(axis=1)[:, None]
+    # numpy.cov to the last bit, layout included, in half its time
+    return np.dot(away, away.T.conj()) * (1.0 / len(pixels)) + np.eye(2) / 12.0
+
+
+def _ratios(spreads: Array) -> Array:
+    """Return the ratios of the axes of second moments (..., 2, 2)."""
+    squares = np.linalg.eigvalsh(spreads)
+    return np.asarray(np.sqrt(squares[..., 1] / squares[..., 0]))

@@ -20,7 +20,7 @@ import pandas as pd
 from kilnflight.belt.camera import BELT, Corners, calibrate_camera
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, constant_velocity
 from kilnflight.experiments import belt_2016, belt_claims
-from kilnflight.experiments.belt_camera import PictureTracks, track_pictures
+from kilnflight.experiments.belt_camera import PictureTracks, track_together
 from kilnflight.experiments.belt_claims import (
     HOLDS,
     NOISE_FREE,
@@ -40,8 +40,8 @@ from kilnflight.sorter.rendering import Pictures, at_rate
 FRICTIONS = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35)
 FACTORS = (0.5, 1.0, 2.0)  # of both settings of the filter, which nobody prints; choice
 CORNER_PX = 1.0  # standard deviation of a corner along each axis; choice
-SPHERES = {"quick": 20, "standard": 150, "full": 300}  # at each friction, by scale
-DRAWS = {"quick": 2, "standard": 8, "full": 20}  # of the corners' errors, by scale
+SPHERES = {"quick": 20, "standard": 60, "full": 300}  # at each friction, by scale
+DRAWS = {"quick": 2, "standard": 3, "full": 20}  # of the corners' errors, by scale
 MOST_DRAWS = 8  # of them at each friction
 FOUND, PLACES = "found", "true places, no pictures"
 SETTINGS = ("friction", "lateral_spread", "velocity_noise", "measurement_spread", "corners")
@@ -72,19 +72,25 @@ def vary_friction(scale: str, seed: int, jobs: int = 1) -> pd.DataFrame:
     traced: dict[Setting, dict[str, Answer]] = {}
     settings: list[tuple[float | None, float]] = [(None, 1.0), (None, 2.0)]
     settings += [(value, 1.0) for value in FRICTIONS[:: 5 if scale == "quick" else 1]]
-    for friction, spread in settings:
-        bodies = belt_2016.simulate_bodies("spheres", SPHERES[scale], seed, jobs, friction, spread)
-        pictured = track_pictures(Pictures(bodies, BULKS["spheres"], seed))
-        name = "fitted" if friction is None else f"{friction:.2f}"
+    moved = [
+        belt_2016.simulate_bodies("spheres", SPHERES[scale], seed, jobs, *setting)
+        for setting in settings
+    ]
+    recorded = [Pictures(bodies, BULKS["spheres"], seed) for bodies in moved]
+    for setting, bodies, (pictured,) in zip(settings, moved, track_together(recorded), strict=True):
+        name = "fitted" if setting[0] is None else f"{setting[0]:.2f}"
         every = belt_2016.all_deviations({"spheres": pictured}, {"spheres": bodies})
-        parts[name, spread] = every
-        corners = vary_corners(pictured, bodies, min(DRAWS[scale], MOST_DRAWS), seed)
-        traced[name, spread] = calibration_answers(corners)
+        parts[name, setting[1]] = every
+        free = belt_2016.only_noise_free(every, "spheres")
+        corners = vary_corners(pictured, bodies, free, min(DRAWS[scale], MOST_DRAWS), seed)
+        traced[name, setting[1]] = calibration_answers(corners)
     return _tabulate(parts, ["friction", "lateral_spread"], traced)
 
 
-def vary_filter(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
+def vary_filter(pictured: PictureTracks, bodies: pd.DataFrame, free: pd.DataFrame) -> pd.DataFrame:
     """Return the answers for other settings of the filter on the same spots.
+
+    ``free`` is `kilnflight.experiments.belt_2016.noise_free` of the bodies.
 
     Returns
     -------
@@ -102,17 +108,20 @@ def vary_filter(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
         )
         followed = BeltTracker(motion)(pictured.spots, belt_2016.count_frames(bodies))
         parts[noise, spread] = pictured._replace(followed=followed)
-    table = _tabulate(_with_noise_free(parts, bodies), ["velocity_noise", "measurement_spread"])
+    table = _tabulate(
+        _with_noise_free(parts, bodies, free), ["velocity_noise", "measurement_spread"]
+    )
     return table.drop(columns=list(NOISE_FREE))  # no picture takes part in them
 
 
 def vary_corners(
-    pictured: PictureTracks, bodies: pd.DataFrame, draws: int, seed: int
+    pictured: PictureTracks, bodies: pd.DataFrame, free: pd.DataFrame, draws: int, seed: int
 ) -> pd.DataFrame:
     """Return the answers for corners of the belt as found and off by `CORNER_PX`.
 
     The spots are those of the same pictures. The last row has no pictures at all: true places at
     200 frames/s, followed by the filter of the images. It shows how slowly that filter adapts.
+    ``free`` is as for `vary_filter`.
 
     Returns
     -------
@@ -135,7 +144,7 @@ def vary_corners(
     places = at_rate(bodies, 1 / BELT_FRAME_S).reset_index(drop=True)
     exact = pictured._replace(spots=places, followed=BeltTracker()(places, frames))
     parts[(PLACES,)] = exact
-    table = _tabulate(_with_noise_free(parts, bodies), ["corners"])
+    table = _tabulate(_with_noise_free(parts, bodies, free), ["corners"])
     return table.drop(columns=list(NOISE_FREE))  # no picture takes part in them
 
 
@@ -224,10 +233,10 @@ def _by_lateral_spread(friction: pd.DataFrame) -> str:
 
 
 def _with_noise_free(
-    parts: Mapping[Setting, PictureTracks], bodies: pd.DataFrame
+    parts: Mapping[Setting, PictureTracks], bodies: pd.DataFrame, free: pd.DataFrame
 ) -> dict[Setting, pd.DataFrame]:
     """Return deviations from images by setting, each beside those without noise."""
-    free = belt_2016.noise_free(bodies).assign(data="noise-free")
+    free = free.assign(data="noise-free")
     images = {key: belt_2016.from_images(part, bodies) for key, part in parts.items()}
     return {key: pd.concat([free, part.assign(data="images")]) for key, part in images.items()}
 

@@ -13,11 +13,9 @@ from dataclasses import replace
 from itertools import product
 from typing import NamedTuple, TypeVar
 
-import joblib
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from tqdm import tqdm
 
 from kilnflight.belt import COMBINATIONS
 from kilnflight.belt.evaluation import last_states
@@ -34,11 +32,12 @@ from kilnflight.belt.models import (
 )
 from kilnflight.belt.online import predict_arrivals
 from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.belt.pictures import Spots
 from kilnflight.belt.tracker import BELT_FRAME_S
 from kilnflight.belt.valves import Separation, ValveBar
 from kilnflight.checks import InputError, check_inside, check_positive
 from kilnflight.experiments.belt_2016 import PHASE, match, simulate_bodies
-from kilnflight.experiments.belt_camera import PictureTracks, track_pictures
+from kilnflight.experiments.belt_camera import Look, PictureTracks, track_together
 from kilnflight.project import parallel
 from kilnflight.sorter import simulation
 from kilnflight.sorter.bodies import is_installed
@@ -186,14 +185,19 @@ def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame) -> Entering:
 
 
 def track_all(
-    pictures: Mapping[Key, Pictures], jobs: int = 1, label: str = "pictures"
+    pictures: Mapping[Key, Pictures], jobs: int = 1, look: Look | None = None
 ) -> dict[Key, PictureTracks]:
-    """Return `track_pictures` of several recordings, ``jobs`` at a time on this machine."""
-    run = joblib.Parallel(n_jobs=min(jobs, len(pictures)) or 1, return_as="generator")
-    with parallel.unwarned():
-        tracked = run(joblib.delayed(track_pictures)(each) for each in pictures.values())
-        bar = tqdm(tracked, desc=label, total=len(pictures), unit="recording", disable=None)
-        return dict(zip(pictures, bar, strict=True))
+    """Return `track_together` of several recordings, by ``jobs`` processes of this machine."""
+    keys, jobs = list(pictures), min(jobs, len(pictures)) or 1
+    groups = [keys[first::jobs] for first in range(jobs)]
+    pieces = [([pictures[key] for key in group], 200, [Spots()], look) for group in groups]
+    tracked = parallel.run_all(track_together, pieces, jobs)
+    every = {
+        key: one
+        for group, parts in zip(groups, tracked, strict=True)
+        for key, (one,) in zip(group, parts, strict=True)
+    }
+    return {key: every[key] for key in keys}
 
 
 def simulate_feed(

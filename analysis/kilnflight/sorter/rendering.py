@@ -7,12 +7,14 @@ direction, soft edges, motion blur and noise. What measures sees the pictures al
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 from kilnflight.belt.camera import BELT, Picture
@@ -28,6 +30,7 @@ from kilnflight.sorter.machine import Bulk
 from kilnflight.tables import BELT_BODIES, BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
+Exact = npt.NDArray[np.float32]  # grey values before they are rounded
 
 
 @dataclass(frozen=True)
@@ -120,16 +123,12 @@ class Pictures:
         visible = at_rate(self.tracks, self.view.frames_per_s)
         visible = visible.sort_values("frame", kind="stable")
         frame, outlines, empty = visible["frame"].to_numpy(), self._outlines(visible), self._empty()
-        noise = np.empty(empty.shape, dtype=np.float32)
         for number in numbers:
             first, last = np.searchsorted(frame, [number, number + 1])
             picture = empty.copy()
             self._draw(picture, outlines[first:last])
-            rng = np.random.default_rng([self.seed, 1, number])
-            rng.standard_normal(dtype=np.float32, out=noise)
-            noise *= np.float32(self.noise_gray)
-            picture += noise
-            yield np.rint(picture, out=picture).clip(0, 255, out=picture).astype(np.uint8)
+            noise = _noise(self.seed, int(number), empty.shape)
+            yield _rounded(picture, noise, np.float32(self.noise_gray))
 
     def _outlines(self, visible: pd.DataFrame) -> Array:
         """Return row, col, direction, half length, half width, corner and way in px, (n, 8).
@@ -195,19 +194,91 @@ class Pictures:
                 slice(max(0, int(middle - most)), max(0, int(middle + most) + 2))
                 for middle, most in ((row, reach + abs(down) / 2), (col, reach + abs(ahead) / 2))
             )
-            below, right = np.ogrid[window]
             count = max(1, math.ceil(math.hypot(down, ahead)))
-            moved = ((np.arange(count) + 0.5) / count - 0.5)[:, None, None]
-            below = (below - row - down * moved).astype(np.float32)
-            right = (right - col - ahead * moved).astype(np.float32)
-            c, s = math.cos(angle), math.sin(angle)
-            u = np.abs(right * c + below * s) - (length - corner)
-            v = np.abs(below * c - right * s) - (width - corner)
-            outside = np.hypot(np.maximum(u, 0.0), np.maximum(v, 0.0))
-            distance = outside + np.minimum(np.maximum(u, v), 0.0) - corner
-            part = picture[window]
-            share = (0.5 - distance / self.soft_px).clip(0.0, 1.0).mean(axis=0)
-            _blend(part, self.particle_gray, share[: part.shape[0], : part.shape[1]])
+            place, sizes = (row, col, down, ahead), (length - corner, width - corner, corner)
+            turn, soft = (math.cos(angle), math.sin(angle)), self.soft_px
+            corner_px = (window[0].start, window[1].start)
+            _cover(picture[window], corner_px, place, turn, sizes, soft, count, self.particle_gray)
+
+
+@njit(cache=True)
+def _cover(
+    part: Exact,
+    first: tuple[int, int],
+    place: tuple[float, float, float, float],
+    turn: tuple[float, float],
+    sizes: tuple[float, float, float],
+    soft_px: float,
+    count: int,
+    gray: float,
+) -> None:
+    """Mix the grey value of one particle into a window that begins at pixel ``first``, in place.
+
+    ``sizes`` are half length and half width without the corner, and the corner. Shares are of
+    single precision, as the plain definition in the tests has them.
+    """
+    row, col, down, ahead = place
+    c, s, soft = np.float32(turn[0]), np.float32(turn[1]), np.float32(soft_px)
+    length, width, corner = np.float32(sizes[0]), np.float32(sizes[1]), np.float32(sizes[2])
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    for i in range(part.shape[0]):
+        for j in range(part.shape[1]):
+            share = zero
+            for k in range(count):
+                moved = (k + 0.5) / count - 0.5
+                below = np.float32(first[0] + i - row - down * moved)
+                right = np.float32(first[1] + j - col - ahead * moved)
+                u = abs(right * c + below * s) - length
+                v = abs(below * c - right * s) - width
+                distance = min(max(u, v), zero) - corner
+                if u > zero and v > zero:  # off a corner, else one of both is no way
+                    far = math.sqrt(np.float64(u) * np.float64(u) + np.float64(v) * np.float64(v))
+                    distance = np.float32(far) - corner
+                elif u > zero or v > zero:
+                    distance = max(u, v) - corner
+                share += min(max(half - distance / soft, zero), one)
+            mixed = np.float64(min(share / np.float32(count), one))
+            value = np.float64(part[i, j])
+            part[i, j] = np.float32(value + mixed * (gray - value))
+
+
+@njit(cache=True)
+def _rounded(picture: Exact, noise: Exact, noise_gray: np.float32) -> Picture:
+    """Return a picture with noise, in whole grey values."""
+    rounded = np.empty(picture.shape, np.uint8)
+    for i in range(picture.shape[0]):
+        for j in range(picture.shape[1]):
+            value = np.rint(picture[i, j] + noise[i, j] * noise_gray)
+            rounded[i, j] = np.uint8(min(max(value, np.float32(0.0)), np.float32(255.0)))
+    return rounded
+
+
+@lru_cache(maxsize=1)
+def _noise(seed: int, number: int, shape: tuple[int, int]) -> Exact:
+    """Return the noise of a frame, of standard deviation 1.
+
+    It is kept for the next recording of the same seed, see `frames_together`.
+    """
+    noise = np.random.default_rng([seed, 1, number]).standard_normal(shape, dtype=np.float32)
+    noise.setflags(write=False)
+    return noise
+
+
+def frames_together(
+    pictures: Sequence[Pictures], numbers: Sequence[Iterable[int]]
+) -> Iterator[tuple[int, int, Picture]]:
+    """Yield which recording, frame and picture of several recordings, frame by frame.
+
+    Most of the time of a picture is that of its noise. Recordings of one seed have the same noise
+    in a frame, which is drawn once here.
+    """
+    order = sorted((number, which) for which, part in enumerate(numbers) for number in part)
+    frames = [
+        each.frames([number for number, which in order if which == k])
+        for k, each in enumerate(pictures)
+    ]
+    for number, which in order:
+        yield which, number, next(frames[which])
 
 
 def _velocities(visible: pd.DataFrame) -> Array:
