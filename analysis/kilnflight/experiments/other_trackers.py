@@ -147,7 +147,7 @@ def _nearest_velocity() -> Any:
     """
     from trackpy.predict import NearestVelocityPredict
 
-    class Nearest(NearestVelocityPredict):  # type: ignore[misc]
+    class Nearest(NearestVelocityPredict):
         latest: tuple[Any, Any, Any] | None = None
 
         def _compute_velocities(self, frame: pd.DataFrame) -> tuple[float, Any, Any]:
@@ -160,7 +160,8 @@ def _nearest_velocity() -> Any:
             row = order[np.searchsorted(known, names, sorter=order).clip(max=len(known) - 1)]
             both, step = known[row] == names, float(time - then)
             speed = (place[both] - before[row[both]]) / step
-            return step, *(pd.DataFrame(each, columns=PLACE) for each in (place[both], speed))
+            there = pd.DataFrame(place[both], columns=PLACE)
+            return step, there, pd.DataFrame(speed, columns=PLACE)
 
     return Nearest()
 
