@@ -28,6 +28,7 @@ from kilnflight import flight, regression
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
 from kilnflight.background.difference import Foreground, WindowModel
+from kilnflight.background.sliding_median import stack_median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination, View, mean_gray
@@ -472,16 +473,15 @@ def background_gray(
     The kiln is the median of `BACKGROUND_FRAMES` pictures spread over ``frames``
     (`kilnflight.ignition.Ignition` says what for).
     """
-    picture = _empty_kiln(source, frames)
+    picture = _empty_kiln(source, frames).astype(np.float64)
     return mean_gray(picture, detections[["row", "col", "radius_px"]].to_numpy(np.float64))
 
 
-@lru_cache(maxsize=2)
-def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.float64]:
+@lru_cache(maxsize=8)  # of a study's campaigns: 12 MB each
+def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
     """Return the median picture (rows, cols) of a recording; kept, as pictures cost seconds."""
     steps = np.linspace(frames.start, frames.stop - 1, BACKGROUND_FRAMES).round().astype(int)
-    pictures = [source.recording().gray(t) for t in np.unique(steps).tolist()]
-    return np.median(pictures, axis=0)
+    return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])
 
 
 class KilnStep(NamedTuple):

@@ -3,7 +3,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.background.sliding_median import COMPARE, EMIT, LOAD, NONE, program, surrounding
+from kilnflight.background.sliding_median import (
+    COMPARE,
+    EMIT,
+    LOAD,
+    NONE,
+    program,
+    stack_median,
+    surrounding,
+)
 
 
 def run(table, count, frames, outputs, ranks):
@@ -57,3 +65,9 @@ def test_the_window_holds_the_nearest_frames_that_there_are(window, length, data
     farthest = max(abs(j - index) for j in around)
     for outside in set(range(length)) - set(around):
         assert abs(outside - index) >= min(farthest, (window + 1) // 2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 20, 21])
+def test_the_median_of_a_stack_is_numpys(count):
+    frames = np.random.default_rng(count).integers(0, 65536, (count, 13, 17), dtype=np.uint16)
+    assert np.array_equal(stack_median(list(frames)), np.median(frames, axis=0))

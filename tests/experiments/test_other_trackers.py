@@ -1,5 +1,7 @@
 """Other people's trackers behind our interface: an easy recording, gaps, nothing, bad input."""
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -135,3 +137,48 @@ def test_crowds_are_refused_not_waited_for():
         peers.Trackpy(60.0)(table)
     with pytest.raises(InputError, match="60 tracks share"):
         peers.StoneSoupJPDA()(table)
+
+
+def with_holes():
+    """Return a crowded recording, sorted, in which a third of the detections are missing."""
+    table = recording(40, 30).sample(frac=0.67, random_state=1)
+    table = table.assign(row=table["row"] % 300, col=table["col"] % 300)  # paths cross
+    table = table[~table["frame"].isin([11, 12])]
+    return table.sort_values(["frame", "row", "col"], ignore_index=True)
+
+
+def test_trackpys_velocities_are_its_own():
+    trackpy = pytest.importorskip("trackpy")
+    trackpy.quiet()
+    table = with_holes()
+    link = trackpy.predict.NearestVelocityPredict().link_df
+    with warnings.catch_warnings():  # trackpy 0.7 with pandas 3
+        warnings.simplefilter("ignore")
+        own = link(table, 25.0, pos_columns=["row", "col"])
+    fast = peers.Trackpy(25.0, predict=True)(table)["particle"]
+    assert np.array_equal(fast, pd.factorize(own["particle"].sort_index())[0])
+
+
+def test_laptracks_labels_are_those_of_its_table():
+    laptrack = pytest.importorskip("laptrack")
+    table = with_holes()
+    tracker = laptrack.LapTrack(cutoff=400, gap_closing_cutoff=900, gap_closing_max_frame_count=3)
+    own = tracker.predict_dataframe(
+        table.assign(number=table.index), ["row", "col"], "frame", False
+    )
+    own = own[0].set_index("number")["track_id"].sort_index()
+    fast = peers.LapTrack(20.0, 30.0, 3)(table)["particle"]
+    assert np.array_equal(fast, pd.factorize(own)[0])
+
+
+def test_matrices_of_stone_soup_are_made_once_for_each_step_in_time():
+    made = []
+
+    def make(time_interval, **_):
+        made.append(time_interval)
+        return np.full((2, 2), time_interval.total_seconds())
+
+    kept = peers._remembered(make)
+    for seconds in (1, 3, 1, 3):
+        assert kept(prior=None, time_interval=peers.timedelta(seconds=seconds))[0, 0] == seconds
+    assert len(made) == 2

@@ -11,7 +11,8 @@ from kilnflight.experiments import other_trackers as peers
 from kilnflight.experiments import tuning
 from kilnflight.experiments.tracking import Window
 from kilnflight.experiments.tracking_scores import measure_tracks
-from kilnflight.experiments.tuning import Grid, all_grids
+from kilnflight.experiments.tuning import Grid, Trials, all_grids
+from kilnflight.project.parallel import Workers
 
 LONG = tuple(map(float, range(10)))
 
@@ -146,6 +147,21 @@ def test_a_tracker_that_refuses_a_neighbor_stays_where_it_is(window):
 def grids(monkeypatch):
     monkeypatch.setattr(peers, "available", lambda: peers.PACKAGES)
     return all_grids()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_trials_side_by_side_are_those_in_a_row_and_are_kept(window, jobs):
+    grid, worth = hill(3.0, 4.0, first=(0.0, 5.0)), worth_in(window)
+    run = Trials("a table", 10, Workers(jobs))
+    tried = tuning.search("one", grid, worth, 12, run)
+    pd.testing.assert_frame_equal(tried, tuning.search("one", grid, worth, 12))
+
+    def killed(tracker):
+        raise AssertionError("worked out again")
+
+    pd.testing.assert_frame_equal(tuning.search("one", grid, killed, 12, run), tried)
+    with pytest.raises(AssertionError, match="again"):
+        tuning.search("one", grid, killed, 13, run)
 
 
 def test_every_setting_on_the_grid_has_its_own_name_and_a_tracker(grids):

@@ -10,12 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.figure import Figure
+from numba import njit
 
 from kilnflight import kiln, regression
+from kilnflight.background.sliding_median import stack_median
 from kilnflight.checks import InputError
 from kilnflight.experiments import confidence
 from kilnflight.experiments.accuracy import errors
@@ -219,12 +223,26 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     most = np.zeros((recording.attributes.rows, recording.attributes.columns), np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
         steps = np.linspace(part[0], part[-1], kiln.BACKGROUND_FRAMES).round().astype(int)
-        pictures = [recording.gray(t) for t in np.unique(steps).tolist()]
-        background = np.median(pictures, axis=0).astype(np.float32)
+        pictures = {t: recording.gray(t) for t in np.unique(steps).tolist()}
+        background = stack_median(list(pictures.values())).astype(np.float32)
         for t in part.tolist():
-            change = recording.gray(t) - background
-            np.copyto(most, change, where=np.abs(change) > np.abs(most))
+            picture = pictures.pop(t) if t in pictures else recording.gray(t)
+            keep_greatest(picture.ravel(), background.ravel(), most.ravel())
     return (background + most).astype(np.float64)
+
+
+@njit(cache=True)
+def keep_greatest(
+    picture: npt.NDArray[Any], background: npt.NDArray[np.float32], most: npt.NDArray[np.float32]
+) -> None:
+    """Keep in ``most`` each place's greatest difference (pixels,) from the background, signed.
+
+    Of equal ones the first.
+    """
+    for p in range(most.size):
+        change = np.float32(picture[p]) - background[p]
+        if abs(change) > abs(most[p]):
+            most[p] = change
 
 
 def draw_optical_pictures(results: Results, bar: float, most: int = 0) -> tuple[Figure, int]:

@@ -31,7 +31,6 @@ from itertools import product
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from kilnflight.association import GNN, JPDA, Associator
 from kilnflight.checks import InputError
@@ -55,6 +54,7 @@ from kilnflight.experiments.tracking_scores import (
 )
 from kilnflight.kiln import LONG_CHUNK
 from kilnflight.project.cache import CachedTable
+from kilnflight.project.parallel import Workers
 from kilnflight.tracking.gate import Gate
 from kilnflight.tracking.motion import ConstantVelocity
 from kilnflight.tracking.tracker import Management, track
@@ -159,7 +159,9 @@ def all_grids() -> dict[str, Grid]:
     return {name: grid for name, grid in grids.items() if packages.get(name, name) in installed}
 
 
-def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
+def search(
+    name: str, grid: Grid, worth: Worth, trials: int, run: Trials | None = None
+) -> pd.DataFrame:
     """Return what a tracker's settings are worth; the one of largest beta is chosen.
 
     Parameters
@@ -172,6 +174,8 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
         What a tracker in some setting is worth; what refuses has a NaN for ``beta``.
     trials
         How many settings are tried; fewer only if the grid has no more.
+    run
+        What runs the trials of ``worth``; one after the other, and none is kept, if None.
 
     Returns
     -------
@@ -187,22 +191,23 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
     """
     rows: dict[Setting, dict[str, object]] = {}
     ahead = list(product(*(grid.start[parameter] for parameter in grid.parameters)))
-    with tqdm(desc=name, unit="setting", disable=None) as bar:
-        while ahead:
-            for setting in ahead[: trials - len(rows)]:
-                parameters = dict(zip(grid.parameters, setting, strict=True))
-                row = {"tracker": name, "setting": grid.text(setting), **parameters}
-                rows[setting] = row | dict(worth(grid.build(*setting)))
-                bar.update()
-            table = pd.DataFrame(rows.values())
-            settings, worst = list(rows), -table["beta"].to_numpy()
-            if np.isnan(worst).all():  # a narrow gate or few missed frames are refused last
-                ranks = np.array(sorted(range(len(settings)), key=settings.__getitem__))
-            else:
-                ranks = np.argsort(worst, kind="stable")  # NaN last
-            ranked = [settings[k] for k in ranks]
-            around = ([n for n in grid.neighbors(best) if n not in rows] for best in ranked)
-            ahead = next(filter(None, around), []) if len(rows) < trials else []
+    while ahead:
+        now = ahead[: trials - len(rows)]
+        trackers = [grid.build(*setting) for setting in now]
+        found = run(worth, trackers, now, name) if run else map(worth, trackers)
+        for setting, measures in zip(now, found, strict=True):
+            parameters = dict(zip(grid.parameters, setting, strict=True))
+            row = {"tracker": name, "setting": grid.text(setting), **parameters}
+            rows[setting] = row | dict(measures)
+        table = pd.DataFrame(rows.values())
+        settings, worst = list(rows), -table["beta"].to_numpy()
+        if np.isnan(worst).all():  # a narrow gate or few missed frames are refused last
+            ranks = np.array(sorted(range(len(settings)), key=settings.__getitem__))
+        else:
+            ranks = np.argsort(worst, kind="stable")  # NaN last
+        ranked = [settings[k] for k in ranks]
+        around = ([n for n in grid.neighbors(best) if n not in rows] for best in ranked)
+        ahead = next(filter(None, around), []) if len(rows) < trials else []
     chosen = (np.arange(len(table)) == ranks[0]) & table["beta"].notna().to_numpy()
     untried = sum(neighbor not in rows for neighbor in grid.neighbors(ranked[0]))
     return table.assign(
@@ -210,6 +215,44 @@ def search(name: str, grid: Grid, worth: Worth, trials: int) -> pd.DataFrame:
         at_end=np.where(chosen, grid.at_end(ranked[0]), ""),
         untried=np.where(chosen, untried, 0),
     )
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Runs trials side by side and keeps each, so that a killed search goes on from there.
+
+    Parameters
+    ----------
+    of
+        Name of the file of the search's table: it holds the hash of all that a trial depends on.
+    frames
+        Of a trial, for the bar.
+    workers
+        Who runs them.
+    """
+
+    of: str
+    frames: int
+    workers: Workers
+
+    def __call__(
+        self, worth: Worth, trackers: Iterable[Tracker], settings: Sequence[Setting], label: str
+    ) -> list[Mapping[str, object]]:
+        """Return what trackers in these settings are worth, in their order."""
+        tables = [
+            CachedTable("trial", partial(_trial, worth, tracker), {"of": self.of, "setting": each})
+            for tracker, each in zip(trackers, settings, strict=True)
+        ]
+        # wide gates and long gaps take longest: begun last, they would be waited for
+        longest = sorted(range(len(tables)), key=settings.__getitem__, reverse=True)
+        frames = [self.frames] * len(tables)
+        self.workers(CachedTable.__call__, [tables[k] for k in longest], frames, label)
+        return [table().to_dict("records")[0] for table in tables]
+
+
+def _trial(worth: Worth, tracker: Tracker) -> pd.DataFrame:
+    """Return what a tracker is worth as a table of one row."""
+    return pd.DataFrame([worth(tracker)])
 
 
 def first_frames(window: Window, frames: int) -> Window:
@@ -291,13 +334,17 @@ def tried_settings(scale: str, names: Iterable[str], seed: int = 0, jobs: int = 
     learned = settings_from_labels(scale, seed)
     tables = []
     for name in names:
-        make = partial(_tried, scale, learned, seed, jobs, name)
-        known = {"scale": scale, "settings": learned, "seed": seed, "tracker": name}
-        table = CachedTable("tried", make, known)()
+        table = _table_of(scale, learned, seed, jobs, name)()
         if name in OURS and not table["chosen"].any():
             raise InputError(f"tried_settings: {_refused_all(name, table)}")
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
+
+
+def _table_of(scale: str, learned: Settings, seed: int, jobs: int, name: str) -> CachedTable:
+    """Return the cached table of what was tried for one tracker."""
+    known = {"scale": scale, "settings": learned, "seed": seed, "tracker": name}
+    return CachedTable("tried", partial(_tried, scale, learned, seed, jobs, name), known)
 
 
 def _refused_all(name: object, table: pd.DataFrame) -> str:
@@ -316,7 +363,9 @@ def _tried(scale: str, learned: Settings, seed: int, jobs: int, name: str) -> pd
     stretches = windows(scale, learned, seed, jobs=jobs, frames=tuning_frames, piece=piece)
     if name in SLOW:
         stretches = [first_frames(window, SLOW_FRAMES) for window in stretches]
-    return search(name, grid, Reported(stretches), TRIALS[scale])
+    of = _table_of(scale, learned, seed, jobs, name).path.name
+    run = Trials(of, sum(len(window.frames) for window in stretches), Workers(jobs))
+    return search(name, grid, Reported(stretches), TRIALS[scale], run)
 
 
 def our_trackers(tried: pd.DataFrame) -> dict[str, Tracker]:
