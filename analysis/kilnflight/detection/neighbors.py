@@ -95,7 +95,8 @@ def _grown(points: Any, levels: int) -> Tree:
             boxes[node, 0, axis], boxes[node, 1, axis] = low, high
         if 2 * node + 2 < nodes:
             middle = (start + stop) // 2
-            _halve(points, order, (start, stop, middle), np.argmax(boxes[node, 1] - boxes[node, 0]))
+            longest = int(np.argmax(boxes[node, 1] - boxes[node, 0]))
+            _halve(points, order, (start, stop, middle), longest)
             starts[2 * node + 1], stops[2 * node + 1] = start, middle
             starts[2 * node + 2], stops[2 * node + 2] = middle, stop
     return Tree(points, order, starts, stops, boxes)
