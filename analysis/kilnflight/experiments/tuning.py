@@ -28,6 +28,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -247,7 +248,8 @@ class Trials:
         longest = sorted(range(len(tables)), key=settings.__getitem__, reverse=True)
         frames = [self.frames] * len(tables)
         self.workers(CachedTable.__call__, [tables[k] for k in longest], frames, label)
-        return [table().to_dict("records")[0] for table in tables]
+        rows: list[Any] = [table().to_dict("records")[0] for table in tables]
+        return rows
 
 
 def _trial(worth: Worth, tracker: Tracker) -> pd.DataFrame:
