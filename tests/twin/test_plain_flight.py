@@ -267,7 +267,8 @@ def _ignite(state, gas, geometry, gas_k, slip_m_s, settings):
         return ignite(state, gas_k, hot, holds, settings.ignition_gas_k)
     lose_volatiles(state, settings.step_s)
     oxygen = forces.oxygen(gas, (state.position - geometry.lance_m).T)
-    fuel = state.volatile_flux >= rule.critical_flux_kg_m2_s
+    flux = state.volatiles_1_s * state.volatiles_kg / state.surface_m2
+    fuel = flux >= rule.critical_flux_kg_m2_s
     holds = damkoehler(rule, state.short_m, slip_m_s, gas_k, oxygen) >= 1.0
     lit, cause = ignite(state, gas_k, fuel, holds, settings.ignition_gas_k, causes=(4, 2, 5))
     glows = glow(state, oxygen)

@@ -17,6 +17,7 @@ module      content
 ==========  =====================================================================
 camera      kiln, lance and camera; light into grey values; the first look's depth
 lenses      the second look's depth, made from the picture on the grid of micro-lenses
+compiled    what laws share with numba: written once, for arrays and single particles
 gas         stream and jet; drag, heat transfer, conduction
 particles   the feed: sizes, masses, material, handfuls and their times
 burning     the state of a particle in flight: heating, ignition, burning
