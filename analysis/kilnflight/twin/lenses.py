@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.checks import InputError, check_positive
@@ -245,15 +246,15 @@ class LensWall:
         block = lattice.block_of(*lattice.centres())
         own, wall = (of.take(block) ** camera.dominance for of in (sight.contrast, sight.wall))
         changing = self.changing_mm * random.standard_normal(len(block), dtype=np.float32)
-        kept = random.random(len(self.index), dtype=np.float32) < camera.kept_per_frame
-        kept &= ~(sight.valid.reshape(-1).take(self.block) | sight.hidden.take(self.index))
-        depth = self.level_mm + _interpolated(changing, self.lens, self.weight)
-        near = _any_lens(own > 0, self.lens)  # a particle
-        apart, mixed = np.flatnonzero(kept & ~near), np.flatnonzero(kept & near)
-        index = np.concatenate([self.index[apart], self.index[mixed], sight.pixels])
+        draws, share = random.random(len(self.index), np.float32), np.float32(camera.kept_per_frame)
+        hidden = sight.valid.reshape(-1), sight.hidden
+        lenses = self.lens, self.weight, changing, own
+        points = (self.index, self.block, self.level_mm)
+        apart, depth, mixed = _kept_points(draws, share, points, hidden, lenses)
+        index = np.concatenate([apart, mixed, sight.pixels])
         pixel = np.divmod(index[len(apart) :], lattice.columns)
         weighted_mm = own * sight.depth_mm.take(block)
-        depth = np.concatenate([depth[apart], self._mixed(pixel, own, weighted_mm, wall, changing)])
+        depth = np.concatenate([depth, self._mixed(pixel, own, weighted_mm, wall, changing)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
     def _mixed(
@@ -344,9 +345,41 @@ def _interpolated(values: Picture, lens: npt.NDArray[np.int32], weight: Picture)
     return np.asarray(total, dtype=np.float32)
 
 
-def _any_lens(marked: npt.NDArray[np.bool_], lens: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-    """Return the pixels of which one of the four lenses around is marked."""
-    return np.asarray(np.logical_or.reduce([marked.take(of) for of in lens]))
+@njit(cache=True)
+def _kept_points(draws: Any, share: Any, points: Any, hidden: Any, lenses: Any) -> Any:
+    """Return wall points with their depths, and pixels near particles, of those that are kept.
+
+    Compiled: numpy gathers ten times, which takes three times as long.
+
+    Parameters
+    ----------
+    draws, share
+        A point whose draw is below the share is kept, unless it is hidden.
+    points
+        Pixel, block and depth of each.
+    hidden
+        Which blocks and which pixels are.
+    lenses
+        The four lenses around each point and their weights, as of `Lattice.between`; of lenses
+        the error that changes, and what they see of particles.
+    """
+    (index, block, level), (blocks, pixels), (lens, weight, error, own) = points, hidden, lenses
+    apart, near = np.empty(len(index), np.intp), np.empty(len(index), np.intp)
+    depth = np.empty(len(index), np.float32)
+    count, others = 0, 0
+    for i in range(len(index)):
+        if draws[i] >= share or blocks[block[i]] or pixels[index[i]]:
+            continue
+        a, b, c, d = lens[0, i], lens[1, i], lens[2, i], lens[3, i]
+        if own[a] > 0 or own[b] > 0 or own[c] > 0 or own[d] > 0:
+            near[others] = index[i]
+            others += 1
+            continue
+        total = weight[0, i] * error[a] + weight[1, i] * error[b]  # as in `_interpolated`
+        total = total + weight[2, i] * error[c] + weight[3, i] * error[d]
+        apart[count], depth[count] = index[i], level[i] + total
+        count += 1
+    return apart[:count].copy(), depth[:count].copy(), near[:others].copy()
 
 
 class Sight(NamedTuple):
