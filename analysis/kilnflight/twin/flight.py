@@ -347,7 +347,9 @@ def exit_velocity(state: Any, gas: Gas, settings: Flight) -> Array:
 
     From rest over the length of the lance, against the friction of what slides or bounces.
     """
-    return np.asarray(_exit_velocity(state, gas.numbers, numbers(settings, **{LAWS: 0.0})))
+    slope = np.tan(np.deg2rad(settings.bounce_angle_deg))
+    read = numbers(settings, bounce_slope=slope, **{LAWS: 0.0})
+    return np.asarray(_exit_velocity(state, gas.numbers, read))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -372,7 +374,7 @@ def _exit_velocity(state: Any, gas: Any, settings: Any) -> Any:
 def _lance_friction(speed_m_s: float, diameter_m: float, settings: Any) -> float:
     """Return the deceleration in m/s2 by the wall of the lance."""
     if settings.bouncing:
-        across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
+        across = speed_m_s * settings.bounce_slope
         impacts_1_s = across / diameter_m
         return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
     solids = settings.solids_friction * speed_m_s**2 / (2 * diameter_m)
