@@ -230,3 +230,18 @@ def test_the_isolated_combination_is_beside_those_of_the_figure(monkeypatch):
         name for name, _ in belt_claims.for_lateral_claims(observed(3), PHASE, np.zeros(3, bool))
     ]
     assert names == ["A", "CA", "IA", "CA-CADSC"]
+
+
+def test_measures_of_many_samples_are_those_of_each_and_leave_nan_out():
+    values = np.random.default_rng(0).normal(0, 1, (40, 3))
+    rows = np.random.default_rng(1).integers(0, 40, (9, 40))
+    for sampled in (values, np.where(values > 2, np.nan, values)):
+        every = belt_claims.measures(sampled[rows])
+        assert every.shape == (2, 9, 3)
+        for k, chosen in enumerate(rows):
+            known = [column[np.isfinite(column)] for column in sampled[chosen].T]
+            mae = [np.abs(column).mean() for column in known]
+            iqr = [np.subtract(*np.quantile(column, [0.75, 0.25])) for column in known]
+            np.testing.assert_allclose(every[:, k], [mae, iqr])
+            one = belt_claims.measures(sampled[chosen][:, 0])
+            np.testing.assert_allclose(one, every[:, k, 0])

@@ -440,9 +440,15 @@ def resample(
 
 
 def measures(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return mean absolute value and interquartile range, (2, models), of (n, models)."""
-    spread = np.subtract(*np.nanquantile(values, [0.75, 0.25], axis=0))
-    return np.stack([np.nanmean(np.abs(values), axis=0), spread])
+    """Return mean absolute value and interquartile range, (2, ..., models), of (..., n, models).
+
+    Of the values of one model, (n,), it is (2,).
+    """
+    axis = max(values.ndim - 2, 0)
+    # without NaN all columns at once; else numpy takes one after the other
+    quantile = np.nanquantile if np.isnan(values).any() else np.quantile
+    spread = np.subtract(*quantile(values, [0.75, 0.25], axis=axis))
+    return np.stack([np.nanmean(np.abs(values), axis=axis), spread])
 
 
 _BOTH = (
@@ -622,8 +628,8 @@ def _worse_not_far(both: npt.NDArray[np.float64]) -> dict[str, bool | None]:
     """Return whether Straight is worse than Tracking (beyond chance), and not far worse (twice)."""
     tracking, straight = measures(both).T
     rows = np.random.default_rng(0).integers(0, len(both), (REPLICATES["standard"], len(both)))
-    samples = np.stack([measures(both[chosen]) for chosen in rows])
-    ends = np.quantile(samples[..., 1] - samples[..., 0], [0.025, 0.975], axis=0).T
+    samples = measures(both[rows])
+    ends = np.quantile(samples[..., 1] - samples[..., 0], [0.025, 0.975], axis=1).T
     near = [
         _by_all_bounds(ratio < 1 + scale for scale in claims.OTHER_BOUNDS)
         for ratio in straight / tracking
