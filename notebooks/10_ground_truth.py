@@ -116,7 +116,7 @@ figures.save("twin-fractions", table, picture=picture, caption=caption, provenan
 
 # %%
 first = twin_film.busiest(recordings["paper shred"])
-length = {"quick": 4, "standard": 60, "full": 60}[scale]
+length = {"quick": 4, "standard": 30, "full": 60}[scale]
 caption = (
     f"Paper shreds at 4.5 bar, second look: {length} frames, twenty times slower than they were "
     "recorded, at a fifth of the resolution. Simulated."

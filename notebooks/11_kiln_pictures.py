@@ -13,7 +13,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
 seed = 0  # of the scenes
-frames = 0  # frames summed per fraction; 0: 5, 100 or 300 by scale
+frames = 0  # frames summed per fraction; 0: 5, 50 or 300 by scale
 
 # %%
 import numpy as np
@@ -27,7 +27,7 @@ from kilnflight.twin import scenes
 from kilnflight.twin.fitted import second_kiln
 
 style.use_style()
-frames = frames or {"quick": 5, "standard": 100, "full": 300}[scale]
+frames = frames or {"quick": 5, "standard": 50, "full": 300}[scale]
 origin = figures.trace("11_kiln_pictures", {"scale": scale, "frames": frames}, seed=seed)
 print(f"{frames} frames of each fraction at 4.5 bar")
 

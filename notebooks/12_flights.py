@@ -19,7 +19,7 @@
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full
 seed = 53  # of particles, turbulence and tumbling; another one than the calibration's
-particles = 0  # per fraction and pressure; 0: 100, 1000 or 4000 by scale
+particles = 0  # per fraction and pressure; 0: 100, 500 or 4000 by scale
 
 # %%
 import pandas as pd
@@ -31,7 +31,7 @@ from kilnflight.twin import fitted, truth
 
 # %%
 style.use_style()
-particles = particles or {"quick": 100, "standard": 1000, "full": 4000}[scale]
+particles = particles or {"quick": 100, "standard": 500, "full": 4000}[scale]
 setting = {"scale": scale, "particles": particles}
 files = [fitted.FLIGHT_FILE, fitted.SECOND_FLIGHT_FILE]
 origin = figures.trace("12_flights", setting, seed=seed, inputs=files)

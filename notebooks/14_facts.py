@@ -15,10 +15,10 @@
 # both. No claim is judged.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns measured), standard (250 frames each) or full
+scale = "standard"  # quick (two campaigns measured), standard (200 frames each) or full
 seed = 0  # of the scenes, of the true flights and of the draws
 particles = 0  # true flights per campaign; 0: 10, 100 or 4000 by scale (of a draw at most 300)
-draws = 0  # of the inputs; 0: 1, 8 or 30 by scale
+draws = 0  # of the inputs; 0: 1, 4 or 30 by scale
 jobs = 2  # processes
 
 # %%
@@ -32,7 +32,7 @@ from kilnflight.twin import fitted, poses
 # %%
 style.use_style()
 particles = particles or {"quick": 10, "standard": 100, "full": twin_statements.PARTICLES}[scale]
-draws = draws or {"quick": 1, "standard": 8, "full": 30}[scale]
+draws = draws or {"quick": 1, "standard": 4, "full": 30}[scale]
 setting = {"scale": scale, "particles": particles, "draws": draws}
 inputs = [paths.reference() / "facts.csv", paths.reference() / "rankings.csv"]
 inputs += [fitted.FLIGHT_FILE, fitted.SECOND_FLIGHT_FILE]

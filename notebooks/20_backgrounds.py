@@ -45,14 +45,16 @@ frames = frames or detection.FRAMES[scale]
 origin = figures.trace("20_backgrounds", {"scale": scale, "frames": frames}, seed=seed)
 subsets = detection.labelled_subsets(scale, seed, frames)
 models = {type(model).__name__: model for model in background.MODELS}
-for name in ("Mean", "Median", "Adaptive") if scale == "quick" else ():  # few are rendered
-    models[name] = replace(models[name], window=12)
+window = detection.WINDOWS[scale]  # as printed in a full run; else few frames are rendered
+for name in ("Mean", "Median", "Adaptive"):
+    models[name] = replace(models[name], window=min(window, models[name].window))
 print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %%
 parameters = pd.DataFrame([{"model": name} | asdict(model) for name, model in models.items()])
 caption = (
-    "Parameters of the six background models, all as printed in Table 5.4; frames, and shares "
+    "Parameters of the six background models, all as printed in Table 5.4"
+    f"{'' if scale == 'full' else f', but at most {window} frames'}; frames, and shares "
     "from 0 to 1."
 )
 figures.save("table-5-4-parameters", parameters, caption=caption, provenance=origin)

@@ -44,7 +44,7 @@ jobs = 2  # processes of the simulation
 from kilnflight.belt import recordings
 
 style.use_style()
-count = {"quick": 40, "standard": 300, "full": 1500}[scale]  # particles per material
+count = {"quick": 30, "standard": 150, "full": 1500}[scale]  # particles per material
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_predictive_tracking", setting, seed=seed, inputs=files.values())

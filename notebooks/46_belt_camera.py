@@ -36,7 +36,7 @@ jobs = 2  # processes of the simulation
 
 # %%
 style.use_style()
-count = {"quick": 40, "standard": 300, "full": 1500}[scale]  # particles per material, as in 42
+count = {"quick": 30, "standard": 150, "full": 1500}[scale]  # particles per material, as in 42
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}
 origin = figures.trace("46_belt_camera", setting, seed=seed, inputs=files.values())

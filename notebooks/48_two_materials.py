@@ -46,7 +46,7 @@ jobs = 2  # processes of the simulation and of the pictures
 
 # %%
 style.use_style()
-count = {"quick": 60, "standard": 300, "full": 1500}[scale]  # particles of the mixture
+count = {"quick": 60, "standard": 200, "full": 1500}[scale]  # particles of the mixture
 labelled = {"quick": 30, "standard": 100, "full": 500}[scale]  # of each material alone
 files = recordings.find_dem()
 setting = {"scale": scale, "count": count}

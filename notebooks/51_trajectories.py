@@ -10,10 +10,10 @@
 # without the texture term of Eq. 4.24: its frame differences of eight campaigns would take 68 GB.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
 seed = 0  # of the scenes
 jobs = 2  # processes
-pictures = 0  # frames in each sum; 0: 5, 60 or 300 by scale
+pictures = 0  # frames in each sum; 0: 5, 30 or 300 by scale
 
 # %%
 from kilnflight.experiments import campaigns, confidence, plots
@@ -21,7 +21,7 @@ from kilnflight.project import figures, style
 
 # %%
 style.use_style()
-pictures = pictures or {"quick": 5, "standard": 60, "full": 300}[scale]
+pictures = pictures or {"quick": 5, "standard": 30, "full": 300}[scale]
 origin = figures.trace("51_trajectories", {"scale": scale, "pictures": pictures}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 

@@ -13,10 +13,10 @@
 # beside the truth. The share of confetti that ignites at 4.5 bar is what the twin was fitted to.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (250 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
-pictures = 0  # frames in each optical picture; 0: 5 or 60 by scale, all at full scale
+pictures = 0  # frames in each optical picture; 0: 5 or 30 by scale, all at full scale
 
 # %%
 import numpy as np
@@ -33,7 +33,7 @@ from kilnflight.project import figures, style
 
 # %%
 style.use_style()
-pictures = pictures or {"quick": 5, "standard": 60, "full": 0}[scale]
+pictures = pictures or {"quick": 5, "standard": 30, "full": 0}[scale]
 origin = figures.trace("54_ignition", {"scale": scale, "pictures": pictures}, seed=seed)
 results = campaigns.results(scale, seed, jobs)
 generator = np.random.default_rng(seed)

@@ -43,7 +43,7 @@ OWN = "own-simulation"
 CALLED = {AUTHORS: "the authors' tracks", OWN: "our own simulation"}  # in sentences
 # Particles of each material in the simulated sorter, by scale; None: as many as published.
 PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
-DRAWS = {"quick": 5, "standard": 200, "full": 1000}  # of calibration particles, by scale
+DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
 PHASE = PredictionPhase()
 # The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
 AT_EDGE = PredictionPhase(BELT_EDGE_MM - 150.0, BELT_EDGE_MM)

@@ -40,8 +40,8 @@ from kilnflight.sorter.rendering import Pictures, at_rate
 FRICTIONS = (0.10, 0.15, 0.20, 0.25, 0.30, 0.35)
 FACTORS = (0.5, 1.0, 2.0)  # of both settings of the filter, which nobody prints; choice
 CORNER_PX = 1.0  # standard deviation of a corner along each axis; choice
-SPHERES = {"quick": 20, "standard": 150, "full": 300}  # at each friction, by scale
-DRAWS = {"quick": 2, "standard": 8, "full": 20}  # of the corners' errors, by scale
+SPHERES = {"quick": 20, "standard": 60, "full": 300}  # at each friction, by scale
+DRAWS = {"quick": 2, "standard": 4, "full": 20}  # of the corners' errors, by scale
 MOST_DRAWS = 8  # of them at each friction
 FOUND, PLACES = "found", "true places, no pictures"
 SETTINGS = ("friction", "lateral_spread", "velocity_noise", "measurement_spread", "corners")

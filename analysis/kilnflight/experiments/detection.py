@@ -44,11 +44,14 @@ COUNTS = ("tp", "fp", "fn")
 # Two readings of the 45 px (`kilnflight.scores.detections`): the largest distance, or a diameter.
 GATES = {"": GATE_PX, "_near": NEAR_GATE_PX}
 WARM_UP_POINTS = 2000  # of the untimed first call
+# Scale of the frames of each draw in notebook 57, as few as in a reduced run, whatever the run's.
+DRAW = "draw"
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
-FRAMES = {"quick": 1, "standard": 1, "full": 10}
+FRAMES = {"quick": 1, "standard": 1, DRAW: 1, "full": 10}
 SMOKE_SUBSETS = ("V4", "V5")  # of a smoke run
-# The temporal median over 150 frames (section 5.1.2); few in a smoke run, to render few.
-BACKGROUNDS = {"quick": Median(window=12), "standard": Median(), "full": Median()}
+# The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
+WINDOWS = {"quick": 12, "standard": 50, DRAW: Median().window, "full": Median().window}
+BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
 THRESHOLDS = tuple(round(100 * 2 ** (k / 2)) for k in range(12))
@@ -88,8 +91,8 @@ def labelled_subsets(
 ) -> list[Subset]:
     """Return the subsets of the twin, each with its first labelled frames.
 
-    ``scale`` is "quick" (two subsets), "standard" or "full", ``seed`` that of the scenes. There
-    are ``frames`` of each; 0: 1, 1 or 10 by scale. ``scenario`` is one of
+    ``scale`` is "quick" (two subsets), "standard", `DRAW` or "full", ``seed`` that of the scenes.
+    There are ``frames`` of each; 0: 1, or 10 at full scale. ``scenario`` is one of
     `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """
     if scale not in FRAMES or not 0 <= frames <= len(scenes.LABELLED):
