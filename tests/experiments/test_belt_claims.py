@@ -243,3 +243,5 @@ def test_measures_of_many_samples_are_those_of_each_and_leave_nan_out():
             mae = [np.abs(column).mean() for column in known]
             iqr = [np.subtract(*np.quantile(column, [0.75, 0.25])) for column in known]
             np.testing.assert_allclose(every[:, k], [mae, iqr])
+            one = belt_claims.measures(sampled[chosen][:, 0])
+            np.testing.assert_allclose(one, every[:, k, 0])

@@ -440,11 +440,15 @@ def resample(
 
 
 def measures(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return mean absolute value and interquartile range, (2, ..., models), of (..., n, models)."""
+    """Return mean absolute value and interquartile range, (2, ..., models), of (..., n, models).
+
+    Of the values of one model, (n,), it is (2,).
+    """
+    axis = max(values.ndim - 2, 0)
     # without NaN all columns at once; else numpy takes one after the other
     quantile = np.nanquantile if np.isnan(values).any() else np.quantile
-    spread = np.subtract(*quantile(values, [0.75, 0.25], axis=-2))
-    return np.stack([np.nanmean(np.abs(values), axis=-2), spread])
+    spread = np.subtract(*quantile(values, [0.75, 0.25], axis=axis))
+    return np.stack([np.nanmean(np.abs(values), axis=axis), spread])
 
 
 _BOTH = (
