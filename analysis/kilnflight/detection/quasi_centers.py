@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, types
 from numba.typed import Dict
+from scipy.spatial import cKDTree
 
 from kilnflight.checks import check_at_least, check_count
 from kilnflight.detection.dbscan import (
@@ -18,7 +19,9 @@ from kilnflight.detection.dbscan import (
     root_of,
     unite,
 )
-from kilnflight.detection.neighbors import nearest_neighbors
+
+Array = npt.NDArray[np.float64]
+CHUNK = 20_000  # points whose neighbours are searched at a time, to save memory
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,33 @@ class QuasiClusterCenters:
         labels = _choose(graph, chains, clusters)
         labels[np.bincount(labels, minlength=count)[labels] < k] = NOISE
         return numbered_by_first_point(labels)
+
+
+def nearest_neighbors(
+    cloud: Array, k: int
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Return the nearest points (n, k) and the squared k-th distance (n,).
+
+    There must be more than ``k`` points; none is its own neighbour. Of equally distant points the
+    first ones of the cloud count.
+    """
+    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
+    nearest = np.empty((len(cloud), k), np.int32)
+    for start in range(0, len(cloud), CHUNK):
+        rows = np.arange(start, min(start + CHUNK, len(cloud)))
+        distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
+        itself = indices == rows[:, None]
+        distances[itself] = -1.0
+        order = np.argsort(distances, axis=1, kind="stable")
+        distances = np.take_along_axis(distances, order, axis=1)
+        nearest[rows] = np.take_along_axis(indices, order, axis=1)[:, 1 : k + 1]
+        unsure = ~itself.any(axis=1) | (distances[:, k] == distances[:, -1]) & (many > k + 1)
+        for row in np.flatnonzero(unsure):
+            around = tree.query_ball_point(cloud[rows[row]], distances[row, k] * (1 + 1e-9))
+            others = np.setdiff1d(around, rows[row])
+            apart = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
+            nearest[rows[row]] = others[np.argsort(apart, kind="stable")[:k]]
+    return nearest, ((cloud - cloud[nearest[:, -1]]) ** 2).sum(axis=1)
 
 
 class Graph(NamedTuple):
