@@ -191,3 +191,26 @@ def test_a_constant_picture_has_no_evidence():
 def test_frames_of_two_sizes_are_refused():
     with pytest.raises(InputError, match="one size"):
         Evidence.of(np.zeros((4, 5)), np.zeros((4, 6)), 5.0, 0.1)
+
+
+def test_a_frame_that_was_changed_in_place_is_looked_at_anew():
+    generator = np.random.default_rng(3)
+    first, frame = (generator.normal(1000, 5, (80, 90)).astype(np.uint16) for _ in range(2))
+    Evidence.of(frame, first, 5.0, 0.5)
+    frame[30:40, 30:40] += 500
+    changed = Evidence.of(frame, first, 5.0, 0.5)
+    again = Evidence.of(frame.copy(), first.copy(), 5.0, 0.5)
+    np.testing.assert_array_equal(changed.gray, again.gray)
+    np.testing.assert_array_equal(changed.change, again.change)
+
+
+def test_of_frames_that_cannot_change_evidence_is_the_same():
+    generator = np.random.default_rng(4)
+    frames = [generator.normal(1000, 5, (80, 90)).astype(np.uint16) for _ in range(3)]
+    kept = [frame.copy() for frame in frames]
+    for frame in kept:
+        frame.flags.writeable = False
+    for k in (1, 2):
+        plain, of_kept = (Evidence.of(each[k], each[k - 1], 5.0, 0.5) for each in (frames, kept))
+        np.testing.assert_array_equal(plain.change, of_kept.change)
+        assert plain.threshold == of_kept.threshold

@@ -53,19 +53,6 @@ def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
     return numbers
 
 
-_spare: list[Image] = []  # at most one room that nobody uses
-LARGE = 1 << 28  # bytes from which a room is kept
-
-
-def _room(shape: tuple[int, int], kind: np.dtype[Any]) -> Image:
-    """Return an array of any content, if possible one that a stack has left."""
-    fits = bool(_spare) and (_spare[0].dtype, _spare[0].shape) == (kind, shape)
-    if fits:
-        return _spare.pop()
-    _spare.clear()
-    return np.empty(shape, kind)
-
-
 class HeldFrames:
     """Copies of the frames in use, each read from its stack once.
 
@@ -81,9 +68,9 @@ class HeldFrames:
     """
 
     def __init__(self, frames: Frames, capacity: int) -> None:
-        self.pixels = np.empty((0, 0), np.uint16)  # (capacity, rows * cols), row = slot
         self.length = len(frames)
         self.shape: tuple[int, ...] = (0, 0)
+        self.pixels = np.empty((0, 0), np.uint16)  # (capacity, rows * cols), row = slot
         self._frames = frames
         self._free = list(range(min(capacity, self.length)))[::-1]
         self._slots: dict[int, int] = {}
@@ -108,11 +95,6 @@ class HeldFrames:
             self.pixels[self._slots[index]] = image.ravel()
         return np.array([self._slots[index] for index in indices], dtype=np.intp)
 
-    def __del__(self) -> None:
-        """Leave the room to the next stack: fresh memory costs more than the frames' copies."""
-        if self.pixels.nbytes >= LARGE:
-            _spare[:] = [self.pixels]
-
     def __getitem__(self, index: int) -> Image:
         """Return a held frame, (rows, cols)."""
         return self.pixels[self._slots[index]].reshape(self.shape)
@@ -132,8 +114,7 @@ class HeldFrames:
             )
         if not self.pixels.size:
             # Memory is taken page by page as slots are filled, so capacity costs nothing unused.
-            self.shape = image.shape
-            self.pixels = _room((len(self._free), image.size), kind)
+            self.shape, self.pixels = image.shape, np.empty((len(self._free), image.size), kind)
         if image.shape != self.shape or kind != self.pixels.dtype:
             raise InputError(
                 f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._slots)} is "
@@ -260,9 +241,15 @@ class WindowModel(ABC):
     def with_frames(
         self, frames: Frames, indices: Iterable[int]
     ) -> Iterator[tuple[Image, Foreground]]:
-        """Yield a copy of each requested frame, and its foreground as of a call."""
+        """Yield a copy of each requested frame, and its foreground as of a call.
+
+        Nobody can write into the copy, so what is worked out of it can be kept.
+        """
         held, backgrounds = self._prepared(frames, indices)
-        return ((held[t].copy(), difference(held[t], image)) for t, image in backgrounds)
+        for t, image in backgrounds:
+            frame = held[t].copy()
+            frame.flags.writeable = False
+            yield frame, difference(frame, image)
 
     def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[Image]:
         """Yield the background of each requested frame, (rows, cols)."""

@@ -280,12 +280,13 @@ class Evidence:
                 "recording have one size."
             )
         now, before = _smoothed(gray), _smoothed(previous)
-        _recent[:] = [(previous, before), (gray, now)]
+        frames = ((previous, before), (gray, now))
+        _recent[:] = [each for each in frames if not each[0].flags.writeable]
         flat = slice(None, None, max(now.size // SAMPLES, 1) | 1)  # odd: no column twice
         sample = now.reshape(-1)[flat] - before.reshape(-1)[flat]
         spread = float(np.median(np.abs(sample - np.median(sample))))
         threshold = prominence * max(1.4826 * spread, LEAST_NOISE)
-        change = cv2.absdiff(now, before)
+        change = np.asarray(cv2.absdiff(now, before), np.float32)
         return cls(now, change, threshold / np.sqrt(2.0), threshold, share)
 
     def peaks(self, area: npt.NDArray[np.integer]) -> npt.NDArray[np.float64]:
@@ -317,7 +318,7 @@ def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
     """Return a frame blurred by a Gaussian of `SMOOTHING_PX`; nobody writes into it.
 
     The Gaussian is cut at four standard deviations. Every frame is soon the one before, so the
-    last two are not blurred again.
+    last two are not blurred again, if nobody can have changed them meanwhile.
     """
     for frame, blurred in _recent:
         if frame is image:

@@ -286,10 +286,9 @@ class Twin:
             index = np.concatenate([index, of_particles])
             depth = np.concatenate([depth, particle_depth])
         captured = self.scene.depth.captured(depth)
-        place = self.scene.geometry
-        middle = (place.rows - 1) / 2, (place.columns - 1) / 2
-        pixels, xyz = _unprojected(index, captured, place.columns, middle, place.focal_length_px)
-        return pixels, xyz
+        row, column = np.divmod(index, self.scene.geometry.columns)
+        xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
+        return np.stack([row, column], axis=1).astype(np.int32), xyz
 
     def _wall_depth(
         self, generator: np.random.Generator, labels: npt.NDArray[np.uint8], wall: _Wall
@@ -377,20 +376,6 @@ def _with_shot_noise(picture: Any, noise: Any, gain: Any, read: Any, full: Any) 
             level = np.sqrt(gain * line[x] + read) * of_noise[x] + line[x]
             target[x] = np.uint16(min(max(level, np.float32(0)), full))
     return gray
-
-
-@njit(cache=True, error_model="numpy")
-def _unprojected(index: Any, depth: Any, columns: int, middle: Any, focal_px: float) -> Any:
-    """Return pixels (n, 2) and camera coordinates (n, 3) of points, as `Geometry.unproject`."""
-    pixels, xyz = np.empty((len(index), 2), np.int32), np.empty((len(index), 3), np.float32)
-    for i in range(len(index)):
-        row = np.int32(index[i]) // np.int32(columns)
-        column = np.int32(index[i]) - row * np.int32(columns)
-        pixels[i, 0], pixels[i, 1] = row, column
-        xyz[i, 0] = (column - middle[1]) * depth[i] / focal_px
-        xyz[i, 1] = (middle[0] - row) * depth[i] / focal_px
-        xyz[i, 2] = depth[i]
-    return pixels, xyz
 
 
 class SceneView(NamedTuple):
