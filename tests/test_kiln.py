@@ -233,3 +233,18 @@ def test_only_flights_from_the_lance_that_are_not_refused_have_velocities(polyno
     )
     passed = kiln.slices_from(table, dict.fromkeys((1, 2, 3), fit))
     assert passed["particle"].tolist() == [1, 1, 1]
+
+
+def test_views_read_each_frame_once_and_its_cloud_with_it(twin, monkeypatch):
+    model, frames = background.Median(window=6), range(20, 24)
+    known = [view for _, view in kiln.views(twin, frames, model)]
+    read, grey = [], []
+    frame, gray = twin.frame, twin.gray
+    monkeypatch.setattr(type(twin), "frame", lambda _, t: read.append(t) or frame(t))
+    monkeypatch.setattr(type(twin), "gray", lambda _, t: grey.append(t) or gray(t))
+    again = [view for _, view in kiln.views(twin, frames, model)]
+    assert sorted(read) == list(frames)
+    assert not set(grey) & set(frames)
+    for one, other in zip(known, again, strict=True):
+        np.testing.assert_array_equal(one.xyz, other.xyz)
+        np.testing.assert_array_equal(one.foreground, other.foreground)

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kilnflight.background import ThreeFrame, TwoFrame
+from kilnflight.background import Mean, Median, ThreeFrame, TwoFrame
 from kilnflight.background.difference import HeldFrames, difference, partner
 
 
@@ -87,3 +87,25 @@ def test_the_difference_of_unsigned_images_does_not_wrap():
     np.testing.assert_array_equal(difference(low, high), np.full((2, 2), 65532))
     wide = np.full((2, 2), 2**31 + 1, np.uint32)
     np.testing.assert_array_equal(difference(wide, wide - np.float64(1)), np.ones((2, 2)))
+
+
+def test_of_a_picture_and_a_float_background_it_is_the_equation():
+    generator = np.random.default_rng(1)
+    frame = generator.integers(0, 65536, (30, 41)).astype(np.uint16)
+    image = generator.uniform(0, 65535, frame.shape).astype(np.float32)
+    for seen in (frame, frame[::2, ::-1]):
+        found = difference(seen, image[: len(seen)])
+        assert found.dtype == np.float32
+        np.testing.assert_array_equal(found, np.abs(seen.astype(np.float32) - image[: len(seen)]))
+
+
+def test_frames_come_with_their_foregrounds_and_cannot_be_changed():
+    stack = random_stack(30)
+    wanted = [3, 17, 18, 29]
+    for model in (Mean(window=6), Median(window=6)):
+        plain = list(model(stack, wanted))
+        pairs = list(model.with_frames(stack, wanted))
+        for t, (frame, foreground), alone in zip(wanted, pairs, plain, strict=True):
+            np.testing.assert_array_equal(frame, stack[t])
+            np.testing.assert_array_equal(foreground, alone)
+            assert not frame.flags.writeable

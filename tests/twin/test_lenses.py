@@ -14,6 +14,7 @@ from kilnflight.twin.lenses import (
     LensCamera,
     LensWall,
     _interpolated,
+    _kept_points,
     measure_contrast,
 )
 from kilnflight.twin.particles import Burst
@@ -217,7 +218,7 @@ def test_frames_of_a_scene_have_points_of_wall_and_particles_in_any_order():
     twin, again = few(), few()
     other, frame = twin.frame(11), twin.frame(10)
     assert np.array_equal(frame.xyz, again.frame(10).xyz)
-    assert len(frame.xyz) != len(other.xyz)
+    assert not np.array_equal(frame.pixels, other.pixels)
     assert np.isfinite(frame.xyz).all()
     assert frame.xyz[:, 2].min() > 0
     places = frame.pixels[:, 0] * 512 + frame.pixels[:, 1]
@@ -232,3 +233,26 @@ def test_the_captured_depth_is_the_inverse_of_the_equation():
     assert EQUATION_2_4(LensCamera().captured(true)) == pytest.approx(true, abs=0.5)
     first = EQUATION_2_4(DepthCamera().captured(2500.0))
     assert first > 3400.0  # the first look's came back a metre too far
+
+
+def test_points_are_kept_near_or_apart_from_particles_as_their_lenses_say():
+    generator, points, lenses = np.random.default_rng(5), 3000, 60
+    index = np.sort(generator.choice(20_000, points, replace=False))
+    block = generator.integers(0, 90, points)
+    level = generator.uniform(3000, 9000, points).astype(np.float32)
+    draws = generator.random(points, dtype=np.float32)
+    lens = generator.integers(0, lenses, (4, points)).astype(np.int32)
+    weight = generator.random((4, points), dtype=np.float32)
+    error = generator.standard_normal(lenses, dtype=np.float32)
+    own = np.where(generator.random(lenses) < 0.07, generator.random(lenses), 0).astype(np.float32)
+    hidden = generator.random(90) < 0.1, generator.random(20_000) < 0.1
+    share = np.float32(0.7)
+    parts = (index, block, level), hidden, (lens, weight, error, own)
+    apart, depth, near = _kept_points(draws, share, *parts)
+    kept = (draws < share) & ~hidden[0][block] & ~hidden[1][index]
+    beside = (own[lens] > 0).any(axis=0)
+    np.testing.assert_array_equal(apart, index[kept & ~beside])
+    np.testing.assert_array_equal(near, index[kept & beside])
+    known = (level + _interpolated(error, lens, weight))[kept & ~beside]
+    np.testing.assert_allclose(depth, known, rtol=1e-6)
+    assert 0 < len(near) < len(apart)

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from kilnflight.checks import InputError
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import truth
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
-from kilnflight.twin.scene import RIM, Twin
+from kilnflight.twin.fitted import SecondLightInputs
+from kilnflight.twin.scene import RIM, Twin, _with_shot_noise
 
 
 def same(first, second):
@@ -156,3 +158,23 @@ def test_grey_values_alone_are_those_of_the_frame(twin):
     np.testing.assert_array_equal(twin.gray(3), twin.frame(3).gray)
     with pytest.raises(InputError):
         twin.gray(len(twin))
+
+
+def test_a_frame_is_the_same_however_many_threads_libraries_have(small_scene):
+    scene = SecondLightInputs().applied(small_scene())
+    frames = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            frames.append(Twin(scene).frame(7))
+    assert same(*frames)
+
+
+def test_shot_noise_is_the_equation_and_ends_at_full_scale():
+    generator = np.random.default_rng(2)
+    picture = generator.uniform(0.0, 1.02 * FULL_SCALE, (40, 50)).astype(np.float32)
+    noise = generator.standard_normal(picture.shape, dtype=np.float32)
+    gain, read, full = map(np.float32, (3.0, 100.0, FULL_SCALE))
+    level = np.sqrt(gain * picture + read) * noise + picture
+    expected = np.clip(level, 0.0, full).astype(np.uint16)
+    assert (expected == FULL_SCALE).any()
+    np.testing.assert_array_equal(_with_shot_noise(picture, noise, gain, read, full), expected)

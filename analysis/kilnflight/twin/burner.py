@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import ThreadpoolController
 
 from kilnflight.checks import check_positive
 from kilnflight.twin.camera import Geometry, Optics
@@ -21,6 +22,7 @@ from kilnflight.twin.picture import Veil
 Array = npt.NDArray[np.float64]
 Rectangle = tuple[int, int, int, int]
 
+LIBRARIES = ThreadpoolController()
 PUFFS = 320  # in the flame at once
 STORED = 8192  # different puffs; then they come again
 
@@ -165,7 +167,8 @@ class Flame:
         shine = np.flatnonzero(depth)  # others are not yet soot, or burnt
         down = _profiles(top, bottom, row[shine], spread[shine])
         over = _profiles(left, right, column[shine], spread[shine])
-        total = (down * depth[shine, None].astype(np.float32)).T @ over
+        with LIBRARIES.limit(limits=1, user_api="blas"):  # more threads would sum in another order
+            total = (down * depth[shine, None].astype(np.float32)).T @ over
         total *= self._border * np.float32(self._opacity)
         passing = np.exp(-total)
         own = np.float32(optics.glow(flame.soot_k)) * (1 - passing)
