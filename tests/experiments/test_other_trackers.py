@@ -1,7 +1,5 @@
 """Other people's trackers behind our interface: an easy recording, gaps, nothing, bad input."""
 
-import warnings
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -145,18 +143,6 @@ def with_holes():
     table = table.assign(row=table["row"] % 300, col=table["col"] % 300)  # paths cross
     table = table[~table["frame"].isin([11, 12])]
     return table.sort_values(["frame", "row", "col"], ignore_index=True)
-
-
-def test_trackpys_velocities_are_its_own():
-    trackpy = pytest.importorskip("trackpy")
-    trackpy.quiet()
-    table = with_holes()
-    link = trackpy.predict.NearestVelocityPredict().link_df
-    with warnings.catch_warnings():  # trackpy 0.7 with pandas 3
-        warnings.simplefilter("ignore")
-        own = link(table, 25.0, pos_columns=["row", "col"])
-    fast = peers.Trackpy(25.0, predict=True)(table)["particle"]
-    assert np.array_equal(fast, pd.factorize(own["particle"].sort_index())[0])
 
 
 def test_laptracks_labels_are_those_of_its_table():

@@ -125,7 +125,7 @@ class Trackpy(_ExternalTracker):
         from trackpy.linking.utils import SubnetOversizeException
 
         trackpy.quiet()
-        link = _nearest_velocity().link_df if self.predict else trackpy.link
+        link = trackpy.predict.NearestVelocityPredict().link_df if self.predict else trackpy.link
         try:
             with warnings.catch_warnings():  # trackpy 0.7 with pandas 3; no velocity to predict by
                 warnings.simplefilter("ignore")
@@ -138,32 +138,6 @@ class Trackpy(_ExternalTracker):
                 f"({error}). Take a smaller one."
             ) from error
         return linked["particle"].sort_index()
-
-
-def _nearest_velocity() -> Any:
-    """Return trackpy's `NearestVelocityPredict` that joins frames by arrays, not by tables.
-
-    Its velocities are the same; joined by tables, they took four fifths of the time.
-    """
-    from trackpy.predict import NearestVelocityPredict
-
-    class Nearest(NearestVelocityPredict):
-        latest: tuple[Any, Any, Any] | None = None
-
-        def _compute_velocities(self, frame: pd.DataFrame) -> tuple[float, Any, Any]:
-            """Return the step in time, and places and velocities of what is in both frames."""
-            names, place = frame["particle"].to_numpy(), frame[PLACE].to_numpy()
-            time = frame["frame"].to_numpy()[0]
-            known, before, then = self.latest or (names, place, time - 1)
-            self.latest = names, place, time
-            order = np.argsort(known)
-            row = order[np.searchsorted(known, names, sorter=order).clip(max=len(known) - 1)]
-            both, step = known[row] == names, float(time - then)
-            speed = (place[both] - before[row[both]]) / step
-            there = pd.DataFrame(place[both], columns=PLACE)
-            return step, there, pd.DataFrame(speed, columns=PLACE)
-
-    return Nearest()
 
 
 @dataclass(frozen=True)
