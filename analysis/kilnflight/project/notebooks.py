@@ -223,7 +223,7 @@ def _printed_progress(stem: str, progress: Path) -> Iterator[None]:
             text = progress.read_text().rstrip() if progress.is_file() else ""
             last = text.rpartition("\n")[2].strip()
             if last not in ("", before):
-                print(f"{stem}: {last}", flush=True)
+                _say(f"{stem}: {last}")
                 before = last
 
     printer = threading.Thread(target=report, daemon=True)
@@ -260,7 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 check_parameters(path.stem, known_parameters(read_source(path)), given)
         given = parse_parameters(options.parameter, stem, stems)
         shown = ", ".join(f"{name} = {value}" for name, value in given.items())
-        print(f"{stem}: running ({shown})", flush=True)
+        _say(f"{stem}: running ({shown})")
         with warnings.catch_warnings():
             # papermill's own use of a deprecated call; nothing a reader could act on
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -280,8 +280,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         why = "" if isinstance(error, KeyboardInterrupt) else " (its kernel was killed or died)"
         print(f"{stem}: interrupted{why}; the same make goes on from here", file=sys.stderr)
         return 130
-    print(f"{stem}: done in {time.monotonic() - started:.0f} s", flush=True)
+    _say(f"{stem}: done in {time.monotonic() - started:.0f} s")
     return 0
+
+
+def _say(line: str) -> None:
+    """Print a line in one piece, so that notebooks side by side never share one."""
+    print(f"{line}\n", end="", flush=True)
 
 
 if __name__ == "__main__":
