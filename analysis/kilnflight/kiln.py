@@ -135,8 +135,10 @@ class WholeFrames(GrayFrames):
     def take(self, t: int) -> Cloud:
         """Return pixels and positions of frame ``t``; they are kept no longer."""
         self.wanted.discard(t)
-        frame = None if t in self.clouds else self.recording.frame(t)
-        return self.clouds.pop(t) if frame is None else (frame.pixels, frame.xyz)
+        if t in self.clouds:
+            return self.clouds.pop(t)
+        frame = self.recording.frame(t)
+        return frame.pixels, frame.xyz
 
 
 def views(

@@ -243,7 +243,7 @@ class WindowModel(ABC):
     ) -> Iterator[tuple[Image, Foreground]]:
         """Yield a copy of each requested frame, and its foreground as of a call.
 
-        Nobody can write into the copy, so what is worked out of it can be kept.
+        The copy is read-only: results computed from it stay valid and may be cached.
         """
         held, backgrounds = self._prepared(frames, indices)
         for t, image in backgrounds:

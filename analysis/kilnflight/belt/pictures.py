@@ -41,13 +41,13 @@ def average(pictures: Iterable[Picture]) -> Picture:
     which never moves, if s c > t. For wood on a dark belt c is 140 and t is 40 grey values: no
     ghost below s = 0.29, not found above s = 0.71, both in between.
     """
-    mean = Mean()
+    total = Average()
     for picture in pictures:
-        mean.add(picture)
-    return mean.picture()
+        total.add(picture)
+    return total.picture()
 
 
-class Mean:
+class Average:
     """The `average` of pictures that come one by one."""
 
     def __init__(self) -> None:

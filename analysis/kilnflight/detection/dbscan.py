@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from numba import njit
 from scipy.spatial import cKDTree
 
@@ -42,7 +43,10 @@ def numbered_by_first_point(groups: npt.NDArray[np.integer]) -> npt.NDArray[np.i
 
     Groups below 0 are noise.
     """
-    return np.asarray(_in_order(np.asarray(groups, np.int64), groups.max(initial=NOISE)))
+    labels = np.full(len(groups), NOISE, np.intp)
+    kept = groups >= 0
+    labels[kept] = pd.factorize(groups[kept])[0]
+    return labels
 
 
 @dataclass(frozen=True)
@@ -212,20 +216,6 @@ def sort_into_cells(points: npt.NDArray[np.float64], side: float) -> Cells:
     steps = np.add.outer(around * layer, around * row).ravel()
     nearest = np.argsort(np.add.outer(around**2, around**2).ravel(), kind="stable")
     return Cells(order, sorted_points, occupied, starts, steps[nearest])
-
-
-@njit(cache=True)
-def _in_order(groups: Any, largest: int) -> Any:
-    """Return the groups numbered in the order of their first points; those below 0 are noise."""
-    numbers, labels = np.full(largest + 1, NOISE), np.full(len(groups), NOISE)
-    count = 0
-    for i in range(len(groups)):
-        if groups[i] >= 0:
-            if numbers[groups[i]] < 0:
-                numbers[groups[i]] = count
-                count += 1
-            labels[i] = numbers[groups[i]]
-    return labels
 
 
 @njit(cache=True)

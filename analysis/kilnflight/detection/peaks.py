@@ -315,10 +315,11 @@ _recent: list[tuple[npt.NDArray[np.generic], Float32]] = []  # frames with their
 
 
 def _smoothed(image: npt.NDArray[np.generic]) -> Float32:
-    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`; nobody writes into it.
+    """Return a frame blurred by a Gaussian of `SMOOTHING_PX`; do not write into it.
 
-    The Gaussian is cut at four standard deviations. Every frame is soon the one before, so the
-    last two are not blurred again, if nobody can have changed them meanwhile.
+    The Gaussian is cut at four standard deviations. A frame is needed twice, as the present one
+    and as the previous one, so the last two are kept. Only read-only frames are: others may have
+    changed in place.
     """
     for frame, blurred in _recent:
         if frame is image:

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.spatial import KDTree
+from tqdm import tqdm
 
 from kilnflight.belt.camera import TRACKED, Calibration, FindCorners, Picture, calibrate_camera
-from kilnflight.belt.pictures import Mean, MeasureSpots, Spots, spots_table
+from kilnflight.belt.pictures import Average, MeasureSpots, Spots, spots_table
 from kilnflight.belt.tracker import BELT_FRAME_S, BeltTracker, Followed, Likelihoods
 from kilnflight.checks import check_columns
 from kilnflight.sorter.rendering import Pictures, at_rate, frames_together
@@ -87,7 +88,9 @@ def track_together(
         watched[which].add(frame, picture, is_sample=frame % (10 * steps[which]) == 0)
     for each in watched:
         each.calibrate()
-    for which, frame, picture in frames_together(pictures, [range(len(each)) for each in pictures]):
+    every = frames_together(pictures, [range(len(each)) for each in pictures])
+    total = sum(map(len, pictures))
+    for which, frame, picture in tqdm(every, "pictures", total, unit="picture", disable=None):
         watched[which].measure(frame, picture)
     return [each.tracks() for each in watched]
 
@@ -97,20 +100,20 @@ class _Watched:
 
     def __init__(self, pictures: Pictures, spots: Sequence[Spots], look: Look | None) -> None:
         self.pictures, self.spots, self.look = pictures, spots, look
-        self.mean, self.samples = Mean(), list[Picture]()
+        self.average, self.samples = Average(), list[Picture]()
         self.measures: list[MeasureSpots] = []
         self.found: list[list[Array]] = [[] for _ in spots]
         self.looks: list[list[Array]] = [[_NONE] for _ in spots]
 
     def add(self, frame: int, picture: Picture, is_sample: bool) -> None:
         """Take a picture for the background; samples are for the area of one particle, too."""
-        self.mean.add(picture)
+        self.average.add(picture)
         if is_sample and frame < len(self.pictures):
             self.samples.append(picture)
 
     def calibrate(self) -> None:
         """Set background, calibration and the area of one particle."""
-        background = self.mean.picture()
+        background = self.average.picture()
         calibration = calibrate_camera(FindCorners()(background))
         sized = [_sized(each, self.pictures, background, self.samples) for each in self.spots]
         self.measures = [MeasureSpots(background, each, calibration) for each in sized]

@@ -158,7 +158,7 @@ def elongations(picture: Picture, background: Picture, places: Array) -> Array:
     values, middles = np.full(len(places), np.nan), np.rint(places).astype(np.int64)
     if not len(places) or not mask.any():
         return values
-    _, labels = cv2.connectedComponentsWithAlgorithm(mask, 8, cv2.CV_32S, cv2.CCL_GRANA)
+    _, labels = cv2.connectedComponents(mask)
     pixels = np.reshape(cv2.findNonZero(mask), (-1, 2))[:, ::-1].astype(np.int64)
     label = labels[pixels[:, 0], pixels[:, 1]]
     order = np.argsort(label, kind="stable")  # those of a spot stay in the order of rows
@@ -431,10 +431,7 @@ def elongation(spot: npt.ArrayLike) -> float:
 
 def _spread(pixels: npt.NDArray[np.integer]) -> Array:
     """Return the second moments (2, 2) of pixels (n, 2), each a square."""
-    away = np.ascontiguousarray(pixels.T, dtype=np.float64)
-    away -= away.mean(axis=1)[:, None]
-    # numpy.cov to the last bit, layout included, in half its time
-    return np.dot(away, away.T.conj()) * (1.0 / len(pixels)) + np.eye(2) / 12.0
+    return np.asarray(np.cov(pixels.T.astype(np.float64), bias=True) + np.eye(2) / 12.0)
 
 
 def _ratios(spreads: Array) -> Array:
