@@ -41,7 +41,7 @@ particles = particles or {"quick": 20, "standard": 60, "full": 1000}[scale]
 draws = {"quick": 2, "standard": 16, "full": 16}[scale]  # of flights
 detected = {"quick": 0, "standard": 1, "full": 6}[scale]  # draws with the F1 of all methods
 tracked = {"quick": 0, "standard": 0, "full": 4}[scale]  # draws with the alpha of GNN
-rendered = detection.DRAW  # scale of the frames of each draw
+rendered = detection.DRAW if scale == "full" else scale  # of the frames of each draw
 setting = {"scale": scale, "particles": particles, "draws": draws}
 setting |= {"draws_detected": detected, "draws_tracked": tracked}
 inputs = [poses.POSE_FILE, fitted.SECOND_FLIGHT_FILE, fitted.SECOND_LIGHT_FILE]

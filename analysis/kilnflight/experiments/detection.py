@@ -51,7 +51,7 @@ FRAMES = {"quick": 1, "standard": 1, DRAW: 1, "full": 10}
 UNUSED = TwoFrame()  # where clouds alone are clustered: it needs the fewest frames
 SMOKE_SUBSETS = ("V4", "V5")  # of a smoke run
 # The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
-WINDOWS = {"quick": 12, "standard": 50, DRAW: Median().window, "full": Median().window}
+WINDOWS = {"quick": 12, "standard": 30, DRAW: Median().window, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).

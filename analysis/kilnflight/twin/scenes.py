@@ -413,14 +413,15 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     return Twin(replace(scene, name=plain if joined in ("", "base") else name))
 
 
-CACHED = ("life", "_bodies", "_wall")  # of the recording; of its background the level
+CACHED = ("life", "_bodies", "_wall")  # of the recording
+CACHED_BEHIND = ("level", "solid_mm")  # of its background; the first twin has no tubes
 
 
 def cached_scene(name: str, seed: int | None = None) -> Twin:
     """Return the recording of a scene as `open_scene` does, sooner.
 
-    Flights, walls and the pixels with depth depend on the scene alone and take some seconds.
-    They are kept in data/derived under the hash of the scene and of the twin's code; with
+    Flights, walls, tubes and the pixels with depth depend on the scene alone and take some
+    seconds. They are kept in data/derived under the hash of the scene and of the twin's code; with
     them a frame is the same to the bit.
 
     Raises
@@ -433,22 +434,26 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_suffix(".lock")):
         if not path.is_file():
-            parts = {part: getattr(twin, part) for part in CACHED}
-            content = (parts, twin._background.level)
+            behind = [part for part in CACHED_BEHIND if hasattr(twin._background, part)]
+            content = (
+                {part: getattr(twin, part) for part in CACHED},
+                {part: getattr(twin._background, part) for part in behind},
+            )
             write_whole(path, pickle.dumps(content, pickle.HIGHEST_PROTOCOL))
             return twin
     try:
-        parts, level = pickle.loads(path.read_bytes())
+        parts, behind_parts = pickle.loads(path.read_bytes())
     except (pickle.UnpicklingError, EOFError, ValueError) as error:
         raise InputError(
             f"{path}: cannot be read ({error}). Delete it; it is made again."
         ) from error
     twin.__dict__.update(parts)
-    twin._background.__dict__["level"] = level
+    twin._background.__dict__.update(behind_parts)
     return twin
 
 
 def cache_file(twin: Twin) -> Path:
     """Return the file in which a scene's flights and walls are kept."""
-    text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)}"
+    kept = (*CACHED, *CACHED_BEHIND)
+    text = f"{twin.scene!r} {np.__version__} {code_hash(Twin)} {kept}"
     return paths.derived() / f"scene-{hashlib.sha256(text.encode()).hexdigest()[:12]}.pickle"
