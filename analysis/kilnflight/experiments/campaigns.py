@@ -43,7 +43,7 @@ CampaignKey = tuple[str, float]
 KEYS = ["fraction", "pressure_bar"]
 # First frame and number of frames by scale; 0: all. The kiln is empty at first, and a flight
 # lasts 100 to 165 frames.
-FRAMES = {"quick": (100, 24), "standard": (100, 100), "full": (0, 0)}
+FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 FEW_POINTS = 15  # of a trajectory: two for each unknown of Eq. 4.29; ours, for a look only
 SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
@@ -133,7 +133,7 @@ def campaigns(
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (100 frames of each) or "full".
+        "quick" (two campaigns, 24 frames each), "standard" (200 frames of each) or "full".
     settings
         Threshold, wall and limit.
     seed
