@@ -59,8 +59,8 @@ caption = (
     "the bounds in tolerances, and whether it holds, of what is measured. Null models: whether it "
     f"holds with all fractions alike, and in which share of {draws} draws of the inputs ({few} "
     "flights each). Shares and times of ignition are measured by a test of grey values that takes "
-    "about every second particle for lit, whether it is or not (notebook 54), so that such a fact "
-    "says nothing where it holds as measured."
+    "about every second sheet and three in ten chips and granules for lit, whether they are or not "
+    "(notebook 54), so that such a fact says nothing where it holds as measured."
 )
 figures.save("twin-statements", table, caption=caption, provenance=origin)
 

@@ -78,10 +78,10 @@ table = bands.bands(pd.concat(parts, ignore_index=True), bands.DRAWS[:draws])
 picture = bands.draw_bands(table)
 caption = (
     f"Headline numbers, second look: base (the mode of the pose), range over {draws} draws of the "
-    f"pose (broad; F1: {detected}, alpha: {tracked}), and over all scenarios (thin). Diamonds and "
-    f"bars: published. Flights: {particles} true ones of each fraction at 4.5 bar. F1: a labelled "
-    "frame of each subset. Alpha: 48 frames in a row of each campaign, with post-processing, "
-    "tracks from the lance."
+    f"pose (broad; F1: {detected}, alpha: {tracked}), and over all scenarios (thin; for F1 and "
+    "alpha base and draws alone). Diamonds and bars: published. Flights: "
+    f"{particles} true ones of each fraction at 4.5 bar. F1: a labelled frame of each subset. "
+    "Alpha: 48 frames in a row of each campaign, with post-processing, tracks from the lance."
 )
 figures.save("twin-bands", table, picture=picture, caption=caption, provenance=origin)
 

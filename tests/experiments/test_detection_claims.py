@@ -202,6 +202,25 @@ def test_means_that_fall_fail_and_a_fall_larger_than_the_rise_is_not_slight():
     assert {verdict.because for verdict in verdicts} == {"twin"}
 
 
+def in_frames(false_positives):
+    """Return Table 5.11 of frames: each combination has 100 TP more, and so many FP more."""
+    frames = [
+        methods(pairs([(100, fp)] * 3, [(100, fp)] * 3), clouds=0).query("frame == 0")
+        for fp in false_positives
+    ]
+    return pd.concat([table.assign(frame=t) for t, table in enumerate(frames)])
+
+
+def test_a_change_whose_interval_holds_0_is_open():
+    """Precision falls in six of ten frames and rises in four; recall rises in all."""
+    mixed, steady = in_frames([60, -40] * 4 + [60] * 2), in_frames([60] * 10)
+    verdicts = detection_claims.combination_verdicts(mixed, 0, "ten frames")
+    found = {verdict.id: (verdict.verdict, verdict.because) for verdict in verdicts}
+    assert found["combi-3"] == (claims.NOT_DECIDABLE, "criterion")
+    assert found["combi-1"] == (claims.REPRODUCED, "")
+    assert "combi-3" in reproduced(detection_claims.combination_verdicts(steady, 0, "ten frames"))
+
+
 @pytest.mark.parametrize(
     ("clouds", "verdict"),
     [(600, claims.REPRODUCED), (660, claims.NOT_DECIDABLE), (400, claims.NOT_REPRODUCED)],

@@ -33,6 +33,7 @@ from kilnflight.experiments.detection_tables import (
 )
 from kilnflight.project import claims
 from kilnflight.project.style import words
+from kilnflight.scores.intervals import percentiles
 from kilnflight.twin import truth
 
 # Two readings of the text each: what is subtracted (2.2.1), and what 45 px are (3.3).
@@ -83,7 +84,7 @@ def _judged(
     return claims.with_cause(verdict, shown)
 
 
-def _judged_beyond_chance(
+def _judged_if_drawn(
     claim: str, measured: claims.Measured, note: str, sure: str, shown: str = ""
 ) -> claims.Verdict:
     """Return a verdict beside which stands how ``sure`` it is.
@@ -126,9 +127,7 @@ def background_verdicts(
         ("bg-4", f1.max() - f1["Adaptive"], interval(behind)),
         ("bg-5", static_first, share(ranked, "so ranked")),
     ]
-    judged = [
-        _judged_beyond_chance(claim, measured, note, sure) for claim, measured, sure in verdicts
-    ]
+    judged = [_judged_if_drawn(claim, measured, note, sure) for claim, measured, sure in verdicts]
     if not traces:
         return judged
     kept = {f"{traces['Mean']:.0f} > {traces['Median']:.0f}": traces["Mean"] > traces["Median"]}
@@ -162,8 +161,8 @@ def picture_verdicts(
     verdicts = [
         claims.fitted(precision, FITTED),
         claims.fitted(rank, FITTED),
-        _judged_beyond_chance("sift-1", first, note, interval(gain, "lead")),
-        _judged_beyond_chance("sift-3", v5, note, share(last_in == "V5", "V5 last")),
+        _judged_if_drawn("sift-1", first, note, interval(gain, "lead")),
+        _judged_if_drawn("sift-3", v5, note, share(last_in == "V5", "V5 last")),
         *_unlit_verdicts(attempts, seed, note),
     ]
     if len(times):
@@ -200,12 +199,12 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
         f"the light's fit to it ends at {fit['unlit']['V4']:.2f} in V4 (notebook 13), published "
         f"{aim['unlit']['V4']:g}"
     )
-    ranked = _judged_beyond_chance("otsu-3", less, note, v4, shown=of_v4)
+    ranked = _judged_if_drawn("otsu-3", less, note, v4, shown=of_v4)
     sure = mean and f"{mean}; {by_subset}; {BOUND}"
     return [
         _judged("otsu-2", burning, f"{note}; {CHAR}"),
         claims.fitted(ranked, FITTED),
-        _judged_beyond_chance("sift-2", half, note, sure),
+        _judged_if_drawn("sift-2", half, note, sure),
     ]
 
 
@@ -266,7 +265,8 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
     """Return the verdicts on Table 5.11, from `detection.compare_methods`.
 
     The sentences on gains speak of averages, so means over the three combinations of a 2D
-    detector decide. Without the clouds alone cluster-6 is left out.
+    detector decide; a change whose interval holds 0 is open. Without the clouds alone cluster-6
+    is left out.
     """
     rates = sum_counts(attempts, ["method"]).set_index("method")[["precision", "recall", "f1"]]
     draws = resampled_rates(attempts, seed)
@@ -275,7 +275,7 @@ def combination_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[c
     ranked = {f"first is {best}": best == "Combi SIFT+DBSCAN"}
     verdicts = [
         *_gain_verdicts(rates, draws, f"{note}; mean of three combinations"),
-        _judged_beyond_chance("combi-2", ranked, note, first),
+        _judged_if_drawn("combi-2", ranked, note, first),
     ]
     verdicts.sort(key=lambda verdict: verdict.id)
     clouds = f1[f1.index.str.startswith("3D")]
@@ -296,12 +296,17 @@ def _gain_verdicts(
     """Return the verdicts on what combinations gain on their 2D detector."""
     gains, of_draws = mean_gains(rates.T).T, {name: mean_gains(draws[name]) for name in draws}
     otsu, sift = (gains.loc[name].astype(float).to_dict() for name in ("OTSU", "SIFT"))
+    fall = _sign(otsu["precision"] < 0, of_draws["precision"]["OTSU"])
+    rise = _sign(otsu["recall"] > 0, of_draws["recall"]["OTSU"])
     much = {
-        f"recall {otsu['recall']:+.3f} > 0": otsu["recall"] > 0,
-        f"precision {otsu['precision']:+.3f} < 0": otsu["precision"] < 0,
+        f"recall {otsu['recall']:+.3f} > 0": rise,
+        f"precision {otsu['precision']:+.3f} < 0": fall,
         "falls by less than recall rises": abs(otsu["precision"]) < otsu["recall"],
     }
-    both = {f"{name} {sift[name]:+.3f} > 0": sift[name] > 0 for name in ("precision", "recall")}
+    both = {
+        f"{name} {sift[name]:+.3f} > 0": _sign(sift[name] > 0, of_draws[name]["SIFT"])
+        for name in ("precision", "recall")
+    }
     spread = [", ".join(filter(None, (interval(of_draws[name][k], name) for name in draws)))
               for k in ("OTSU", "SIFT")]  # fmt: skip
     mean = ", ".join(filter(None, (interval(of_draws["f1"][k], str(k)) for k in gains.index)))
@@ -314,10 +319,19 @@ def _gain_verdicts(
         f"the pictures alone have F1 {alone} (print {print_f1}), so there is more to gain"
     )
     return [
-        _judged_beyond_chance("combi-1", gains["f1"], f"{note}; {size}", mean),
-        _judged_beyond_chance("combi-3", much, note, spread[0]),
-        _judged_beyond_chance("combi-4", both, note, spread[1]),
+        _judged_if_drawn("combi-1", gains["f1"], f"{note}; {size}", mean),
+        _judged_if_drawn("combi-3", much, note, spread[0]),
+        _judged_if_drawn("combi-4", both, note, spread[1]),
     ]
+
+
+def _sign(holds: bool, draws: pd.Series) -> bool | None:
+    """Return whether a difference has a sign; None if the interval of its draws holds 0.
+
+    Without draws a verdict is not decided anyway (`_judged_if_drawn`).
+    """
+    low, high = percentiles(draws) if len(draws) else (np.nan, np.nan)
+    return None if low <= 0 <= high else holds
 
 
 def mean_gains(rates: pd.DataFrame) -> pd.DataFrame:
