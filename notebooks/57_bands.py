@@ -74,7 +74,8 @@ if followed:
 # refutes a method.
 
 # %%
-table = bands.bands(pd.concat(parts, ignore_index=True), bands.DRAWS[:draws])
+numbers = pd.concat(parts, ignore_index=True)
+table = bands.bands(numbers, bands.DRAWS[:draws])
 picture = bands.draw_bands(table)
 caption = (
     f"Headline numbers, second look: base (the mode of the pose), range over {draws} draws of the "
@@ -84,6 +85,18 @@ caption = (
     "Alpha: 48 frames in a row of each campaign, with post-processing, tracks from the lance."
 )
 figures.save("twin-bands", table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# Which scenario gives which number:
+
+# %%
+caption = (
+    "The headline numbers in each scenario, a column for each: base, draws of the pose, and the "
+    "other inputs. Empty: not asked (draws alone have F1 and alpha, each a few of them), or no "
+    "draw has a value."
+)
+table_of_all = bands.by_scenario(numbers).reset_index()
+figures.save("twin-scenario-numbers", table_of_all, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## Result

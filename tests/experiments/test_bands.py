@@ -31,6 +31,9 @@ def test_bands_of_draws_leave_other_scenarios_out():
         "pose-01",
     )
     assert (row["draws"], row["scenarios"]) == (3, 5)
+    every = bands.by_scenario(table)
+    assert list(every) == ["base", "pose-00", "pose-01", "pose-02", "no-jet"]
+    assert every.loc[("F1", "SIFT")].tolist() == [0.8, 0.7, 0.9, 0.85, 0.5]
 
 
 def test_bands_keep_what_has_no_value_and_the_order_of_the_numbers():

@@ -239,6 +239,8 @@ def test_a_verdict_says_its_reading_and_what_the_other_gives():
     assert both[1] == held[1]
     (same,) = detection_claims.beside(held[:1], held, "this", "that")
     assert same.reason == "a frame; this is with this; with that it is the same"
+    (near,) = detection_claims.beside(held[:1], [claims.judge("bg-4", 0.006)], "this", "that")
+    assert near.reason == "a frame; this is with this; with that it is also reproduced (0.006)"
     failed = [claims.with_cause(other[0])]  # a choice that no work prints decides
     (choice,) = detection_claims.beside(failed, held[:1], "this", "that")
     assert (choice.because, claims.JUDGED in choice.reason) == ("method", False)

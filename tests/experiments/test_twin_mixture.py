@@ -51,19 +51,25 @@ def test_shares_stand_beside_tables_5_2_and_5_3():
 
 
 def test_what_burns_is_told_by_flame_and_char():
-    """Of four that burn in the air and are seen, one is char; what is not seen counts not."""
+    """Of four that burn in the air and are seen, one is char; no other counts.
+
+    The others: on the wall, hidden, and with the middle below the picture.
+    """
     view = SimpleNamespace(
         moment=None,
-        visible=np.array([True, True, True, True, True, False]),
-        kinds=np.array([2, 2, 2, 2, 4, 2]),
+        visible=np.array([True, True, True, True, True, False, True]),
+        kinds=np.array([2, 2, 2, 2, 4, 2, 2]),
         blobs=SimpleNamespace(
-            dilution=np.array([1.0, 1.0, 1.0, 0.5, 1.0, 1.0]),
-            brightness=np.array([200.0, 300.0, 400.0, 300.0, 900.0, 900.0]),
+            row=np.array([0.0, -0.5, 9.5, 5.0, 5.0, 5.0, 9.6]),
+            column=np.full(7, 19.5),
+            dilution=np.array([1.0, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0]),
+            brightness=np.array([200.0, 300.0, 400.0, 300.0, 900.0, 900.0, 900.0]),
         ),
     )
-    char = np.array([False, False, False, True, False, True])
+    char = np.array([False, False, False, True, False, True, True])
+    optics, place = SimpleNamespace(at_wall=100.0), SimpleNamespace(rows=10, columns=20)
     twin = SimpleNamespace(
-        scene=SimpleNamespace(optics=SimpleNamespace(at_wall=100.0)),
+        scene=SimpleNamespace(optics=optics, geometry=place),
         view=lambda t: view,
         life=SimpleNamespace(glowing=lambda moment: char),
     )

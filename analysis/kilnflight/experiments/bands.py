@@ -112,6 +112,17 @@ def printed() -> pd.DataFrame:
     return pd.concat([flights, f1], ignore_index=True)
 
 
+def by_scenario(numbers: pd.DataFrame) -> pd.DataFrame:
+    """Return each number in every scenario, a column for each; NaN where it was not asked.
+
+    ``numbers`` has `COLUMNS`; the index is ``quantity`` and ``case``, the base comes first.
+    """
+    keys = ["quantity", "case"]
+    wide = numbers.pivot(index=keys, columns="scenario", values="value")
+    wide = wide.reindex(columns=numbers["scenario"].unique())
+    return wide.reindex(pd.MultiIndex.from_frame(numbers[keys].drop_duplicates()))
+
+
 def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
     """Return the range of each number over draws, and over all scenarios.
 
@@ -130,9 +141,7 @@ def bands(numbers: pd.DataFrame, draws: Iterable[str]) -> pd.DataFrame:
         give them, ``lowest`` and ``highest``; ``draws`` and ``scenarios``, how many have a value;
         and what is `printed`. NaN where no draw has a value.
     """
-    keys = ["quantity", "case"]
-    wide = numbers.pivot(index=keys, columns="scenario", values="value")
-    wide = wide.reindex(pd.MultiIndex.from_frame(numbers[keys].drop_duplicates()))
+    wide = by_scenario(numbers)
     drawn = wide.reindex(columns=list(draws))
     table = pd.DataFrame({"base": wide[BASE], "draws_low": drawn.min(axis=1)})
     table["draws_median"], table["draws_high"] = drawn.median(axis=1), drawn.max(axis=1)

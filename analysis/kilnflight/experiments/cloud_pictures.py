@@ -82,12 +82,13 @@ def draw_cloud(cloud: pd.DataFrame, seed: int) -> tuple[Figure, pd.DataFrame]:
     room.view_init(elev=18, azim=-60)
     alone = picture.add_axes((0.73, 0.2, 0.24, 0.64))
     depth, across, up = upright(marked[["x", "y", "z"]])
-    dots = alone.scatter(across, up, c=depth, s=9, cmap="viridis")
-    alone.set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal", title="the marked particle")
+    right, above = (1000 * (values - values.mean()) for values in (across, up))  # short labels
+    dots = alone.scatter(right, above, c=depth, s=9, cmap="viridis")
+    alone.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
+    alone.set(aspect="equal", title="the marked particle")
     alone.margins(0.15)
-    if len(marked):  # a particle is too narrow for two labels
-        alone.set_xticks([round(float(across.mean()), 3)])
-    alone.locator_params(axis="y", nbins=4)
+    alone.locator_params(axis="x", nbins=3)
+    alone.locator_params(axis="y", nbins=5)
     picture.colorbar(dots, ax=alone, label="depth z (m)", location="bottom", pad=0.25, shrink=0.9)
     plt.close(picture)
     return picture, marked.reset_index(drop=True)

@@ -65,8 +65,10 @@ def beside(
         if second is None or (undecided and second == verdict):  # it hangs on no reading
             both.append(verdict)
             continue
-        alike = second.verdict == verdict.verdict
-        words = "the same" if alike else f"{second.verdict} ({second.measured})"
+        also = "also " if second.verdict == verdict.verdict else ""
+        words = f"{also}{second.verdict} ({second.measured})"
+        if also and second.measured == verdict.measured:
+            words = "the same"
         told, because = verdict.reason.split("; "), verdict.because
         if (verdict.verdict, second.verdict) == (claims.NOT_REPRODUCED, claims.REPRODUCED):
             # computed, not judged

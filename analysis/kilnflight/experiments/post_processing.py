@@ -224,7 +224,7 @@ def _matching_verdict(measures: pd.DataFrame) -> claims.Verdict:
     rows = measures[(measures["variant"] == "Hungarian") & (measures["fraction"] == MEAN)]
     by_reading = rows.set_index("reading")
     parts = [
-        f"{name}: {-row['alpha_gain']:+.4f} "
+        f"{name}: {0.0 - round(row['alpha_gain'], 4):+.4f} "  # without a minus before a zero
         + (f"({-row[HIGH]:+.4f} to {-row[LOW]:+.4f})" if np.isfinite(row[LOW]) else f"({FEW})")
         for name, row in by_reading.iterrows()
     ]

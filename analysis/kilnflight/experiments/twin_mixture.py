@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 from kilnflight.project import claims
 from kilnflight.twin import truth
 from kilnflight.twin.camera import FULL_SCALE
-from kilnflight.twin.scene import Scene, Twin
+from kilnflight.twin.scene import Scene, SceneView, Twin
 from kilnflight.twin.scenes import HANDFULS, LABELLED, SUBSETS, second, subset_scene
 
 CLOSE = 0.08  # a class count off by less is close enough; the rule is 10 % (design)
@@ -88,8 +88,8 @@ def burning_table(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
             glowing, sharp = twin.life.glowing(view.moment), view.blobs.dilution
             level = sharp * view.blobs.brightness / wall + (1 - sharp)
             level = np.minimum(level, FULL_SCALE / wall)  # as the camera sees it
-            burning = view.visible & (view.kinds == 2)
-            seen.append(pd.DataFrame({"char": glowing, "level": level})[burning])
+            values = pd.DataFrame({"char": glowing, "level": level})
+            seen.append(values[_labelled(twin, view) & (view.kinds == 2)])
         table = pd.concat(seen)
         level = table.groupby("char")["level"].median()
         row = {"subset": name, "burning_in_air": len(table)}
@@ -101,14 +101,19 @@ def burning_table(twins: Mapping[str, Twin], frames: int) -> pd.DataFrame:
 
 def counted(twin: Twin) -> Counts:
     """Return the visible particles of the labelled frames by class, summed, (3,)."""
-    total, place = np.zeros(3), twin.scene.geometry
+    total = np.zeros(3)
     for t in LABELLED:
         view = twin.view(t)
-        row, column = view.blobs.row, view.blobs.column
-        shown = view.visible & (row >= -0.5) & (row <= place.rows - 0.5)
-        shown &= (column >= -0.5) & (column <= place.columns - 0.5)
-        total += np.bincount(view.kinds[shown], minlength=5)[2:5]
+        total += np.bincount(view.kinds[_labelled(twin, view)], minlength=5)[2:5]
     return total
+
+
+def _labelled(twin: Twin, view: SceneView) -> npt.NDArray[np.bool_]:
+    """Return which particles of a view a person labels: visible, their middle in the picture."""
+    place, row, column = twin.scene.geometry, view.blobs.row, view.blobs.column
+    inside = (row >= -0.5) & (row <= place.rows - 0.5)
+    inside &= (column >= -0.5) & (column <= place.columns - 0.5)
+    return view.visible & inside
 
 
 def solve(

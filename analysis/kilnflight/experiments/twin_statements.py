@@ -297,9 +297,11 @@ def describe_counts(counts: pd.DataFrame, can_fail: pd.DataFrame) -> str:
     rows, free = counts.set_index("version").round(2), can_fail.iloc[0]
     first, second, measured, alike, drawn = (rows.loc[name] for name in VERSIONS)
     best = max(alike["facts_hold"], drawn["facts_high"])
+    shown = pd.Series(["as measured", "on the truth"])
+    skilled = pd.Series([row["facts_hold"] > best for row in (measured, second)])
     skill = [
-        f"{name} the second look has {'some' if row['facts_hold'] > best else 'no'} skill"
-        for name, row in (("as measured", measured), ("on the truth", second))
+        f"{' and '.join(names)} the second look has {'some' if some else 'no'} skill"
+        for some, names in shown.groupby(skilled)
     ]
     return (
         f"Of {second['facts']:.0f} facts {measured['facts_hold']:.0f} hold as measured and "
