@@ -81,9 +81,8 @@ def draw_cloud(cloud: pd.DataFrame, seed: int) -> tuple[Figure, pd.DataFrame]:
     room.set_box_aspect((1.9, 1, 1), zoom=1.15)
     room.view_init(elev=18, azim=-60)
     alone = picture.add_axes((0.73, 0.2, 0.24, 0.64))
-    depth, across, up = upright(marked[["x", "y", "z"]])
-    right, above = (1000 * (values - values.mean()) for values in (across, up))  # short labels
-    dots = alone.scatter(right, above, c=depth, s=9, cmap="viridis")
+    beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
+    dots = alone.scatter(beside["x"], beside["y"], c=marked["z"] / 1000, s=9, cmap="viridis")
     alone.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
     alone.set(aspect="equal", title="the marked particle")
     alone.margins(0.15)
