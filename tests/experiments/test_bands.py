@@ -53,7 +53,7 @@ def test_what_is_printed_stands_beside_each_quantity():
     dwell = table.loc[("dwell median (s)", "confetti")]
     assert dwell.tolist() == [0.3, 0.5]
     assert table.loc[("F1", "Combi SIFT+DBSCAN"), "published_low"] == 0.9017
-    # of 48 frames alpha is another number than that of Table 5.17
+    # of few frames alpha is another number than that of Table 5.17
     assert "alpha of GNN" not in table.index.get_level_values("quantity")
     assert not table.loc[list(bands.OUTCOMES)].empty
 

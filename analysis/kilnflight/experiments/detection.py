@@ -44,14 +44,12 @@ COUNTS = ("tp", "fp", "fn")
 # Two readings of the 45 px (`kilnflight.scores.detections`): the largest distance, or a diameter.
 GATES = {"": GATE_PX, "_near": NEAR_GATE_PX}
 WARM_UP_POINTS = 2000  # of the untimed first call
-# Scale of the frames of each draw in notebook 57, as few as in a reduced run, whatever the run's.
-DRAW = "draw"
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
-FRAMES = {"quick": 1, "standard": 1, DRAW: 1, "full": 10}
+FRAMES = {"quick": 1, "standard": 1, "full": 10}
 UNUSED = TwoFrame()  # where clouds alone are clustered: it needs the fewest frames
 SMOKE_SUBSETS = ("V4", "V5")  # of a smoke run
 # The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
-WINDOWS = {"quick": 12, "standard": 30, DRAW: Median().window, "full": Median().window}
+WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
@@ -97,7 +95,7 @@ def labelled_subsets(
 ) -> list[Subset]:
     """Return the subsets of the twin, each with its first labelled frames.
 
-    ``scale`` is "quick" (two subsets), "standard", `DRAW` or "full", ``seed`` that of the scenes.
+    ``scale`` is "quick" (two subsets), "standard" or "full", ``seed`` that of the scenes.
     There are ``frames`` of each; 0: 1, or 10 at full scale. ``scenario`` is one of
     `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """

@@ -123,8 +123,9 @@ def _write_pages(notebooks: Sequence[Path], sources: Path) -> None:
     table = numbers.load(saved)
     blocks = Blocks(paths.figures(), numbers.links(table, stems), entries=saved)
     collected, results = claims_table(), figures.overview().set_index("notebook")["result"]
+    beside = reduced.beside_full(collected)
     for path in notebooks:
-        own = reduced.beside_full(collected[collected["notebook"] == path.stem])
+        own = beside[beside["notebook"] == path.stem]
         page = notebook.page(path, blocks, str(results.get(path.stem, "")), own)
         nbformat.write(page, sources / path.name)
     below = replace(blocks, above="../")
