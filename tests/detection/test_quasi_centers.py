@@ -1,6 +1,7 @@
 """Quasi-cluster centres against their definition in sets."""
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -122,14 +123,21 @@ shapes = st.sampled_from([(1, 1, 1), (1, 1, 1000), (1, 1, 0), (0, 1, 0), (0, 0, 
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 10), st.floats(0.0, 6.0), shapes, st.booleans())
-def test_neighbours_are_the_nearest(seed, k, unevenness, shape, ties):
+def test_neighbours_are_the_nearest_the_nearest_first(seed, k, unevenness, shape, ties):
     rng = np.random.default_rng(seed)
     points = rng.normal(0, 1, (150, 3)) * np.exp(rng.normal(0, unevenness, (150, 1))) * shape
     points = np.round(points) if ties else points
-    indices, squares = nearest_neighbors(points, k)
-    expected, kth = neighbors_by_sorting(points, k)
-    np.testing.assert_array_equal(np.sort(indices), np.sort(expected))
-    np.testing.assert_array_equal(squares, kth)
+    expected, _ = neighbors_by_sorting(points, k)
+    np.testing.assert_array_equal(nearest_neighbors(points, k), expected)
+    # of a search for more the first columns are the same
+    np.testing.assert_array_equal(nearest_neighbors(points, k + 7)[:, :k], expected)
+
+
+@pytest.mark.parametrize("count", range(4))
+def test_a_few_points_have_all_others_as_neighbours(count):
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    assert nearest_neighbors(points, 5).shape == (count, max(count - 1, 0))
+    assert QuasiClusterCenters(5, 0.1)(points).tolist() == [-1] * count
 
 
 def test_a_long_line_of_equal_steps_is_one_cluster():

@@ -21,6 +21,7 @@ from kilnflight.detection.dbscan import (
 )
 
 Array = npt.NDArray[np.float64]
+ROUNDING = 1e-12  # relative; distances as near as that may be equal
 CHUNK = 20_000  # points whose neighbours are searched at a time, to save memory
 
 
@@ -85,10 +86,18 @@ class QuasiClusterCenters:
             If the points are not (n, 3) finite numbers.
         """
         cloud = check_points_mm(points, "QuasiClusterCenters: points")
+        return self.spread(cloud, nearest_neighbors(cloud, int(self.k)))
+
+    def spread(self, cloud: Array, nearest: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
+        """Return the clusters of a cloud (n, 3) of which `nearest_neighbors` are known.
+
+        They may be more than ``k``: several settings share one search.
+        """
         count, k = len(cloud), int(self.k)
         if count <= k:
             return np.full(count, NOISE, dtype=np.intp)
-        neighbors, squares = nearest_neighbors(cloud, k)
+        neighbors = np.ascontiguousarray(nearest[:, :k])
+        squares = ((cloud - cloud[neighbors[:, -1]]) ** 2).sum(axis=1)
         centers, levels = _centers(neighbors, squares)
         dense_first = np.argsort(squares, kind="stable")
         graph = Graph(neighbors, squares, dense_first, centers, levels)
@@ -101,31 +110,34 @@ class QuasiClusterCenters:
         return numbered_by_first_point(labels)
 
 
-def nearest_neighbors(
-    cloud: Array, k: int
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
-    """Return the nearest points (n, k) and the squared k-th distance (n,).
+def nearest_neighbors(cloud: Array, k: int) -> npt.NDArray[np.int32]:
+    """Return the nearest points (n, k), the nearest first; fewer if there are no more.
 
-    There must be more than ``k`` points; none is its own neighbour. Of equally distant points the
-    first ones of the cloud count.
+    None is its own neighbour. Equally distant points stand in the order of the cloud. So the first
+    columns are what a search for fewer neighbours gives.
     """
-    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
+    k = min(k, max(len(cloud) - 1, 0))
     nearest = np.empty((len(cloud), k), np.int32)
+    if not k:
+        return nearest
+    tree, many = cKDTree(cloud), min(k + 2, len(cloud))  # itself and one beyond
     for start in range(0, len(cloud), CHUNK):
         rows = np.arange(start, min(start + CHUNK, len(cloud)))
         distances, indices = (np.asarray(given) for given in tree.query(cloud[rows], many))
-        itself = indices == rows[:, None]
-        distances[itself] = -1.0
-        order = np.argsort(distances, axis=1, kind="stable")
-        distances = np.take_along_axis(distances, order, axis=1)
-        nearest[rows] = np.take_along_axis(indices, order, axis=1)[:, 1 : k + 1]
-        unsure = ~itself.any(axis=1) | (distances[:, k] == distances[:, -1]) & (many > k + 1)
+        close = np.diff(distances, axis=1) <= ROUNDING * distances[:, 1:]
+        tied = np.flatnonzero(close.any(axis=1))  # these are put into the order of the cloud
+        apart = ((cloud[indices[tied]] - cloud[rows[tied], None]) ** 2).sum(axis=2)
+        apart[indices[tied] == rows[tied, None]] = -1.0
+        order = np.lexsort((indices[tied], apart), axis=1)
+        indices[tied] = np.take_along_axis(indices[tied], order, axis=1)
+        nearest[rows] = indices[:, 1 : k + 1]
+        unsure = (indices[:, 0] != rows) | close[:, -1] & (many > k + 1)
         for row in np.flatnonzero(unsure):
-            around = tree.query_ball_point(cloud[rows[row]], distances[row, k] * (1 + 1e-9))
+            around = tree.query_ball_point(cloud[rows[row]], distances[row, -1] * (1 + 1e-9))
             others = np.setdiff1d(around, rows[row])
-            apart = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
-            nearest[rows[row]] = others[np.argsort(apart, kind="stable")[:k]]
-    return nearest, ((cloud - cloud[nearest[:, -1]]) ** 2).sum(axis=1)
+            squares = ((cloud[others] - cloud[rows[row]]) ** 2).sum(axis=1)
+            nearest[rows[row]] = others[np.argsort(squares, kind="stable")[:k]]
+    return nearest
 
 
 class Graph(NamedTuple):
