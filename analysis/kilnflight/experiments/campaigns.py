@@ -230,8 +230,9 @@ def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
     The true positions in their frames are cached, too.
     """
     recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
-    tables, workers = measure_campaigns(recorded, Workers(jobs)), Workers(jobs)
-    workers(true_positions, recorded, [len(each.frames) for each in recorded], "truth")
+    tables = measure_campaigns(recorded, Workers(jobs))
+    unknown = [each for each in recorded if not _marks(each).path.is_file()]
+    Workers(jobs)(true_positions, unknown, [len(each.frames) for each in unknown], "truth")
     measured = values_by_campaign(tables, [each.key for each in recorded])
     return Results(recorded, tables, measured, true_values(recorded))
 
@@ -242,6 +243,11 @@ def twin_of(campaign: Campaign) -> Twin:
     if not isinstance(recording, Twin):
         raise InputError(f"{recording.attributes.name}: its truth is not known; use the twin.")
     return recording
+
+
+def _marks(campaign: Campaign) -> CachedTable:
+    """Return the table that `true_positions` are read from."""
+    return truth.kept_marks(twin_of(campaign), campaign.frames)
 
 
 def true_positions(campaign: Campaign) -> pd.DataFrame:

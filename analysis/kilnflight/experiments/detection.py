@@ -211,8 +211,9 @@ def run(
         for t, view in bar:
             if not rows:  # compile on a few of the points, so that no compiling is timed
                 pixels, xyz = view.pixels[:WARM_UP_POINTS], view.xyz[:WARM_UP_POINTS]
+                few = view._replace(pixels=pixels, xyz=xyz)
                 for method in methods.values():
-                    method(view._replace(pixels=pixels, xyz=xyz))
+                    method(few)
             rows += _frame_rows(subset, t, view, methods)
     return pd.DataFrame(rows)
 

@@ -84,11 +84,16 @@ def true_trajectories(twin: Twin, frames: range, shortest: int = 5) -> pd.DataFr
     DataFrame
         The rows of `marked` of particles in the air.
     """
-    depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
-    visible = CachedTable("truth", partial(marked, twin, frames), depends_on)()
+    visible = kept_marks(twin, frames)()
     flying = visible[visible["label"] != 4]
     long = flying.groupby("particle")["frame"].transform("size") >= shortest
     return flying[long].reset_index(drop=True)
+
+
+def kept_marks(twin: Twin, frames: range) -> CachedTable:
+    """Return the table that keeps what is `marked` in some frames."""
+    depends_on = {"scene": twin.scene, "frames": [frames.start, frames.stop]}
+    return CachedTable("truth", partial(marked, twin, frames), depends_on)
 
 
 def instances(twin: Twin, t: int) -> npt.NDArray[np.int32]:
