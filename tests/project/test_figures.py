@@ -54,8 +54,10 @@ def test_six_digits_are_written_beside_words_too():
     assert (paths.figures() / "fig-1.csv").read_text() == "value\n0.333333\nwords\n7\n"
 
 
-def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
-    full, quick = save(picture=drawn()), save("fig-2", picture=drawn(), provenance=SMOKE)
+@pytest.mark.parametrize("scale", ["quick", "standard"])
+def test_a_reduced_run_saves_half_the_pixels_and_no_pdf(scale):
+    reduced = replace(MADE, parameters={"scale": scale})
+    full, quick = save(picture=drawn()), save("fig-2", picture=drawn(), provenance=reduced)
     names = {path.name for path in paths.figures().glob("fig-2.*")}
     assert names == {"fig-2.png", "fig-2.csv"}
     with Image.open(full.path) as large, Image.open(quick.path) as small:
@@ -63,6 +65,22 @@ def test_a_smoke_run_saves_half_the_pixels_and_no_pdf():
     width = re.compile(r'width="(\d+)"')  # on the page they are as wide
     shown = [int(width.search(one.page).group(1)) for one in (full, quick)]
     assert shown[0] == pytest.approx(shown[1], abs=1)
+
+
+def test_the_picture_of_a_table_has_fewer_rows_in_a_reduced_run_and_its_csv_all():
+    table = pd.DataFrame({"value": range(40)})
+    full, quick = save(table=table), save("fig-2", table=table, provenance=SMOKE)
+    with Image.open(full.path) as large, Image.open(quick.path) as small:
+        assert large.height > 2 * small.height
+    assert len(pd.read_csv(quick.path.with_suffix(".csv"))) == 40
+    assert quick.page.count("<tr") == full.page.count("<tr")
+
+
+def test_a_changed_figure_is_read_again():
+    save(caption="Before.", picture=drawn())
+    assert [entry.caption for entry in figures.entries()] == ["Before."]
+    save(caption="After.", picture=drawn())
+    assert [entry.caption for entry in figures.entries()] == ["After."]
 
 
 @pytest.mark.parametrize("picture", [drawn, lambda: None], ids=["figure", "table"])

@@ -21,6 +21,8 @@ import re
 import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cache
+from itertools import islice
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -36,11 +38,12 @@ from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, paths
 from kilnflight.project.cache import locked, write_whole
-from kilnflight.project.style import mark, style, table_picture
+from kilnflight.project.style import LONGEST_PICTURE, mark, style, table_picture
 from kilnflight.tables import impossible
 
 PNG_DPI = 300
-DRAFT_DPI = 150  # of a smoke run
+DRAFT_DPI = 150  # of a reduced run, whose figures nobody cites: drawn sooner
+DRAFT_ROWS = 12  # of a table's picture in a reduced run; the page has all rows
 TABLE_DPI = 150  # of a table that is drawn as a picture: text only
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
 LARGEST_PNG = 300_000  # bytes
@@ -171,8 +174,11 @@ def save(
     caption = NO_NUMBER.sub("too few", caption)
     folder = paths.figures()
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = table_picture(table) if picture is None else mark(picture, provenance.mark)
-    draft = provenance.parameters.get("scale") == "quick"
+    draft = not _whole(provenance.parameters)
+    if picture is None:
+        drawn = table_picture(table, DRAFT_ROWS if draft else LONGEST_PICTURE)
+    else:
+        drawn = mark(picture, provenance.mark)
     dpi = TABLE_DPI if picture is None else DRAFT_DPI if draft else PNG_DPI
     texts = {
         "Title": identifier,
@@ -181,7 +187,8 @@ def save(
         "Provenance": json.dumps(asdict(provenance), sort_keys=True, default=str),
         "Kind": "table" if picture is None else "picture",
     }
-    png = _png(drawn, texts, dpi, TABLE_REDUCTIONS if picture is None else REDUCTIONS)
+    reductions = TABLE_REDUCTIONS if picture is None else REDUCTIONS
+    png = _png(drawn, texts, dpi, reductions, smallest=not draft)
     short = table.map(lambda value: float(f"{value:.6g}") if isinstance(value, float) else value)
     text = short.to_csv(index=False, lineterminator="\n", float_format="%.6g")
     contents = {f"{identifier}.csv": text.encode(), f"{identifier}.png": png}
@@ -232,10 +239,11 @@ def _png(
     texts: Mapping[str, str],
     dpi: int,
     reductions: Iterable[tuple[float, int, int]],
+    smallest: bool = True,
 ) -> bytes:
-    """Return a PNG, with fewer dots and colours until it fits `LARGEST_PNG`.
+    """Return a PNG, with fewer dots and colours until it is no larger than `LARGEST_PNG`.
 
-    It fits when it is no larger than that.
+    ``smallest``: as small as can be, which takes several times as long.
     """
     info, png = PngInfo(), io.BytesIO()
     for name, text in texts.items():
@@ -245,7 +253,7 @@ def _png(
         with style():
             picture.savefig(drawn, format="png", dpi=share * dpi)
         few = _few_colours(Image.open(drawn), greys, colours)
-        few.save(png, "PNG", optimize=True, dpi=(share * dpi, share * dpi), pnginfo=info)
+        few.save(png, "PNG", optimize=smallest, dpi=(share * dpi, share * dpi), pnginfo=info)
         if png.tell() <= LARGEST_PNG:
             break
     return png.getvalue()
@@ -298,9 +306,9 @@ def _page(identifier: str, caption: str, content: pd.DataFrame | bytes) -> str:
     return f"<figure id='{identifier}'>{body}<figcaption>{caption}</figcaption></figure>"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Entry:
-    """A saved figure, as read from its PNG."""
+    """A saved figure, as read from its PNG; another reading of it is another entry."""
 
     identifier: str
     caption: str
@@ -309,14 +317,19 @@ class Entry:
 
 def entries(folder: Path | None = None) -> list[Entry]:
     """Return the saved figures of a folder, by id."""
-    saved = []
-    for path in sorted((folder or paths.figures()).glob("*.png")):
-        with Image.open(path) as image:
-            texts = image.info  # stands before the pixels, which are not decoded
-        if "Provenance" in texts:
-            provenance = json.loads(texts["Provenance"])
-            saved.append(Entry(path.stem, texts["Description"], provenance))
-    return saved
+    files = sorted((folder or paths.figures()).glob("*.png"))
+    saved = [_entry(path, path.stat().st_mtime_ns) for path in files]
+    return [entry for entry in saved if entry is not None]
+
+
+@cache
+def _entry(path: Path, changed_ns: int) -> Entry | None:
+    """Return what a PNG says of itself, read again when it was changed; None if it is not ours."""
+    with Image.open(path) as image:
+        texts = image.info  # stands before the pixels, which are not decoded
+    if "Provenance" not in texts:
+        return None
+    return Entry(path.stem, texts["Description"], json.loads(texts["Provenance"]))
 
 
 def absurdities(folder: Path | None = None) -> list[str]:
@@ -373,11 +386,17 @@ def overview(folder: Path | None = None) -> pd.DataFrame:
     results = {entry.identifier: entry.caption for entry in entries(folder)}
     rows = [
         {"notebook": stem, "title": title(stem), "result": results[path.stem]}
-        | claims.count(pd.read_csv(path))
+        | _counts(path, path.stat().st_mtime_ns)
         for stem, path in concluded(folder).items()
         if path.stem in results
     ]
     return pd.DataFrame(rows, columns=["notebook", "title", "result", *claims.VERDICTS])
+
+
+@cache
+def _counts(path: Path, changed_ns: int) -> dict[str, int]:
+    """Return how many verdicts of each kind a file holds, read again when it was changed."""
+    return claims.count(pd.read_csv(path))
 
 
 def gallery(folder: Path) -> str:
@@ -400,7 +419,8 @@ def gallery(folder: Path) -> str:
 
 def is_empty(folder: Path, identifier: str) -> bool:
     """Return whether a saved table has no rows, as that of a notebook that tests no claim."""
-    return len((folder / f"{identifier}.csv").read_text().splitlines()) < 2
+    with (folder / f"{identifier}.csv").open() as file:
+        return len(list(islice(file, 2))) < 2
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -412,9 +432,15 @@ def markdown(table: pd.DataFrame) -> str:
 
 def may_be_cited(entry: Entry) -> bool:
     """Return whether a figure is not of a reduced run; what has no scale is whole."""
-    return entry.provenance["parameters"].get("scale", "full") == "full"
+    return _whole(entry.provenance["parameters"])
 
 
+def _whole(parameters: Mapping[str, object]) -> bool:
+    """Return whether parameters are not those of a reduced run."""
+    return parameters.get("scale", "full") == "full"
+
+
+@cache
 def _gallery_entry(entry: Entry) -> str:
     """Return the entry of a figure; one of a reduced run has no citation to paste."""
     whole = _with_citations(entry)
