@@ -73,9 +73,9 @@ data: $(VENV)/installed ## fetch the authors' public data (optional; needs a net
 	@mkdir -p build && touch build/folders.settings
 test: $(VENV)/installed ## run the tests, those of the whole project beside those of the rooms
 	@mkdir -p build; echo "test: the rooms here; beside them the whole project, shown at the end (build/tests.log)"
-	@$(RUN) -m pytest -m "not published" tests/test_*.py tests/project analysis > build/tests.log 2>&1 & whole=$$!; failed=0; \
+	@$(RUN) -m pytest -m "not published" tests/test_*.py analysis > build/tests.log 2>&1 & whole=$$!; failed=0; \
 	trap "kill $$whole 2> /dev/null || true" EXIT; \
-	$(RUN) -m pytest -m "not published" $(filter-out tests/project/%,$(wildcard tests/*/test_*.py)) || failed=1; \
+	$(RUN) -m pytest -m "not published" $(wildcard tests/*/test_*.py) || failed=1; \
 	wait $$whole || failed=1; cat build/tests.log; exit $$failed
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
@@ -90,7 +90,7 @@ help: ## list the targets and settings
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 16
 
 fail = { echo "setup: $(1)" >&2; exit 1; }
-pip = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1 || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
+pip = $(RUN) -m pip install --quiet --no-compile --disable-pip-version-check $(1) >> build/pip.log 2>&1 || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
 $(VENV)/installed: requirements.lock pyproject.toml
 	@echo "setup: creating $(VENV) with $(PYTHON) and the locked packages (a minute or two)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || $(call fail,$(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.11)

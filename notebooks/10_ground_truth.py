@@ -19,7 +19,6 @@ seed = 0  # of all scenes
 frames = 0  # labelled frames per subset; 0: 2, 10 or 10 by scale
 
 # %%
-from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -29,14 +28,13 @@ from kilnflight.experiments import campaigns, detection, twin_film, twin_mixture
 from kilnflight.project import figures, paths, style
 from kilnflight.recording.frames import calibrated_cloud
 from kilnflight.twin import scenes, truth
-from kilnflight.twin.particles import FRACTIONS
 
 style.use_style()
 frames = frames or {"quick": 2, "standard": 10, "full": 10}[scale]
 tables = [paths.reference() / "published" / f"table_5.{n}.csv" for n in (2, 3)]
 setting = {"scale": scale, "frames": frames}
 origin = figures.trace("10_ground_truth", setting, seed=seed, inputs=tables)
-names = detection.SMOKE_SUBSETS if scale == "quick" else scenes.SUBSETS
+names = detection.SUBSETS[scale]
 twins = {name: scenes.cached_scene(name, seed) for name in names}
 
 # %% [markdown]
@@ -104,8 +102,8 @@ figures.save("fig-5-1-annotated-frame", table, picture=picture, caption=caption,
 # Ours: what of the twin looks unreal is seen sooner than counted.
 
 # %%
-keys = campaigns.SMOKE_CAMPAIGNS if scale == "quick" else product(FRACTIONS, (4.5,))
-recordings = twin_film.recordings(list(keys), seed)
+keys = [key for key in campaigns.CAMPAIGNS[scale] if key[1] == 4.5]
+recordings = twin_film.recordings(keys, seed)
 picture, table = twin_film.draw_fractions(recordings)
 caption = (
     "Each fraction at 4.5 bar, second look, in the frame in which most of it flies. Above: part of "

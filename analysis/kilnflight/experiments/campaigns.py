@@ -46,7 +46,12 @@ KEYS = ["fraction", "pressure_bar"]
 FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
 FEW_POINTS = 15  # of a trajectory: two for each unknown of Eq. 4.29; ours, for a look only
-SMOKE_CAMPAIGNS = (("wood chip", 4.5), ("paper shred", 4.5))  # of a smoke run
+# Campaigns by scale: two of a smoke run, the lower pressure of a reduced one.
+CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
+    "quick": (("wood chip", 4.5), ("paper shred", 4.5)),
+    "standard": tuple(product(FRACTIONS, PRESSURES_BAR[:1])),
+    "full": tuple(product(FRACTIONS, PRESSURES_BAR)),
+}
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ def campaigns(
     Parameters
     ----------
     scale
-        "quick" (two campaigns, 24 frames each), "standard" (200 frames of each) or "full".
+        "quick" (two campaigns, 24 frames each), "standard" (200 frames of four) or "full".
     settings
         Threshold, wall and limit.
     seed
@@ -143,10 +148,9 @@ def campaigns(
     """
     if scale not in FRAMES:
         raise InputError(f"campaigns: no scale {scale!r}; there are {', '.join(FRAMES)}.")
-    chosen = SMOKE_CAMPAIGNS if scale == "quick" else product(FRACTIONS, PRESSURES_BAR)
     return [
         Campaign(fraction, bar, _run(campaign_name(fraction, bar), scale, settings, seed, scenario))
-        for fraction, bar in chosen
+        for fraction, bar in CAMPAIGNS[scale]
     ]
 
 
