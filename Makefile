@@ -90,7 +90,7 @@ help: ## list the targets and settings
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 16
 
 fail = { echo "setup: $(1)" >&2; exit 1; }
-pip = $(RUN) -m pip install --quiet --no-compile --disable-pip-version-check $(1) >> build/pip.log 2>&1 || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
+pip = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1 || $(call fail,pip failed: $$(grep -m1 ERROR build/pip.log || tail -1 build/pip.log) (all of it: build/pip.log))
 $(VENV)/installed: requirements.lock pyproject.toml
 	@echo "setup: creating $(VENV) with $(PYTHON) and the locked packages (a minute or two)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || $(call fail,$(PYTHON) is older than 3.11; name a newer one: make PYTHON=python3.11)
