@@ -409,8 +409,8 @@ def gallery(folder: Path) -> str:
     heading = (
         f"# Figures and tables\n\nMade at scale {' and '.join(scales)} (what the repository holds "
         "comes from `make full`); do not edit, and do not edit this page. Each figure has a PNG "
-        "and a CSV here (the PDF is made by `make full`, not tracked). Caption and provenance are also "
-        "inside the PNG and the PDF.\n\n## Results by notebook\n"
+        "and a CSV here (the PDF is made by `make full`, not tracked). Caption and provenance are "
+        "also inside the PNG and the PDF.\n\n## Results by notebook\n"
     )
     table = markdown(overview(folder).drop(columns="notebook"))
     cited = [entry for entry in saved if not is_empty(folder, entry.identifier)]
