@@ -19,7 +19,6 @@ seed = 0  # of all scenes
 frames = 0  # labelled frames per subset; 0: 2, 10 or 10 by scale
 
 # %%
-
 import numpy as np
 import pandas as pd
 

@@ -15,7 +15,7 @@
 # both. No claim is judged.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns measured), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns measured), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, of the true flights and of the draws
 particles = 0  # true flights per campaign; 0: 10, 100 or 4000 by scale (of a draw at most 300)
 draws = 0  # of the inputs; 0: 1, 4 or 30 by scale

@@ -115,7 +115,10 @@ caption = f"Morphological clustering with the grids of Table 5.9 {scored} of 45 
 figures.save("table-5-9-mo", tables["mo"], caption=caption, provenance=origin)
 
 # %%
-caption = f"Quasi-cluster centres with the parameters of Table 5.10 {scored} of 45 px."
+caption = (
+    f"Quasi-cluster centres with the parameters of Table 5.10 {scored} of 45 px. Seconds: with the "
+    "search of neighbours, one for all rows, as many as the largest K asks for."
+)
 figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin)
 
 # %% [markdown]

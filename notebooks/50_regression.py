@@ -12,7 +12,7 @@
 # notebook 56.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

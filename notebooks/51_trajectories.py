@@ -10,7 +10,7 @@
 # without the texture term of Eq. 4.24: its frame differences of eight campaigns would take 68 GB.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes
 jobs = 2  # processes
 pictures = 0  # frames in each sum; 0: 5, 30 or 300 by scale

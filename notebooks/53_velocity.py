@@ -14,7 +14,7 @@
 # behind. Where A.1 keeps complete trajectories only, that reading stands beside it.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

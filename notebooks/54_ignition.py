@@ -13,7 +13,7 @@
 # beside the truth. The share of confetti that ignites at 4.5 bar is what the twin was fitted to.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 pictures = 0  # frames in each optical picture; 0: 5 or 30 by scale, all at full scale

@@ -11,7 +11,7 @@
 # with our numbers of particles and with those of Table 5.15, the only ones printed.
 
 # %% tags=["parameters"]
-scale = "standard"  # quick (two campaigns, few frames), standard (200 frames each) or full
+scale = "standard"  # quick (two campaigns, few frames), standard (four, 200 frames each) or full
 seed = 0  # of the scenes, and of the bootstrap
 jobs = 2  # processes
 

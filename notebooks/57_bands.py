@@ -11,12 +11,11 @@
 # and wall are found anew on the labelled frames of each draw. The settings of the tracker stay. A
 # band is what the inputs leave open. It does not hold what no scenario asks. No claim is judged.
 #
-# F1 and alpha, their base too, are of as many frames as a run at standard scale has, and each draw
-# renders its own: a labelled frame of each subset, and 32 frames of each campaign in a row, against
-# a median of 30. So their bands hold pose and chance together, and only draws of the pose were
-# asked. Alpha of so few frames is another number than that of Table 5.17, which notebook 32 has:
-# print has no mark there. The base is the mode of the pose and no draw: with few draws it may lie
-# outside them.
+# F1 and alpha, their base too, are of few frames, and each draw renders its own: a labelled frame
+# of each subset, and 48 frames of each campaign in a row, against a median of 30. So their bands
+# hold pose and chance together, and only draws of the pose were asked. Alpha of so few frames is
+# another number than that of Table 5.17, which notebook 32 has: print has no mark there. The base
+# is the mode of the pose and no draw: with few draws it may lie outside them.
 #
 # The seed of the 16 draws was kept: by chance four have elevations above 8.2 degrees, where the
 # posterior puts less than one. Two draws at its ends (-1.3 and 9.7 degrees) give the shortest and
@@ -42,7 +41,7 @@ particles = particles or {"quick": 20, "standard": 60, "full": 1000}[scale]
 draws = {"quick": 2, "standard": 16, "full": 16}[scale]  # of flights
 detected = {"quick": 0, "standard": 0, "full": 6}[scale]  # draws with the F1 of all methods
 tracked = {"quick": 0, "standard": 0, "full": 4}[scale]  # draws with the alpha of GNN
-rendered = "standard"  # the scale of the frames of each draw
+rendered = detection.DRAW  # the scale of the frames of each draw
 setting = {"scale": scale, "particles": particles, "draws": draws}
 setting |= {"draws_detected": detected, "draws_tracked": tracked}
 inputs = [poses.POSE_FILE, fitted.SECOND_FLIGHT_FILE, fitted.SECOND_LIGHT_FILE]

@@ -1,3 +1,4 @@
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -6,12 +7,12 @@ import pytest
 
 from kilnflight import background, kiln
 from kilnflight.checks import InputError
-from kilnflight.detection import DBSCAN, DoG
+from kilnflight.detection import DBSCAN, DoG, QuasiClusterCenters
 from kilnflight.detection.combination import Combination, View
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables
 from kilnflight.project import claims
-from kilnflight.twin import truth
+from kilnflight.twin import scenes, truth
 
 MEDIAN = background.Median(window=20)
 
@@ -273,3 +274,33 @@ def test_readings_of_dilations_and_sizes_stand_beside_the_best_published_f1(monk
     assert table["size_rule"].tolist() == 4 * [False] + 4 * [True]
     assert table["tp"].tolist() == [4] * 8
     assert table["f1_published"].tolist() == [claims.published("table_5.9")["f1"].max()] * 8
+
+
+def test_settings_of_qcc_share_one_search_and_find_what_each_finds_alone(subset, monkeypatch):
+    searched, search = [], detection.nearest_neighbors
+
+    def counted(cloud, k):
+        searched.append(k)
+        time.sleep(0.05)
+        return search(cloud, k)
+
+    monkeypatch.setattr(detection, "nearest_neighbors", counted)
+    table = detection.compare_clusterers([subset])
+    assert set(table["family"]) == set(detection.TABLES)  # the search itself is no row
+    settings = claims.published("table_5.10")
+    assert searched == [settings["K"].max()] * (1 + len(subset.frames))  # once to warm up
+    alone = {
+        row.Index: detection.from_cloud(QuasiClusterCenters(row.K, row.alpha))
+        for row in settings.itertuples()
+    }
+    expected = detection.run([subset], alone, detection.UNUSED)
+    found = table[table["family"] == "qcc"]
+    names = [name for name in expected if name not in ("method", "seconds")]
+    pd.testing.assert_frame_equal(found[names].reset_index(drop=True), expected[names])
+    assert (found["seconds"] > 0.05).all()  # each holds the whole search
+
+
+def test_every_scale_has_its_frames_its_window_and_its_subsets():
+    assert detection.FRAMES.keys() == detection.WINDOWS.keys() == detection.SUBSETS.keys()
+    for scale in (detection.DRAW, "full"):  # what is cited is of all five
+        assert detection.SUBSETS[scale] == tuple(scenes.SUBSETS)

@@ -45,13 +45,19 @@ COUNTS = ("tp", "fp", "fn")
 # Two readings of the 45 px (`kilnflight.scores.detections`): the largest distance, or a diameter.
 GATES = {"": GATE_PX, "_near": NEAR_GATE_PX}
 WARM_UP_POINTS = 2000  # of the untimed first call
+# Scale of the frames of each draw in notebook 57: all subsets, but few frames.
+DRAW = "draw"
 # Labelled frames per subset by scale; 10 of all five subsets are the thesis's set of 50.
-FRAMES = {"quick": 1, "standard": 1, "full": 10}
+FRAMES = {"quick": 1, "standard": 1, DRAW: 1, "full": 10}
 UNUSED = TwoFrame()  # where clouds alone are clustered: it needs the fewest frames
 # Subsets by scale: two of a smoke run, three of a reduced one; the text speaks most of V1 and V4.
-SUBSETS = {"quick": ("V4", "V5"), "standard": ("V1", "V4", "V5"), "full": tuple(scenes.SUBSETS)}
+SUBSETS: dict[str, tuple[str, ...]] = {
+    "quick": ("V4", "V5"),
+    "standard": ("V1", "V4", "V5"),
+    **dict.fromkeys((DRAW, "full"), tuple(scenes.SUBSETS)),
+}
 # The temporal median over 150 frames (section 5.1.2); fewer in a reduced run, to render few.
-WINDOWS = {"quick": 12, "standard": 30, "full": Median().window}
+WINDOWS = {"quick": 12, "standard": 30, DRAW: 30, "full": Median().window}
 BACKGROUNDS = {scale: Median(window=window) for scale, window in WINDOWS.items()}
 # Thresholds of DoG that are tried, in grey values: two per octave, from below the noise of one
 # frame to beyond the brightest flames. The exposure of the thesis is not known (twin.md).
@@ -98,9 +104,9 @@ def labelled_subsets(
 ) -> list[Subset]:
     """Return the subsets of the twin, each with its first labelled frames.
 
-    ``scale`` is "quick" (two subsets), "standard" (three) or "full", ``seed`` that of the scenes.
-    There are ``frames`` of each; 0: 1, or 10 at full scale. ``scenario`` is one of
-    `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
+    ``scale`` is "quick" (two subsets), "standard" (three), `DRAW` or "full" (all five), ``seed``
+    that of the scenes. There are ``frames`` of each; 0: 1, or 10 at full scale. ``scenario`` is
+    one of `kilnflight.twin.scenes.SCENARIOS`, or several joined by +.
     """
     if scale not in FRAMES or not 0 <= frames <= len(scenes.LABELLED):
         raise InputError(

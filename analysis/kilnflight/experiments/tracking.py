@@ -26,7 +26,7 @@ from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import Settings
-from kilnflight.experiments.detection import BACKGROUNDS
+from kilnflight.experiments.detection import BACKGROUNDS, DRAW
 from kilnflight.experiments.tracking_scores import (
     FROM_LANCE,
     GATE_PX,
@@ -48,7 +48,7 @@ from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_
 from kilnflight.twin.truth import true_trajectories
 
 MARGIN = 150  # frames between a window and those for settings: no shared background
-LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
+LENGTHS = {"quick": 12, "standard": 32, DRAW: 48, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks

@@ -42,7 +42,7 @@ from kilnflight.project.style import LONGEST_PICTURE, mark, style, table_picture
 from kilnflight.tables import impossible
 
 PNG_DPI = 300
-DRAFT_DPI = 150  # of a reduced run, whose figures nobody cites: drawn sooner
+DRAFT_DPI = 150  # of a reduced run, whose figures are not to be cited
 DRAFT_ROWS = 12  # of a table's picture in a reduced run; the page has all rows
 TABLE_DPI = 150  # of a table that is drawn as a picture: text only
 SCREEN_DPI = 180  # a column of 88 mm becomes 624 px wide on a page
