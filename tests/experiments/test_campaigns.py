@@ -1,5 +1,6 @@
 """The campaigns of the small twin, at the smallest scale; values of flights made by hand."""
 
+from functools import partial
 from itertools import product
 from types import SimpleNamespace
 
@@ -49,6 +50,27 @@ def test_few_frames_give_all_tables_and_two_processes_the_same(monkeypatch, tmp_
         pd.testing.assert_frame_equal(one, other)
     for name, content in files.items():
         assert (tmp_path / "two" / name).read_bytes() == content
+
+
+def test_results_that_are_kept_send_nothing_to_workers(monkeypatch):
+    monkeypatch.setitem(campaigns.FRAMES, "quick", (100, 4))
+    monkeypatch.setattr(campaigns, "settings_from_labels", lambda scale, seed: LEARNED)
+    small = partial(campaigns.campaigns, scenario="small")
+    monkeypatch.setattr(campaigns, "campaigns", small)
+    work, sent = Workers.__call__, []
+
+    def noted(self, function, pieces, *rest):
+        sent.extend(pieces)
+        work(self, function, pieces, *rest)
+
+    monkeypatch.setattr(Workers, "__call__", noted)
+    made = campaigns.results("quick")
+    assert len(sent) == 2 * 5 + 2  # five tables and the truth of each campaign
+    sent.clear()
+    kept = campaigns.results("quick")
+    assert sent == []
+    for one, other in zip(made.tables, kept.tables, strict=True):
+        pd.testing.assert_frame_equal(one, other)
 
 
 def test_another_wall_or_exit_point_is_another_table():
