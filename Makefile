@@ -31,9 +31,10 @@ SUMMARY := build/00_claims.ipynb
 number = $(firstword $(subst _, ,$(1)))
 SOURCES := $(filter-out %/notebooks.py $(wildcard analysis/kilnflight/project/site/*) %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
 # What others wait for starts early, beside what does not wait: 30 to 34 share the detections
-# that 31 makes, 50 to 56 and 14 those that 50 makes; 32 to 34 read some of these, too. The first that share compiled code start beside
-# those of the belt: together they would compile it twice.
-QUEUE := $(foreach start,10 40 41 20 42 47 46 22 43 11 24 30 31 57 12 13 21 23 25 50 32 33 14,$(filter build/$(start)_%,$(EXECUTED)))
+# that 31 makes, 50 to 56 and 14 those that 50 makes; 32 to 34 read some of these, too. The first
+# that share compiled code start beside those of the belt: together they would compile it twice.
+# Of the rest 56 and 54 take longest.
+QUEUE := $(foreach start,10 40 41 20 42 47 46 22 43 11 24 30 31 57 12 13 21 23 25 50 32 33 14 56 54,$(filter build/$(start)_%,$(EXECUTED)))
 QUEUE += $(filter-out $(QUEUE) $(SUMMARY),$(EXECUTED))
 
 # Scales never mix: what is cited comes from make full alone. Only notebooks and the site are
