@@ -72,12 +72,10 @@ setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data
 	@mkdir -p build && touch build/folders.settings
-test: $(VENV)/installed ## run the tests, those of the whole project beside those of the rooms
-	@mkdir -p build; echo "test: the rooms here; beside them the whole project, shown at the end (build/tests.log)"
-	@$(RUN) -m pytest -m "not published" tests/test_*.py analysis > build/tests.log 2>&1 & whole=$$!; failed=0; \
-	trap "kill $$whole 2> /dev/null || true" EXIT; \
-	$(RUN) -m pytest -m "not published" $(wildcard tests/*/test_*.py) || failed=1; \
-	wait $$whole || failed=1; cat build/tests.log; exit $$failed
+# Files go to the processes one by one; those that take longest come first.
+FIRST := $(addprefix tests/,test_site_pages.py test_makefile.py test_kiln.py test_interrupted.py)
+test: $(VENV)/installed ## run the tests, file by file in JOBS processes
+	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST),$(wildcard tests/test_*.py tests/*/test_*.py)) analysis
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
 	@$(VENV)/bin/lint-imports
