@@ -135,13 +135,17 @@ class ValveBar:
         All predictions are known in advance; `ValveSchedule` takes them as they become known.
         ``predicted`` is as for `windows`.
         """
+        return _table(*self._merged(predicted))
+
+    def _merged(self, predicted: pd.DataFrame) -> tuple[Integers, Array, Array]:
+        """Return valve, opening and closing command of each event, by valve and time."""
         valve, opens, closes = self.windows(predicted)
         order = np.lexsort((opens, valve))
         valve, opens, closes = valve[order], opens[order], closes[order]
         first = np.diff(valve, prepend=-1) != 0
         first[1:] |= self.are_apart(closes[:-1], opens[1:])
         # All windows are equally long, so the last of those merged closes last.
-        return _table(valve[first], opens[first], closes[np.roll(first, -1)])
+        return valve[first], opens[first], closes[np.roll(first, -1)]
 
     def are_apart(self, close_s: npt.ArrayLike, open_s: npt.ArrayLike) -> Flags:
         """Return whether a valve may close and open again, by the times of these commands."""
@@ -159,12 +163,18 @@ class ValveBar:
             True time and place (mm) of each particle at the valves, (n,) each; finite.
         """
         columns = VALVE_EVENTS.check(events).to_numpy(np.float64)
+        valve, opens, closes = columns[np.lexsort(columns.T[1::-1])].T
+        return self._hits(valve, opens, closes, time_s, y)
+
+    def _hits(
+        self, valve: Integers | Array, opens: Array, closes: Array, time_s: Array, y: Array
+    ) -> Flags:
+        """Return which particles are hit by events in the order of `_merged`."""
         check_shape(y, time_s.shape, "ValveBar: true places")
         check_finite(np.stack([time_s, y]), "ValveBar: true times and places")
         hit = np.zeros(len(time_s), dtype=bool)
-        if not len(events) or not len(hit):
+        if not len(valve) or not len(hit):
             return hit
-        valve, opens, closes = columns[np.lexsort(columns.T[1::-1])].T
         opens, closes = opens + self.latency_s, closes + self.latency_s
         # All valves are on one axis, one after the other, each with its events in time.
         start = min(opens.min(), time_s.min())
@@ -203,7 +213,7 @@ class ValveBar:
         check_columns(arrival, ["time_s", "y"], "ValveBar: arrival")
         check_shape(chosen, (len(arrival),), "ValveBar: chosen")
         true = arrival["time_s"].to_numpy(np.float64), arrival["y"].to_numpy(np.float64)
-        return Separation(self.hits(self.events(predicted), *true), chosen)
+        return Separation(self._hits(*self._merged(predicted), *true), chosen)
 
 
 @dataclass

@@ -269,7 +269,7 @@ def first_frames(window: Window, frames: int) -> Window:
 
 # Frames of each stretch, and trials of each tracker, by scale.
 LENGTHS = {"quick": 12, "standard": 24, "full": 200}
-TRIALS = {"quick": 8, "standard": 8, "full": 28}
+TRIALS = {"quick": 4, "standard": 8, "full": 28}
 # Joint probabilities of Stone Soup take 20 times as long as ours: tried on so many frames.
 SLOW, SLOW_FRAMES = ("JPDA, Stone Soup",), 40
 
