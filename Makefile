@@ -79,7 +79,7 @@ test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
 	@$(VENV)/bin/lint-imports
-	@$(RUN) -m pytest -q -m published
+	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)
 bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
 	@$(RUN) benchmarks/run.py
 clean: ## remove what make has made, but neither figures/ nor the fetched data

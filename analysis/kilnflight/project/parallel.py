@@ -117,7 +117,15 @@ class Workers:
     def _local(
         self, make: Callable[[Piece], object], pieces: Sequence[Piece], label: str
     ) -> Iterator[int]:
-        """Yield the numbers of the pieces that processes of this machine have finished."""
+        """Yield the numbers of the pieces that processes of this machine have finished.
+
+        One process is this one.
+        """
+        if min(self.jobs, len(pieces)) == 1:
+            for k, piece in enumerate(pieces):
+                make(piece)
+                yield k
+            return
         run = joblib.Parallel(n_jobs=min(self.jobs, len(pieces)), return_as="generator_unordered")
         calls = (joblib.delayed(_numbered)(make, k, piece) for k, piece in enumerate(pieces))
         with unwarned():

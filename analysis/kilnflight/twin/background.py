@@ -6,6 +6,7 @@ The static part is made once per scene. The changing part is a function of time 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -20,6 +21,10 @@ from kilnflight.twin.picture import Veil
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 Index = npt.NDArray[np.intp]
+
+ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
+# Cells around and along the wall of each scale of its texture, and its weight
+TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
 
 
 @dataclass(frozen=True)
@@ -54,14 +59,23 @@ class Surroundings:
     )
 
 
+def _blocks(geometry: Geometry) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield `ROWS` rows of the picture at a time, with row and column of their pixels."""
+    for first in range(0, geometry.rows, ROWS):
+        rows = slice(first, min(first + ROWS, geometry.rows))
+        row, column = np.indices((rows.stop - first, geometry.columns), dtype=np.float64)
+        yield rows, row + first, column
+
+
 @lru_cache(maxsize=1)
 def _depth_mm(geometry: Geometry) -> Array:
     """Return the depth at which each pixel meets wall or plate.
 
     It is (rows, columns) and read-only.
     """
-    row, column = np.indices((geometry.rows, geometry.columns), dtype=np.float64)
-    depth = geometry.wall_depth(row, column)
+    depth = np.empty((geometry.rows, geometry.columns))
+    for rows, row, column in _blocks(geometry):
+        depth[rows] = geometry.wall_depth(row, column)
     depth.flags.writeable = False
     return depth
 
@@ -96,16 +110,20 @@ class Background:
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""
-        generator = np.random.default_rng([self.seed, 101])
         total, power = np.zeros(around.shape), 0.0
-        for cells, weight in ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35)):
-            field = generator.normal(size=(cells, cells)).astype(np.float32)
-            field = np.pad(field, 2, mode="wrap")
+        for (cells, weight), field in zip(TEXTURE, self._fields, strict=True):
             x = ((around % 1.0) * cells + 1.5).astype(np.float32)
             y = ((along % 1.0) * cells + 1.5).astype(np.float32)
             total += weight * cv2.remap(field, x, y, cv2.INTER_CUBIC)
             power += weight**2
         return total / np.sqrt(power)
+
+    @cached_property
+    def _fields(self) -> list[Picture]:
+        """White noise of each scale of the texture; its ends meet."""
+        generator = np.random.default_rng([self.seed, 101])
+        fields = [generator.normal(size=(cells, cells)) for cells, _ in TEXTURE]
+        return [np.pad(field.astype(np.float32), 2, mode="wrap") for field in fields]
 
     def _vignetting(self) -> Array:
         rows, columns = self.geometry.rows, self.geometry.columns
@@ -193,7 +211,6 @@ class Background:
         return picture
 
 
-ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
 WAVES = 12  # of the flicker's frequencies
 FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
 FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
@@ -239,12 +256,10 @@ class LivingBackground(Background):
         found = []
         for tube in self.tubes:
             parts = []
-            for first in range(0, place.rows, ROWS):
-                size = min(ROWS, place.rows - first), place.columns
-                row, column = np.indices(size, dtype=np.float64)
-                seen_mm, shade = tube.seen(place, row + first, column)
+            for block, row, column in _blocks(place):
+                seen_mm, shade = tube.seen(place, row, column)
                 at = np.nonzero(np.isfinite(seen_mm))
-                parts.append((at[0] + first, at[1], seen_mm[at], shade[at]))
+                parts.append((at[0] + block.start, at[1], seen_mm[at], shade[at]))
             rows, columns, depth, shades = map(np.concatenate, zip(*parts, strict=True))
             found.append(((rows, columns), depth, shades))
         return found
@@ -257,21 +272,25 @@ class LivingBackground(Background):
     @cached_property
     def level(self) -> Picture:
         """Grey values of wall, plate and tubes, (rows, columns), without flicker and noise."""
-        place, around, optics = self.geometry, self.surroundings, self.optics
-        depth = _depth_mm(place)
-        pixels: Array = np.indices(depth.shape, dtype=np.float64)
-        row, column = np.asarray(pixels[0]), np.asarray(pixels[1])
-        camera = place.unproject(row, column, depth)
-        point = place.to_kiln(camera)
-        plate = point[..., 0] <= place.inlet_m + 0.01
-        angle = np.arctan2(point[..., 2], point[..., 1])
-        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
-        kelvin = np.where(plate, around.plate_k, optics.wall_k + around.texture_k * wall)
-        level: Array = optics.glow(kelvin) + self.flame.lights(camera, optics)
+        optics, depth = self.optics, _depth_mm(self.geometry)
+        level = np.empty(depth.shape)
+        for rows, row, column in _blocks(self.geometry):
+            level[rows] = self._lit(row, column, depth[rows])
         for at, seen_mm, shade in self._seen_tubes:
             level[at] = np.where(seen_mm < depth[at], shade * optics.at_wall, level[at])
         soft = cv2.GaussianBlur(level * self._vignetting(), (0, 0), optics.edge_softness_px)
         return soft.astype(np.float32)
+
+    def _lit(self, row: Array, column: Array, depth_mm: Array) -> Array:
+        """Return the grey values of wall and plate at pixels, in the light of the flame, too."""
+        place, around = self.geometry, self.surroundings
+        camera = place.unproject(row, column, depth_mm)
+        point = place.to_kiln(camera)
+        plate = point[..., 0] <= place.inlet_m + 0.01
+        angle = np.arctan2(point[..., 2], point[..., 1])
+        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
+        kelvin = np.where(plate, around.plate_k, self.optics.wall_k + around.texture_k * wall)
+        return self.optics.glow(kelvin) + self.flame.lights(camera, self.optics)
 
     @cached_property
     def flame(self) -> Flame:
