@@ -60,6 +60,8 @@ def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
     predicted[0][::7] = np.nan
     separation = separate(bar, chosen, predicted, true)
     np.testing.assert_array_equal(separation.hit, by_definition(bar, chosen, predicted, true))
+    events = bar.events(table(predicted)[chosen])  # the table leads to the same
+    np.testing.assert_array_equal(separation.hit, bar.hits(events, *true))
 
 
 def test_by_hand():
