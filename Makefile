@@ -72,10 +72,12 @@ setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
 	@$(RUN) -m kilnflight.project.data
 	@mkdir -p build && touch build/folders.settings
-# Files go to the processes one by one; those that take longest come first.
+# Files go to the processes one by one. Those that take longest come first; what shares the smoke
+# run of the first comes last, and need not wait for it.
 FIRST := $(addprefix tests/,test_site_pages.py test_makefile.py test_kiln.py test_interrupted.py)
+LAST := tests/test_notebooks.py
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
-	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST),$(wildcard tests/test_*.py tests/*/test_*.py)) analysis
+	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST) $(LAST),$(wildcard tests/test_*.py tests/*/test_*.py)) $(LAST) analysis
 check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
 	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
 	@$(VENV)/bin/lint-imports
@@ -100,7 +102,7 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV) && mkdir -p build && : > build/pip.log
 # uv takes a third of pip's time; where it cannot do it (a mirror that only pip knows), pip does.
 	@sed -n '/^uv==/,/[^\]$$/p' requirements.lock > build/uv.lock
-	@{ $(call install,--require-hashes -r build/uv.lock) && $(call uv,$(locked)); } || $(call pip,$(locked))
+	@{ $(call install,--require-hashes -r build/uv.lock) && $(call uv,$(locked)); } || { echo "setup: not by uv (build/pip.log); pip takes some two minutes more"; $(call pip,$(locked)); }
 	@$(call pip,--no-deps --no-build-isolation -e .)
 	@touch $@
 # The authors' data if there is a network; a second make does not ask again (make data does).

@@ -18,6 +18,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from kilnflight.project import data, style
+from kilnflight.project.cache import locked
 from kilnflight.recording.frames import Attributes, Frame
 from kilnflight.recording.store import write_recording
 from kilnflight.tables import BELT_TRACKS
@@ -69,13 +70,30 @@ def axes():
 
 @pytest.fixture(scope="session")
 def smoke(tmp_path_factory):
-    """Every notebook at quick scale, without the authors' data, and its pages."""
-    folder = tmp_path_factory.mktemp("smoke")
+    """Every notebook at quick scale, without the authors' data, and its pages.
+
+    Processes of pytest-xdist share one: the first makes it, the others wait.
+    """
     fetched = any((PROJECT / "data" / "external").glob("*.zip"))
     if os.environ.get("KILNFLIGHT_SMOKE") and not fetched:  # CI has just run `make quick`
+        folder = tmp_path_factory.mktemp("smoke")
         for name, made in {"build": "build", "figures": "build/quick", "site": "site"}.items():
             (folder / name).symlink_to(PROJECT / made)
         return folder
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    folder = shared / "smoke"
+    with locked(shared):
+        if not (folder / "site").is_dir():  # the site comes last, and whole
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            _run_all(folder)
+    return folder
+
+
+def _run_all(folder: Path) -> None:
+    """Execute every notebook at quick scale and render the site below a folder."""
     (folder / "external").mkdir()
     project = folder / "project"
     for part in ("notebooks", "data/reference"):
@@ -109,7 +127,6 @@ def smoke(tmp_path_factory):
         list(pool.map(execute, sources[1:]))
     execute(sources[0])  # collects what the others said
     run("project.site", *made, *build, "--site", str(folder / "site"))
-    return folder
 
 
 @pytest.fixture

@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin import background
+from kilnflight.twin.background import Background, LivingBackground, Surroundings
 from kilnflight.twin.camera import Geometry, Optics
+from kilnflight.twin.light import Light
 
 SMALL = replace(
     Geometry(), rows=192, columns=256, focal_length_px=85.0 / 0.088, lance_pixel=(60.5, 117.0)
@@ -44,3 +46,17 @@ def test_the_burner_saturates_inside_its_rectangle_only():
     outside[first:last, left:right] = 0
     assert np.abs(outside).max() < 2000
     assert (BACK.at(1.0)[first:last, left:right] > 65535).mean() > 0.01
+
+
+@pytest.mark.parametrize("rows", [50, 192])  # the last ones are fewer; all at once
+def test_how_many_rows_are_lit_together_changes_no_bit(monkeypatch, rows):
+    def pictures():
+        background._depth_mm.cache_clear()
+        scene = LivingBackground(SMALL, Optics(light=Light()), AROUND, seed=2)
+        return scene.level, scene.depth_mm, scene.solid_mm
+
+    expected = pictures()
+    monkeypatch.setattr(background, "ROWS", rows)
+    for picture, same in zip(pictures(), expected, strict=True):
+        np.testing.assert_array_equal(picture, same)
+    assert np.isfinite(expected[2]).any()  # a tube is in the picture
