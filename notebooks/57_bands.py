@@ -52,7 +52,7 @@ origin = figures.trace("57_bands", setting, seed=seed, inputs=inputs)
 
 # %%
 others = () if scale == "quick" else bands.OTHERS
-flown = [bands.BASE, *bands.DRAWS[:draws], *others]
+flown = [bands.BASE, *others, *bands.DRAWS[:draws]]
 parts = [bands.of_all(bands.flight_numbers, flown, particles, seed, jobs=jobs)]
 
 # %%
@@ -92,9 +92,9 @@ figures.save("twin-bands", table, picture=picture, caption=caption, provenance=o
 
 # %%
 caption = (
-    "The headline numbers in each scenario, a column for each: base, draws of the pose, and the "
-    "other inputs. Empty: not asked (draws alone have F1 and alpha, each a few of them), or no "
-    "draw has a value."
+    "The headline numbers in each scenario, a column for each: base, the other inputs, and draws "
+    "of the pose. Empty: not asked (draws alone have F1 and alpha, each a few of them), or "
+    "without a value."
 )
 table_of_all = bands.by_scenario(numbers).reset_index()
 figures.save("twin-scenario-numbers", table_of_all, caption=caption, provenance=origin)
