@@ -10,6 +10,7 @@ from kilnflight.detection import CLUSTERERS, DBSCAN, DETECTORS_2D
 from kilnflight.detection.combination import (
     Combination,
     View,
+    disc_pixels,
     mean_gray,
     potential_particles,
     second_pass,
@@ -319,3 +320,11 @@ def test_the_mean_grey_value_is_that_of_the_disc():
         [image[disc].mean(), image[6, 6], image[59, 79]]
     )
     assert mean_gray(image, np.empty((0, 3))).shape == (0,)
+    rng = np.random.default_rng(2)
+    discs = rng.uniform((-3, -3, 0), (63, 83, 9), (300, 3))  # some beyond the border
+    disc, row, col = disc_pixels(discs, 0.0, SHAPE)
+    many = np.unique(disc)
+    assert len(many) > 250
+    exact = [image[row[disc == k], col[disc == k]].mean() for k in many]
+    for picture in (image, image.astype(np.float64), image.T.copy().T):
+        assert mean_gray(picture, discs)[many] == pytest.approx(exact)

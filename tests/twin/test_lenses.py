@@ -2,17 +2,20 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.checks import InputError
 from kilnflight.twin import scenes
-from kilnflight.twin.camera import DepthCamera
+from kilnflight.twin.camera import FULL_SCALE, DepthCamera
 from kilnflight.twin.lenses import (
     Lattice,
     LensCamera,
     LensWall,
+    _block_means,
     _interpolated,
     _kept_points,
     measure_contrast,
@@ -108,6 +111,29 @@ def test_contrast_is_the_variance_within_a_lens():
     window = picture[10 * block : 13 * block, 20 * block : 23 * block]
     assert seen.variance[11, 21] == pytest.approx(window.var(), rel=1e-4)
     assert seen.mean[11, 21] == pytest.approx(window.mean(), rel=1e-5)
+
+
+def test_contrast_near_particles_is_that_of_the_whole_picture():
+    rng, lattice = np.random.default_rng(1), Lattice(ROWS, COLUMNS, (38, 44))
+    picture = rng.normal(30_000.0, 20_000.0, (ROWS, COLUMNS)).astype(np.float32)
+    covered = rng.random(lattice.blocks) < 0.01
+    covered[0, 0] = covered[-1, -1] = True
+    part = measure_contrast(picture, lattice, FULL_SCALE, covered)
+    whole = measure_contrast(np.minimum(picture, np.float32(FULL_SCALE)), lattice)
+    beside = binary_dilation(covered, np.ones((3, 3)))
+    assert not beside.all()
+    for one, other in zip(part, whole, strict=True):
+        assert np.array_equal(one[beside], other[beside])
+    size = lattice.blocks[::-1]  # OpenCV's mean over areas: the same to the bit
+    means = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    assert np.array_equal(measure_contrast(picture, lattice).mean, cv2.blur(means, (3, 3)))
+
+
+def test_blocks_that_the_picture_cuts_have_the_mean_of_what_is_there():
+    picture = np.arange(9 * 14, dtype=np.float32).reshape(9, 14)
+    means, squares = _block_means(picture, np.ones((3, 4), np.uint8), 4, np.float32(np.inf))
+    assert means[2, 3] == picture[8:, 12:].mean()
+    assert squares[2, 3] == (picture[8:, 12:] ** 2).mean()
 
 
 def test_depths_of_a_particle_reach_beyond_it_and_mix_with_the_wall():

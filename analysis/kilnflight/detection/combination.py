@@ -22,11 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -47,7 +48,6 @@ Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 SHORT = 1 << 16  # labels of 16 bits
 SMALLEST_DISC_PX = 1.0  # a keypoint covers at least the pixels next to its own
-DISCS = 1000  # at a time, to save memory
 # By how many keypoints and clusters share pixels, 2 for several. The last is not in the thesis.
 CASES = {(1, 1): 1, (2, 1): 2, (1, 2): 3, (0, 1): 4, (1, 0): 5, (2, 2): 2}
 
@@ -232,12 +232,30 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
-    for begin in range(0, len(discs), DISCS):
-        disc, row, col = disc_pixels(discs[begin : begin + DISCS], 0.0, gray.shape)
-        count, total = np.bincount(disc), np.bincount(disc, gray[row, col])
-        covered = np.flatnonzero(count)
-        means[begin + covered] = total[covered] / count[covered]
+    _disc_means(gray, np.asarray(discs, np.float64), means)
     return means
+
+
+@njit(cache=True)
+def _disc_means(gray: Any, discs: Any, means: Any) -> None:
+    """Write the mean of each disc that covers a pixel into ``means``.
+
+    Compiled: a campaign asks for some ten thousand discs, again for each step that is replaced.
+    """
+    rows, cols = gray.shape
+    for k in range(len(discs)):
+        row, col, radius = discs[k]
+        top, left = max(int(np.ceil(row - radius)), 0), max(int(np.ceil(col - radius)), 0)
+        bottom = min(int(np.floor(row + radius)) + 1, rows)
+        right = min(int(np.floor(col + radius)) + 1, cols)
+        count, total = 0, 0.0
+        for i in range(top, bottom):
+            for j in range(left, right):
+                if (i - row) ** 2 + (j - col) ** 2 <= radius**2:
+                    count += 1
+                    total += gray[i, j]
+        if count:
+            means[k] = total / count
 
 
 class View(NamedTuple):

@@ -26,7 +26,7 @@ from numba import njit
 from kilnflight.camera import EQUATION_2_4, invert_depth
 from kilnflight.checks import InputError, check_positive
 from kilnflight.twin.background import Background
-from kilnflight.twin.camera import DepthCamera, Optics
+from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
 from kilnflight.twin.picture import Blobs, Pixels
 
 Array = npt.NDArray[np.float64]
@@ -179,15 +179,60 @@ def _inverse_of_equation_2_4() -> tuple[Array, Array]:
     return np.append(true, true[-1] + 1e5), np.append(captured, captured[-1] + beyond)
 
 
-def measure_contrast(picture: Picture, lattice: Lattice) -> Contrast:
-    """Return mean and variance of grey values within a lens around each block."""
-    size = lattice.blocks[::-1]
-    mean, square = (
-        cv2.blur(cv2.resize(each, size, interpolation=cv2.INTER_AREA), (BLOCKS, BLOCKS))
-        for each in (picture, picture * picture)
-    )
+def measure_contrast(
+    picture: Picture,
+    lattice: Lattice,
+    full_scale: float = np.inf,
+    covered: npt.NDArray[np.bool_] | None = None,
+) -> Contrast:
+    """Return mean and variance of grey values within a lens around each block.
+
+    Parameters
+    ----------
+    picture
+        (rows, columns); what exceeds ``full_scale`` is cut off.
+    lattice
+        Of the lenses.
+    full_scale
+        The highest grey value.
+    covered
+        (rows, columns) of blocks: of these and of those beside them alone; of all if None.
+    """
+    wanted = np.ones(lattice.blocks, np.uint8)
+    if covered is not None:
+        reach = np.ones((2 * BLOCKS - 1, 2 * BLOCKS - 1), np.uint8)
+        wanted = np.asarray(cv2.dilate(covered.astype(np.uint8), reach))
+    of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
+    mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
     variance = np.maximum(square - mean * mean, 0.0)
     return Contrast(np.asarray(variance, np.float32), np.asarray(mean, np.float32))
+
+
+@njit(cache=True)
+def _block_means(picture: Any, wanted: Any, side: int, full_scale: Any) -> Any:
+    """Return the means of grey values, and of their squares, in the wanted blocks; elsewhere 0.
+
+    Compiled: particles cover few blocks, and three passes over a whole picture take 6 ms.
+    """
+    means = np.zeros((2, *wanted.shape), np.float32)
+    rows, columns = picture.shape
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            if not wanted[i, j]:
+                continue
+            bottom, right = min((i + 1) * side, rows), min((j + 1) * side, columns)
+            total, squares = np.float32(0), np.float32(0)
+            for row in range(i * side, bottom):
+                line, of_line = np.float32(0), np.float32(0)
+                for column in range(j * side, right):
+                    gray = min(picture[row, column], full_scale)
+                    line += gray
+                    of_line += gray * gray
+                total += line
+                squares += of_line
+            share = np.float32(1) / np.float32((bottom - i * side) * (right - j * side))
+            means[0, i, j], means[1, i, j] = total * share, squares * share
+    return means
 
 
 @dataclass(frozen=True)
@@ -293,7 +338,7 @@ class LensWall:
         Parameters
         ----------
         picture
-            (rows, columns), without noise and within full scale.
+            (rows, columns), without noise; what exceeds full scale is cut off.
         scene
             The particles, and the pixels that they cover.
         error
@@ -303,10 +348,9 @@ class LensWall:
         optics, random
             The noise of the picture; chooses among the pixels.
         """
-        blobs, pixels = scene
-        seen, lattice = measure_contrast(picture, self.lattice), self.lattice
-        covered = pixels.radius <= 1.15
-        place, blob = pixels.place[covered], pixels.blob[covered]
+        (blobs, pixels), lattice = scene, self.lattice
+        inside = pixels.radius <= 1.15
+        place, blob = pixels.place[inside], pixels.blob[inside]
         block = lattice.block_of(*np.divmod(place, lattice.columns))
         size = lattice.blocks[0] * lattice.blocks[1]
 
@@ -316,6 +360,7 @@ class LensWall:
             return np.asarray(summed, np.float32)
 
         count = within(np.ones(len(block)))
+        seen = measure_contrast(picture, lattice, FULL_SCALE, count > 0)
         there = count > 0.5 / BLOCKS**2
         total = np.maximum(count, 1e-6)
         covered_share = np.minimum(count / lattice.block_px**2, 1.0)

@@ -267,10 +267,9 @@ class Twin:
 
     def _sight(self, t: int, view: SceneView, wall: LensWall) -> Sight:
         """Return what the lenses of the second look see of the particles of frame ``t``."""
-        picture = np.minimum(view.picture, np.float32(FULL_SCALE))
         error, generator = self.particle_errors(t)[1], self._random(t, 2)
         shown = (view.blobs, view.pixels)
-        return wall.look(picture, shown, error, view.labels, self.scene.optics, generator)
+        return wall.look(view.picture, shown, error, view.labels, self.scene.optics, generator)
 
     def _cloud(
         self, t: int, view: SceneView
