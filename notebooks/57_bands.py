@@ -93,8 +93,7 @@ figures.save("twin-bands", table, picture=picture, caption=caption, provenance=o
 # %%
 caption = (
     "The headline numbers in each scenario, a column for each: base, the other inputs, and draws "
-    "of the pose. Empty: not asked (draws alone have F1 and alpha, each a few of them), or "
-    "without a value."
+    "of the pose. Empty: not asked. F1 and alpha are of the base and of some of the draws."
 )
 table_of_all = bands.by_scenario(numbers).reset_index()
 figures.save("twin-scenario-numbers", table_of_all, caption=caption, provenance=origin)
