@@ -328,3 +328,7 @@ def test_the_mean_grey_value_is_that_of_the_disc():
     exact = [image[row[disc == k], col[disc == k]].mean() for k in many]
     for picture in (image, image.astype(np.float64), image.T.copy().T):
         assert mean_gray(picture, discs)[many] == pytest.approx(exact)
+    for kind in (">u2", ">f4", np.float16, np.uint8):
+        picture = (image % 200).astype(kind)
+        exact = [(image % 200)[row[disc == k], col[disc == k]].mean() for k in many]
+        assert mean_gray(picture, discs)[many] == pytest.approx(exact)

@@ -196,12 +196,12 @@ def measure_contrast(
     full_scale
         The highest grey value.
     covered
-        (rows, columns) of blocks: of these and of those beside them alone; of all if None.
+        Which blocks are asked for, (rows, columns); all if None. Values of others mean nothing.
     """
     wanted = np.ones(lattice.blocks, np.uint8)
     if covered is not None:
-        reach = np.ones((2 * BLOCKS - 1, 2 * BLOCKS - 1), np.uint8)
-        wanted = np.asarray(cv2.dilate(covered.astype(np.uint8), reach))
+        lens = np.ones((BLOCKS, BLOCKS), np.uint8)
+        wanted = np.asarray(cv2.dilate(covered.astype(np.uint8), lens))
     of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
     mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
     variance = np.maximum(square - mean * mean, 0.0)
@@ -212,7 +212,7 @@ def measure_contrast(
 def _block_means(picture: Any, wanted: Any, side: int, full_scale: Any) -> Any:
     """Return the means of grey values, and of their squares, in the wanted blocks; elsewhere 0.
 
-    Compiled: particles cover few blocks, and three passes over a whole picture take 6 ms.
+    Compiled: particles cover few blocks, and passes over a whole picture take several ms.
     """
     means = np.zeros((2, *wanted.shape), np.float32)
     rows, columns = picture.shape
