@@ -115,12 +115,12 @@ def test_contrast_is_the_variance_within_a_lens():
 def test_contrast_near_particles_is_that_of_the_whole_picture():
     rng, lattice = np.random.default_rng(1), Lattice(ROWS, COLUMNS, (38, 44))
     picture = rng.normal(30_000.0, 20_000.0, (ROWS, COLUMNS)).astype(np.float32)
-    covered = rng.random(lattice.blocks) < 0.01
-    covered[0, 0] = covered[-1, -1] = True
-    part = measure_contrast(picture, lattice, FULL_SCALE, covered)
+    asked = rng.random(lattice.blocks) < 0.01
+    asked[0, 0] = asked[-1, -1] = True
+    part = measure_contrast(picture, lattice, FULL_SCALE, asked)
     whole = measure_contrast(np.minimum(picture, np.float32(FULL_SCALE)), lattice)
     for one, other in zip(part, whole, strict=True):
-        assert np.array_equal(one[covered], other[covered])
+        assert np.array_equal(one[asked], other[asked])
     means = cv2.resize(picture, lattice.blocks[::-1], interpolation=cv2.INTER_AREA)
     of_opencv = cv2.blur(means, (3, 3))
     np.testing.assert_allclose(measure_contrast(picture, lattice).mean, of_opencv, rtol=1e-6)

@@ -232,7 +232,7 @@ def mean_gray(gray: npt.NDArray[np.generic], discs: Array) -> Array:
     """
     nearest = np.rint(discs[:, :2]).astype(np.intp).clip(0, np.array(gray.shape) - 1)
     means = gray[tuple(nearest.T)].astype(np.float64)
-    half = gray.dtype == np.float16  # no type of compiled code, as foreign byte order is none
+    half = gray.dtype == np.float16  # numba knows neither float16 nor foreign byte order
     native = gray.astype(np.float32 if half else gray.dtype.newbyteorder("="), copy=False)
     _disc_means(native, np.asarray(discs, np.float64), means)
     return means

@@ -183,7 +183,7 @@ def measure_contrast(
     picture: Picture,
     lattice: Lattice,
     full_scale: float = np.inf,
-    covered: npt.NDArray[np.bool_] | None = None,
+    asked: npt.NDArray[np.bool_] | None = None,
 ) -> Contrast:
     """Return mean and variance of grey values within a lens around each block.
 
@@ -195,13 +195,13 @@ def measure_contrast(
         Of the lenses.
     full_scale
         The highest grey value.
-    covered
-        Which blocks are asked for, (rows, columns); all if None. Values of others mean nothing.
+    asked
+        Which blocks are needed, (rows, columns); all if None. Values of others mean nothing.
     """
     wanted = np.ones(lattice.blocks, np.uint8)
-    if covered is not None:
+    if asked is not None:
         lens = np.ones((BLOCKS, BLOCKS), np.uint8)
-        wanted = np.asarray(cv2.dilate(covered.astype(np.uint8), lens))
+        wanted = np.asarray(cv2.dilate(asked.astype(np.uint8), lens))
     of_blocks = _block_means(picture, wanted, lattice.block_px, np.float32(full_scale))
     mean, square = (cv2.blur(each, (BLOCKS, BLOCKS)) for each in of_blocks)
     variance = np.maximum(square - mean * mean, 0.0)
