@@ -40,6 +40,7 @@ CAUSES = {
 WORDS = {REPRODUCED: "holds", NOT_REPRODUCED: "fails", NOT_DECIDABLE: "is not decidable"}
 ON_TRUTH = "on the twin's own truth"
 JUDGED = "cause assigned by judgement"  # nothing that was computed shows it
+MEASURED = 60  # characters of what was measured
 OTHER_BOUNDS = (1.0, 0.5, 2.0)  # times the distance of a bound of ours; one rule for all claims
 
 
@@ -222,6 +223,54 @@ def about(value: float, named: float, bound: float) -> bool | None:
     """
     answers = {bool(abs(value - named) <= scale * bound) for scale in OTHER_BOUNDS}
     return answers.pop() if len(answers) == 1 else None
+
+
+def check(claim_id: str, holds: bool | None, measured: object = "", reason: str = "") -> Verdict:
+    """Return the verdict on a claim: reproduced, not reproduced or, for None, open.
+
+    Parameters
+    ----------
+    claim_id
+        Id in data/reference/claims.csv, which also holds the sentence and the cause of a failure.
+    holds
+        Whether the claim holds; None if neither outcome is shown (see `all_of`, `beyond`).
+    measured
+        What was measured: a text or number, or a Series of numbers (its labels are shown), cut
+        to 60 characters.
+    reason
+        One sentence for the reader, at most 160 characters.
+
+    Raises
+    ------
+    InputError
+        If there is no such claim, or the outcome is neither true, false nor None.
+    """
+    claim = _claim(claim_id, "")
+    if not isinstance(holds, bool | np.bool_ | None):
+        raise InputError(f"claim {claim_id}: holds={holds!r} is neither True, False nor None.")
+    verdict = NOT_DECIDABLE if holds is None else REPRODUCED if holds else NOT_REPRODUCED
+    if isinstance(measured, pd.Series):
+        measured = ", ".join(f"{name} {value:.4g}" for name, value in measured.items())
+    text = f"{measured:.4g}" if isinstance(measured, float) else str(measured)
+    cause = str(claim["cause"]) if verdict == NOT_REPRODUCED else ""
+    short = text if len(text) <= MEASURED else text[: MEASURED - 3] + "..."
+    return Verdict(claim_id, verdict, short, claim["claim"], reason, because=cause)
+
+
+def all_of(*answers: bool | None) -> bool | None:
+    """Return False if any answer is, else None if any answer is, else True."""
+    return (
+        False
+        if any(a is not None and not a for a in answers)
+        else None
+        if None in answers
+        else True
+    )
+
+
+def beyond(low: float, high: float) -> bool | None:
+    """Return whether an interval lies above 0; None if it holds 0."""
+    return True if low > 0 else False if high < 0 else None
 
 
 def with_cause(verdict: Verdict, shown: str = "") -> Verdict:
