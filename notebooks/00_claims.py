@@ -23,7 +23,6 @@ seed = 0  # nothing random happens here
 import pandas as pd
 from IPython.display import HTML, Markdown, display
 
-from kilnflight.experiments import blind_tests
 from kilnflight.project import claims, claims_page, figures, style
 
 style.use_style()
@@ -50,62 +49,6 @@ Markdown(
     f"{len(on_truth)} claims fail on the twin's own truth: no measuring chain can reproduce "
     f"them: {', '.join(on_truth) or 'none'}. They are verdicts on the twin."
 )
-
-# %% [markdown]
-# ## First twin and second look
-#
-# The twin was made twice. The second look was made after the outcomes of the first twin were known,
-# so a verdict that became another one is labelled. Claims on the belt, and those that the thesis's
-# own tables decide, do not hang on it.
-
-# %%
-beside = claims.beside_first_twin(table)
-caption = (
-    "Verdicts on the claims about the kiln that the first twin gave, at full scale, beside those "
-    "of the second look. Labelled: the verdict is another one."
-)
-figures.save("claims-first-twin", beside, caption=caption, provenance=origin)
-
-# %% tags=["hide-input"]
-before = beside["first_twin"].value_counts()
-Markdown(
-    f"The first twin, of {len(beside)} claims about the kiln: "
-    + ", ".join(f"{before.get(verdict, 0)} {verdict}" for verdict in claims.VERDICTS)
-    + f". Another verdict in the second look: {', '.join(beside.loc[beside['label'] != '', 'id'])}."
-)
-
-# %% [markdown]
-# ## Blind tests of the second look
-#
-# No input of the twin was fitted to Tables 5.8 to 5.11 and 5.17, nor to R2 of Table 5.18. Left out
-# is Otsu's row of Table 5.11: it is the total of Table 5.5, to which the light was fitted. The RMSE
-# of Table 5.18 in depth is an input, too, and R2 in depth hangs on it. The diagonal is print.
-# Tracks are those from the lance. Of two readings of a background's difference it is the absolute.
-
-# %%
-numbers = blind_tests.compare()
-caption = (
-    "Blind tests: each number of Tables 5.8 to 5.11 and 5.17, and R2 of Table 5.18, as printed, "
-    "and as measured on the first twin (full scale) and on the second look."
-)
-picture = blind_tests.draw(numbers)
-figures.save("blind-tests", numbers, picture=picture, caption=caption, provenance=origin)
-
-# %%
-summary = blind_tests.by_table(numbers)
-caption = "Blind tests by table: median of the absolute difference from print, for both twins."
-figures.save("blind-tests-summary", summary, caption=caption, provenance=origin)
-
-# %% tags=["hide-input"]
-clusters = blind_tests.false_clusters()
-Markdown(blind_tests.describe(summary, clusters))
-
-# %%
-caption = (
-    "False clusters of DBSCAN per labelled frame (Table 5.8), printed and of both twins. They fall "
-    "with epsilon, as more points of the wall join. Over print: the second look's number over it."
-)
-figures.save("blind-tests-clusters", clusters.round(3), caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The claims

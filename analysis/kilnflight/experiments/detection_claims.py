@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from kilnflight.experiments import twin_light
 from kilnflight.experiments.detection import COUNTS, TABLES, sum_counts
 from kilnflight.experiments.detection_tables import (
     NOT_DRAWN,
@@ -193,15 +192,7 @@ def _unlit_verdicts(attempts: pd.DataFrame, seed: int, note: str) -> list[claims
         f"above Otsu's {unlit.mean():.2f}": bool(more.mean() > unlit.mean()),
     }
     by_subset = ", ".join(f"{name} {value:.2f}" for name, value in more.items())
-    fit, aim = (
-        pd.DataFrame(twin_light.read_fit()[name]).set_index("subset")
-        for name in ("calibrated", "targets")
-    )
-    of_v4 = (
-        f"the light's fit to it ends at {fit['unlit']['V4']:.2f} in V4 (notebook 13), published "
-        f"{aim['unlit']['V4']:g}"
-    )
-    ranked = _judged_if_drawn("otsu-3", less, note, v4, shown=of_v4)
+    ranked = _judged_if_drawn("otsu-3", less, note, v4)
     sure = mean and f"{mean}; {by_subset}; {BOUND}"
     return [
         _judged("otsu-2", burning, f"{note}; {CHAR}"),
