@@ -30,12 +30,11 @@ from kilnflight.experiments import (
     detection_tables,
 )
 from kilnflight.project import claims, figures, style
-from kilnflight.twin.fitted import SECOND_LIGHT_FILE
 
 style.use_style()
 frames = frames or detection.FRAMES[scale]
 setting = {"scale": scale, "frames": frames}
-origin = figures.trace("21_pictures", setting, seed=seed, inputs=[SECOND_LIGHT_FILE])
+origin = figures.trace("21_pictures", setting, seed=seed)
 subsets = detection.labelled_subsets(scale, seed, frames)
 print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 

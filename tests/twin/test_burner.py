@@ -7,7 +7,7 @@ from kilnflight.checks import InputError
 from kilnflight.twin.background import Background, LivingBackground, Surroundings
 from kilnflight.twin.burner import Burner, Tube, burner_tube, lance_tube
 from kilnflight.twin.camera import Geometry, Optics
-from kilnflight.twin.fitted import SecondLightInputs
+from kilnflight.twin.fitted import second_light
 from kilnflight.twin.life import Moment
 from kilnflight.twin.light import Light
 from kilnflight.twin.scene import Twin
@@ -65,7 +65,7 @@ def test_a_rising_lance_has_its_far_end_lower():
 
 
 def test_the_tube_of_a_scene_has_the_elevation_of_its_flights(small_scene):
-    twin = Twin(SecondLightInputs().applied(small_scene()))
+    twin = Twin(second_light(small_scene()))
     steep = replace(twin.scene, flight=replace(twin.scene.flight, launch_elevation_deg=6.0))
     assert [Twin(steep)._background.tubes[k].elevation_deg for k in (0, 1)] == [6.0, 0.0]
 
@@ -142,7 +142,7 @@ def test_the_flame_is_long_lets_light_through_and_flickers():
 
 
 def test_a_particle_behind_the_lance_is_hidden(small_scene):
-    twin = Twin(SecondLightInputs().applied(small_scene()))
+    twin = Twin(second_light(small_scene()))
     one = twin.view(20).moment.take(np.array([0]))
     lance = twin.scene.geometry.lance_m
     counts = []

@@ -36,7 +36,7 @@ EXACT = LensCamera(
     dominance=1.0,
     points_per_pixel=0.9,
 )
-OPTICS = scenes.second_light().applied(scenes.ground_truth("V1")).optics
+OPTICS = scenes.ground_truth("V1").optics
 
 
 class Plate:

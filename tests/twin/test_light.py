@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kilnflight.checks import InputError
 from kilnflight.twin import picture as drawing
 from kilnflight.twin.camera import FULL_SCALE, Optics
-from kilnflight.twin.fitted import SecondLightInputs
+from kilnflight.twin.fitted import second_light
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.light import (
     BAND_UM,
@@ -25,9 +25,16 @@ LIT = Optics(light=Light())
 SHUTTER_S = LIT.exposure_s
 
 
+def lit_scene(scene, wall_level=12_500.0):
+    """Return a scene in a light darker than the fitted one: flames stay below full scale."""
+    scene = second_light(scene)
+    optics = {"light": Light(irradiance_spread=0.222), "irradiance": 1.2, "wall_level": wall_level}
+    return replace(scene, optics=replace(scene.optics, **optics))
+
+
 @pytest.fixture(scope="module")
 def lit(small_scene):
-    return Twin(SecondLightInputs().applied(small_scene()))
+    return Twin(lit_scene(small_scene()))
 
 
 def blobs(*given):
@@ -98,7 +105,7 @@ def test_what_is_behind_the_burners_flame_is_seen_through_it():
 
 
 def test_a_longer_exposure_brightens_everything_alike(small_scene):
-    scene = SecondLightInputs(wall_level=6000.0).applied(small_scene())
+    scene = lit_scene(small_scene(), 6000.0)
     longer = replace(scene, optics=replace(scene.optics, exposure_s=3.0e-3))
     one, other = Twin(scene), Twin(longer)
     np.testing.assert_allclose(other.empty(20), 1.2 * one.empty(20), rtol=2e-3)
@@ -203,7 +210,7 @@ def test_sheets_are_drawn_by_the_orientation_that_they_fly_with(lit):
 def test_granules_let_light_through(small_scene):
     scene = small_scene()
     feed = tuple(replace(burst, fraction="PE granule") for burst in scene.feed)
-    view = Twin(SecondLightInputs().applied(replace(scene, feed=feed))).view(20)
+    view = Twin(lit_scene(replace(scene, feed=feed))).view(20)
     flying = ~view.moment.burning
     assert flying.any()
     np.testing.assert_allclose(view.blobs.passes[flying], 0.4)

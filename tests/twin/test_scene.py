@@ -14,7 +14,7 @@ from kilnflight.checks import InputError
 from kilnflight.recording.frames import check_frame
 from kilnflight.twin import truth
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
-from kilnflight.twin.fitted import SecondLightInputs
+from kilnflight.twin.fitted import second_light
 from kilnflight.twin.scene import RIM, Twin, _with_shot_noise
 
 
@@ -161,7 +161,7 @@ def test_grey_values_alone_are_those_of_the_frame(twin):
 
 
 def test_a_frame_is_the_same_however_many_threads_libraries_have(small_scene):
-    scene = SecondLightInputs().applied(small_scene())
+    scene = second_light(small_scene())
     frames = []
     for threads in (1, 2):
         with threadpool_limits(threads):

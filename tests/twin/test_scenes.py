@@ -1,26 +1,13 @@
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
 from kilnflight.twin import scenes, truth
-from kilnflight.twin.camera import Geometry
-from kilnflight.twin.fitted import (
-    SecondInputs,
-    SecondLightInputs,
-    flight_inputs,
-    light_inputs,
-    second_kiln,
-    second_kiln_with,
-    second_light,
-)
-from kilnflight.twin.flight import Flight
-from kilnflight.twin.gas import Gas
+from kilnflight.twin.fitted import second_kiln
 from kilnflight.twin.life import Life
 from kilnflight.twin.particles import Burst
-from kilnflight.twin.poses import read_poses
 
 
 def test_scenes_have_the_published_lengths_and_rates():
@@ -33,10 +20,18 @@ def test_scenes_have_the_published_lengths_and_rates():
 
 
 def test_a_scenario_changes_one_thing():
-    base, double = scenes.open_scene("V1"), scenes.open_scene("V1@depth-error-double")
-    assert double.scene.depth.scale == 2.0
-    assert replace(double.scene, depth=base.scene.depth, name="V1") == base.scene
-    assert double.attributes.name == "V1@depth-error-double"
+    base, colder = scenes.open_scene("V1"), scenes.open_scene("V1@wall-profile")
+    assert colder.scene.gas.wall_fall_k_m == 24.0
+    assert replace(colder.scene, gas=base.scene.gas, name="V1") == base.scene
+    assert colder.attributes.name == "V1@wall-profile"
+
+
+def test_scenarios_are_joined():
+    both, base = (scenes.open_scene(name).scene for name in ("V1@no-jet+small", "V1"))
+    assert both.gas.jet_persistence == 0.0
+    assert both.geometry.rows == base.geometry.rows // 4
+    with pytest.raises(InputError, match="such as V1@no-jet"):
+        scenes.open_scene("V1@small+nonsense")
 
 
 @pytest.mark.parametrize("name", ["V9", "coal-4.5-bar", "V1@nonsense", ""])
@@ -80,40 +75,6 @@ def test_a_handful_has_as_many_particles_as_asked_for():
         assert sum(scenes.HANDFULS[kind][0].values()) == pytest.approx(1.0)
 
 
-def test_scenes_take_the_frozen_inputs_and_inputs_only_takes_none():
-    scene = scenes.open_scene("confetti-4.5-bar").scene
-    assert (scene.flight, scene.gas, scene.geometry) == second_kiln()
-    untouched = scenes.open_scene("confetti-5.0-bar@inputs-only").scene
-    before = second_kiln_with(SecondInputs(), read_poses().mode)
-    assert (untouched.flight, untouched.geometry) == (before.flight, before.geometry)
-    assert untouched.gas == replace(before.gas, pressure_bar=5.0)
-    assert SecondLightInputs().applied(untouched) == untouched
-
-
-def test_scenes_of_the_first_twin_take_its_own_inputs():
-    scene = scenes.open_scene("confetti-4.5-bar@first").scene
-    assert (scene.flight, scene.gas) == flight_inputs().applied(Flight(), Gas())
-    assert scene.geometry == Geometry()
-    untouched = scenes.open_scene("V2@first+inputs-only").scene
-    assert (untouched.flight, untouched.gas) == (Flight(), Gas())
-    assert scenes.open_scene("wood-chip-5.0-bar@inputs-only+first").scene.gas == Gas(
-        pressure_bar=5.0
-    )
-    assert scenes.open_scene("V2").scene.optics.light is not None
-    assert scenes.open_scene("V2@first").scene.optics.light is None
-
-
-def test_scenes_have_the_fitted_light():
-    first, scene = scenes.ground_truth("V2", first=True), scenes.ground_truth("V2")
-    assert light_inputs().applied(first) == first
-    assert second_light().applied(scene) == scene
-
-
-def test_the_second_look_sees_less_of_the_bottom():
-    first, scene = (scenes.open_scene(name).scene.surroundings for name in ("V1@first", "V1"))
-    assert max(row for row, _ in scene.roi) == scenes.ROI_BOTTOM < max(row for row, _ in first.roi)
-
-
 SCENE = "wood-chip-4.5-bar@small"
 
 
@@ -132,7 +93,7 @@ def test_a_kept_scene_is_the_same_to_the_bit(same_frame, monkeypatch):
 
 def test_another_scene_seed_or_code_is_another_file(monkeypatch):
     places = {
-        scenes.cache_file(scenes.open_scene(name)) for name in (SCENE, "V4@small", "V3@axis-0")
+        scenes.cache_file(scenes.open_scene(name)) for name in (SCENE, "V4@small", "V3@no-jet")
     }
     places |= {scenes.cache_file(scenes.open_scene(SCENE, 1))}
     monkeypatch.setattr(scenes, "code_hash", lambda *_: "changed")
@@ -158,29 +119,6 @@ def test_a_scene_that_is_not_there_is_told_as_ever(name, seed, message):
             call(name, seed)
 
 
-def test_scenarios_are_joined_in_their_order():
-    name = "V1@first+choked-lance+recirculation"
-    both, base = (scenes.open_scene(each).scene for each in (name, "V1@first"))
-    assert both.gas == replace(base.gas, choked=True, lance_stream_m_s=-0.6)
-    assert both.name == name
-    with pytest.raises(InputError, match="such as V1@no-jet"):
-        scenes.open_scene("V1@small+nonsense")
-
-
-def test_flames_hold_or_blow_off_in_both_twins():
-    def flight(scenarios):
-        return scenes.open_scene(f"confetti-4.5-bar@{scenarios}").scene.flight
-
-    base = flight("base")
-    assert flight("flames-blow-off").volatiles.chemical_time_s == pytest.approx(
-        2 * base.volatiles.chemical_time_s
-    )
-    assert 0 < flight("flames-hold").volatiles.chemical_time_s < 1e-8
-    first = flight("first").extinction_1_s
-    assert flight("first+flames-blow-off").extinction_1_s == pytest.approx(first / 2)
-    assert flight("first+flames-hold").extinction_1_s == np.inf
-
-
 def test_dumped_handfuls_load_the_air():
     thrown, dumped = (
         scenes.open_scene(name).scene for name in ("wood-chip-4.5-bar", "wood-chip-4.5-bar@dumped")
@@ -190,50 +128,17 @@ def test_dumped_handfuls_load_the_air():
     assert sum(burst.count for burst in dumped.feed) == sum(burst.count for burst in thrown.feed)
 
 
-def test_the_second_flight_changes_flight_gas_and_pose_alone_and_keeps_the_pressure():
-    base = scenes.open_scene("confetti-5.0-bar@first").scene
-    second = scenes.open_scene("confetti-5.0-bar@first+second-flight").scene
-    kiln = second_kiln()
-    assert (second.flight, second.geometry) == (kiln.flight, kiln.geometry)
-    assert second.gas == replace(kiln.gas, pressure_bar=5.0)
-    kept = {name: getattr(base, name) for name in ("flight", "gas", "geometry", "name")}
-    assert replace(second, **kept) == base
+def test_scenes_have_the_fitted_inputs_and_their_own_pressure():
+    scene, kiln = scenes.open_scene("confetti-5.0-bar").scene, second_kiln()
+    assert (scene.flight, scene.geometry) == (kiln.flight, kiln.geometry)
+    assert scene.gas == replace(kiln.gas, pressure_bar=5.0)
+    assert scene.optics.wall_level == 20_700.0
 
 
-def test_subsets_of_the_second_flight_have_the_chemical_time_of_table_5_2():
+def test_subsets_have_the_chemical_time_of_table_5_2():
     flight = scenes.open_scene("V4").scene.flight
     volatiles = replace(second_kiln().flight.volatiles, chemical_time_s=1e-4)
     assert flight == replace(second_kiln().flight, volatiles=volatiles)
-
-
-def test_scaled_down_before_or_after_the_second_flight_is_the_same():
-    one, other = (
-        scenes.open_scene(f"V4@first+{joined}").scene
-        for joined in ("second-flight+small", "small+second-flight")
-    )
-    assert replace(one, name="V4") == replace(other, name="V4")
-
-
-def test_run_effects_differ_between_recordings_and_repeat():
-    names = ("wood-chip-4.5-bar", "wood-chip-5.0-bar")
-    plain, varied, again = (
-        [scenes.open_scene(name + more).scene for name in names]
-        for more in ("", "@run-effects", "@run-effects")
-    )
-    assert varied == again
-    drawn = [
-        (
-            after.gas.temperature_k - before.gas.temperature_k,
-            after.flight.launch_elevation_deg - before.flight.launch_elevation_deg,
-            sum(burst.count for burst in after.feed) / sum(burst.count for burst in before.feed),
-        )
-        for before, after in zip(plain, varied, strict=True)
-    ]
-    assert drawn[0] != drawn[1]
-    for warmer, steeper, more in drawn:
-        assert -100.0 <= warmer <= 100.0
-        assert 0.0 < abs(steeper) < 4.0
-        assert 0.3 < more < 3.0
 
 
 def test_a_wide_lance_has_six_times_the_momentum_and_a_wider_tube():

@@ -5,11 +5,7 @@ There are five ground-truth subsets and eight campaigns.
 ``open_scene(name)`` gives the recording. Lengths and frame rates are published (sections 5.1.1,
 5.2.3, appendix A.1). The number of fed particles is not. The rates of the campaigns follow from
 the trajectories in the windows of Table 5.15, the handfuls of the subsets from the counts of
-Table 5.2. Pose, flight, ignition and light have the inputs of `kilnflight.twin.fitted` and
-`kilnflight.twin.poses`.
-
-Scenes are of the twin's second look. The first twin stays for comparison as ``name@first``.
-``inputs-only`` has the inputs before any fit, of the one or of the other.
+Table 5.2. Pose, flight, ignition and light have the inputs of `kilnflight.twin.fitted`.
 """
 
 from __future__ import annotations
@@ -18,7 +14,6 @@ import hashlib
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -31,22 +26,9 @@ from kilnflight.project.cache import locked, write_whole
 from kilnflight.project.closure import code_hash
 from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import Optics
-from kilnflight.twin.fitted import (
-    FlightInputs,
-    LightInputs,
-    SecondInputs,
-    SecondLightInputs,
-    flight_inputs,
-    light_inputs,
-    second_depth,
-    second_kiln,
-    second_light,
-)
-from kilnflight.twin.flight import Flight
+from kilnflight.twin.fitted import second_depth, second_kiln, second_light
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import FRACTIONS, Burst, air_load, by_hand
-from kilnflight.twin.plates import Plates
-from kilnflight.twin.poses import POSE_SCENARIOS
 from kilnflight.twin.scene import Scene, Twin
 
 PRESSURES_BAR = (4.5, 5.0)  # sec. 5.2.1
@@ -59,8 +41,8 @@ PE_RATE_HZ = 153.85  # longer exposure for small transparent granules (sec. 5.2.
 # The subsets differ in how many particles burn in the air, do not burn yet, and burn on the
 # wall. All fractions are fed together; what differs is when the last handfuls were thrown in:
 # sheets that have had time to ignite, chips and granules still on their way, and a mixture that
-# has landed. Sheets of the subsets ignite within 0.1 s in the second look, and flame for as long:
-# they were thrown in 0.1 to 0.4 s before. In the first twin they ignited later.
+# has landed. Sheets of the subsets ignite within 0.1 s, and flame for as long: they were thrown in
+# 0.1 to 0.4 s before.
 # Fractions of each handful and their shares; start relative to the labelled frames, duration.
 _MIXTURE = {"wood chip": 0.45, "PE granule": 0.45, "confetti": 0.06, "paper shred": 0.04}
 _SHEETS = {"paper shred": 0.8, "confetti": 0.2}
@@ -69,16 +51,7 @@ HANDFULS: dict[str, tuple[dict[str, float], float, float]] = {
     "unlit": (_MIXTURE, -0.25, 0.25),
     "landed": (_MIXTURE, -0.85, 0.4),
 }
-FIRST_HANDFULS = HANDFULS | {"flying": (_SHEETS, -0.6, 0.3)}
-# Their particles, fitted by `python -m kilnflight.experiments.twin_mixture`.
-FIRST_SIZES: dict[str, dict[str, int]] = {
-    "V1": {"flying": 198, "unlit": 29, "landed": 123},
-    "V2": {"flying": 108, "unlit": 12, "landed": 321},
-    "V3": {"flying": 44, "unlit": 14, "landed": 243},
-    "V4": {"flying": 339, "unlit": 5, "landed": 334},
-    "V5": {"flying": 25, "unlit": 73, "landed": 86},
-}
-# Of the second look, likewise.
+# Particles of each, fitted to Table 5.2 (tag fits-2026-11).
 SIZES: dict[str, dict[str, int]] = {
     "V1": {"flying": 126, "unlit": 34, "landed": 268},
     "V2": {"flying": 81, "unlit": 12, "landed": 645},
@@ -106,9 +79,9 @@ LENGTHS: dict[str, tuple[int, int]] = {
 }
 
 
-def handful(kind: str, count: int, first: bool = False) -> tuple[Burst, ...]:
+def handful(kind: str, count: int) -> tuple[Burst, ...]:
     """Return the bursts of one of the `HANDFULS` with ``count`` particles."""
-    shares, start, duration = (FIRST_HANDFULS if first else HANDFULS)[kind]
+    shares, start, duration = HANDFULS[kind]
     moment = LABELLED.start / RATE_HZ
     sizes = np.round(np.cumsum([0.0, *shares.values()]) * count).astype(int)
     return tuple(
@@ -117,26 +90,12 @@ def handful(kind: str, count: int, first: bool = False) -> tuple[Burst, ...]:
     )
 
 
-def subset_scene(name: str, sizes: dict[str, int], seed: int, first: bool = False) -> Scene:
-    """Return the scene of a subset with handfuls; all but the feed is of the first twin.
-
-    Its picture is as assumed; `second` makes it one of the second look.
-    """
-    feed = sum((handful(kind, size, first) for kind, size in sizes.items()), ())
-    flight, gas = flight_inputs().applied(Flight(), Gas())
-    return Scene(name, feed, FRAMES, seed, flight=flight, gas=gas)
-
-
-def ground_truth(name: str, seed: int = 0, first: bool = False) -> Scene:
-    """Return a ground-truth subset, V1 to V5, of the second look or of the ``first`` twin.
-
-    It has 160 frames, of which 75 to 84 are labelled.
-    """
+def ground_truth(name: str, seed: int = 0) -> Scene:
+    """Return a ground-truth subset, V1 to V5: 160 frames, of which 75 to 84 are labelled."""
     if name not in SUBSETS:
         raise InputError(f"no subset {name!r}; there are {', '.join(SUBSETS)}.")
-    sizes = (FIRST_SIZES if first else SIZES)[name]
-    scene = subset_scene(name, sizes, 1000 * seed + SUBSETS.index(name) + 1, first)
-    return light_inputs().applied(scene) if first else second(scene)
+    feed = sum((handful(kind, size) for kind, size in SIZES[name].items()), ())
+    return second(Scene(name, feed, FRAMES, 1000 * seed + SUBSETS.index(name) + 1))
 
 
 def campaign_name(fraction: str, pressure_bar: float) -> str:
@@ -144,11 +103,11 @@ def campaign_name(fraction: str, pressure_bar: float) -> str:
     return f"{fraction.replace(' ', '-').lower()}-{pressure_bar:.1f}-bar"
 
 
-def campaign(fraction: str, pressure_bar: float, seed: int = 0, first: bool = False) -> Scene:
+def campaign(fraction: str, pressure_bar: float, seed: int = 0) -> Scene:
     """Return the recording of one fraction at one pressure, as long as the thesis's.
 
-    It is of the second look or of the ``first`` twin. Particles per second are the trajectories of
-    Table 5.15 over the time in which they can have begun: the window and a median dwell time.
+    Particles per second are the trajectories of Table 5.15 over the time in which they can have
+    begun: the window and a median dwell time.
     """
     if fraction not in FRACTIONS or pressure_bar not in PRESSURES_BAR:
         raise InputError(
@@ -162,7 +121,6 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0, first: bool = Fa
     duration = frames / rate
     trajectories, window = WINDOWS[fraction]
     count = round(trajectories / (window / rate + DWELL_S) * (duration + 1.0))
-    flight, gas = flight_inputs().applied(Flight(), Gas(pressure_bar=pressure_bar))
     scene = Scene(
         name=campaign_name(fraction, pressure_bar),
         feed=by_hand(FRACTIONS[fraction], count, duration, generator),
@@ -170,11 +128,10 @@ def campaign(fraction: str, pressure_bar: float, seed: int = 0, first: bool = Fa
         seed=1000 * seed + 10 * place[0] + place[1] + 100,
         frame_rate_hz=rate,
         fraction=fraction,
-        gas=gas,
-        flight=flight,
+        gas=Gas(pressure_bar=pressure_bar),
         optics=Optics(exposure_s=6.0e-3) if granules else Optics(),
     )
-    return light_inputs().applied(scene) if first else second(scene)
+    return second(scene)
 
 
 def starting_and_lasting(
@@ -213,58 +170,34 @@ def tracking_window(twin: Twin) -> range:
     return range(best, best + length)
 
 
-def _with_assumed_inputs(scene: Scene) -> Scene:
-    """Return a scene, of the first twin or of the second look, with its inputs before any fit."""
-    second_look = scene.optics.light is not None
-    inputs = SecondInputs() if second_look else FlightInputs()
-    look = SecondLightInputs() if second_look else LightInputs()
-    flight, gas = inputs.applied(scene.flight, scene.gas)
-    return look.applied(replace(scene, flight=flight, gas=gas))
-
-
 # Table 5.2 shows 87 % of V4's particles in air burning, where a quarter of the confetti and seven
 # in ten of the shreds ignite at all (sec. 5.3.2): no one chemical time gives both. Subsets have
 # one of their own, the lower limit of the fit: only there does a handful of sheets burn so. Table
 # 5.2 alone, an input, decides it.
 SUBSET_CHEMICAL_TIME_S = 1e-4
 POSED = ("axis_far_mm", "inlet_depth_mm", "axis_height_mm", "lance_depth_mm")
-# Lower edge of the region of interest in the second look, share of the rows: at the mode of the
-# pose (Table 5.3 is one of its terms; "nuisance" in pose.json).
+# Lower edge of the region of interest, share of the rows: fitted with the pose, to Table 5.3
 ROI_BOTTOM = 0.70
 
 
-def second_flight(scene: Scene) -> Scene:
-    """Return a scene with gas, lance, flight, ignition and pose of the second look."""
+def second(scene: Scene) -> Scene:
+    """Return a scene with the fitted flight, ignition, pose, light and depth."""
     flight, gas, place = second_kiln()
     if scene.name in SUBSETS:
         volatiles = VolatileIgnition(chemical_time_s=SUBSET_CHEMICAL_TIME_S)
         flight = replace(flight, volatiles=volatiles)
     posed = {name: getattr(place, name) for name in POSED}
-    return replace(
-        scene,
-        flight=flight,
-        gas=replace(gas, pressure_bar=scene.gas.pressure_bar),
-        geometry=replace(scene.geometry, **posed),
+    scene = second_light(
+        replace(
+            scene,
+            flight=flight,
+            gas=replace(gas, pressure_bar=scene.gas.pressure_bar),
+            geometry=replace(scene.geometry, **posed),
+        )
     )
-
-
-def second(scene: Scene) -> Scene:
-    """Return a scene of the first twin as the second look has it."""
-    scene = second_light().applied(second_flight(scene))
     edge = [(min(row, ROI_BOTTOM), column) for row, column in scene.surroundings.roi]
     around = replace(scene.surroundings, roi=tuple(edge))
     return replace(scene, surroundings=around, depth=second_depth())
-
-
-def _flames(scene: Scene, stronger: float) -> Scene:
-    """Return a scene whose flames bear a slip so many times as great."""
-    flight, rule = scene.flight, scene.flight.volatiles
-    if rule is None:  # the first twin
-        flight = replace(flight, extinction_1_s=stronger * flight.extinction_1_s)
-    else:
-        shorter = max(rule.chemical_time_s / stronger, 1e-9)  # no flow outlasts the last
-        flight = replace(flight, volatiles=replace(rule, chemical_time_s=shorter))
-    return replace(scene, flight=flight)
 
 
 DUMP_S = 0.1  # a dumped handful is half a metre of lance at 5 m/s; assumption
@@ -275,25 +208,6 @@ def dumped(scene: Scene) -> Scene:
     feed = tuple(replace(burst, duration_s=DUMP_S) for burst in scene.feed)
     return replace(
         scene, feed=feed, gas=replace(scene.gas, load=air_load(feed, scene.gas.air_kg_s))
-    )
-
-
-def with_run_effects(scene: Scene) -> Scene:
-    """Return a recording made on another day: hotter or colder gas, lance set anew, other hands.
-
-    The printed differences between 4.5 and 5 bar are not monotone, and no single state of the kiln
-    gives them: what differs between two runs is not identifiable, only drawn here. The flue gas
-    has 1000 to 1200 degC (sec. 2.1.1). One degree of the lance and 30 % of the feed are assumed.
-    """
-    generator = np.random.default_rng([scene.seed, 402])
-    gas_k = scene.gas.temperature_k + generator.uniform(-100.0, 100.0)
-    elevation = scene.flight.launch_elevation_deg + generator.normal(0.0, 1.0)
-    fed = float(np.exp(generator.normal(0.0, 0.3)))
-    return replace(
-        scene,
-        gas=replace(scene.gas, temperature_k=gas_k),
-        flight=replace(scene.flight, launch_elevation_deg=elevation),
-        feed=tuple(replace(burst, count=max(1, round(fed * burst.count))) for burst in scene.feed),
     )
 
 
@@ -340,38 +254,15 @@ def downscaled(scene: Scene) -> Scene:
     )
 
 
-# One line each: inputs that the publications only bound, at other values.
+# Inputs that the publications only bound, at other values.
 SCENARIOS: dict[str, Callable[[Scene], Scene]] = {
     "base": lambda scene: scene,
-    "first": lambda scene: scene,  # the first twin, see `open_scene`
     "small": downscaled,
-    "inputs-only": _with_assumed_inputs,
-    "axis-0": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=0.0)),
-    "axis-400": lambda s: replace(s, geometry=replace(s.geometry, axis_height_mm=400.0)),
-    "lance-6000": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=6000.0)),
-    "lance-7500": lambda s: replace(s, geometry=replace(s.geometry, lance_depth_mm=7500.0)),
-    "depth-error-half": lambda s: replace(s, depth=replace(s.depth, scale=0.5)),
-    "depth-error-double": lambda s: replace(s, depth=replace(s.depth, scale=2.0)),
-    "depth-bias": lambda s: replace(s, depth=replace(s.depth, static_bias=0.03)),
     "no-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=0.0)),
-    "full-jet": lambda s: replace(s, gas=replace(s.gas, jet_persistence=1.0)),
-    "flames-hold": partial(_flames, stronger=np.inf),
-    "flames-blow-off": partial(_flames, stronger=0.5),
-    # The second look at lance, gas and ignition, each by itself (see `Gas` and `Flight`)
-    "choked-lance": lambda s: replace(s, gas=replace(s.gas, choked=True)),
-    # near the lance the gas goes back; bounded only (-1.5 to 2.5 m/s)
-    "recirculation": lambda s: replace(s, gas=replace(s.gas, lance_stream_m_s=-0.6)),
-    "bouncing": lambda s: replace(s, flight=replace(s.flight, bouncing=True)),
-    "volatiles": lambda s: replace(s, flight=replace(s.flight, volatiles=VolatileIgnition())),
-    "second-flight": second_flight,
-    "second-light": lambda s: second_light().applied(s),
-    "plates": lambda s: replace(s, flight=replace(s.flight, plates=Plates())),
     "dumped": dumped,
-    "run-effects": with_run_effects,
     "wide-lance": with_wide_lance,
     # 200 K over the length of the kiln; Fig. 2.4 has no axis that can be read
     "wall-profile": lambda s: replace(s, gas=replace(s.gas, wall_fall_k_m=24.0)),
-    **POSE_SCENARIOS,
 }
 
 
@@ -406,15 +297,14 @@ def open_scene(name: str, seed: int | None = None) -> Twin:
     if number < 0:
         raise InputError(f"scene {name}: seed is {number}, expected 0 or more.")
     run = campaigns.get(plain)
-    first = "first" in scenarios
-    scene = campaign(*run, number, first) if run else ground_truth(plain, number, first)
+    scene = campaign(*run, number) if run else ground_truth(plain, number)
     for scenario in scenarios:
         scene = SCENARIOS[scenario](scene)
     return Twin(replace(scene, name=plain if joined in ("", "base") else name))
 
 
 CACHED = ("life", "_bodies", "_wall")  # of the recording
-CACHED_BEHIND = ("level", "solid_mm")  # of its background; the first twin has no tubes
+CACHED_BEHIND = ("level", "solid_mm")  # of its background
 
 
 def cached_scene(name: str, seed: int | None = None) -> Twin:
@@ -434,10 +324,9 @@ def cached_scene(name: str, seed: int | None = None) -> Twin:
     path.parent.mkdir(parents=True, exist_ok=True)
     with locked(path.with_suffix(".lock")):
         if not path.is_file():
-            behind = [part for part in CACHED_BEHIND if hasattr(twin._background, part)]
             content = (
                 {part: getattr(twin, part) for part in CACHED},
-                {part: getattr(twin._background, part) for part in behind},
+                {part: getattr(twin._background, part) for part in CACHED_BEHIND},
             )
             write_whole(path, pickle.dumps(content, pickle.HIGHEST_PROTOCOL))
             return twin
