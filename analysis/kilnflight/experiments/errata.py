@@ -104,7 +104,7 @@ def check_rates() -> Iterator[Check]:
             exact.iterrows(), printed_rates(table).iterrows(), strict=True
         ):
             where = f"Table {table}, {name}"
-            for rate, value in values.items():
+            for rate, value in zip(exact.columns, values.tolist(), strict=True):
                 small = abs(float(row[rate]) - value) < 0.001
                 consequence = "no: last digits only" if small else RATE_CONSEQUENCES.get(where, "")
                 check = _check(where, rate, row[rate], value, consequence)
@@ -171,7 +171,7 @@ def check_totals() -> Iterator[Check]:
             inside, quantity = found, "TP + FN as in Table 5.13"
             continue
         for name, printed in found.items():
-            expected = float(inside.get(name, inside.get("amount")))
+            expected = float(inside[str(name) if name in inside else "amount"])
             yield _check(f"Table {table}, {name}", quantity, str(printed), expected)
 
 
@@ -198,17 +198,16 @@ def recomputed_statements() -> dict[str, float]:
     combined = both[both.index.str.startswith("Combi")]
     gain = 100 * (combined.to_numpy() - both["2D-" + combined.index.str[6:10]].to_numpy())
     by_alpha = [qcc[f"K={k}, alpha=0.1"] - qcc[f"K={k}, alpha=0.2"] for k in (20, 30)]
-    dbscan, sift, slow = (claims.published(f"table_{table}") for table in ("5.8", "5.7", "5.10"))
-    dbscan_s = dbscan.set_index(["minPts", "epsilon_mm"])["time_per_image_s"]
-    sift_s = sift.set_index("dog_local_max")["computation_time_s"]
-    qcc_s = slow.set_index(["K", "alpha"])["time_per_image_s"]
+    sift_s = claims.published("table_5.7").set_index("dog_local_max")["computation_time_s"]
+    dbscan_s = claims.published("table_5.8").set_index(["minPts", "epsilon_mm"])["time_per_image_s"]
+    qcc_s = claims.published("table_5.10").set_index(["K", "alpha"])["time_per_image_s"]
     truth, detected = (
-        printed_rates(table).loc["Total", COUNTS].astype(float) for table in ("5.13", "5.14")
+        printed_rates(table)[COUNTS].astype(float).T["Total"] for table in ("5.13", "5.14")
     )
     bias = np.abs(invert_depth(PLATE_DISTANCES_MM) - PLATE_DISTANCES_MM)  # of 1, 2, ... 11 m
     tracking = claims.published("table_5.17")
-    raw = tracking[tracking["measure"].isin(["alpha", "beta"])]
-    raw = raw.loc[raw["post_processing"] == "without", "value"].astype(float)
+    without = tracking[tracking["post_processing"] == "without"]
+    raw = without["value"][without["measure"].isin(["alpha", "beta"])].astype(float)
     theta = tracking[tracking["measure"] == "JSC_theta"]
     theta = theta.pivot(index=["fraction", "algorithm"], columns="post_processing", values="value")
     return {
@@ -248,22 +247,22 @@ def lance_bores_apart() -> float:
     pair gives a range of bores. The flow is taken at the pressure of the feed, which the text does
     not say, and expands to ambient pressure.
     """
-    lows, highs = [], []
-    for bar, flow_m3_h, velocity_m_s in ((0.5, 70.5, 4.0), (5.0, 76.6, 16.0)):
-        outlet_m3_s = flow_m3_h * (bar / AMBIENT_BAR + 1) / 3600
-        for ends, rounding in ((lows, 0.5), (highs, -0.5)):
-            ends.append(2000 * np.sqrt(outlet_m3_s / (velocity_m_s + rounding) / np.pi))
-    return max(float(max(lows) - min(highs)), 0.0)
+    bar, flow_m3_h, velocity_m_s = np.array([[0.5, 5.0], [70.5, 76.6], [4.0, 16.0]])
+    outlet_m3_s = flow_m3_h * (bar / AMBIENT_BAR + 1) / 3600
+    rounded_m_s = velocity_m_s + np.array([[0.5], [-0.5]])
+    low, high = 2000 * np.sqrt(outlet_m3_s / rounded_m_s / np.pi)
+    return max(float(low.max() - high.min()), 0.0)
 
 
 def check_statements() -> Iterator[Check]:
     """Check the sentences of statements.csv; those about words carry their correction."""
     table = pd.read_csv(paths.reference() / "statements.csv", dtype=str, keep_default_na=False)
     values = recomputed_statements()
-    for row in table.itertuples():
-        value = values[row.id] if row.expected else row.should_be
-        right = bool(row.expected) and agrees(row.expected, value)
-        yield Check(row.where, row.quantity, row.printed, value, right, row.consequence)
+    for _, row in table.iterrows():
+        value = values.get(row["id"], row["should_be"])
+        right = bool(row["expected"]) and agrees(row["expected"], value)
+        where, quantity, printed = row[["where", "quantity", "printed"]]
+        yield Check(where, quantity, printed, value, right, row["consequence"])
 
 
 def recompute() -> pd.DataFrame:

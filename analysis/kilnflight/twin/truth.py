@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +20,8 @@ from kilnflight.project.cache import CachedTable
 from kilnflight.scores.flights import METRES, FlightValues
 from kilnflight.twin.fitted import Kiln
 from kilnflight.twin.flight import ENDS, Flights, fly
-from kilnflight.twin.particles import FRACTIONS, find_fraction
+from kilnflight.twin.particles import find_fraction
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import PRESSURES_BAR
 
 Array = npt.NDArray[np.float64]
 
@@ -168,12 +166,6 @@ def released(name: str, pressure_bar: float, kiln: Kiln, count: int, seed: int) 
     drawn = kind.draw(count, np.random.default_rng([seed, 1]))
     generator = np.random.default_rng([seed, 2])
     return fly(drawn, at_pressure, kiln.geometry, generator, kiln.flight).cut()
-
-
-def released_all(kiln: Kiln, count: int, seed: int) -> dict[tuple[str, float], Flights]:
-    """Return the flights of every fraction at both pressures; see `released`."""
-    runs = product(FRACTIONS, PRESSURES_BAR)
-    return {run: released(*run, kiln, count, seed) for run in runs}
 
 
 def crossing_times(flights: Flights, distance_m: float, lance_s_m: float = 0.0) -> Array:
