@@ -1,5 +1,5 @@
 # %% [markdown]
-# # The simulated kiln: how its inputs decide what it shows
+# # Simulated kiln: an input that no work prints moves the first speed by 5 m/s
 #
 # **The work.** The thesis prints the size of the kiln, its temperatures, the air of the lance and
 # the camera (sections 2.1.1, 2.1.4 and 5.1). It does not print the mass of particles, the light, or

@@ -9,8 +9,7 @@
 # simulated. The number of fed particles was fitted to Table 5.2, the size of flames to Fig. 3.12
 # and the pose of the camera to Table 5.3. That these numbers reappear shows nothing.
 #
-# **One number.** Particles on the wall that lie in the region of interest: 50.53 % printed, 15.9 %
-# here.
+# **One number.** Wall particles in the region of interest: 50.53 % printed, 15.9 % here.
 #
 # **What disagrees.** That number: the pose was fitted to where all particles land, and a frame
 # shows only those that burn there.
