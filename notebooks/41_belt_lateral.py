@@ -42,7 +42,7 @@ style.use_style()
 study, draws = belt_2020.LATERAL, draws or belt_2020.DRAWS[scale]
 setting = {"scale": scale, "draws": draws}
 origin = figures.trace("41_belt_lateral", setting, seed=seed, inputs=files.values())
-tracks = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
+tracks = belt_2020.tracks_by_source(files, seed, belt_2020.PARTICLES[scale], jobs)
 observed = {key: PHASE.observe(table) for key, table in tracks.items()}
 unlike = belt_sorter.describe_unlike(tracks)
 print(f"{draws} draws; predicting from {PHASE.start_mm:.0f} to {PHASE.target_mm:.0f} mm")

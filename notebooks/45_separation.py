@@ -48,7 +48,7 @@ style.use_style()
 setting = {"scale": scale, "blown": blown}
 origin = figures.trace("45_separation", setting, seed=seed, inputs=files.values())
 phase = belt.PredictionPhase()
-loaded = belt_2020.load_tracks(files, seed, belt_2020.PARTICLES[scale], jobs)
+loaded = belt_2020.tracks_by_source(files, seed, belt_2020.PARTICLES[scale], jobs)
 entering = {
     name: belt_valves.of_bodies(tracks, phase)
     for (track_source, name), tracks in loaded.items()

@@ -24,12 +24,12 @@ def small(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     few = {name: replace(belt, particles=200) for name, belt in belt_2020.MATERIALS.items()}
     monkeypatch.setattr(belt_2020, "MATERIALS", few)
-    return belt_2020.load_tracks({}, seed=1)
+    return belt_2020.tracks_by_source({}, seed=1)
 
 
 def test_without_files_there_is_our_simulation_only(small):
     assert list(small) == [(belt_2020.OWN, name) for name in belt_2020.DATA_SETS]
-    again = belt_2020.load_tracks({}, seed=1)
+    again = belt_2020.tracks_by_source({}, seed=1)
     for key, tracks in small.items():
         pd.testing.assert_frame_equal(tracks, again[key])
 
@@ -134,7 +134,7 @@ def test_published_particles_are_left_out_with_the_known_reasons(authors_data, m
     from kilnflight.belt.recordings import find_dem
 
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    tracks = belt_2020.load_tracks(find_dem(), seed=1)
+    tracks = belt_2020.tracks_by_source(find_dem(), seed=1)
     observed = {key: PredictionPhase().observe(bodies) for key, bodies in tracks.items()}
     counts = belt_2020.count_particles(tracks, observed).set_index(["source", "data_set"])
     never = counts.loc[belt_2020.AUTHORS, "never on the belt"]
@@ -145,7 +145,7 @@ def test_published_particles_are_left_out_with_the_known_reasons(authors_data, m
 
 def test_with_mujoco_our_simulation_has_contacts_and_1000_hz():
     pytest.importorskip("mujoco")
-    tracks = belt_2020.load_tracks({}, seed=1, count=4)
+    tracks = belt_2020.tracks_by_source({}, seed=1, count=4)
     assert [bodies["particle"].nunique() for bodies in tracks.values()] == [4, 4, 4]
     step = tracks[belt_2020.OWN, "spheres"].groupby("particle")["time_s"].diff().dropna()
     assert step.to_numpy() == pytest.approx(0.001)
@@ -374,3 +374,25 @@ def test_sentences_on_real_recordings_take_each_model_with_its_filter():
     sentences = belt_real.hold_on_recordings(recorded)
     assert (sentences.loc["belt20-22 CV is better than Straight"] == "open").all()
     assert (sentences.loc["belt20-2 CV is worst"] == "yes").all()
+
+
+def test_the_friction_model_stands_in_for_the_authors_tracks():
+    tracks = belt_2020.load_tracks({}, seed=1, particles=6)
+    assert list(tracks) == ["spheres", "cuboids", "cylinders"]
+    again = belt_2020.load_tracks({}, seed=1, particles=3)
+    for name, table in tracks.items():
+        assert table["particle"].nunique() == 6
+        first = again[name]["particle"].unique()
+        kept = table[table["particle"].isin(first)].reset_index(drop=True)
+        pd.testing.assert_frame_equal(again[name], kept)
+
+
+def test_resampled_tracks_keep_a_cubic_and_every_observation():
+    time = np.arange(5, 25) / 100
+    path = pd.DataFrame({"frame": np.arange(5, 25), "particle": 7, "time_s": time})
+    path = path.assign(x=900 * time + 300 * time**2 - 80 * time**3, y=20 * time)
+    fast = belt_2020.resample(path, 1000.0)
+    assert len(fast) == 191
+    t = fast["time_s"].to_numpy()
+    np.testing.assert_allclose(fast["x"], 900 * t + 300 * t**2 - 80 * t**3, atol=1e-9)
+    pd.testing.assert_frame_equal(belt_2020.resample(fast, 100.0), path, check_dtype=False)

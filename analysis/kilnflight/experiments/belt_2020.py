@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.interpolate import CubicSpline
 from tqdm import tqdm
 
 from kilnflight.belt.evaluation import (
@@ -37,6 +38,7 @@ from kilnflight.sorter import simulation
 from kilnflight.sorter.bodies import is_installed
 from kilnflight.sorter.friction import MATERIALS
 from kilnflight.sorter.rendering import at_rate
+from kilnflight.tables import BELT_TRACKS
 
 AUTHORS = "authors-dem"
 OWN = "own-simulation"
@@ -55,6 +57,74 @@ Answers = Callable[[pd.DataFrame], Answered]
 
 
 def load_tracks(
+    files: Mapping[str, Path], seed: int, particles: int | None = None
+) -> dict[str, pd.DataFrame]:
+    """Return the tracks of each data set: the authors', or else those of the friction model.
+
+    Parameters
+    ----------
+    files
+        The authors' files by data set, from `kilnflight.belt.recordings.find_dem`; empty: the
+        friction model (`kilnflight.sorter.friction`) stands in.
+    seed
+        Of the friction model.
+    particles
+        How many of each data set, the first to enter; None: all.
+
+    Returns
+    -------
+    dict
+        `kilnflight.tables.BELT_TRACKS` at 100 Hz by data set. ``attrs["particles"]`` is how many
+        particles there are, those without a position among them.
+    """
+    tracks = {}
+    for number, (name, friction) in enumerate(MATERIALS.items()):
+        authors = read_dem(files[name]) if files else None
+        table = friction(np.random.default_rng([seed, number])) if authors is None else authors
+        if particles is not None:
+            entered = table.groupby("particle")["frame"].min().sort_values(kind="stable")
+            table = table[table["particle"].isin(entered.index[:particles])].reset_index(drop=True)
+            table.attrs["particles"] = particles
+        tracks[name] = table
+    return tracks
+
+
+def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
+    """Return tracks at another sampling rate, interpolated by a cubic spline per particle.
+
+    The authors evaluated at 1000 Hz and published their tracks at 100 Hz. A spline shows what a
+    rate does to the models. It adds nothing that lies between the published positions.
+
+    Parameters
+    ----------
+    tracks
+        `kilnflight.tables.BELT_TRACKS` without gaps.
+    rate_hz
+        Frames per second of the result; frame 0 is at 0 s.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_TRACKS`, each particle from its first to its last position.
+    """
+    table = tracks.sort_values(["particle", "frame"], kind="stable")
+    columns = table[["time_s", "x", "y"]].to_numpy(np.float64)
+    particles, starts = np.unique(table["particle"].to_numpy(), return_index=True)
+    parts = []
+    for particle, part in zip(particles, np.split(columns, starts[1:]), strict=True):
+        time = part[:, 0]
+        first, last = np.ceil(time[0] * rate_hz - 1e-6), np.floor(time[-1] * rate_hz + 1e-6)
+        frame = np.arange(first, last + 1)
+        places = CubicSpline(time, part[:, 1:])(frame / rate_hz)
+        parts.append(np.column_stack([frame, np.full(len(frame), particle), places]))
+    frame, number, x, y = np.concatenate(parts).T
+    values = (frame.astype(np.int64), number.astype(np.int64), frame / rate_hz, x, y)
+    resampled = pd.DataFrame(dict(zip(BELT_TRACKS.names, values, strict=True)))
+    resampled.attrs |= tracks.attrs
+    return resampled
+
+
+def tracks_by_source(
     files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
 ) -> dict[Key, pd.DataFrame]:
     """Return the tracks by source (the authors' files, our simulation) and data set.

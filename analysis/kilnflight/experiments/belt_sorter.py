@@ -22,7 +22,14 @@ from matplotlib.figure import Figure
 
 from kilnflight.belt.models import BELT_START_MM, BELT_WIDTH_MM
 from kilnflight.checks import check_between, check_count
-from kilnflight.experiments.belt_2020 import AUTHORS, DATA_SETS, OWN, Key, load_tracks, profiles
+from kilnflight.experiments.belt_2020 import (
+    AUTHORS,
+    DATA_SETS,
+    OWN,
+    Key,
+    profiles,
+    tracks_by_source,
+)
 from kilnflight.experiments.belt_calibration import FIRST_FIT, SPIN_KNOWN
 from kilnflight.experiments.belt_profile import motion_profile, step_velocities
 from kilnflight.project.style import COLOURS, MARKERS, PAGE_MM, canvas, words
@@ -81,7 +88,7 @@ def variants(count: int | None, seed: int, jobs: int = 1) -> dict[Key, pd.DataFr
         direction. Without MuJoCo there is ``friction model`` alone.
     """
     if not is_installed():
-        own_tracks = load_tracks({}, seed)
+        own_tracks = tracks_by_source({}, seed)
         return {("friction model", name): own_tracks[OWN, name] for name in DATA_SETS}
     fitted = calibrated_sorter()
     sorters: dict[Key, Sorter] = {("inputs only", "spheres"): Sorter()}
@@ -159,7 +166,7 @@ def resembles(tracks: Mapping[Key, pd.DataFrame]) -> dict[str, bool]:
     Parameters
     ----------
     tracks
-        From `kilnflight.experiments.belt_2020.load_tracks`, at any rate that is a multiple of
+        From `kilnflight.experiments.belt_2020.tracks_by_source`, at any rate that is a multiple of
         100 Hz. Data sets without the authors' tracks have no entry: nobody knows.
     """
     thinned = {key: at_rate(table, 100.0) for key, table in tracks.items()}
