@@ -1,11 +1,10 @@
 """The sorter that takes one picture at a time, against the 5 ms of a frame at 200 Hz.
 
-Spheres at the published feed rate, in pictures of full size. Latency is the time from a picture to
-its decision: of the whole call, by two ways of finding spots, and by stage with the published one.
-The three take turns in who comes first. Rendering is left out, and so are frames without a
-particle: the simulation feeds 500 particles at a time, between which the belt runs empty. The time
-of the processor stands beside the elapsed time: what is more in the latter is other processes'
-work on the same machine.
+Spheres of the friction model at the published feed rate, in pictures of full size. Latency is the
+time from a picture to its decision: of the whole call, by two ways of finding spots, and by stage
+with the published one. The three take turns in who comes first. Rendering is left out, and so are
+frames without a particle. The time of the processor stands beside the elapsed time: what is more in
+the latter is other processes' work on the same machine.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from kilnflight.belt.online import OnlineSorter
 from kilnflight.belt.pictures import MeasureSpots, Spots, average
 from kilnflight.belt.tracker import BELT_FRAME_S
 from kilnflight.belt.valves import ValveBar
-from kilnflight.experiments.belt_2016 import simulate_bodies
+from kilnflight.experiments.belt_2020 import load_tracks, resample
 from kilnflight.project import figures
-from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
 SPHERES, FRAMES = 4000, 3000  # of a feed, 15 s
@@ -72,7 +71,8 @@ WAYS |= {"by stage, as published": (by_stage, False)}
 
 def of_feed(seed: int, spheres: int, frames: int) -> pd.DataFrame:
     """Return the latency in ms of each frame of a feed, by way, stage and clock."""
-    pictures = Pictures(simulate_bodies("spheres", spheres, seed), BULKS["spheres"], 0)
+    tracks = resample(load_tracks({}, seed, spheres)["spheres"], 200.0)
+    pictures = Pictures(tracks, BULKS["spheres"], 0)
     sorters = {way: sorter(pictures, split) for way, (_, split) in WAYS.items()}
     times, counts = {way: [] for way in WAYS}, []
     for k, picture in enumerate(pictures.frames(range(frames))):

@@ -29,7 +29,7 @@ from kilnflight.belt.camera import TRACKED, FindCorners, calibrate_camera
 from kilnflight.belt.pictures import Spots, average, measure_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
 from kilnflight.experiments import other_trackers as peers
-from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
 IN_VIEW = 100

@@ -13,7 +13,7 @@ import pytest
 import tifffile
 
 from kilnflight.__main__ import main
-from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -20,7 +20,7 @@ from kilnflight.belt.camera import (
     save_calibration,
 )
 from kilnflight.checks import InputError
-from kilnflight.sorter.machine import BULKS
+from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import CameraView, Pictures
 from kilnflight.tables import BELT_TRACKS
 

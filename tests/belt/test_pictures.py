@@ -13,9 +13,8 @@ from scipy import ndimage
 from kilnflight.belt.camera import BELT, Area, Calibration
 from kilnflight.belt.pictures import MeasureSpots, Spots, average, measure_spots
 from kilnflight.checks import InputError
-from kilnflight.experiments.belt_mixture import elongation
-from kilnflight.sorter.machine import BULKS
-from kilnflight.sorter.rendering import CameraView, Pictures, at_rate, frames_together
+from kilnflight.sorter.bulk import BULKS
+from kilnflight.sorter.rendering import CameraView, Pictures, at_rate
 from kilnflight.tables import BELT_SPOTS, BELT_TRACKS
 
 LEVEL = CameraView(turned_deg=0.0, tilted_deg=0.0)
@@ -75,49 +74,17 @@ def test_a_cylinder_lies_in_its_direction():
         assert (np.ptp(cols) > np.ptp(rows)) == (angle == 0.0)
 
 
-def moving(**columns):
-    """Return the rows of a particle that is 500 mm along at frame 1 of the camera."""
-    time_s = np.arange(0.004, 0.0065, 0.001)
-    x, y = 500.0 + 1500.0 * (time_s - 0.005), 60.0 - 90.0 * (time_s - 0.005)
-    table = {"frame": [4, 5, 6], "particle": 0, "time_s": time_s, "x": x, "y": y}
-    return pd.DataFrame(table).assign(**columns)
-
-
 def test_an_exposure_is_the_mean_of_its_moments():
+    """A particle at 1500 mm/s along and -90 mm/s across the belt, for 1 ms."""
     quiet = {"view": LEVEL, "noise_gray": 0.0}
-    known = {"angle_rad": 0.4, "velocity_x_mm_s": 1500.0, "velocity_y_mm_s": -90.0}
-    tracks = moving(**known)
-    blurred = Pictures(tracks, BULKS["cuboids"], 0, **quiet)[1]
+    tracks = one_track(x=[500.0, 507.5], y=[60.0, 59.55], frames=2).assign(angle_rad=0.4)
+    blurred = Pictures(tracks, BULKS["cuboids"], 0, **quiet)[0]
     moments = []
     for late_s in (np.arange(40) + 0.5) / 40e3 - 0.0005:
         shifted = tracks.assign(x=tracks["x"] + 1500 * late_s, y=tracks["y"] - 90 * late_s)
-        moments.append(Pictures(shifted, BULKS["cuboids"], 0, exposure_s=0.0, **quiet)[1])
+        moments.append(Pictures(shifted, BULKS["cuboids"], 0, exposure_s=0.0, **quiet)[0])
     assert np.abs(np.mean(moments, axis=0) - blurred).max() < 12  # of 140 grey values
     assert np.abs(moments[20] - blurred.astype(float)).max() > 40
-
-
-def test_the_blur_of_tracks_without_velocities_is_that_of_their_steps():
-    slow = pd.concat([moving(frame=[-1, 0, 1])] * 2, ignore_index=True)
-    slow["time_s"] += [-0.005] * 3 + [0.0] * 3
-    slow["frame"] = np.rint(slow["time_s"] * 1000).astype(int)
-    slow["x"] += [-7.5] * 3 + [0.0] * 3
-    slow["y"] += [0.45] * 3 + [0.0] * 3
-    velocities = slow.assign(velocity_x_mm_s=1500.0, velocity_y_mm_s=-90.0)
-    ours, known = (Pictures(table, BULKS["spheres"], 0)[1] for table in (slow, velocities))
-    assert (ours != Pictures(slow, BULKS["spheres"], 0, exposure_s=0.0)[1]).any()
-    assert np.abs(ours.astype(float) - known).max() <= 1
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.0, np.pi / 2])
-def test_a_tilted_cylinder_is_seen_as_its_projection(tilt):
-    still = {"velocity_x_mm_s": 0.0, "velocity_y_mm_s": 0.0, "angle_rad": 0.6}
-    tracks = moving(tilt_rad=tilt, **still)
-    quiet = {"view": LEVEL, "belt_gray": 0.0, "noise_gray": 0.0}
-    bulk = BULKS["cylinders"]
-    empty = Pictures(one_track(x=10.0), bulk, 0, **quiet)[1]
-    share = (Pictures(tracks, bulk, 0, **quiet)[1].astype(float) - empty) / 200.0
-    seen = 9.0 * 3.0 * np.cos(tilt) + np.pi * 1.5**2 * np.sin(tilt)
-    assert share[150:560, 200:980].sum() * 0.44**2 == pytest.approx(seen, rel=0.04)
 
 
 def test_frames_do_not_depend_on_which_others_are_asked_for():
@@ -159,12 +126,8 @@ def test_what_cannot_be_drawn_is_told():
         at_rate(slow, 0.0)
     with pytest.raises(InputError, match="no rows 200 times a second"):
         at_rate(slow, 200.0)
-    with pytest.raises(InputError, match="mm_per_px"):
-        CameraView(mm_per_px=0.0)
     with pytest.raises(InputError, match="not beyond"):
         Area(start_mm=10.0, end_mm=5.0)
-    with pytest.raises(InputError, match="soft_px"):
-        replace(Pictures(one_track(), BULKS["spheres"], 0), soft_px=0.0)
 
 
 @pytest.mark.parametrize("noise_gray", [0.0, 3.0, 400.0])
@@ -350,20 +313,6 @@ def test_pictures_that_do_not_fit_are_told():
             Spots(**wrong)
 
 
-def test_elongation_is_the_ratio_of_length_to_width_in_any_direction():
-    assert elongation(np.ones((1, 5))) == pytest.approx(5.0)
-    assert elongation(np.ones((9, 3))) == elongation(np.ones((3, 9))) == pytest.approx(3.0)
-    assert elongation([[True]]) == 1.0
-    assert np.isnan(elongation(np.zeros((4, 4))))
-    rows, cols = np.mgrid[-30:31, -30:31]
-    assert elongation(np.hypot(rows, cols) < 20.5) == pytest.approx(1.0, abs=1e-6)
-    for angle in (0.3, 1.2):
-        along = rows * np.sin(angle) + cols * np.cos(angle)
-        across = cols * np.sin(angle) - rows * np.cos(angle)
-        turned = (np.abs(along) < 18.0) & (np.abs(across) < 6.0)
-        assert elongation(turned) == pytest.approx(3.0, rel=0.03)
-
-
 @pytest.mark.parametrize("wrong", [None, [[1, 2]], "a.png", np.zeros((4, 4, 3), np.uint8)])
 def test_what_is_no_picture_is_refused(wrong):
     right = np.zeros((4, 4), np.uint8)
@@ -399,11 +348,13 @@ def test_particles_are_drawn_as_the_plain_definition_has_it_to_the_bit(name):
     rng = np.random.default_rng(3)
     number = np.arange(12)
     places = {"x": rng.uniform(395, 780, 12), "y": rng.uniform(5, 175, 12)}
-    turned = {"angle_rad": rng.uniform(0, np.pi, 12), "tilt_rad": rng.uniform(0, 0.5, 12)}
-    speeds = {"velocity_x_mm_s": 1400.0, "velocity_y_mm_s": rng.normal(0, 90, 12)}
-    columns = {"frame": 0, "particle": number, "time_s": 0.0} | places | turned | speeds
-    pictures = Pictures(pd.DataFrame(columns), BULKS[name], 4)
-    outlines = pictures._outlines(at_rate(pictures.tracks, 200.0))
+    turned = {"angle_rad": rng.uniform(0, np.pi, 12)}
+    now = pd.DataFrame({"frame": 0, "particle": number, "time_s": 0.0} | places | turned)
+    ahead = {"x": now["x"] + 7.0, "y": now["y"] + rng.normal(0, 0.45, 12)}
+    later = now.assign(frame=1, time_s=0.005, **ahead)
+    pictures = Pictures(pd.concat([now, later], ignore_index=True), BULKS[name], 4)
+    visible = at_rate(pictures.tracks, 200.0)
+    outlines = pictures._outlines(visible)[(visible["frame"] == 0).to_numpy()]
     drawn = pictures._empty()
     plain = drawn.copy()
     pictures._draw(drawn, outlines)
@@ -413,13 +364,3 @@ def test_particles_are_drawn_as_the_plain_definition_has_it_to_the_bit(name):
     noise = np.random.default_rng([4, 1, 0]).standard_normal(plain.shape, dtype=np.float32)
     plain += noise * np.float32(3.0)
     np.testing.assert_array_equal(pictures[0], np.rint(plain).clip(0, 255).astype(np.uint8))
-
-
-def test_recordings_together_have_the_pictures_of_each():
-    films = [Pictures(one_track(x=x), BULKS["spheres"], seed) for x, seed in ((500, 1), (520, 1))]
-    films.append(Pictures(one_track(x=600), BULKS["spheres"], 2))
-    wanted = [[0, 2], range(3), [1]]
-    seen = [(which, frame) for which, frame, _ in frames_together(films, wanted)]
-    assert seen == [(0, 0), (1, 0), (1, 1), (2, 1), (0, 2), (1, 2)]
-    for which, frame, picture in frames_together(films, wanted):
-        np.testing.assert_array_equal(picture, films[which][frame])

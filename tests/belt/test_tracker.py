@@ -25,12 +25,12 @@ from kilnflight.belt.tracker import (
     pair_costs,
 )
 from kilnflight.checks import InputError
-from kilnflight.experiments.belt_2016 import constant_acceleration
-from kilnflight.experiments.belt_camera import whole_matrix
 from kilnflight.tables import BELT_ENDS, BELT_STATES
 from kilnflight.tracking.gate import Detected, Gate, Predicted
+from kilnflight.tracking.motion import ConstantAcceleration
 
-TRACKERS = (BeltTracker(), BeltTracker(constant_acceleration()))
+ACCELERATED = ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, 4472.0, 0.127)
+TRACKERS = (BeltTracker(), BeltTracker(ACCELERATED))
 
 
 def moving(x=390.0, y=90.0, along=1200.0, across=0.0, frames=80, first=0, particle=0):
@@ -106,8 +106,10 @@ def test_the_association_is_that_of_the_whole_matrix(seed, tracks, detections):
     costs = pair_costs(pairs, 0.1)
     unobserved, new = rng.uniform(1e-6, 1, tracks), 10 ** rng.uniform(-8, -2, detections)
     likelihoods = Likelihoods(costs, unobserved, new, np.zeros(tracks))
-    whole = whole_matrix(likelihoods)
-    assert whole.shape == (tracks + detections, tracks + detections)
+    whole = np.full((tracks + detections, detections + tracks), np.inf)  # Fig. 3 of 2016
+    whole[:tracks, :detections], whole[tracks:, detections:] = costs, 0.0
+    whole[tracks + np.arange(detections), np.arange(detections)] = -np.log(new)
+    whole[np.arange(tracks), detections + np.arange(tracks)] = -np.log(unobserved)
     rows, columns = linear_sum_assignment(np.where(np.isinf(whole), 1e9, whole))
     column = likelihoods.detection()
     total = sum(costs[i, j] if j >= 0 else -np.log(unobserved[i]) for i, j in enumerate(column))

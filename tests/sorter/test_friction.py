@@ -4,9 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.checks import InputError
-from kilnflight.sorter.friction import MATERIALS, FrictionBelt
-from kilnflight.sorter.machine import GRAVITY_MM_S2
+from kilnflight.sorter.friction import GRAVITY_MM_S2, MATERIALS, FrictionBelt
 from kilnflight.tables import BELT_TRACKS
 
 # One row of particles without collisions, spread or rolling friction: closed forms apply.
@@ -87,15 +85,3 @@ def test_the_same_seed_gives_the_same_tracks():
     belt = replace(MATERIALS["cylinders"], particles=50)
     pd.testing.assert_frame_equal(run(belt, 3), run(belt, 3))
     assert not run(belt, 3)["x"].equals(run(belt, 4)["x"])
-
-
-@pytest.mark.parametrize("wrong", [{"friction": -1.0}, {"end_mm": 300.0}, {"kick_mm_s": -2.0}])
-def test_what_is_no_belt_is_told(wrong):
-    with pytest.raises(InputError, match="FrictionBelt"):
-        FrictionBelt(**wrong)
-
-
-@pytest.mark.parametrize("field", ["particles", "inertia", "belt_mm_s", "sampling_hz"])
-def test_what_cannot_be_simulated_is_told(field):
-    with pytest.raises(InputError, match=f"FrictionBelt: {field}"):
-        FrictionBelt(**{field: 0})

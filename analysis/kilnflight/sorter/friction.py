@@ -21,11 +21,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from kilnflight.belt.models import BELT_EDGE_MM, BELT_START_MM, BELT_VELOCITY_MM_S, BELT_WIDTH_MM
-from kilnflight.checks import InputError, check_positive
-from kilnflight.sorter.machine import BULKS, GRAVITY_MM_S2
+from kilnflight.sorter.bulk import BULKS
 from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
+
+GRAVITY_MM_S2 = 9810.0
 
 
 @dataclass(frozen=True)
@@ -56,16 +57,6 @@ class FrictionBelt:
     feed_s: float = 15.0  # over which the particles are fed; the authors' files: 15 s
     sampling_hz: float = 100.0  # as the authors' public files
     steps_per_sample: int = 20  # integration step 0.5 ms; the paper's DEM has 0.1 ms
-
-    def __post_init__(self) -> None:
-        """Refuse values that cannot be simulated."""
-        for name in ("particles", "inertia", "belt_mm_s", "sampling_hz", "steps_per_sample"):
-            check_positive(min(float(getattr(self, name)), 1e300), f"FrictionBelt: {name}")
-        for name in ("friction", "rolling_friction", "kicks_per_s", "kick_mm_s", "feed_s"):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"FrictionBelt: {name} is {getattr(self, name)}, below 0.")
-        if not self.start_mm < self.end_mm:
-            raise InputError(f"FrictionBelt: end_mm {self.end_mm} is not beyond the start.")
 
     def __call__(self, generator: np.random.Generator) -> pd.DataFrame:
         """Simulate and return `kilnflight.tables.BELT_TRACKS`.

@@ -7,9 +7,8 @@ direction, soft edges, motion blur and noise. What measures sees the pictures al
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -18,16 +17,9 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from kilnflight.belt.camera import BELT, Picture
-from kilnflight.checks import (
-    InputError,
-    check_at_least,
-    check_between,
-    check_columns,
-    check_count,
-    check_positive,
-)
-from kilnflight.sorter.machine import Bulk
-from kilnflight.tables import BELT_BODIES, BELT_TRACKS
+from kilnflight.checks import InputError, check_columns, check_positive
+from kilnflight.sorter.bulk import Bulk
+from kilnflight.tables import BELT_TRACKS
 
 Array = npt.NDArray[np.float64]
 Exact = npt.NDArray[np.float32]  # grey values before they are rounded
@@ -51,15 +43,6 @@ class CameraView:
     height_mm: float = 1000.0  # above the belt; assumption
     turned_deg: float = 0.3  # about its own axis; assumption: mounted by hand
     tilted_deg: float = 0.3  # against the vertical, along the belt; assumption
-
-    def __post_init__(self) -> None:
-        """Refuse a camera that sees nothing."""
-        check_count(self.rows, "CameraView: rows")
-        check_count(self.cols, "CameraView: cols")
-        for name in ("mm_per_px", "frames_per_s", "height_mm"):
-            check_positive(getattr(self, name), f"CameraView: {name}")
-        for name in ("turned_deg", "tilted_deg"):
-            check_between(getattr(self, name), -20, 20, f"CameraView: {name}")
 
     def pixels(self, places: Array) -> Array:
         """Return row and col (n, 2) of places (n, 3).
@@ -90,7 +73,7 @@ class Pictures:
     tracks have a row at that time. The same seed gives the same bytes, in any order.
     """
 
-    tracks: pd.DataFrame  # BELT_TRACKS; heights, directions and velocities of BELT_BODIES, if known
+    tracks: pd.DataFrame  # BELT_TRACKS; angle_rad, if known: of a particle from the x axis
     bulk: Bulk
     seed: int
     view: CameraView = _VIEW
@@ -102,11 +85,8 @@ class Pictures:
     exposure_s: float = 0.001  # not printed; assumption: 3.4 px of blur at the belt's speed
 
     def __post_init__(self) -> None:
-        """Raise an error for invalid tracks and for pictures without edges or contrast."""
+        """Check the tracks."""
         BELT_TRACKS.check(self.tracks)
-        check_at_least(self.noise_gray, 0, "Pictures: noise_gray")
-        check_positive(self.soft_px, "Pictures: soft_px")
-        check_at_least(self.exposure_s, 0, "Pictures: exposure_s")
 
     def __len__(self) -> int:
         """Return the number of frames up to the last time of the tracks."""
@@ -127,7 +107,8 @@ class Pictures:
             first, last = np.searchsorted(frame, [number, number + 1])
             picture = empty.copy()
             self._draw(picture, outlines[first:last])
-            noise = _noise(self.seed, int(number), empty.shape)
+            generator = np.random.default_rng([self.seed, 1, int(number)])
+            noise = generator.standard_normal(empty.shape, dtype=np.float32)
             yield _rounded(picture, noise, np.float32(self.noise_gray))
 
     def _outlines(self, visible: pd.DataFrame) -> Array:
@@ -137,8 +118,6 @@ class Pictures:
         """
         x, y, angle = visible["x"].to_numpy(), visible["y"].to_numpy(), self._angles(visible)
         height = np.full(len(visible), self.bulk.rest_mm)
-        if "z" in visible.columns:
-            height = visible["z"].to_numpy(np.float64)
         middle = self.view.pixels(np.column_stack([x, y, height]))
         ahead = np.column_stack([x, y]) + self.exposure_s * _velocities(visible)
         way = self.view.pixels(np.column_stack([ahead, height])) - middle
@@ -146,23 +125,10 @@ class Pictures:
         along = self.view.pixels(tip) - middle
         scale = np.hypot(along[:, 0], along[:, 1])  # px per mm
         direction = np.arctan2(along[:, 0], along[:, 1])
-        return np.column_stack([middle, direction, scale[:, None] * self._sizes(visible), way])
-
-    def _sizes(self, visible: pd.DataFrame) -> Array:
-        """Return half length, half width and corner in mm, (n, 3), seen from above.
-
-        A tilted axis or first edge is shorter; the end of a tilted cylinder is seen as a round.
-        """
-        sizes = np.tile(self.bulk.outline_mm, (len(visible), 1))
-        if "tilt_rad" in visible.columns and self.bulk.shape != "sphere":
-            tilt, thick = visible["tilt_rad"].to_numpy(np.float64), self.bulk.rest_mm
-            sizes[:, 0] = sizes[:, 0] * np.cos(tilt) + thick * np.abs(np.sin(tilt))
-            if self.bulk.shape == "cylinder":
-                sizes[:, 2] = thick * np.abs(np.sin(tilt))
-        return sizes
+        return np.column_stack([middle, direction, scale[:, None] * self.bulk.outline_mm, way])
 
     def _angles(self, visible: pd.DataFrame) -> Array:
-        """Return the direction of each row; one per particle, drawn, where none is known."""
+        """Return the direction of each row; where none is known, one drawn per particle."""
         if "angle_rad" in visible.columns:
             return visible["angle_rad"].to_numpy(np.float64)
         names, which = np.unique(visible["particle"].to_numpy(), return_inverse=True)
@@ -253,42 +219,8 @@ def _rounded(picture: Exact, noise: Exact, noise_gray: np.float32) -> Picture:
     return rounded
 
 
-@lru_cache(maxsize=1)
-def _noise(seed: int, number: int, shape: tuple[int, int]) -> Exact:
-    """Return the noise of a frame, of standard deviation 1.
-
-    It is kept for the next recording of the same seed, see `frames_together`.
-    """
-    noise = np.random.default_rng([seed, 1, number]).standard_normal(shape, dtype=np.float32)
-    noise.setflags(write=False)
-    return noise
-
-
-def frames_together(
-    pictures: Sequence[Pictures], numbers: Sequence[Iterable[int]]
-) -> Iterator[tuple[int, int, Picture]]:
-    """Yield which recording, frame and picture of several recordings, frame by frame.
-
-    Most of the time of a picture is that of its noise. Recordings of one seed have the same noise
-    in a frame, which is drawn once here.
-    """
-    order = sorted((number, which) for which, part in enumerate(numbers) for number in part)
-    frames = [
-        each.frames([number for number, which in order if which == k])
-        for k, each in enumerate(pictures)
-    ]
-    for number, which in order:
-        yield which, number, next(frames[which])
-
-
 def _velocities(visible: pd.DataFrame) -> Array:
-    """Return velocities along and across the belt in mm/s, (n, 2).
-
-    Where they are not known they are those to the next row of a particle; 0 for a single row.
-    """
-    names = BELT_BODIES.names[-2:]
-    if set(names) <= set(visible.columns):
-        return visible[names].to_numpy(np.float64)
+    """Return the velocities (n, 2) to a particle's next row in mm/s; 0 for a single row."""
     step = -visible.groupby("particle")[["x", "y", "time_s"]].diff(-1)
     rates = step[["x", "y"]].div(step["time_s"], axis=0).groupby(visible["particle"]).ffill()
     return rates.fillna(0.0).to_numpy()
