@@ -32,8 +32,6 @@ TABLES = {
     "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",
     "belt-lateral": "source data_set model n median_mm q25_mm q75_mm mae_mm",
     "belt-arrival-rate": "sampling_hz source data_set model n iqr_ms mae_ms",
-    "belt-arrival-verdicts": "source sampling_hz id by_point_values measured",
-    "belt-lateral-verdicts": "source sampling_hz id by_point_values measured",
     "errata": "where printed recomputed consequence",
     "claims": "id verdict measured published notebook reason criterion",
 }
@@ -93,7 +91,6 @@ def test_every_claim_has_a_verdict_and_without_data_a_reason(smoke):
     assert (table.loc[table["verdict"] == claims.NOT_DECIDABLE, "reason"] != "").all()
     shapes_move = is_installed()
     assert (table.loc["belt20-3", "verdict"] == claims.NOT_DECIDABLE) != shapes_move
-    assert "our own simulation" in table.loc["belt20-5", "reason"]
     assert table.loc["cluster-10", "verdict"] == claims.NOT_REPRODUCED
 
 

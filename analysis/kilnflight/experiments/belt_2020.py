@@ -1,59 +1,48 @@
-"""The experiment of the 2020 paper: from tracks to deviations to verdicts.
+"""The models of the 2020 paper on tracks: input, deviations, differences beyond chance.
 
-tracks -> observe -> compare the models -> summaries over the draws -> answers to the claims
+tracks -> `PHASE.observe` -> `compare_models` -> `compare_pairs` -> `holds`, a claim's answer
 
-Notebook 40 studies the time of arrival (`ARRIVAL`), notebook 41 the lateral position (`LATERAL`); a
-`Study` holds the differences.
+The paper prints no numbers and names no measure. "Worst because of its bias" asks for the mean
+absolute error (MAE), the boxes of Figs 9 and 10 show the interquartile range (IQR). So an order of
+models holds if both measures show it beyond chance, and fails if both contradict it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
-from tqdm import tqdm
 
-from kilnflight.belt.evaluation import (
-    SUMMARY,
-    Deviations,
-    Evaluation,
-    arrival_deviations,
-    lateral_deviations,
-)
-from kilnflight.belt.models import BELT_EDGE_MM
+from kilnflight.belt.evaluation import SUMMARY, Deviations, Evaluation
 from kilnflight.belt.phase import Observed, PredictionPhase
 from kilnflight.belt.recordings import read_dem
-from kilnflight.experiments import belt_claims
-from kilnflight.experiments.belt_claims import DATA_SETS, Answer, Order
-from kilnflight.experiments.belt_profile import motion_profile, step_velocities
-from kilnflight.project import claims
-from kilnflight.sorter import simulation
-from kilnflight.sorter.bodies import is_installed
+from kilnflight.project import claims, style
 from kilnflight.sorter.friction import MATERIALS
-from kilnflight.sorter.rendering import at_rate
 from kilnflight.tables import BELT_TRACKS
 
-AUTHORS = "authors-dem"
-OWN = "own-simulation"
-CALLED = {AUTHORS: "the authors' tracks", OWN: "our own simulation"}  # in sentences
-# Particles of each material in the simulated sorter, by scale; None: as many as published.
-PARTICLES: dict[str, int | None] = {"quick": 120, "standard": 300, "full": None}
+AUTHORS, OWN = "authors-dem", "own-simulation"  # sources of tracks
+INPUT = {
+    AUTHORS: "**Input**: the authors' simulated (DEM) tracks at 100 Hz."
+}  # a page's first line
+INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not here (`make data`)."
+DATA_SETS = tuple(MATERIALS)
 DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
+REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
+CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
 PHASE = PredictionPhase()
-# The paper's own place, 150 mm to the edge (sec. 5); for tracks that go on beyond it, as ours.
-AT_EDGE = PredictionPhase(BELT_EDGE_MM - 150.0, BELT_EDGE_MM)
+MEASURES = {"MAE": "mae", "IQR": "iqr"}
+UNITS = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")  # columns in ms or mm
 
-Key = tuple[str, str]  # source, data set; on recordings data set, filter
-Source = tuple[str, float]  # source, sampling rate
-Answered = dict[str, Answer]  # by claim
-Answers = Callable[[pd.DataFrame], Answered]
+Array = npt.NDArray[np.float64]
+Sets = Mapping[str, Observed]  # last observations and arrivals by data set
+Order = tuple[str, tuple[str, ...], tuple[str, ...]]  # claim; models with less deviation; others
 
 
 def load_tracks(
@@ -74,17 +63,14 @@ def load_tracks(
     Returns
     -------
     dict
-        `kilnflight.tables.BELT_TRACKS` at 100 Hz by data set. ``attrs["particles"]`` is how many
-        particles there are, those without a position among them.
+        `kilnflight.tables.BELT_TRACKS` at 100 Hz by data set.
     """
     tracks = {}
     for number, (name, friction) in enumerate(MATERIALS.items()):
-        authors = read_dem(files[name]) if files else None
-        table = friction(np.random.default_rng([seed, number])) if authors is None else authors
+        table = read_dem(files[name]) if files else friction(np.random.default_rng([seed, number]))
         if particles is not None:
             entered = table.groupby("particle")["frame"].min().sort_values(kind="stable")
             table = table[table["particle"].isin(entered.index[:particles])].reset_index(drop=True)
-            table.attrs["particles"] = particles
         tracks[name] = table
     return tracks
 
@@ -119,420 +105,152 @@ def resample(tracks: pd.DataFrame, rate_hz: float) -> pd.DataFrame:
         parts.append(np.column_stack([frame, np.full(len(frame), particle), places]))
     frame, number, x, y = np.concatenate(parts).T
     values = (frame.astype(np.int64), number.astype(np.int64), frame / rate_hz, x, y)
-    resampled = pd.DataFrame(dict(zip(BELT_TRACKS.names, values, strict=True)))
-    resampled.attrs |= tracks.attrs
-    return resampled
+    return pd.DataFrame(dict(zip(BELT_TRACKS.names, values, strict=True)))
 
 
-def tracks_by_source(
-    files: Mapping[str, Path], seed: int, count: int | None = None, jobs: int = 1
-) -> dict[Key, pd.DataFrame]:
-    """Return the tracks by source (the authors' files, our simulation) and data set.
-
-    Our simulation is the sorter with contacts at 1000 Hz (`kilnflight.sorter.simulation`)
-    where MuJoCo is installed, otherwise the friction model at 100 Hz.
-
-    Parameters
-    ----------
-    files
-        The authors' files by data set, from `kilnflight.belt.recordings.find_dem`; may be empty.
-    seed
-        Of our simulation.
-    count
-        Particles of each material in the sorter with contacts; None: as published. The
-        friction model costs next to nothing and always has as many as published.
-    jobs
-        Processes of the sorter with contacts.
-    """
-    tracks = {(AUTHORS, name): read_dem(files[name]) for name in DATA_SETS if name in files}
-    contacts = is_installed()
-    for number, (name, friction) in enumerate(MATERIALS.items()):
-        if contacts:
-            tracks[OWN, name] = simulation.simulate_tracks(name, count, seed, jobs)
-        else:
-            tracks[OWN, name] = friction(np.random.default_rng([seed, number]))
-    return tracks
-
-
-def describe_own() -> str:
-    """Describe our simulation in words: with contacts, or the friction model."""
-    if is_installed():
-        return "the sorter simulated with all contacts (MuJoCo) at 1000 Hz"
-    return "our friction model at 100 Hz, which only assumes how each shape moves"
-
-
-def describe_input(files: Mapping[str, Path]) -> str:
-    """Describe in Markdown the tracks that decide: the authors' ``files``, or ours."""
-    own = describe_own()
-    if files:
-        return f"**Input:** the authors' DEM tracks at 100 Hz decide; beside them stands {own}."
-    return f"**Own simulation**, {own}. The authors' tracks are not here; `make data` gets them."
-
-
-def profiles(
-    tracks: Mapping[Key, pd.DataFrame], x_mm: npt.NDArray[np.float64], name: str = "source"
-) -> pd.DataFrame:
-    """Return `motion_profile` of all tracks, ``name`` and ``data_set`` in front."""
-    parts = {key: motion_profile(step_velocities(table), x_mm) for key, table in tracks.items()}
-    return pd.concat(parts, names=[name, "data_set"]).droplevel(-1).reset_index()
-
-
-def sample_steps(
-    tracks: Mapping[Key, pd.DataFrame], source: str, particles: int, seed: int
-) -> pd.DataFrame:
-    """Return `step_velocities` of some particles of each ``data_set``, drawn at random."""
-    parts = {}
-    for data_set in DATA_SETS:
-        steps = step_velocities(tracks[source, data_set])
-        known = steps["particle"].unique()
-        chosen = np.random.default_rng(seed).choice(known, particles, replace=False)
-        parts[data_set] = steps[steps["particle"].isin(chosen)].assign(data_set=data_set)
-    return pd.concat(parts.values())
-
-
-def count_particles(
-    tracks: Mapping[Key, pd.DataFrame], observed: Mapping[Key, Observed]
-) -> pd.DataFrame:
-    """Count the particles of each data set: all, evaluated, and left out by reason."""
-    rows = []
-    for (source, data_set), table in tracks.items():
-        part, visible = observed[source, data_set], table["particle"].nunique()
-        listed = table.attrs.get("particles", visible)
-        row = {"source": source, "data_set": data_set, "particles": listed}
-        row |= {"evaluated": len(part.last), "never on the belt": listed - visible}
-        rows.append(row | part.left_out)
-    return pd.DataFrame(rows)
-
-
-def compare_models(
-    observed: Mapping[Key, Observed],
-    phase: PredictionPhase,
-    evaluation: Evaluation,
-    deviations: Deviations,
-    seed: int,
-) -> pd.DataFrame:
-    """Return the deviations of every model on every data set, one row per draw.
+def step_velocities(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return the velocity between consecutive observations, at their midpoint (Fig. 8).
 
     Returns
     -------
     DataFrame
-        Columns ``source``, ``data_set``, and those of `Evaluation`.
+        Columns ``particle``, ``x`` (mm), ``velocity_x_mm_s``, ``velocity_y_mm_s``; steps
+        across a gap are left out.
     """
-    parts = {
-        key: evaluation(part, phase, deviations, seed)
-        for key, part in tqdm(observed.items(), desc="data sets", disable=None)
-    }
-    table = pd.concat(parts, names=["source", "data_set"]).droplevel(-1)
-    return table.reset_index()
+    table = tracks.sort_values(["particle", "frame"], kind="stable")
+    step = table.diff()
+    velocity = step[["x", "y"]].div(step["time_s"], axis=0).add_prefix("velocity_")
+    middle = pd.DataFrame({"particle": table["particle"], "x": table["x"] - step["x"] / 2})
+    steps = middle.join(velocity.add_suffix("_mm_s"))
+    return steps[(step["particle"] == 0) & (step["frame"] == 1)].reset_index(drop=True)
 
 
-def over_draws(draws: pd.DataFrame) -> pd.DataFrame:
-    """Return the median over the draws of every summary, one row per model.
+def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
+    """Return velocities at places along the belt, (particles, places), NaN where not seen.
 
-    Columns other than ``draw`` and `SUMMARY` (model, data set, source) identify a row. Between
-    ``iqr_low`` and ``iqr_high``, ``mae_low`` and ``mae_high`` lie 95 % of the draws.
+    A column of `step_velocities` is interpolated linearly along x (section 4.1).
     """
-    rows = [name for name in draws.columns if name != "draw" and name not in SUMMARY]
-    grouped = draws.groupby(rows, sort=False)
+    rows = [
+        np.interp(x_mm, track["x"], track[column], left=np.nan, right=np.nan)
+        for _, track in steps.groupby("particle", sort=False)
+    ]
+    return np.array(rows, dtype=np.float64)
+
+
+def compare_models(
+    observed: Sets, phase: PredictionPhase, deviations: Deviations, evaluate: Evaluation, seed: int
+) -> pd.DataFrame:
+    """Return the deviations of all models, one row per data set and model.
+
+    Each summary is the median over the calibration draws. Between ``iqr_low`` and ``iqr_high``,
+    ``mae_low`` and ``mae_high`` lie 95 % of the draws.
+    """
+    parts = {name: evaluate(part, phase, deviations, seed) for name, part in observed.items()}
+    grouped = pd.concat(parts, names=["data_set"]).groupby(["data_set", "model"], sort=False)
     table = grouped[SUMMARY].median().astype({"n": int, "unpredicted": int})
     for end, share in (("low", 0.025), ("high", 0.975)):
         table[[f"iqr_{end}", f"mae_{end}"]] = grouped[["iqr", "mae"]].quantile(share)
     return table.reset_index()
 
 
-def vary_target(
-    tracks: Mapping[Key, pd.DataFrame],
-    targets_mm: Iterable[float],
-    evaluation: Evaluation,
+def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
+    """Return a table of deviations with the unit in the names of its columns."""
+    return table.rename(columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name)
+
+
+def compare_pairs(
+    observed: Sets,
+    phase: PredictionPhase,
     deviations: Deviations,
+    orders: Mapping[str, Iterable[Order]],
+    scale: str,
     seed: int,
 ) -> pd.DataFrame:
-    """Return the deviations for several targets, the length of the phase kept.
-
-    The target is our choice, since the public tracks end at the belt's edge. The table shows its
-    influence on verdicts.
-
-    Returns
-    -------
-    DataFrame
-        ``target_mm`` and the columns of `over_draws`.
-    """
-    parts = {}
-    for target in targets_mm:
-        phase = PredictionPhase(target - (PHASE.target_mm - PHASE.start_mm), target)
-        observed = {key: phase.observe(table) for key, table in tracks.items()}
-        parts[target] = over_draws(compare_models(observed, phase, evaluation, deviations, seed))
-    return pd.concat(parts, names=["target_mm"]).droplevel(-1).reset_index()
-
-
-def vary_rate(
-    tracks: Mapping[Key, pd.DataFrame],
-    every: Iterable[int],
-    evaluation: Evaluation,
-    deviations: Deviations,
-    seed: int,
-) -> pd.DataFrame:
-    """Return the deviations at the edge for tracks that keep only every n-th frame.
-
-    Only particles that are observed at every rate count, the same ones in the same draws. At a slow
-    rate some have no observation between the edge and the end of the tracks.
-
-    Returns
-    -------
-    DataFrame
-        ``sampling_hz`` and the columns of `over_draws`.
-    """
-    later = pd.concat(tracks.values()).query("frame > 0")
-    full_hz = float(np.round((later["frame"] / later["time_s"]).median(), 6))
-    observed = {
-        full_hz / n: {
-            key: AT_EDGE.observe(at_rate(table, full_hz / n)) for key, table in tracks.items()
-        }
-        for n in every
-    }
-    parts = {}
-    for rate, by_key in observed.items():
-        shared = {}
-        for key, part in by_key.items():
-            particles = [other[key].last["particle"] for other in observed.values()]
-            kept = np.all([part.last["particle"].isin(others) for others in particles], axis=0)
-            shared[key] = Observed(part.last[kept], part.arrival[kept], part.left_out)
-        parts[rate] = over_draws(compare_models(shared, AT_EDGE, evaluation, deviations, seed))
-    return pd.concat(parts, names=["sampling_hz"]).droplevel(-1).reset_index()
-
-
-def describe_changes(by_rate: pd.DataFrame, answers: Answers) -> str:
-    """Describe which verdicts the sampling rate changes, as a whole and by data set.
+    """Return by how much models deviate more than others, with 95 % intervals over particles.
 
     Parameters
     ----------
-    by_rate
-        From `vary_rate`.
-    answers
-        `arrival_answers` or `lateral_answers`.
-    """
-    slowest, fastest = by_rate["sampling_hz"].agg(["min", "max"])
-    if slowest == fastest:
-        return "One rate only, nothing to compare"
-    verdicts: dict[float, dict[Key, str]] = {slowest: {}, fastest: {}}
-    for rate, verdict_of in verdicts.items():
-        table = by_rate[by_rate["sampling_hz"] == rate]
-        for data_set, part in (("", table), *table.groupby("data_set")):
-            for claim, answer in answers(part).items():
-                verdict = belt_claims.judge(claim, answer, because="method")
-                verdict_of[claim, str(data_set)] = verdict.verdict
-    changed = sorted(
-        key for key, verdict in verdicts[slowest].items() if verdict != verdicts[fastest][key]
-    )
-    overall = [claim for claim, data_set in changed if not data_set]
-    single = [f"{claim} for {data_set}" for claim, data_set in changed if data_set]
-    return (
-        f"From {slowest:.0f} to {fastest:.0f} Hz {', '.join(overall) or 'no claim'} changes its "
-        f"verdict on our own simulation. Single data sets change: {', '.join(single) or 'none'}"
-    )
-
-
-def describe_lowest(by_rate: pd.DataFrame) -> str:
-    """Describe which model has the lowest mean absolute error at the highest rate."""
-    fastest = by_rate[by_rate["sampling_hz"] == by_rate["sampling_hz"].max()]
-    best = fastest.loc[fastest.groupby("data_set")["mae"].idxmin()].set_index("data_set")["model"]
-    models = ", ".join(f"{name} {best[name]}" for name in DATA_SETS)
-    return (
-        f"At {fastest['sampling_hz'].iloc[0]:.0f} Hz the lowest mean absolute error has: {models}"
-    )
-
-
-def by_source(table: pd.DataFrame, answers: Answers, fastest_hz: float) -> dict[Source, Answered]:
-    """Return answers from a table with ``source``, by source and its rate (ours: the fastest)."""
-    groups = table.groupby("source", sort=False)
-    rates = {AUTHORS: 100.0, OWN: fastest_hz}
-    return {(str(name), rates[str(name)]): answers(part) for name, part in groups}
-
-
-def verdicts_by_source(
-    deviations: pd.DataFrame,
-    by_rate: pd.DataFrame,
-    answers: Answers,
-    motion: Mapping[Source, Answered],
-) -> pd.DataFrame:
-    """Return claims' verdicts by other sources, and by our simulation at every rate.
-
-    Parameters
-    ----------
-    deviations, by_rate
-        From `over_draws` and from `vary_rate`.
-    answers
-        `arrival_answers` or `lateral_answers`.
-    motion
-        From `by_source`: answers from the tracks themselves.
+    orders
+        By data set: a claim, models that deviate less, models that deviate more.
 
     Returns
     -------
     DataFrame
-        ``source``, ``sampling_hz``, ``id``, ``by_point_values``, ``measured``.
+        ``id``, ``data_set``, ``measure``, ``lower``, ``higher`` (models); ``excess`` of the least
+        of ``higher`` over the greatest of ``lower``, its ends ``excess_low``, ``excess_high``.
     """
-    others = deviations[deviations["source"] != OWN].assign(sampling_hz=100.0)
-    groups = pd.concat([others, by_rate]).groupby(["source", "sampling_hz"])
-    given = [(key, answers(table)) for key, table in groups] + list(motion.items())
-    rows = []
-    for (source, rate), answered in given:
-        for claim, answer in answered.items():
-            because = "twin" if source == OWN else "method"
-            verdict = belt_claims.judge(claim, answer, because=because)
-            rows.append((source, rate, claim, verdict.verdict, verdict.measured))
-    return pd.DataFrame(
-        rows, columns=["source", "sampling_hz", "id", "by_point_values", "measured"]
-    )
+    rows, evaluation = [], Evaluation(draws=min(DRAWS[scale], CALIBRATIONS))
+    for data_set, part in observed.items():
+        table = compare_models({data_set: part}, phase, deviations, evaluation, seed)
+        samples = bootstrap(part, phase, deviations, REPLICATES[scale], seed)
+        for (claim, *models), (measure, column) in product(orders[data_set], MEASURES.items()):
+            lower, higher = map(list, models)
+            both = table.set_index("model")[[column]].T, samples[measure]
+            found, sample = (each[higher].min(axis=1) - each[lower].max(axis=1) for each in both)
+            names = claim, data_set, measure, " ".join(lower), " ".join(higher)
+            rows.append((*names, found.item(), *sample.quantile([0.025, 0.975]).round(12)))
+    columns = ["id", "data_set", "measure", "lower", "higher"]
+    return pd.DataFrame(rows, columns=[*columns, "excess", "excess_low", "excess_high"])
 
 
-@dataclass(frozen=True)
-class Study:
-    """A comparison of models: when particles arrive, or where.
+def bootstrap(
+    observed: Observed, phase: PredictionPhase, deviations: Deviations, replicates: int, seed: int
+) -> dict[str, pd.DataFrame]:
+    """Return MAE and IQR of all models in bootstrap replicates over particles.
 
-    `ARRIVAL` or `LATERAL`.
+    Every replicate draws particles with replacement, the same ones for all models, after a
+    calibration with 1 % of them (section 5) that is one of `CALIBRATIONS` draws.
     """
-
-    quantity: str
-    unit: tuple[str, str]  # its sign and its name
-    models: tuple[str, str, str]  # compared models, how to read their boxes, figure
-    measure: str  # of its claims: mae or iqr
-    deviations: Deviations
-    answers: Callable[[Any], dict[str, Answer]]
-    notes: Callable[[pd.DataFrame, str], dict[str, str]]
-    shapes: tuple[str, ...]  # claims on how each shape moves, which the friction model assumes
-    orders: Callable[[], list[Order]]
-    resampled: Deviations  # those that are resampled
-    carried: bool = False  # whether states carried to the start of the phase decide
-
-    @property
-    def captions(self) -> dict[str, str]:
-        """Captions of its table, box plots, rates and verdicts."""
-        (sign, unit), (model, reading, figure) = self.unit, self.models
-        return {
-            "table": f"Deviation of the predicted from the true {self.quantity} in {unit}. "
-            f"Median, quartiles and mean absolute error of each {model}, as medians over the "
-            f"calibration draws. Predicted over the 150 mm to {PHASE.target_mm:.0f} mm.",
-            "boxes": f"Deviation of the {self.quantity}, after {figure} of the 2020 paper. Box "
-            f"plots without outliers, the numbers are the widths of the boxes ({sign}). {reading} "
-            "Axes differ between panels. The table has the interval that holds 95 % of the "
-            "calibration draws, too.",
-            "rates": f"Deviation of the {self.quantity} in {unit} by sampling rate, own "
-            f"simulation, over the last 150 mm to the edge ({AT_EDGE.target_mm:.0f} mm). "
-            "Interquartile range and mean absolute error of the particles that are observed at "
-            "every rate.",
-            "verdicts": f"What point values alone say of the claims about the {self.quantity}, by "
-            "source and sampling rate. Verdicts ask that a difference is beyond chance, and may "
-            "differ. Our own simulation is predicted to the edge (788 mm), other tracks to 773 mm.",
-        }
-
-    def labelled(self, deviations: pd.DataFrame) -> pd.DataFrame:
-        """Return summaries or differences with the unit in the names of their columns."""
-        measured = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")
-        unit = self.unit[0]
-        return deviations.rename(
-            columns=lambda name: f"{name}_{unit}" if measured.match(name) else name
-        )
-
-    def table(self, deviations: pd.DataFrame) -> pd.DataFrame:
-        """Return the columns of belt-arrival or belt-lateral."""
-        values = [f"{name}_{self.unit[0]}" for name in ("median", "q25", "q75", "mae")]
-        return self.labelled(deviations)[["source", "data_set", "model", "n", *values]]
-
-    def compare(self, observed: Mapping[Key, Observed], draws: int, seed: int) -> pd.DataFrame:
-        """Return `over_draws` of `compare_models` to the target of `PHASE`, rounded."""
-        evaluation = Evaluation(draws=draws)
-        by_draw = compare_models(observed, PHASE, evaluation, self.deviations, seed)
-        return over_draws(by_draw).round(6)
-
-    def vary(
-        self, tracks: Mapping[Key, pd.DataFrame], evaluation: Evaluation, seed: int
-    ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Return deviations by target (tracks that decide) and by sampling rate (ours).
-
-        The authors' tracks decide where they are; they end at the edge, ours go on beyond it.
-        """
-        ours = {key: table for key, table in tracks.items() if key[0] == OWN}
-        authors = {key: table for key, table in tracks.items() if key[0] == AUTHORS}
-        targets = (733.0, 743.0, 753.0, 763.0, 773.0) + (() if authors else (BELT_EDGE_MM,))
-        every = (1, 2, 5, 10) if is_installed() else (1,)
-        arguments = evaluation, self.deviations, seed
-        by_target = vary_target(authors or ours, targets, *arguments)
-        return by_target.round(6), vary_rate(ours, every, *arguments).round(6)
-
-    def answer(
-        self, observed: Mapping[Key, Observed], source: str, scale: str, seed: int
-    ) -> tuple[dict[str, Answer], pd.DataFrame]:
-        """Return the answers by the tracks of a source, and the differences that decide.
-
-        Both measures count. On arrivals they are those of states carried on to the start of the
-        phase; the last observation as it is stands beside.
-        """
-        parts = {name: part for (where, name), part in observed.items() if where == source}
-        readings = {"": parts}
-        if self.carried:
-            readings["carried"] = {name: PHASE.carry(part) for name, part in parts.items()}
-        evaluation = Evaluation(draws=min(DRAWS[scale], belt_claims.DRAWS))
-        replicates, deviations = belt_claims.REPLICATES[scale], self.resampled
-        tables, samples = {}, {}
-        for reading, each in readings.items():
-            keyed = {(source, name): part for name, part in each.items()}
-            by_draw = compare_models(keyed, PHASE, evaluation, deviations, seed)
-            tables[reading] = over_draws(by_draw)
-            samples[reading] = belt_claims.resample(each, PHASE, deviations, replicates, seed)
-        values = belt_claims.compared(tables, samples)
-        return self.answers(values), belt_claims.differences(values, self.orders())
-
-    def judge(
-        self,
-        answers: Mapping[str, Answer],
-        by_target: pd.DataFrame,
-        sampling_hz: float,
-        details: Mapping[str, str] | None = None,
-    ) -> list[claims.Verdict]:
-        """Return the verdicts by tracks of a sampling rate; ``by_target`` is from `vary`.
-
-        ``details`` by id are added to the reasons.
-        """
-        source = by_target["source"].iloc[0]
-        notes = self.notes(by_target, f"decided by {CALLED[source]} at {sampling_hz:.0f} Hz")
-        notes |= {id: f"{notes[id]}; {detail}" for id, detail in (details or {}).items()}
-        because = "method" if source == AUTHORS else "twin"  # on the authors' own tracks
-        verdicts = {
-            id: claims.with_cause(belt_claims.judge(id, answer, notes[id], because))
-            for id, answer in answers.items()
-        }
-        if source == OWN and not is_installed():
-            reason = "depends on how each shape moves, which our friction simulation only assumes"
-            verdicts |= {id: claims.undecidable(id, reason, because="twin") for id in self.shapes}
-        return list(verdicts.values())
+    generator, count = np.random.default_rng(seed), len(observed.last)
+    draws = []
+    for _ in range(min(CALIBRATIONS, replicates)):
+        calibration = np.zeros(count, dtype=bool)
+        calibration[generator.choice(count, max(1, count // 100), replace=False)] = True
+        draws.append(dict(deviations(observed, phase, calibration)))
+    samples = []
+    for replicate in range(replicates):
+        values = np.column_stack(list(draws[replicate % len(draws)].values()))
+        samples.append(measures(values[generator.integers(0, len(values), len(values))]))
+    by_measure = zip(MEASURES, np.stack(samples, axis=1), strict=True)
+    return {name: pd.DataFrame(values, columns=list(draws[0])) for name, values in by_measure}
 
 
-ARRIVAL = Study(
-    "arrival time",
-    ("ms", "milliseconds"),
-    ("model", "Positive: the particle came earlier than predicted.", "Fig. 9"),
-    "mae",
-    arrival_deviations,
-    belt_claims.arrival_answers,
-    belt_claims.arrival_notes,
-    ("belt20-3", "belt20-14"),
-    belt_claims.arrival_orders,
-    arrival_deviations,
-    carried=True,
-)
-LATERAL = Study(
-    "lateral position",
-    ("mm", "millimetres"),
-    (
-        "combination",
-        "Each combination names its arrival model, then its lateral model.",
-        "Fig. 10",
-    ),
-    "iqr",
-    lateral_deviations,
-    belt_claims.lateral_answers,
-    belt_claims.lateral_notes,
-    ("belt20-8", "belt20-10", "belt20-17", "belt20-18", "belt20-19"),
-    belt_claims.lateral_orders,
-    belt_claims.for_lateral_claims,
-)
+def measures(values: Array) -> Array:
+    """Return mean absolute value and interquartile range, (2, models), of (n, models)."""
+    # without NaN all columns at once; else numpy takes one after the other
+    quantile = np.nanquantile if np.isnan(values).any() else np.quantile
+    spread = np.subtract(*quantile(values, [0.75, 0.25], axis=0))
+    return np.stack([np.nanmean(np.abs(values), axis=0), spread])
+
+
+def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -> list[bool | None]:
+    """Return whether each order of a claim holds by all measures; None: it is open.
+
+    ``pairs`` is from `compare_pairs`; the orders of all data sets follow each other.
+    """
+    chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
+    answers = []
+    for _, part in chosen.groupby(["data_set", "lower", "higher"], sort=False):
+        each = {claims.beyond(*ends) for ends in part[["excess_low", "excess_high"]].to_numpy()}
+        answers.append(each.pop() if len(each) == 1 else None)
+    return answers
+
+
+def draw_deviations(
+    summaries: pd.DataFrame, rows: str, labels: Mapping[str, str], height_mm: float, rotation: float
+) -> Figure:
+    """Draw box plots of deviations: a panel per ``data_set`` and value of the column ``rows``.
+
+    ``labels`` name the vertical axes by that value; ``rotation`` turns the models' names.
+    """
+    sets, size = summaries["data_set"].unique(), {"width_mm": style.PAGE_MM, "height_mm": height_mm}
+    picture, grid = style.canvas(len(labels), len(sets), **size)
+    for panels, (row, label) in zip(grid, labels.items(), strict=True):
+        for axes, data_set in zip(panels, sets, strict=True):
+            chosen = summaries[(summaries[rows] == row) & (summaries["data_set"] == data_set)]
+            axes.axhline(0, color="0.6", lw=0.6, ls="-")
+            style.draw_boxes(axes, chosen)
+            axes.set_xticks(range(len(chosen)), chosen["model"], rotation=rotation)
+            axes.set(title=data_set)
+        panels[0].set_ylabel(label)
+    return picture
