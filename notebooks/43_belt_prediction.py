@@ -7,9 +7,10 @@
 # **Here.** The same evaluation on the authors' public tracks and on pictures of them. The paper has
 # spheres, so spheres decide; cuboids and cylinders are in the table.
 #
-# **One number.** Lateral error of most predictions from pictures: 1.5 mm printed, 1.5 mm here.
+# **One number.** Lateral error of most predictions from pictures: 1.5 mm printed, 1.09 mm here.
 #
-# **What disagrees.** TODO
+# **What disagrees.** From exact positions the paper has the vast majority within 0.2 mm. Here 95 %
+# are within 0.5 mm. All claims that are tested hold.
 
 # %% tags=["hide-input"]
 from IPython.display import Markdown
@@ -130,8 +131,12 @@ result = (
 verdicts = [
     claims.check("belt16-2", similar, mm, "Interquartile ranges."),
     claims.check("belt16-4", biased, late_ms, "Spheres still accelerate in the phase."),
-    claims.check("belt16-5", both, bias_ms, "The filter for images adapts more slowly."),
+    claims.check(
+        "belt16-5", both, bias_ms, "The filter for images adapts more slowly, as printed."
+    ),
     claims.check("belt16-7", near, seen_mm, "Interquartile ranges; more than twice is far."),
-    claims.check("belt16-10", spread, spread_ms, "Mean absolute deviations agree."),
+    claims.check(
+        "belt16-10", spread, spread_ms, "Interquartile range and mean absolute deviation."
+    ),
 ]
 figures.conclude(result, verdicts, origin)

@@ -7,9 +7,10 @@
 # **Here.** A bar of 32 valves is driven by predictions, from the authors' exact positions and from
 # pictures of them. Number of valves, width and time of a jet are our choice.
 #
-# **One number.** TODO: 1.5 mm printed, 1.5 mm here.
+# **One number.** Lateral error of most spheres from pictures: 1.5 mm printed, 1.48 mm here.
 #
-# **What disagrees.** Nothing that is tested here.
+# **What disagrees.** With this error constant velocity hits 88 % of the spheres, by jets of 5.6 mm
+# and 5 ms. Whether that is "reliable" is open; no claim is tested.
 
 # %% tags=["hide-input"]
 from dataclasses import replace
@@ -39,6 +40,8 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 # The valve nearest to the predicted place opens around the predicted time. A particle is hit if its
 # centre passes an open valve, even one that was opened for another. Its size and the way of the air
 # are neglected.
+#
+# Most are 95 % here. The printed error is over 100 mm, ours over the 150 mm of the 2020 paper.
 #
 # Exact positions have no noise, and no particle is missed: these shares are what the models allow.
 # For pictures the tracks are interpolated by cubic splines and rendered at 200 frames/s (notebook
@@ -79,8 +82,10 @@ table = pd.concat(tables, names=["source", "data_set"]).droplevel(-1).reset_inde
 # ## Hits by model
 #
 # Above: exact positions, over the time that a valve is open. Below: from pictures, hits against
-# co-deflections. Each point of a curve is one of the same times; longer ones hit more of both. The
-# figure is ours: it turns errors of prediction into what a sorter is built for.
+# co-deflections. Each point of a curve is one of the same times; longer ones hit more of both.
+# CV-CV is late by its bias and is left out there. CA-CA needs an acceleration, which the filter of
+# the pictures does not have. The figure is ours: it turns errors of prediction into what a sorter
+# is built for.
 
 # %% tags=["hide-input"]
 shown = ["IV-Straight", "CV-CV", "CVBC-CV", "CA-CA", "IA-Ratio"]
@@ -92,7 +97,8 @@ for name, (above, below) in zip(exact, grid.T, strict=True):
         look = {"color": colour, "ls": line, "marker": mark, "label": model}
         first, second = (rows[rows["source"] == kind] for kind in (source, "pictures"))
         above.plot(first["open_ms"], first["hit_percent"], **look)
-        below.plot(second["inadvertent_percent"], second["hit_percent"], **look)
+        if model != "CV-CV":
+            below.plot(second["inadvertent_percent"], second["hit_percent"], **look)
     above.set(title=f"{name}, exact positions", xlabel="time that a valve is open (ms)")
     below.set(title=f"{name}, from pictures", xlabel="other particles that are hit (%)")
 for axes in grid[:, 0]:
@@ -119,9 +125,9 @@ five.loc[(slice(None), slice(None), shown), columns].round(2)
 # %%
 hit = five["hit_percent"]
 result = (
-    f"Jets of 5 ms hit {hit[source, 'spheres', 'IV-Straight']:.0f} % of the spheres by the old "
-    f"model (IV-Straight) and {hit[source, 'spheres', 'CVBC-CV']:.0f} % by CVBC-CV, on exact "
-    f"positions of {called}; from pictures CVBC-CV hits "
-    f"{hit['pictures', 'spheres', 'CVBC-CV']:.0f} %."
+    f"On exact positions of {called} jets of 5 ms hit "
+    f"{hit[source, 'spheres', 'IV-Straight']:.0f} % of the spheres by the old model (IV-Straight) "
+    f"and {hit[source, 'spheres', 'IA-Ratio']:.0f} % by IA-Ratio; from pictures IA-Ratio hits "
+    f"{hit['pictures', 'spheres', 'IA-Ratio']:.0f} %."
 )
 figures.conclude(result, [], origin)
