@@ -38,6 +38,8 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 #   the paper's. Nothing is extrapolated.
 # - **Sim.** The simulated velocity is not public. That of the last three positions at 1000 Hz
 #   stands for it.
+# - **Direction.** It is not public: each cuboid and cylinder lies in a random one. So more of them
+#   overlap in the pictures than in truth.
 # - **Calibration.** The belt's corners are found to 0.006 mm, far better than the paper's
 #   calibration, which was imperfect on purpose.
 

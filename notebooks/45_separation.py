@@ -45,7 +45,8 @@ Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
 #
 # Exact positions have no noise, and no particle is missed: these shares are what the models allow.
 # For pictures the tracks are interpolated by cubic splines and rendered at 200 frames/s (notebook
-# 42). There, particles that touch may have no prediction.
+# 42). There, particles that touch may have no prediction. How cuboids and cylinders lie is not
+# public; random directions make more of them overlap.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick, standard or full

@@ -98,16 +98,6 @@ BELT_TRACKS = Table(
     Column("y", float, "mm", "across the belt"),
 )
 
-BELT_BODIES = Table(
-    "bodies on the belt",
-    *BELT_TRACKS.columns,
-    Column("z", float, "mm", "height of the centre above the belt"),
-    Column("angle_rad", float, "rad", "of the longest edge or axis, seen from above, from x"),
-    Column("tilt_rad", float, "rad", "of the same above the horizontal; of spheres any"),
-    Column("velocity_x_mm_s", float, "mm/s", "along the belt, as the simulation has it"),
-    Column("velocity_y_mm_s", float, "mm/s", "across the belt, likewise"),
-)
-
 BELT_LAST = Table(
     "last observation before the prediction phase",
     Column("particle", int, "1", "identity of the particle"),

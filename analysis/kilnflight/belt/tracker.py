@@ -91,9 +91,7 @@ def constant_velocity(
     ``spread_mm`` was set before places were compared with the truth, and is not fitted to it.
     Centroids are not rounded to pixels and scatter less. But parallax shifts the place of a sphere
     by up to 0.5 mm at the start of the belt, and changes slowly from there on. So errors of
-    successive frames are not independent, as the filter assumes. Notebook 46 (belt16-pictures) has
-    their root mean square, for spheres some 0.27 mm along the belt and 0.1 mm across it. It does
-    not follow from the error of the calibration, that of the corners.
+    successive frames are not independent, as the filter assumes.
     """
     check_positive(frame_s, "constant_velocity: frame_s")
     noise = acceleration_mm_s2 * np.sqrt(frame_s)
