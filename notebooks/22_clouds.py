@@ -1,28 +1,17 @@
 # %% [markdown]
-# # Detection in point clouds: DBSCAN, morphology, quasi-cluster centres
+# # Detection in point clouds: three clusterers with many false detections
 #
-# **Published** (thesis, sections 2.2.4 to 2.2.6 and 5.1.3). Clustering the cloud alone finds
-# nearly all that burns in the air, but many clusters are no particle. The best F1 is about 0.6
-# for all three methods (Tables 5.8 to 5.10), far below the pictures' 0.85.
+# **The work.** The thesis (sections 2.2.4 to 2.2.6 and 5.1.3) clusters the point cloud alone: by
+# DBSCAN, by morphology (MO) and by quasi-cluster centres (QCC). The best F1 is about 0.6 for all
+# three (Tables 5.8 to 5.10), far below 0.85 in pictures.
 #
-# **Here.** The same parameters on the twin's clouds, without the flame, depth after Eq. 2.4.
-# A cluster is a detection at the centre of its pixels. Which points there are, and how they
-# scatter, was fitted to published statistics (Fig. 5.7, Table 5.2, the plate), never to a result
-# of clustering. Their number is met; more points than printed have a neighbour nearer than 1 mm
-# (notebook 10).
+# **Here.** The same settings on simulated clouds without the flame, depth after Eq. 2.4. A cluster
+# is a detection at the centre of its pixels.
 #
-# The morphological method is read as section 5.1.3 tells what was run: grid, dilation, labels,
-# nearest domain. The rule of sizes in section 2.2.5 (Eq. 2.35) is not named there and is off.
-# The number of dilations is not printed; one, the least, is taken. Both readings of both stand
-# side by side below.
+# **One number.** F1 of DBSCAN with 10 points in 50 mm: 0.6156 printed, 0.4933 here.
 #
-# Section 3.3 calls the 45 px of the scoring distance a diameter: 2 x 15 px, enlarged 1.5 times.
-# Eq. 3.4 compares them with a distance. Every table has F1 in both readings; the counts and the
-# verdicts are those of Eq. 3.4, and each verdict says what the other would give.
-#
-# Where quasi-cluster centres share a point, it goes to the cluster of its exemplar, its densest
-# neighbour. The wall pass takes the printed 10 points in 50 mm although 15 in 70 mm is more
-# precise in Table 5.8. Times are of our own programs; no claim hangs on them.
+# **What disagrees.** The clusterers find fewer of the burning particles here, 77 to 87 % instead of
+# nearly all.
 
 # %% tags=["parameters"]
 scale = "standard"  # quick (one subset), standard or full
@@ -30,14 +19,13 @@ seed = 0  # of the scenes
 frames = 0  # labelled frames per subset; 0: 1, 1 or 10 by scale
 
 # %%
-from kilnflight import detection as detectors
-from kilnflight.experiments import (
-    cloud_pictures,
-    detection,
-    detection_claims,
-    detection_pictures,
-    detection_tables,
-)
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from kilnflight.detection import k_distances
+from kilnflight.experiments import detection, detection_tables, plots
+from kilnflight.experiments.space import label_camera_space, upright
 from kilnflight.project import claims, figures, style
 from kilnflight.recording.frames import calibrated_cloud
 
@@ -48,124 +36,159 @@ origin = figures.trace("22_clouds", {"scale": scale, "frames": frames}, seed=see
 subsets = detection.labelled_subsets(scale, seed, frames)
 subsets = subsets[:1] if scale == "quick" else subsets
 images = frames * len(subsets)
-print(f"Labelled frames used: {frames} of ten in each of {len(subsets)} subsets.")
 
 # %% [markdown]
 # ## A cloud in space
 #
-# What the camera delivers (Fig. 2.12): a tube of points, the kiln, and the particles in it. Only
-# some pixels have a depth. See how few points a single particle has, and how far they spread in
-# depth.
+# The camera gives a tube of points, the kiln, and the particles in it (Fig. 2.12). Only some pixels
+# have a depth. A particle has few points, and they spread far in depth.
 
 # %%
-cloud = cloud_pictures.particle_cloud(subsets[0], subsets[0].frames[0])
-picture, marked = cloud_pictures.draw_cloud(cloud, seed)
-known = subsets[0].recording.attributes
+subset, t = subsets[0], subsets[0].frames[0]
+clouds = {each.name: calibrated_cloud(each.recording, each.frames[0]) for each in subsets}
+known, frame = subset.recording.attributes, subset.recording.frame(t)
+cloud = pd.DataFrame(frame.pixels, columns=["row", "col"])
+cloud[["x", "y", "z"]] = clouds[subset.name]
+row, col = frame.pixels.T
+marked = subset.particles.loc[subset.particles["frame"] == t, "particle"]
+particle = subset.instances(t)[row, col]
+particle = np.where(np.isin(particle, marked), particle, -1)
+cloud = cloud.assign(gray=frame.gray[row, col], particle=particle)
+others, flying = cloud[cloud["particle"] < 0], cloud[cloud["particle"] >= 0]
+counts = flying["particle"].value_counts(sort=False).sort_index()
+marked = flying[flying["particle"] == counts.idxmax()].reset_index(drop=True)
+
+# %% tags=["hide-input"]
+shown = others.sample(min(12_000, len(others)), random_state=seed)  # more would hide the particles
+picture = plt.figure(figsize=(style.PAGE_MM / 25.4, 85 / 25.4), layout="none")
+room = picture.add_axes((-0.05, 0.03, 0.6, 0.97), projection="3d")
+points = {"depthshade": False, "linewidths": 0}
+gray = np.sqrt(shown["gray"])
+look = {"c": gray, "cmap": "gray", "s": 0.8, "vmin": 0}
+look["vmax"] = 1.25 * float(gray.quantile(0.99))  # white points would vanish on paper
+room.scatter(*upright(shown[["x", "y", "z"]]), **look, **points)
+room.scatter(*upright(flying[["x", "y", "z"]]), s=1.2, color=style.COLOURS[2], **points)
+ring = {"s": 160, "lw": 1.4, "ec": style.COLOURS[1], "fc": "none", "depthshade": False}
+room.scatter(*upright(marked[["x", "y", "z"]].mean().to_numpy()), **ring)
+label_camera_space(room)
+room.set_box_aspect((1.9, 1, 1), zoom=1.15)
+room.view_init(elev=18, azim=-60)
+
+# %% tags=["hide-input"]
+alone = picture.add_axes((0.73, 0.2, 0.24, 0.64))
+beside = marked[["x", "y"]] - marked[["x", "y"]].mean()  # short labels
+dots = alone.scatter(beside["x"], beside["y"], c=marked["z"] / 1000, s=9, cmap="viridis")
+alone.set(xlabel="x from its middle (mm)", ylabel="up, y from its middle (mm)")
+alone.set(aspect="equal", title="the marked particle")
+alone.margins(0.15)
+alone.locator_params(axis="x", nbins=3)
+alone.locator_params(axis="y", nbins=5)
+picture.colorbar(dots, ax=alone, label="depth z (m)", location="bottom", pad=0.25, shrink=0.9)
+plt.close(picture)
 caption = (
     f"Point cloud of the kiln (grey) and of particles (blue), after Fig. 2.12; simulated, subset "
-    f"{subsets[0].name}: {len(cloud):,} points of {known.rows * known.columns:,} pixels. Circle, "
-    f"and right: the particle with the most points, {len(marked)}."
+    f"{subset.name}: {len(cloud):,} points of {known.rows * known.columns:,} pixels. Circle, and "
+    f"right: the particle with the most points, {len(marked)}."
 )
 figures.save("fig-2-12-cloud", marked, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## How near the points lie
+# ## Distances of neighbouring points
 #
-# Fig. 5.7: the distance of each point to its nearest neighbour, a frame from each subset. In the
-# text a third is nearer than 1 mm, another third nearer than 2 mm, and nine in ten nearer than 4.
+# In the text of Fig. 5.7 a third of the points has a neighbour within 1 mm, another third within
+# 2 mm, and more than nine in ten within 4 mm. Here more points have one within 1 mm.
 
 # %%
-distances, table = cloud_pictures.neighbour_distances(subsets)
-picture = cloud_pictures.draw_neighbour_distances(distances)
+distances = {name: k_distances(points, 2)[::-1] for name, points in clouds.items()}
+every = {**distances, "all": np.concatenate(list(distances.values()))}
+printed = {1: 1 / 3, 2: 2 / 3, 4: 0.9}
+table = pd.DataFrame({"points": {name: len(values) for name, values in every.items()}})
+for reach in printed:
+    table[f"within_{reach}_mm"] = [(values <= reach).mean() for values in every.values()]
+table.loc["published, about"] = [1_000_000, *printed.values()]
+table = table.rename_axis("cloud").reset_index().astype({"points": int})
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = style.canvas(width_mm=120, height_mm=70)
+for (name, values), line in zip(distances.items(), style.LINES, strict=False):
+    shown = np.unique(np.linspace(0, len(values) - 1, 600).astype(int))
+    axes.plot(values[shown], (shown + 1) / len(values), ls=line, label=name)
+axes.plot([1, 2], [printed[1], printed[2]], **style.PUBLISHED)
+axes.plot(4, printed[4], **{**style.PUBLISHED, "marker": "^", "label": "published, at least"})
+axes.set(xlim=(0, 6), ylim=(0, 1.02), xlabel="distance to the nearest neighbour (mm)")
+axes.set_ylabel("share of the points")
+axes.legend(loc="lower right")
 caption = (
     f"Share of points whose nearest neighbour is within a distance, {len(distances)} simulated "
-    "clouds, beside what the text says of Fig. 5.7."
+    "clouds, beside the text of Fig. 5.7."
 )
 figures.save("fig-5-7-neighbours", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
 # ## The sorted k-distance graph
 #
-# How far each point's neighbours are; the knee suggests eps (Fig. 2.19).
+# Its knee suggests eps of DBSCAN (Fig. 2.19).
 
 # %%
-cloud = calibrated_cloud(subsets[0].recording, subsets[0].frames[0])
-picture, curves = detection_pictures.draw_k_distances(cloud)
-caption = (
-    "Sorted k-distance graph of one simulated frame, after Fig. 2.19; grey: the eps of Table 5.8."
-)
+cloud, settings = clouds[subset.name], claims.published("table_5.8")
+shown = np.unique(np.geomspace(1, len(cloud), 300).astype(int)) - 1
+curves = pd.DataFrame({"point": shown + 1})
+for k in np.unique(settings["minPts"]):
+    curves[f"distance_{k}_mm"] = k_distances(cloud, k)[shown]
+
+# %% tags=["hide-input"]
+picture, ((axes,),) = style.canvas()
+for name, line in zip(curves.columns[1:], style.LINES, strict=False):
+    axes.plot(curves["point"], curves[name], ls=line, label=f"k = {name.split('_')[1]}")
+for value in np.unique(settings["epsilon_mm"]):
+    axes.axhline(value, color="0.7", lw=0.5, ls="-")
+    axes.annotate(f"{value}", (1, value), fontsize=6, va="bottom")
+axes.set(xscale="log", yscale="log", xlabel="points, sorted")
+axes.set_ylabel("distance to neighbour k (mm)")
+for axis in (axes.xaxis, axes.yaxis):
+    axis.set_major_formatter("{x:g}")  # the default takes mathematical notation
+axes.legend()
+caption = "Sorted k-distances of one simulated frame, after Fig. 2.19; grey: the eps of Table 5.8."
 figures.save("fig-2-19-k-distance", curves, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## All published parameters
+# ## All published settings
+#
+# MO is run as section 5.1.3 describes it: grid, dilation, labels, nearest domain. The number of
+# dilations is not printed; one is taken, the least. The rule of sizes (Eq. 2.35) is not named there
+# and is off. A point that several quasi-clusters share goes to the cluster of its densest
+# neighbour.
 
 # %%
 attempts = detection.compare_clusterers(subsets)
 tables = {family: detection_tables.cluster_table(attempts, family) for family in detection.TABLES}
+scored = f"on {images} frames, by subset and in total; scoring distance 45 px."
 
 # %%
-scored = (
-    f"on {images} frames, by subset and in total. Scoring distance 45 px, F1 also with a diameter"
-)
-caption = f"DBSCAN with the parameters of Table 5.8 {scored} of 45 px."
+caption = f"DBSCAN with the parameters of Table 5.8 {scored}"
 figures.save("table-5-8-dbscan", tables["dbscan"], caption=caption, provenance=origin)
 
 # %%
-caption = f"Morphological clustering with the grids of Table 5.9 {scored} of 45 px."
+caption = f"Morphological clustering with the grids of Table 5.9 {scored}"
 figures.save("table-5-9-mo", tables["mo"], caption=caption, provenance=origin)
 
 # %%
 caption = (
-    f"Quasi-cluster centres with the parameters of Table 5.10 {scored} of 45 px. Seconds: with the "
-    "search of neighbours, one for all rows, as many as the largest K asks for."
+    f"Quasi-cluster centres with the parameters of Table 5.10 {scored} Seconds include one search "
+    "of neighbours that all rows share."
 )
 figures.save("table-5-10-qcc", tables["qcc"], caption=caption, provenance=origin)
 
 # %% [markdown]
-# scikit-learn's DBSCAN with the same parameters gives the same labels; ours is there for speed.
-
-# %%
-cloud = cloud[:: 4 if scale == "quick" else 1]
-ours, peer = detectors.DBSCAN()(cloud), detectors.ScikitDBSCAN()(cloud)
-same = f"{(ours == peer).mean():.2%} of scikit-learn's labels are the same"
-print(f"{len(cloud)} points, {ours.max() + 1} clusters; {same}")
-
-# %% [markdown]
-# ## Precision against recall, ours and published
-#
-# The thesis prints these numbers in three tables. Our picture of them shows at a glance how far
-# every setting is from its published place.
-
-# %%
-totals = detection_tables.cluster_totals(tables)
-picture, table = detection_pictures.draw_precision_recall(totals)
-caption = (
-    "Precision and recall of the three clusterers over their parameters, beside those of Tables "
-    "5.8 to 5.10; scoring distance 45 px. Some settings are numbered, the table has them all."
-)
-figures.save("cluster-parameters", table, picture=picture, caption=caption, provenance=origin)
-
-# %% [markdown]
-# ## Two readings of MO
-#
-# Section 5.1.3 dilates until the number of domains "remains unchanged"; of hundreds of domains
-# some always merge, and the wall takes them all. Section 2.2.5 drops small domains (Eq. 2.35),
-# 5.1.3 does not. Our table has all combinations, with R of the best row of Table 5.9, and F1 in
-# both readings of the 45 px.
-
-# %%
-readings = detection.morphology_readings(subsets)
-caption = f"Morphological clustering with R = 150 in other readings, on {images} frames."
-figures.save("mo-readings", readings, caption=caption, provenance=origin)
-
-# %% [markdown]
 # ## Which particles are detected
 #
-# With the parameters that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1.
+# With the settings that the thesis analyses: DBSCAN 10, 50 mm; MO 150; QCC 30, 0.1.
 
 # %%
-recall = detection_tables.analysed_recall(attempts, ["family", "subset"])
-picture = detection_pictures.draw_class_recall(recall, "family")
+analysed = attempts["row"] == attempts["family"].map({"dbscan": 5, "mo": 1, "qcc": 2})
+recall = detection_tables.class_recall(attempts[analysed], ["family", "subset"])
+titles = {"dbscan": "DBSCAN", "mo": "MO", "qcc": "QCC"}
+picture = plots.draw_class_recall(recall.replace({"family": titles}), "family")
 caption = (
     "Simulated recall of each class by the three clusterers, after Figs 5.8 to 5.10. No bar: fewer "
     "than ten sightings."
@@ -173,15 +196,39 @@ caption = (
 figures.save("fig-5-8-recall", recall, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# ## Verdicts
+# ## Claims
 
 # %%
-note = f"{images} frames, scoring distance 45 px"
-verdicts = detection_claims.cluster_verdicts(attempts, note)
-others = detection_claims.cluster_verdicts(detection_tables.as_diameter(attempts), note)
-verdicts = detection_claims.beside(verdicts, others, *detection_claims.DISTANCES)
-best = ", ".join(f"{name} {table['f1'].max():.3f}" for name, table in totals.items())
-reproduced = claims.count_reproduced(verdicts)
-printed = "published 0.616, 0.601, 0.621; the last by its printed counts 0.600"
-result = f"{reproduced} of 8 claims reproduced. Best F1: {best} ({printed})."
-figures.conclude(result, verdicts, origin)
+dbscan, mo, qcc = (
+    tables[family].query("subset == 'Total'").set_index(parameters)
+    for family, parameters in detection_tables.PARAMETERS.items()
+)
+eps, k = dbscan.groupby("minPts"), qcc.groupby("alpha")
+steps = [-eps["fp"].diff(), eps["fn"].diff(), mo["tp"].diff(), mo["fp"].diff(), -k["fp"].diff()]
+rates = qcc.groupby("K")[["recall", "precision"]].diff().dropna()
+steps = [pd.concat(steps).dropna() >= 0, rates["recall"] > 0, rates["precision"] < 0]
+steps = pd.concat(steps)
+
+# %%
+counts = recall.replace({"family": titles}).set_index(["label", "family", "subset"])[["tp", "fn"]]
+pooled = counts.groupby(["label", "family"]).sum()
+pooled = pooled["tp"] / pooled.sum(axis=1)
+burning = counts.loc[2].drop(("MO", "V4"), errors="ignore").groupby("family").sum()  # Fig. 5.9
+burning = burning["tp"] / burning.sum(axis=1)
+nearly = [claims.about(share, 1.0, 0.05) for share in burning]
+wall = recall.query("family == 'dbscan' and label == 4 and subset in ['V1', 'V4']")
+wall = wall.set_index("subset")["recall"]
+best = {name: table["f1"].max() for name, table in zip(titles, (dbscan, mo, qcc), strict=True)}
+result = (
+    f"The best F1 in point clouds is {best['dbscan']:.3f} with DBSCAN, {best['mo']:.3f} with MO "
+    f"and {best['qcc']:.3f} with quasi-cluster centres."
+)
+
+# %%
+checks = [
+    claims.check("cluster-1", bool(steps.all()), f"{steps.sum()} of {len(steps)} steps as printed"),
+    claims.check("cluster-7", claims.all_of(*nearly), burning, "They find 77 to 87 % of them."),
+    claims.check("cluster-8", bool((wall < 0.5).all()), wall, "In V4 it finds three quarters."),
+    claims.check("cluster-9", all(pooled[k].idxmax() == "QCC" for k in (3, 4)), pooled[3]),
+]
+figures.conclude(result, checks, origin)

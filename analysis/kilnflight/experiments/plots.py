@@ -15,6 +15,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from kilnflight.checks import InputError
+from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.experiments.space import SAMPLES, upright
@@ -29,6 +30,7 @@ from kilnflight.project.style import (
     PUBLISHED,
     PUBLISHED_BAR,
     canvas,
+    draw_circles,
     draw_frame,
 )
 from kilnflight.recording.frames import Recording
@@ -388,3 +390,49 @@ def draw_intervals(axes: Axes, table: pd.DataFrame, published_f1: str, f1_in_pix
     axes.set(yticks=place, yticklabels=table.index, xlabel="F1")
     axes.invert_yaxis()
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+
+
+def draw_class_recall(recall: pd.DataFrame, by: str, published: Sequence[float] = ()) -> Figure:
+    """Draw the recall of each class by subset, a panel for each value of a column.
+
+    No bar is drawn for fewer than ten particles: one of them would be a large part of its recall.
+
+    Parameters
+    ----------
+    recall
+        ``subset``, ``kind``, ``tp``, ``fn``, ``recall`` and the column.
+    by
+        The column.
+    published
+        Recall of non-burning particles by subset, drawn in the first panel.
+    """
+    few = recall["tp"] + recall["fn"] < 10
+    groups = recall.assign(recall=recall["recall"].mask(few)).groupby(by, sort=False)
+    picture, (panels,) = canvas(1, len(groups), width_mm=PAGE_MM, height_mm=62, sharey=True)
+    for axes, (name, table) in zip(panels, groups, strict=True):
+        draw_bars(axes, table, "subset", "kind", "recall")
+        axes.set_title(str(name))
+    if len(published):
+        panels[0].plot(published, clip_on=False, **{**PUBLISHED, "label": "published, non-burning"})
+    panels[0].set_ylabel("recall")
+    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return picture
+
+
+def draw_keypoints_and_clusters(
+    gray: npt.NDArray[np.uint16],
+    keypoints: Array,
+    clusters: Clusters | None,
+    roi: Sequence[tuple[float, float]],
+    **size: Any,
+) -> Figure:
+    """Draw a frame with keypoints (circles), clusters (dots) and region of interest."""
+    picture, ((axes,),) = canvas(**size)
+    draw_frame(axes, gray, 4 if clusters is not None else 2)
+    if clusters is not None:
+        spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
+        axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[COLOURS[k] for k in spread])
+    draw_circles(axes, keypoints, COLOURS[5])
+    corners = np.array([*roi, roi[0]])
+    axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
+    return picture

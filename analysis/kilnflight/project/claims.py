@@ -273,6 +273,11 @@ def beyond(low: float, high: float) -> bool | None:
     return True if low > 0 else False if high < 0 else None
 
 
+def within(low: float, high: float, least: float, most: float) -> bool | None:
+    """Return whether an interval lies between two bounds; None if it holds one of them."""
+    return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
+
+
 def with_cause(verdict: Verdict, shown: str = "") -> Verdict:
     """Return a verdict whose reason says what shows its cause, if it was not reproduced.
 
