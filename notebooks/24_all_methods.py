@@ -87,8 +87,8 @@ table = f1.reset_index()
 figures.save("detection-scores", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# The thesis shows the recall of each class for the single methods. Combinations lose particles on
-# the wall.
+# The thesis shows the recall of each class for the single methods. On the wall, combinations with MO
+# find fewer particles than the pictures alone, those with DBSCAN and QCC more.
 
 # %%
 recall = detection_tables.class_recall(attempts, ["method"])
@@ -129,7 +129,6 @@ figures.save("detection-gains", gains, caption=caption, provenance=origin)
 # One frame per subset gives no interval and decides no order.
 
 # %%
-best = f1["f1"].idxmax()
 result = (
     f"F1 rises from {f1['f1']['2D-SIFT']:.2f} with SIFT alone to "
     f"{f1['f1']['Combi SIFT+DBSCAN']:.2f} with SIFT and DBSCAN; the thesis printed 0.87 and 0.90."
@@ -143,7 +142,7 @@ high = combined["f1_high"].to_numpy() - alone["f1_low"].to_numpy()
 beaten = [claims.beyond(*ends) for ends in zip(low, high, strict=True)]
 nearly = [claims.about(value, 0.6, 0.05) for value in clouds["f1"]]
 below = [bool(value < alone["f1"].min()) for value in clouds["f1"]]
-is_best = best == "Combi SIFT+DBSCAN" if frames > 1 else None
+is_best = f1["f1"].idxmax() == "Combi SIFT+DBSCAN" if frames > 1 else None
 
 # %%
 by_pair = gains.set_index(["first", "second", "rate"])[["difference", "low", "high"]]
@@ -163,7 +162,8 @@ def lies_in(table, least, most):
 
 
 # %%
-change = dragged.loc["recall", "low"] - dragged.loc["precision", "high"]
+low, high = dragged["low"], dragged["high"]
+mainly = claims.beyond(low["recall"] - high["precision"], high["recall"] - low["precision"])
 size = pd.Series({"OTSU": otsu["difference"]["f1"], "SIFT": sift["difference"]["f1"]})
 less = abs(otsu["difference"]["precision"]) < otsu["difference"]["recall"]
 checks = [
@@ -172,7 +172,7 @@ checks = [
     ),
     claims.check(
         "cluster-11",
-        claims.all_of(falls(dragged, "precision"), claims.beyond(change, change)),
+        claims.all_of(falls(dragged, "precision"), mainly),
         dragged["difference"],
     ),
     claims.check("combi-1", claims.all_of(*beaten), size),
