@@ -25,7 +25,6 @@ import pandas as pd
 
 from kilnflight.detection import k_distances
 from kilnflight.experiments import detection, detection_tables, plots
-from kilnflight.experiments.space import label_camera_space, upright
 from kilnflight.project import claims, figures, style
 from kilnflight.recording.frames import calibrated_cloud
 
@@ -66,11 +65,11 @@ points = {"depthshade": False, "linewidths": 0}
 gray = np.sqrt(shown["gray"])
 look = {"c": gray, "cmap": "gray", "s": 0.8, "vmin": 0}
 look["vmax"] = 1.25 * float(gray.quantile(0.99))  # white points would vanish on paper
-room.scatter(*upright(shown[["x", "y", "z"]]), **look, **points)
-room.scatter(*upright(flying[["x", "y", "z"]]), s=1.2, color=style.COLOURS[2], **points)
+room.scatter(*plots.upright(shown[["x", "y", "z"]]), **look, **points)
+room.scatter(*plots.upright(flying[["x", "y", "z"]]), s=1.2, color=style.COLOURS[2], **points)
 ring = {"s": 160, "lw": 1.4, "ec": style.COLOURS[1], "fc": "none", "depthshade": False}
-room.scatter(*upright(marked[["x", "y", "z"]].mean().to_numpy()), **ring)
-label_camera_space(room)
+room.scatter(*plots.upright(marked[["x", "y", "z"]].mean().to_numpy()), **ring)
+plots.label_camera_space(room)
 room.set_box_aspect((1.9, 1, 1), zoom=1.15)
 room.view_init(elev=18, azim=-60)
 

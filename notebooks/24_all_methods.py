@@ -87,8 +87,8 @@ table = f1.reset_index()
 figures.save("detection-scores", table, picture=picture, caption=caption, provenance=origin)
 
 # %% [markdown]
-# The thesis shows the recall of each class for the single methods. On the wall, combinations with MO
-# find fewer particles than the pictures alone, those with DBSCAN and QCC more.
+# The thesis shows the recall of each class for the single methods. On the wall, combinations with
+# MO find fewer particles than the pictures alone, those with DBSCAN and QCC more.
 
 # %%
 recall = detection_tables.class_recall(attempts, ["method"])

@@ -27,8 +27,7 @@ from scipy.stats import norm
 from kilnflight.detection import DoG
 from kilnflight.detection import wall as cylinder
 from kilnflight.detection.combination import Combination
-from kilnflight.experiments import detection, detection_tables
-from kilnflight.experiments.space import upright
+from kilnflight.experiments import detection, detection_tables, plots
 from kilnflight.project import claims, figures, style
 
 # %%
@@ -58,14 +57,14 @@ figures.save("table-5-12-cylinder", cylinders, caption=caption, provenance=origi
 points = walls[subsets[0].name]
 points = points[:: max(1, len(points) // 8000)]
 picture, ((left, right),) = style.canvas(1, 2, width_mm=style.PAGE_MM, height_mm=75)
-depth, across, up = upright(points)
+depth, across, up = plots.upright(points)
 left.plot(across, up, ",", color="black")
 right.plot(depth, cylinder.distance_to_axis(points, fit), ",", color="black")
 around = np.linspace(0, 2 * np.pi, 200)
 reach = (points[:, 2].mean() - fit.centre_mm[2]) / fit.direction[2]
 middle = np.array(fit.centre_mm) + reach * np.array(fit.direction)
 ring = np.array([np.cos(around), np.sin(around), np.zeros(len(around))]).T
-_, across, up = upright(middle + fit.radius_mm * ring)
+_, across, up = plots.upright(middle + fit.radius_mm * ring)
 left.plot(across, up, "-", color=style.COLOURS[2], label=f"fit, {fit.radius_mm:.0f} mm")
 left.set(xlabel="x (m)", ylabel="up, y (m)", aspect="equal")
 left.legend(loc="center")  # within the circle

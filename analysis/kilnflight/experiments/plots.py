@@ -19,6 +19,7 @@ from kilnflight.detection.combination import Clusters
 from kilnflight.experiments.accuracy import CASES
 from kilnflight.experiments.campaigns import CampaignKey
 from kilnflight.experiments.space import SAMPLES, upright
+from kilnflight.experiments.space import label_camera_space as label_camera_space
 from kilnflight.flight import BURNT_OUT, LANDED, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project.style import (
