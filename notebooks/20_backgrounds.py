@@ -189,28 +189,18 @@ result = (
 
 # %%
 drawn = frames > 1
+near = claims.about(f1["Mean"], f1["Median"], 0.01) if drawn else None
+lag = f1.max() - f1["Adaptive"]
 cut_f1 = summary["f1"].filter(like="(stops at 0)")
-behind = cut_f1.max() - cut_f1["Adaptive (stops at 0)"]
+cut_lag = cut_f1.max() - cut_f1["Adaptive (stops at 0)"]
+last = "The 2-frame difference is better than mean and adaptive learning."
+false = "Traces of particles in the mean are false detections."
+stops = f"With differences that stop at zero it is {cut_lag:.3f} below the best."
 checks = [
     claims.check("bg-1", f1.index[0] == "Median" if drawn else None, f1),
-    claims.check(
-        "bg-2",
-        f1.index[-1] == "TwoFrame" if drawn else None,
-        f1[::-1],
-        "The 2-frame difference is better than mean and adaptive learning.",
-    ),
-    claims.check(
-        "bg-3",
-        claims.about(f1["Mean"], f1["Median"], 0.01) if drawn else None,
-        f1["Median"] - f1["Mean"],
-        "Traces of particles in the mean are false detections.",
-    ),
-    claims.check(
-        "bg-4",
-        f1.max() - f1["Adaptive"] <= 0.01 if drawn else None,
-        f1.max() - f1["Adaptive"],
-        f"With differences that stop at zero it is {behind:.3f} below the best.",
-    ),
+    claims.check("bg-2", f1.index[-1] == "TwoFrame" if drawn else None, f1[::-1], last),
+    claims.check("bg-3", near, f1["Median"] - f1["Mean"], false),
+    claims.check("bg-4", lag <= 0.01 if drawn else None, lag, stops),
     claims.check("bg-5", bool(ranks) if drawn else None, f1, "The mean is among the two worst."),
     claims.check("bg-6", traces["Mean"] > traces["Median"], pd.Series(traces)),
 ]

@@ -108,20 +108,12 @@ result = (
 )
 
 # %%
-drawn = frames > 1
+drawn, unlit = frames > 1, unlit["SIFT"]
+finds = "SIFT finds more particles that do not burn than the thesis printed."
+lead = f"V2 is lowest; in V5 SIFT is {of_sift['V5'] - of_otsu['V5']:.2f} above Otsu's threshold."
 checks = [
     claims.check("sift-1", f1["SIFT"] > f1["Otsu"] if drawn else None, f1),
-    claims.check(
-        "sift-2",
-        claims.all_of(half, more) if drawn else None,
-        unlit["SIFT"],
-        "SIFT finds more particles that do not burn than the thesis printed.",
-    ),
-    claims.check(
-        "sift-3",
-        fifth if drawn else None,
-        of_sift,
-        f"V2 is lowest; in V5 SIFT is {of_sift['V5'] - of_otsu['V5']:.2f} above Otsu's threshold.",
-    ),
+    claims.check("sift-2", claims.all_of(half, more) if drawn else None, unlit, finds),
+    claims.check("sift-3", fifth if drawn else None, of_sift, lead),
 ]
 figures.conclude(result, checks, origin)

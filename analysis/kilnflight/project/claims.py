@@ -259,13 +259,9 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
 
 def all_of(*answers: bool | None) -> bool | None:
     """Return False if any answer is, else None if any answer is, else True."""
-    return (
-        False
-        if any(a is not None and not a for a in answers)
-        else None
-        if None in answers
-        else True
-    )
+    if any(answer is not None and not answer for answer in answers):
+        return False
+    return None if None in answers else True
 
 
 def beyond(low: float, high: float) -> bool | None:
@@ -274,7 +270,13 @@ def beyond(low: float, high: float) -> bool | None:
 
 
 def within(low: float, high: float, least: float, most: float) -> bool | None:
-    """Return whether an interval lies between two bounds; None if it holds one of them."""
+    """Return whether an interval lies between two bounds; None if it holds one of them.
+
+    Examples
+    --------
+    >>> within(0.2, 0.3, 0.1, 0.4), within(0.2, 0.5, 0.1, 0.4), within(0.5, 0.6, 0.1, 0.4)
+    (True, None, False)
+    """
     return all_of(beyond(low - least, high - least), beyond(most - high, most - low))
 
 
