@@ -19,6 +19,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pandas as pd
+import peers
 from filterpy.kalman import KalmanFilter
 from measure import Row, compare
 from scipy import ndimage
@@ -28,7 +29,6 @@ from scipy.spatial.distance import cdist
 from kilnflight.belt.camera import TRACKED, FindCorners, calibrate_camera
 from kilnflight.belt.pictures import Spots, average, measure_spots
 from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
-from kilnflight.experiments import other_trackers as peers
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 

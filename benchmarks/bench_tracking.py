@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
+import peers
 from measure import Row, compare
 from scipy.spatial.distance import cdist
 
-from kilnflight.experiments import other_trackers as peers
 from kilnflight.tracking.gate import Detected, Gate, Predicted
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess

@@ -25,7 +25,7 @@ TABLES = {
     "table-5-9-mo": f"R subset {FOUND} seconds_per_image",
     "table-5-10-qcc": f"K alpha subset {FOUND} seconds_per_image",
     "table-5-11-detection": f"method {FOUND}",
-    "table-5-17-tracking": "fraction tracker postprocessing reading alpha beta jsc jsc_theta",
+    "table-5-17-tracking": "fraction tracker postprocessing alpha beta jsc jsc_theta",
     "table-5-13-classification": f"threshold threshold_mm subset {FOUND}",
     "table-5-14-classification": f"threshold threshold_mm subset {FOUND}",
     "belt-arrival": "source data_set model n median_ms q25_ms q75_ms mae_ms",

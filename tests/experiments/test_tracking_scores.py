@@ -1,20 +1,13 @@
-"""Both readings of Table 5.17 on hand-made tracks."""
-
-import re
+"""Scores of Table 5.17 on hand-made tracks."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.checks import InputError
-from kilnflight.experiments import tracking, tracking_claims
+from kilnflight.experiments import tracking
 from kilnflight.experiments import tracking_scores as scores
-from kilnflight.experiments.tracking_scores import AFTERWARDS, ALL, FROM_LANCE, FromLance, Lance
-from kilnflight.experiments.tuning import ANY_GATE, Reported
-from kilnflight.project import claims
 
-LANCE = Lance(row=500.0, col=900.0, depth_mm=6500.0)
-FRACTIONS = ("wood chip", "confetti", "paper shred", "PE granule")
+LANCE = scores.Lance(row=500.0, col=900.0, depth_mm=6500.0)
 
 
 def path(particle, row=500.0, col=900.0, z=6500.0, frames=range(20), **more):
@@ -24,18 +17,17 @@ def path(particle, row=500.0, col=900.0, z=6500.0, frames=range(20), **more):
     return pd.DataFrame({**table, "z": z - 30.0 * age, **more})
 
 
-def kept(*tracks, rule=None):
-    rule = rule or FromLance()
-    return sorted(rule(pd.concat(tracks, ignore_index=True), LANCE)["particle"].unique())
+def kept(*tracks):
+    found = scores.from_lance(pd.concat(tracks, ignore_index=True), LANCE)
+    return sorted(found["particle"].unique())
 
 
 def test_what_starts_at_the_lance_and_continues_is_kept():
-    elsewhere, late = path(1, col=1300.0), path(2, frames=range(50, 64))
+    elsewhere, short = path(1, col=1300.0), path(2, frames=range(50, 64))
     in_front, no_depth = path(3, z=5000.0), path(4, z=np.nan)
-    assert kept(path(0), elsewhere, late, in_front, no_depth) == [0, 4]
-    assert kept(late, rule=FromLance(frames=14)) == [2]
-    assert kept(elsewhere, rule=FromLance(within_px=450.0)) == [1]
-    assert kept(in_front, rule=FromLance(within_mm=1600.0)) == [3]
+    backwards = path(5).assign(frame=lambda t: t["frame"].to_numpy()[::-1])
+    assert kept(path(0), elsewhere, short, in_front, no_depth, backwards) == [0, 4]
+    assert kept(path(-1)) == []
 
 
 def test_one_wrong_position_or_depth_does_not_decide():
@@ -44,86 +36,31 @@ def test_one_wrong_position_or_depth_does_not_decide():
     assert kept(astray) == [0]
     astray.loc[1, "row"] = 1400.0
     assert kept(astray) == []
-    assert kept(path(0).assign(z=lambda t: t["z"].where(t.index > 1))) == [0]
 
 
-def test_what_arrives_at_the_lance_does_not_start_there():
-    backwards = path(0).assign(frame=lambda t: t["frame"].to_numpy()[::-1])
-    assert kept(backwards) == []
+@pytest.mark.parametrize(("last", "found"), [(16, []), (17, [0])])
+def test_a_track_lasts_from_its_first_to_its_last_frame(last, found):
+    assert kept(path(0, frames=[3, last])) == found
 
 
-@pytest.mark.parametrize("frames", [[3], [3, 4], [3, 4, 6]])
-def test_tracks_of_few_detections_do_not_continue(frames):
-    assert kept(path(0, frames=frames)) == []
-    assert kept(path(0, frames=frames), path(1)) == [1]
-
-
-def test_a_track_lasts_from_its_first_to_its_last_frame():
-    assert kept(path(0, frames=[3, 17])) == [0]
-    assert kept(path(0, frames=[3, 16])) == []
-
-
-def test_rows_in_no_track_and_empty_tables():
-    assert kept(path(-1)) == []
-    assert len(FromLance()(path(0)[:0], LANCE)) == 0
-
-
-@pytest.mark.parametrize(
-    "change", [{"within_px": 0.0}, {"within_mm": -1.0}, {"points": 0}, {"frames": 0}]
-)
-def test_a_rule_without_a_size_is_refused(change):
-    with pytest.raises(InputError, match="FromLance"):
-        FromLance(**change)
-
-
-def test_a_lance_without_a_place_is_refused():
-    with pytest.raises(InputError, match="lance"):
-        FromLance()(path(0), Lance(np.nan, 900.0, 6500.0))
-    with pytest.raises(InputError, match="Give its row"):
-        scores.score_reading(FROM_LANCE, path(0), path(0), None)
-    with pytest.raises(InputError, match="no reading 'some'"):
-        scores.score_reading("some", path(0), path(0), LANCE)
-
-
-def test_the_restriction_to_the_lance_holds_for_truth_and_tracks_in_both_stages():
-    """Section 5.2.1. The third reading has "direct tracking outcomes" whole (4.2.5, 5.2.3)."""
-    away = path(1, row=1200.0)
-    both = pd.concat([path(0), away])
-
-    def jsc_theta(reading, stage):
-        return scores.score_reading(reading, both, both, LANCE, stage).jsc_theta
-
-    assert jsc_theta(AFTERWARDS, "without") == 0.5  # the track from elsewhere is a false one
-    assert jsc_theta(AFTERWARDS, "with") == 1.0
-    assert [jsc_theta(FROM_LANCE, stage) for stage in scores.STAGES] == [1.0, 1.0]
-    assert [jsc_theta(ALL, stage) for stage in scores.STAGES] == [1.0, 1.0]
+def cell(truth, tracks):
+    return scores.score_cell(("a", "GNN", "with"), truth, tracks, LANCE, (1, 1, 2))
 
 
 def test_truth_and_tracks_are_restricted_alike():
     truth = pd.concat([path(0), path(1, col=1300.0, row=900.0)])
     tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0)])
-    every = scores.measures_of(scores.score_reading(ALL, truth, tracks, LANCE))
-    here = scores.measures_of(scores.score_reading(FROM_LANCE, truth, tracks, LANCE))
-    assert (every["alpha"], every["jsc_theta"]) == (0.5, 0.25)
-    assert (here["alpha"], here["beta"], here["jsc_theta"]) == (1.0, 0.5, 0.5)
+    found = scores.measures_of(cell(truth, tracks).score)
+    assert (found["alpha"], found["beta"], found["jsc_theta"]) == (1.0, 0.5, 0.5)
 
 
 def test_no_track_from_the_lance_scores_nothing_and_no_truth_is_no_score():
     away = path(0, row=1200.0)
-    nothing = scores.measures_of(scores.score_reading(FROM_LANCE, path(0), away, LANCE))
+    nothing = scores.measures_of(cell(path(0), away).score)
     assert [nothing[name] for name in scores.MEASURES] == [0.0] * 4
     assert (nothing["fn_tracks"], nothing["fp_tracks"]) == (1.0, 0.0)
-    score = scores.score_reading(FROM_LANCE, away, path(0), LANCE)
-    assert score is None
-    row = scores.row_of(scores.scored(("a", "GNN", "with", FROM_LANCE), score, (1, 1, 1)))
-    assert np.isnan([row[name] for name in scores.MEASURES]).all()
-    assert np.isnan([row["alpha_low"], row["jsc_theta_high"]]).all()
-
-
-def window_of(fraction, truth, detections=None):
-    seen = truth.drop(columns="particle") if detections is None else detections
-    frames = range(int(truth["frame"].min()), int(truth["frame"].max()) + 1)
-    return tracking.Window(fraction, "made up", frames, seen, truth, Flat(), LANCE)
+    row = scores.tabulate([cell(away, path(0))]).iloc[0]
+    assert row[["alpha", "jsc_theta", "alpha_low", "jsc_theta_high"]].isna().all()
 
 
 class Flat:
@@ -135,114 +72,62 @@ class Flat:
         return np.ones((bottom - top, right - left)) * (last - first + 1)
 
 
-def many(count):
-    """True trajectories one after the other, so that a label by time is right."""
+def windows(count):
+    """Windows in which a label by time is right."""
     parts = [path(k, frames=range(30 * k, 30 * k + 20), x=0.0, y=0.0) for k in range(count)]
-    return pd.concat(parts, ignore_index=True)
+    truth = pd.concat(parts, ignore_index=True)
+    seen = truth.drop(columns="particle")
+    names = scores.SINGULARS.values()
+    return [tracking.Window(n, range(30 * count), seen, truth, Flat(), LANCE) for n in names]
 
 
 def right(seen):
     return seen.assign(particle=seen["frame"] // 30)
 
 
-def first_half(seen):
+def half(seen):
     """Follow every other trajectory only."""
     return right(seen).assign(particle=lambda t: t["particle"].where(t["particle"] % 2 == 0, -1))
 
 
-def test_the_objective_is_the_mean_of_what_is_reported():
-    away = many(8).assign(row=1200.0, particle=lambda t: t["particle"] + 100)
-    both = window_of("confetti", pd.concat([many(8), away], ignore_index=True))
-    alone, nowhere = window_of("wood chip", many(8)), window_of("PE granule", away)
-
-    def tracker(seen):
-        return right(seen).assign(particle=lambda t: t["particle"].where(t["row"] < 1000, -1))
-
-    assert Reported([alone, both])(tracker)["alpha"] == 1.0
-    assert Reported([alone])(first_half)["alpha"] == 0.5
-    assert Reported([alone, nowhere])(first_half)["alpha"] == 0.5  # no truth, no part of the mean
-
-
 @pytest.fixture(scope="module")
 def cells():
-    windows = [window_of(name, many(12)) for name in FRACTIONS]
-    trackers = {"GNN": right, "JPDA": first_half, ANY_GATE: first_half}
-    readings = (ALL, FROM_LANCE, AFTERWARDS)
-    found = tracking.cells(windows, tracking.follow_all(windows, trackers), readings)
-    return windows, {cell.key: cell for cell in found}
+    some = windows(12)
+    return tracking.cells(some, tracking.follow_all(some, {"GNN": right, "JPDA": half}))
 
 
-def test_every_cell_has_both_readings_and_its_interval(cells):
-    table = scores.tabulate(cells[1].values())
-    assert len(table) == 4 * 3 * 2 * 3
+def test_every_cell_has_its_interval_and_stands_beside_the_print(cells):
+    table = scores.tabulate(cells.values())
+    assert len(table) == 4 * 2 * 2
     for name in scores.MEASURES:
         assert (table[f"{name}_low"] <= table[name]).all()
         assert (table[name] <= table[f"{name}_high"]).all()
-    half = table[(table["tracker"] == "JPDA") & (table["postprocessing"] == "without")]
-    assert (half["alpha"] == 0.5).all()
-    assert half["alpha_low"].between(0.1, 0.4).all()
-    beside = tracking_claims.beside_table_5_17(table)
+    assert (table.loc[table["tracker"] == "JPDA", "alpha"] == 0.5).all()
+    beside = scores.beside_published(table)
     assert len(beside) == 64
-    assert set(beside["reading"]) == {FROM_LANCE}
     assert beside["published"].between(0, 1).all()
-    assert beside["all_tracks"].notna().all()
 
 
-def test_a_window_with_few_trajectories_says_nothing():
-    window = window_of("wood chip", many(5))
-    table = scores.tabulate(tracking.cells([window], tracking.follow_all([window], {"GNN": right})))
-    assert (table["alpha"] == 1).all()
-    assert table[["alpha_low", "alpha_high"]].isna().all(axis=None)
+def test_differences_are_paired_means_of_both_sides(cells):
+    key = (scores.MEAN, "JPDA - GNN", "with")
+    row = scores.difference(cells, key, "alpha, beta")
+    assert row["recomputed"] == pytest.approx(-0.5)
+    assert row["low"] < -0.5 < row["high"] < 0
+    printed = scores.published().query("postprocessing == 'with' and measure in ['alpha', 'beta']")
+    mean = printed.groupby("tracker")["published"].mean()
+    assert row["published"] == pytest.approx(mean["JPDA"] - mean["GNN"])
+    same = scores.difference(cells, ("confetti", scores.BOTH, "with - without"), "jsc")
+    assert (same["recomputed"], same["low"], same["high"]) == (0.0, 0.0, 0.0)  # nothing to mend
+    table = scores.differences(cells)
+    assert table.groupby("claim").size().to_dict() == {
+        "track-1": 32, "track-2": 12, "track-3": 8, "track-4": 1, "track-5": 5, "track-9": 1,
+        "track-10": 1,
+    }  # fmt: skip
 
 
-def test_claims_say_fewer_than_six_and_no_infinity():
-    windows = [window_of(name, many(5)) for name in FRACTIONS]
-    trackers = {"GNN": right, "JPDA": first_half, ANY_GATE: first_half}
-    readings = (ALL, FROM_LANCE, AFTERWARDS)
-    found = tracking.cells(windows, tracking.follow_all(windows, trackers), readings)
-    verdicts = tracking_claims.verdicts({cell.key: cell for cell in found})
-    words = " ".join(verdict.measured + verdict.reason for verdict in verdicts)
-    assert "+0.00 [fewer than six trajectories]" in words
-    assert not re.search(r"\b(inf|nan)\b", words)
-
-
-def test_claims_are_judged_from_the_lance_and_time_decides_nothing(cells):
-    found = tracking_claims.verdicts(cells[1])
-    by_claim = {verdict.id: verdict for verdict in found}
-    assert sorted(by_claim) == [f"track-{k}" for k in range(1, 7)]
-    assert by_claim["track-6"].verdict == claims.NOT_DECIDABLE
-    assert by_claim["track-6"].because == "criterion"
-    assert by_claim["track-4"].verdict == claims.NOT_REPRODUCED  # half of all are not followed
-    assert by_claim["track-4"].because == "method"
-    assert "from the lance; all: not reproduced" in by_claim["track-4"].reason
-    assert by_claim["track-3"].verdict == claims.NOT_REPRODUCED
-    # all fractions are the same but for chance, so that no rank is known
-    assert by_claim["track-5"].verdict == claims.NOT_DECIDABLE
-
-
-def test_what_hangs_on_the_gate_of_jpda_is_not_decidable(cells):
-    """Section 5.2.3 has no number for "smaller"; with any gate JPDA is as good as GNN here."""
-    free = {
-        (fraction, ANY_GATE, *rest): cell
-        for (fraction, tracker, *rest), cell in cells[1].items()
-        if tracker == "GNN"
-    }
-    by_claim = {found.id: found for found in tracking_claims.verdicts(cells[1] | free)}
-    assert by_claim["track-4"].verdict == claims.NOT_DECIDABLE
-    assert by_claim["track-4"].because == "method"
-    assert "JPDA with any gate: not decidable" in by_claim["track-4"].reason
-
-
-def test_a_smoke_run_leaves_the_claims_about_four_fractions_undecided(cells):
-    some = {key: cell for key, cell in cells[1].items() if key[0] != "confetti"}
-    found = tracking_claims.verdicts(some)
-    assert {verdict.verdict for verdict in found} == {claims.NOT_DECIDABLE}
-
-
-def test_where_chance_decides_a_claim_is_open(cells):
-    table = dict(cells[1])
-    for name in FRACTIONS:
-        gnn = table[name, "GNN", "with", FROM_LANCE]
-        table[name, "JPDA", "with", FROM_LANCE] = gnn
-    assert list(tracking_claims._advantage(table, FROM_LANCE).values()) == [None]
-    assert set(tracking_claims._comparable(table, FROM_LANCE).values()) == {True}
+def test_fewer_than_six_trajectories_have_no_interval():
+    some = windows(5)
+    found = tracking.cells(some, tracking.follow_all(some, {"GNN": right}))
+    assert scores.tabulate(found.values())[["alpha_low", "alpha_high"]].isna().all(axis=None)
+    row = scores.difference(found, ("confetti", "GNN", "with - without"), "alpha")
+    assert np.isnan([row["low"], row["high"]]).all()

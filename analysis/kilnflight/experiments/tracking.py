@@ -2,8 +2,7 @@
 
     window -> detections in the air -> tracker -> post-processing -> alpha, beta, JSC, JSC_theta
 
-The trackers run on the windows of Table 5.15. Settings that the thesis does not print are found
-on other frames of the same campaigns (`kilnflight.experiments.tuning`).
+The trackers run on the windows of Table 5.15.
 """
 
 from __future__ import annotations
@@ -13,42 +12,37 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import zarr
-from matplotlib.figure import Figure
 
 from kilnflight import kiln, tracklets
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
 from kilnflight.experiments.campaigns import Settings
-from kilnflight.experiments.detection import BACKGROUNDS, DRAW
+from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.experiments.tracking_scores import (
-    FROM_LANCE,
     GATE_PX,
-    READINGS,
     STAGES,
+    Key,
     Lance,
     Scored,
-    gains,
-    score_reading,
-    scored,
+    from_lance,
+    score_cell,
     tabulate,
 )
-from kilnflight.kiln import CHUNK, LONG_CHUNK, TILE, DetectionRun
-from kilnflight.project import style
+from kilnflight.kiln import CHUNK, TILE, DetectionRun
 from kilnflight.project.parallel import Workers
 from kilnflight.scores.detections import pair
 from kilnflight.twin.scene import Twin
-from kilnflight.twin.scenes import WINDOWS, campaign_name, scene_name, tracking_window
+from kilnflight.twin.scenes import WINDOWS, campaign_name, tracking_window
 from kilnflight.twin.truth import true_trajectories
 
-MARGIN = 150  # frames between a window and those for settings: no shared background
-LENGTHS = {"quick": 12, "standard": 32, DRAW: 48, "full": 0}  # 0: as long as Table 5.15's
+LENGTHS = {"quick": 12, "standard": 32, "full": 0}  # 0: as long as Table 5.15's
 FRACTION_NUMBERS = {name: k for k, name in enumerate(WINDOWS, 1)}  # seeds of intervals
 SMOKE_FRACTIONS = ("wood chip", "paper shred")  # of a smoke run
 Tables = Mapping[str, Mapping[str, pd.DataFrame]]  # fraction -> name -> tracks
@@ -61,15 +55,11 @@ class Window(NamedTuple):
     """Consecutive frames of a campaign: the detections in them, and the truth."""
 
     fraction: str
-    scene: str
     frames: range
     detections: pd.DataFrame  # in the air, or without depth
     truth: pd.DataFrame  # `kilnflight.twin.truth.true_trajectories`
     differences: StoredDifferences
-    lance: Lance | None = None  # needed for the reading `FROM_LANCE`
-
-
-Variant = Callable[[Window], pd.DataFrame]  # the tracks of a window
+    lance: Lance
 
 
 def flying_particles(twin: Twin, starts: Iterable[int], length: int) -> npt.NDArray[np.intp]:
@@ -90,16 +80,7 @@ def scored_frames(twin: Twin, scale: str) -> range:
     return range(start, start + length)
 
 
-def windows(
-    scale: str,
-    settings: Settings,
-    seed: int = 0,
-    *,
-    jobs: int = 1,
-    frames: Callable[[Twin, str], range] = scored_frames,
-    piece: int = 0,
-    scenario: str = "base",
-) -> list[Window]:
+def windows(scale: str, settings: Settings, seed: int = 0, *, jobs: int = 1) -> list[Window]:
     """Return the windows of all fractions at 4.5 bar with their detections, cached.
 
     Parameters
@@ -112,30 +93,18 @@ def windows(
         Of the scenes.
     jobs
         Processes.
-    frames
-        Which frames of a campaign, by scale.
-    piece
-        If not 0, detections are those of whole pieces of so many frames; without differences.
-    scenario
-        Of `kilnflight.twin.scenes.SCENARIOS`.
     """
     parts = []
     for fraction in SMOKE_FRACTIONS if scale == "quick" else WINDOWS:
-        name = scene_name(campaign_name(fraction, 4.5), scenario)
-        source = kiln.TwinSource(name, seed)
+        source = kiln.TwinSource(campaign_name(fraction, 4.5), seed)
         twin = source.recording()
-        wanted = frames(twin, scale)
-        start, stop, chunk = wanted.start, wanted.stop, CHUNK
-        if piece:
-            start, stop = start // piece * piece, min(-(-stop // piece) * piece, len(twin))
-            chunk = LONG_CHUNK
+        frames = scored_frames(twin, scale)
         detector, background = Combination(DoG(settings.threshold)), BACKGROUNDS[scale]
-        run = DetectionRun(source, start, stop, detector, background, chunk, not piece)
+        run = DetectionRun(source, frames.start, frames.stop, detector, background, CHUNK, True)
         seen = settings.in_air(kiln.detections(run, Workers(jobs)))
-        seen = seen[seen["frame"].isin(wanted)].reset_index(drop=True)
-        differences: Any = None if piece else StoredDifferences(run)  # steps do without them
-        truth = true_trajectories(twin, wanted)
-        parts.append(Window(fraction, name, wanted, seen, truth, differences, lance_of(twin)))
+        seen = seen[seen["frame"].isin(frames)].reset_index(drop=True)
+        truth = true_trajectories(twin, frames)
+        parts.append(Window(fraction, frames, seen, truth, StoredDifferences(run), lance_of(twin)))
     return parts
 
 
@@ -161,32 +130,21 @@ def follow_all(windows: Iterable[Window], trackers: Mapping[str, Tracker]) -> Tr
     return {(window.fraction, name): follow(window, tracker) for window, (name, tracker) in each}
 
 
-def beside_truth(
-    windows: Iterable[Window], tracked: Tracked, trackers: Iterable[str]
-) -> dict[str, dict[str, pd.DataFrame]]:
-    """Return the true tracks of windows, and those of trackers by stage, by fraction."""
-    tables = {window.fraction: {"truth": window.truth} for window in windows}
-    for (fraction, shown), name in product(tables.items(), trackers):
-        each = tracked[fraction, name].items()
-        shown |= {f"{name} {stage} steps": tracks for stage, tracks in each}
-    return tables
-
-
-def cells(
-    windows: Iterable[Window], tracked: Tracked, readings: Sequence[str] = READINGS
-) -> list[Scored]:
-    """Return every cell of Table 5.17 in some readings, for the tracks that there are."""
+def cells(windows: Iterable[Window], tracked: Tracked) -> dict[Key, Scored]:
+    """Return the cells of Table 5.17 by key, for the tracks that there are."""
     numbers = {name: k for k, name in enumerate(dict.fromkeys(name for _, name in tracked), 1)}
-    return [
-        scored(
-            (window.fraction, name, stage, reading),
-            score_reading(reading, window.truth, tracks, window.lance, stage),
+    found = [
+        score_cell(
+            (window.fraction, name, stage),
+            window.truth,
+            tracks,
+            window.lance,
             (FRACTION_NUMBERS[window.fraction], number, 1 + STAGES.index(stage)),
         )
         for window, (name, number) in product(windows, numbers.items())
         for stage, tracks in tracked.get((window.fraction, name), {}).items()
-        for reading in readings
     ]
+    return {cell.key: cell for cell in found}
 
 
 def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[np.int64]:
@@ -205,9 +163,7 @@ def true_particles(detections: pd.DataFrame, true: pd.DataFrame) -> npt.NDArray[
     return owner
 
 
-def ablate(
-    windows: Sequence[Window], trackers: Mapping[str, Tracker], reading: str = FROM_LANCE
-) -> pd.DataFrame:
+def ablate(windows: Sequence[Window], trackers: Mapping[str, Tracker]) -> pd.DataFrame:
     """Return the measures with one part after the other replaced by the truth.
 
     Returns
@@ -231,22 +187,32 @@ def ablate(
     for name, tables in inputs.items():
         pairs = zip(windows, tables, strict=True)
         replaced = [window._replace(detections=table) for window, table in pairs]
-        found = cells(replaced, follow_all(replaced, trackers), [reading])
-        parts.append(tabulate(found).assign(input=name))
+        found = cells(replaced, follow_all(replaced, trackers))
+        parts.append(tabulate(found.values()).assign(input=name))
     links = {
         (window.fraction, "links by the truth"): {STAGES[0]: tracks}
         for window, tracks in zip(windows, linked, strict=True)
     }
-    parts.append(tabulate(cells(windows, links, [reading])).assign(input="detections"))
+    parts.append(tabulate(cells(windows, links).values()).assign(input="detections"))
     return pd.concat(parts, ignore_index=True)
 
 
-def compare(windows: Sequence[Window], variants: Mapping[str, Variant]) -> pd.DataFrame:
-    """Return `tracking_scores.gains` of variants with post-processing over the first."""
-    each = product(windows, variants.items())
-    tracked = {(window.fraction, name): {STAGES[1]: make(window)} for window, (name, make) in each}
-    found = gains(cells(windows, tracked), next(iter(variants)))
-    return found.rename(columns={"tracker": "variant"})
+def window_table(windows: Iterable[Window]) -> pd.DataFrame:
+    """Return frames, trajectories, positions and detections of windows, beside Table 5.15."""
+    rows = [
+        {
+            "fraction": fraction,
+            "first_frame": frames.start,
+            "frames": len(frames),
+            "trajectories": truth["particle"].nunique(),
+            "trajectories_from_lance": from_lance(truth, lance)["particle"].nunique(),
+            "positions": len(truth),
+            "detections": len(seen),
+            "of_no_particle": (true_particles(seen, truth) < 0).sum(),
+        }
+        for fraction, frames, seen, truth, _, lance in windows
+    ]
+    return pd.DataFrame(rows)
 
 
 def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
@@ -258,50 +224,6 @@ def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
     ]
     table = tracklets.tracked(pd.concat(parts, ignore_index=True))
     return table[["fraction", column, "particle", "frame", "row", "col"]]
-
-
-def draw_trajectories(windows: Sequence[Window], tables: Tables) -> Figure:
-    """Draw tracks on the sum of frame differences: windows (columns) by name (rows)."""
-    rows = len(next(iter(tables.values())))
-    picture, grid = style.canvas(rows, len(windows), width_mm=130, height_mm=40 * rows)
-    for window, column in zip(windows, grid.T, strict=True):
-        height, width = window.differences.shape
-        first, last = window.frames.start, window.frames.stop - 1
-        light = window.differences(first, last, 0, 0, height, width)
-        for axes, (name, table) in zip(column, tables[window.fraction].items(), strict=True):
-            style.draw_frame(axes, light, 8)
-            style.draw_tracks(axes, tracklets.tracked(table))
-            axes.set(title=f"{window.fraction}: {name}", ylabel="row (px)", xlabel="")
-        column[-1].set_xlabel("column (px)")
-    return picture
-
-
-def draw_one_frame(window: Window, tracks: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
-    """Draw the frame in which most particles are tracked, and their tracks up to it.
-
-    Parameters
-    ----------
-    window
-        Of a campaign.
-    tracks
-        Of its detections, after post-processing.
-
-    Returns
-    -------
-    tuple
-        The picture, and the positions that it shows: ``particle``, ``frame``, ``row``, ``col``.
-    """
-    flying = tracklets.tracked(tracks)
-    frame = int(flying["frame"].mode()[0])
-    now = flying.loc[flying["frame"] == frame, "particle"]
-    shown = flying[flying["particle"].isin(now) & (flying["frame"] <= frame)]
-    picture, ((axes,),) = style.canvas(width_mm=style.COLUMN_MM, height_mm=68)
-    style.draw_frame(axes, window.differences.run.source.recording().gray(frame), 4)
-    style.draw_tracks(axes, shown)
-    here = window.detections[window.detections["frame"] == frame]
-    axes.plot(here["col"], here["row"], "o", ms=5, mfc="none", mec="white", mew=0.6, ls="")
-    axes.set_title(f"{window.fraction}, frame {frame}")
-    return picture, shown[["particle", "frame", "row", "col"]]
 
 
 @dataclass(frozen=True)

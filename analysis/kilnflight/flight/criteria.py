@@ -36,7 +36,7 @@ class StartsAtLance:
     -----
     The rule of flights, in space: it needs the fitted polynomials. Tracks are scored before any fit
     (Table 5.17), beside marked ones of which some have no depth: their rule is one of the picture,
-    `kilnflight.experiments.tracking_scores.FromLance`.
+    `kilnflight.experiments.tracking_scores.from_lance`.
 
     The thesis prints no criterion (secs 4.2.5 and 5.3.1); particles are "probably not captured"
     until several frames after the lance (sec. 4.3). Here the medians of the first positions with

@@ -140,7 +140,7 @@ def starting_and_lasting(
     """Return how many leave the lance and fly on in so many frames from each start.
 
     A particle counts if the lance releases it in them and it flies for ``lasting`` frames of them.
-    15 is the time of `kilnflight.experiments.tracking_scores.FromLance`.
+    15 is the time of `kilnflight.experiments.tracking_scores.from_lance`.
     """
     begin = np.asarray(starts)[:, None]
     table, rate = twin.life.table, twin.scene.frame_rate_hz

@@ -1,6 +1,4 @@
-"""Published trackers, called as ours: detections in, rows with ``particle`` out.
-
-The rows are those that went in.
+"""Published trackers, called as ours: detections in, the same rows with ``particle`` out.
 
 =================  =========================  ==================================================
 tracker            package                    how it links
@@ -8,22 +6,20 @@ tracker            package                    how it links
 `Trackpy`          trackpy 0.6 and later      nearest positions, optimal in each small group
 `LapTrack`         laptrack 0.16 and later    one assignment per frame, then one over the gaps
 `StoneSoupGNN`     stonesoup 1.5 and later    Kalman filter, ``GNNWith2DAssignment``
-`StoneSoupJPDA`    stonesoup 1.5 and later    Kalman filter, ``JPDAwithEHM2``
 =================  =========================  ==================================================
 
-They come with ``pip install kilnflight[peer]`` and are imported when called, so that the rest
-does without. All look at frame, row and col only; none knows depth or size. Stone Soup has
-no tracker for scenes in which anything may start anywhere, only parts to build one from: the
-loop here starts a track at every detection that is left over and gives a track up when it
-was not seen for some frames, as `kilnflight.tracking.tracker` does.
+They come with ``pip install kilnflight[peer]`` and are imported when called. All use frame, row
+and col only, no depth or size. Stone Soup has only parts to build a tracker from. The loop here
+starts a track at every detection that is left over and ends a track that was not detected for
+some frames, as `kilnflight.tracking.tracker` does.
 """
 
 from __future__ import annotations
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from importlib import import_module
 from importlib.util import find_spec
@@ -32,19 +28,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from kilnflight.checks import (
-    InputError,
-    check_at_least,
-    check_columns,
-    check_count,
-    check_inside,
-    check_positive,
-)
+from kilnflight.checks import InputError, check_columns
 from kilnflight.tables import TO_TRACK
-from kilnflight.tracking.tracker import record
 
 PLACE = ["row", "col"]
 PACKAGES = ("laptrack", "stonesoup", "trackpy")
@@ -60,19 +48,6 @@ class _ExternalTracker(ABC):
     """A tracker of another package, called as `kilnflight.tracking.tracker.track` is."""
 
     package: ClassVar[str]
-
-    def __post_init__(self) -> None:
-        """Refuse what is no distance, no number of frames and no probability."""
-        for name, value in asdict(self).items():
-            where = f"{type(self).__name__}: {name}"
-            if name == "missed_frames":
-                check_count(value, where, 0)
-            elif name == "gap_closing_cutoff":
-                check_at_least(value, 0, where)
-            elif name == "detection_probability":
-                check_inside(value, 0, 1, where)
-            elif name != "predict":
-                check_positive(value, where)
 
     def __call__(self, detections: pd.DataFrame) -> pd.DataFrame:
         """Return ``detections`` with ``particle``; rows with particle -1 are left out.
@@ -191,13 +166,6 @@ class StoneSoupFrame(NamedTuple):
         inverse = np.linalg.inv(np.asarray(expected.covar, dtype=np.float64))
         return np.einsum("ij,jk,ik->i", apart, inverse, apart) < self.distance**2
 
-    def largest_group(self, tracks: list[Any]) -> int:
-        """Return how many tracks share detections, directly or by others, at most."""
-        if not tracks:
-            return 0
-        inside = np.array([self.inside(track) for track in tracks], dtype=np.int64)
-        return int(np.bincount(connected_components(csr_array(inside @ inside.T))[1]).max())
-
 
 def _remembered(make: Callable[..., Any]) -> Callable[..., Any]:
     """Return a matrix of a linear model that is made once for each step in time.
@@ -307,60 +275,3 @@ class StoneSoupGNN(_StoneSoup):
                 yield track, frame.updater.update(best), best.measurement
             else:
                 yield track, best.prediction, None
-
-
-@dataclass(frozen=True)
-class StoneSoupJPDA(_StoneSoup):
-    """Joint probabilities by Stone Soup.
-
-    Where gates overlap much they take minutes per frame.
-    Which detection a track is recorded with is not Stone Soup's affair; the rule is that of
-    our own tracker, `kilnflight.tracking.tracker.record`.
-    """
-
-    detection_probability: float = 0.9  # assumption
-    # Per px^2. Chosen by hand on two tuning windows (notebook 33): ten false detections in a
-    # frame of 1536 x 2048 are 3e-6.
-    clutter_density: float = 1e-5
-    # Largest number of tracks that share detections in a frame; more are refused. It bounds the
-    # effort only: windows with 16 and 17 such tracks took seconds, many more would take minutes.
-    most_tracks: int = 20
-
-    def _associated(self, frame: StoneSoupFrame, tracks: list[Any]) -> Iterator[Any]:
-        from stonesoup.dataassociator.probability import JPDAwithEHM2
-        from stonesoup.hypothesiser.probability import PDAHypothesiser
-        from stonesoup.updater.probability import PDAUpdater
-
-        inside = 1 - np.exp(-(self.distance**2) / 2)  # P_G in two dimensions
-        shares = {"prob_detect": self.detection_probability, "prob_gate": inside}
-        filters = (frame.predictor, frame.updater)
-        hypothesiser = PDAHypothesiser(*filters, self.clutter_density, **shares)
-        associator = JPDAwithEHM2(Gated(hypothesiser, frame))
-        largest = frame.largest_group(tracks)
-        if largest > self.most_tracks:
-            raise InputError(
-                f"StoneSoupJPDA: {largest} tracks share detections in a frame, more than "
-                f"most_tracks {self.most_tracks}. Narrow the gate or lower missed_frames."
-            )
-        joint = associator.associate(tracks, frame.detections, frame.time)
-        recorded, updater = _recorded(joint, frame), PDAUpdater(frame.updater.measurement_model)
-        for track, hypotheses in joint.items():
-            detected = any(bool(hypothesis) for hypothesis in hypotheses)
-            state = updater.update(hypotheses) if detected else hypotheses[0].prediction
-            yield track, state, recorded.get(id(track))
-
-
-def _recorded(joint: dict[Any, Iterable[Any]], frame: StoneSoupFrame) -> dict[int, Any]:
-    """Return the detection for each track, by `id`, by the rule of our own tracker."""
-    column = {id(detection): 1 + k for k, detection in enumerate(frame.detections)}
-    tracks = list(joint)
-    weights = np.zeros((len(tracks), 1 + len(column)))
-    for row, track in zip(weights, tracks, strict=True):
-        for hypothesis in joint[track]:
-            k = column[id(hypothesis.measurement)] if hypothesis else 0
-            row[k] += float(hypothesis.probability)
-    owners = record(weights)
-    return {id(tracks[i]): frame.detections[j] for j, i in enumerate(owners) if i >= 0}
-
-
-PEERS = (Trackpy(), LapTrack(), StoneSoupGNN(), StoneSoupJPDA())

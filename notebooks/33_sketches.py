@@ -1,0 +1,211 @@
+# %% [markdown]
+# # Sketches of post-processing: outliers and joined tracklets
+#
+# **The work.** Sketches of the thesis (sections 4.2.2 and 4.2.3, Figs 4.5 to 4.7, 4.9, 4.10 and
+# 4.14) show which positions of a tracklet are outliers, and how two tracklets are joined.
+#
+# **Here.** Hand-made cases of the same kind pass our functions with the limits of Table 5.16. No
+# claim is tested.
+#
+# **One number.** Outliers in situation 3 of Fig. 4.5: 1 printed, 1 here.
+#
+# **What disagrees.** With six positions, the rule as printed also removes a correct first position
+# (Fig. 4.6).
+
+# %% tags=["parameters"]
+scale = "standard"  # quick, standard or full: nothing here depends on it
+seed = 0  # nothing here is drawn at random
+
+# %%
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from matplotlib.patches import Rectangle
+
+from kilnflight import tracklets
+from kilnflight.project import figures, style
+from kilnflight.tracklets.joining import connected_parts, overlap_in_time
+from kilnflight.tracklets.paths import read_paths, turns, velocities
+
+style.use_style()
+origin = figures.trace("33_sketches", {"scale": scale}, seed=seed, mark="example")
+_, outliers, connection, _ = tracklets.STEPS
+GREEN, RED, BLUE = (style.COLOURS[k] for k in (4, 1, 2))
+
+# %% [markdown]
+# ## Outliers
+#
+# A position is an outlier where the path turns by more than 30 degrees and the velocity changes by
+# more than 18 px/frame (Eqs 4.18 to 4.20). Cases are velocities (row, col) in px/frame from each
+# position to the next, and frames. By Eq. 4.17 a missed frame alone changes no velocity.
+
+# %%
+A = (2, 12)  # straight ahead
+cases = {
+    "situation 1: it turns": ([(-6, 8), (-5, 8), (4, 8), (6, 8)], [1, 2, 3, 4, 5]),
+    "situation 2: it speeds up": ([A, A, (4, 34), (3, 14)], [1, 2, 3, 5, 6]),
+    "situation 3: both": ([A, A, (-30, 14), (34, 10), A], [1, 2, 3, 4, 5, 6]),
+    "four positions": ([(-30, 12), (34, 12), A], [1, 2, 3, 4]),
+    "six positions": ([(-30, 12), (34, 12), A, A, A], [1, 2, 3, 4, 5, 6]),
+    "the first position": ([(42, 7), A, A, A, A], [1, 2, 3, 4, 5, 6]),
+    "the last position": ([A, A, A, A, (-36, 10)], [1, 2, 3, 4, 5, 6]),
+}
+
+# %%
+parts = []
+for case, (steps, frames) in cases.items():
+    moved = np.array(steps, float) * np.diff(frames)[:, None]
+    place = np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+    part = pd.DataFrame({"case": case, "frame": frames, "row": place[:, 0], "col": place[:, 1]})
+    speed = velocities(np.array(frames), place)
+    angle, change = turns(speed[:-1], speed[1:])
+    sharp = np.flatnonzero((angle > outliers.angle_deg) & (change > outliers.change))
+    part["turn_deg"] = [np.nan, *angle, np.nan]
+    part["change_px_frame"] = [np.nan, *change, np.nan]
+    part["forwards"] = np.isin(np.arange(len(part)), sharp[:1] + 2)
+    for column, rule in (("removed", outliers), ("alone", replace(outliers, from_last=False))):
+        part[column] = rule(part.assign(particle=0))["particle"] < 0
+    parts.append(part)
+judged = pd.concat(parts, ignore_index=True)
+
+# %% [markdown]
+# In situation 3 only T4 goes in the thesis. The second position is examined backwards from the last
+# one: T4 is the first to meet Eq. 4.20, so the second stays. Eq. 4.20 alone would take T2 and T3 as
+# well. With five positions or more, the first one is compared with the mean of the next three
+# velocities before the backward scan, and goes too (Fig. 4.6). The caption of Fig. 4.7 speaks of
+# the last velocities instead; the forward scan judges those anyway. Numbers in the pictures are the
+# turn and the change of velocity.
+
+# %%
+panels = [(title, title, "removed") for title in cases]  # title, case, column
+third, second = panels[2][0], panels[3][0]
+alone, forwards = ("Eq. 4.20 at the second alone", third, "alone"), ("forwards", second, "forwards")
+shown = {
+    "fig-4-5-outliers": ("Three situations of an outlier, after Fig. 4.5", [*panels[:3], alone]),
+    "fig-4-6-backwards": ("Outlier in second position, after Fig. 4.6", [forwards, *panels[3:5]]),
+    "fig-4-7-ends": ("Outlier in first and last position, after Fig. 4.7", panels[5:]),
+}
+
+# %% tags=["hide-input"]
+number, row = judged.groupby("case").cumcount(), judged.groupby("case")["row"]
+near = np.minimum(row.shift(1).fillna(np.inf), row.shift(-1).fillna(np.inf)) - judged["row"]
+above = (near > 0) | ((number % 2 == 1) & (near > -15))  # free of arrows
+labels = []
+for k, point in zip(number, judged.to_dict("records"), strict=True):
+    text = f"T{k + 1}" + f", frame {point['frame']}" * (point["frame"] != k + 1)
+    if point["change_px_frame"] > 0:
+        text += f"\n{point['turn_deg']:.0f}°, {point['change_px_frame']:.0f} px/frame"
+    labels.append(text)
+
+# %% tags=["hide-input"]
+beside = {"textcoords": "offset points", "ha": "center", "fontsize": 5.5}
+arrow = {"arrowstyle": "->", "lw": 0.8, "color": "0.35", "shrinkB": 4}
+for identifier, (caption, panels) in shown.items():
+    rows = 1 if len(panels) < 4 else 2
+    size = {"width_mm": style.PAGE_MM, "height_mm": 16 + 50 * rows}
+    picture, grid = style.canvas(rows, len(panels) // rows, **size)
+    for axes, (title, case, column) in zip(grid.flat, panels, strict=True):
+        part = judged[judged["case"] == case]
+        place, out = part[["col", "row"]], part[column]
+        for before, after in pairwise(place.to_numpy()):
+            axes.annotate("", after, before, arrowprops=arrow)
+        axes.plot(*place[~out].to_numpy().T, "o", color=GREEN, ms=6, label="inlier")
+        axes.plot(*place[out].to_numpy().T, "X", color=RED, ms=8, label="outlier")
+        for k, point in part[["col", "row"]].iterrows():
+            shift, va = ((0, 7), "bottom") if above[k] else ((0, -7), "top")
+            axes.annotate(labels[k], point, xytext=shift, va=va, **beside)
+        axes.set(title=title, xlabel="column (px)", ylabel="row (px)")
+        axes.margins(0.2, 0.3)
+        axes.invert_yaxis()
+    picture.legend(*grid[-1, -1].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    table = judged[judged["case"].isin([case for _, case, _ in panels])]
+    caption = f"{caption}. Hand-made tracklets with the limits of Table 5.16."
+    figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Joined tracklets
+#
+# Two pairs with the frames of Fig. 4.10. Without common frames a pair is connected. With common
+# frames it is merged, and each common position is the mean of both. Frames that only one of them
+# has stay as they are, so a merged pair that lies apart zigzags (Fig. 4.9).
+
+# %%
+pairs = {
+    "connection": ((1, 3, 4, 5, 7, 8), (11, 13, 14, 15, 16)),
+    "merging": ((1, 3, 4, 5, 7, 9, 10, 11), (8, 9, 11, 13, 14, 15, 16)),
+}
+parts = []
+for name, frames in pairs.items():
+    particle, time = np.repeat([0, 1], [len(each) for each in frames]), np.concatenate(frames)
+    both = pd.DataFrame({"pair": name, "tracklet": np.where(particle, "Tk", "Ti"), "frame": time})
+    both = both.assign(row=40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle, col=10.0 * time)
+    both = both.assign(particle=particle, z=np.nan)
+    paths, first, second = read_paths(both, name), np.array([0]), np.array([1])
+    overlap = overlap_in_time(paths, first, second)
+    _, frame, place = connected_parts(paths, first, second, overlap)
+    inside = pd.MultiIndex.from_arrays([frame, *place[:, :2].T])
+    both["connected"] = pd.MultiIndex.from_frame(both[["frame", "row", "col"]]).isin(inside)
+    joined = tracklets.tracked(connection(both)).assign(tracklet="Tj", connected=False)
+    parts += [both, joined.sort_values("frame")]
+table = pd.concat(parts, ignore_index=True)
+table["cardinality"] = table.groupby(["pair", "tracklet"]).cumcount() + 1
+table = table[["pair", "tracklet", "frame", "cardinality", "row", "col", "connected"]]
+
+# %% tags=["hide-input"]
+captions = {
+    "fig-4-9-joined": "Two tracklets connected over a gap and two merged, after Fig. 4.9.",
+    "fig-4-10-parts": "The same pairs with frame (time cardinality), after Fig. 4.10. Dashed: the "
+    "connected part, by which a pair is judged.",
+}
+looks = {"Ti, earlier tracklet": ("o", BLUE, 5), "Tk, later tracklet": ("s", RED, -5)}
+
+# %% tags=["hide-input"]
+for identifier, caption in captions.items():
+    picture, (panels,) = style.canvas(1, 2, sharey=True, width_mm=style.PAGE_MM, height_mm=72)
+    for axes, (name, both) in zip(panels, table.groupby("pair"), strict=True):
+        for label, (mark, colour, side) in looks.items():
+            part = both[both["tracklet"] == label[:2]]
+            axes.plot(part["col"], part["row"], mark, color=colour, ms=5, label=label)
+            if "joined" in identifier:
+                continue
+            where = {"xytext": (0, side), "va": "bottom" if side > 0 else "top", **beside}
+            for point in part.itertuples():
+                text = f"{point.frame}\n({point.cardinality})"
+                axes.annotate(text, (point.col, point.row), **where)
+            inside = part[part["connected"]]
+            (left, top), (right, low) = inside[["col", "row"]].agg(["min", "max"]).to_numpy()
+            box = (left - 5, top - 3), right - left + 10, low - top + 6
+            axes.add_patch(Rectangle(*box, fill=False, ls="--", lw=0.8))
+        if "joined" in identifier:
+            part = both[both["tracklet"] == "Tj"]
+            look = {"marker": "D", "color": "black", "lw": 1, "ls": "-", "ms": 3, "mfc": "white"}
+            axes.plot(part["col"], part["row"], label="Tj, joined", **look)
+        axes.set(title=name, xlabel="column (px)", ylim=(94, 18))
+    panels[0].set_ylabel("row (px)")
+    picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figures.save(identifier, table, picture=picture, caption=caption, provenance=origin)
+
+# %% [markdown]
+# ## Which pairs are joined first
+#
+# Dual nearest neighbours join what is cheapest for both. The Hungarian method gives up the cheapest
+# pair for the least sum (Fig. 4.14).
+
+# %%
+possible = tracklets.Pairs(*np.array([[0, 0, 1, 1], [2, 3, 2, 3]]), np.array([4.0, 2.0, 9.0, 3.0]))
+instance = pd.DataFrame(possible._asdict())
+instance[["earlier", "later"]] += 1
+instance["dual_nearest"] = np.isin(np.arange(4), tracklets.DualNearest()(possible))
+instance["hungarian"] = np.isin(np.arange(4), tracklets.Hungarian()(possible))
+caption = "Which of four possible pairs are joined first, in a case like that of Fig. 4.14."
+figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
+
+# %%
+lost = judged.groupby("case")["removed"].sum()
+one, two = lost[third], lost["six positions"]
+result = (
+    f"Situation 3 has {one} outlier (printed 1). Of six positions {two} go, one of them correct."
+)
+figures.conclude(result, [], origin)
