@@ -11,7 +11,7 @@ particle burns (`kilnflight.ignition.Ignition.bright`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -28,7 +28,7 @@ from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
-from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, Landing, kept, straight_on
+from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, kept, straight_on
 from kilnflight.kiln import LONG_CHUNK, DetectionRun, KilnRun, TwinSource
 from kilnflight.project.cache import CachedTable
 from kilnflight.project.parallel import Workers
@@ -45,7 +45,6 @@ KEYS = ["fraction", "pressure_bar"]
 # lasts 100 to 165 frames.
 FRAMES = {"quick": (100, 24), "standard": (100, 200), "full": (0, 0)}
 REASONS = (LEAVES, BEHIND, TOO_FAST)  # why a flight is refused
-FEW_POINTS = 15  # of a trajectory: two for each unknown of Eq. 4.29; ours, for a look only
 # Campaigns by scale: two of a smoke run, the lower pressure of a reduced one.
 CAMPAIGNS: dict[str, tuple[CampaignKey, ...]] = {
     "quick": (("wood chip", 4.5), ("paper shred", 4.5)),
@@ -197,11 +196,6 @@ def rows_by_campaign(rows: Mapping[CampaignKey, Mapping[Any, Any]]) -> pd.DataFr
     return pd.DataFrame(list(rows.values()), index).reset_index()
 
 
-def campaign_keys(table: pd.DataFrame) -> list[CampaignKey]:
-    """Return the campaigns of a table in their order."""
-    return list(table[KEYS].drop_duplicates().itertuples(index=False, name=None))
-
-
 def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
     """Return the rows of a campaign."""
     return table[(table["fraction"] == key[0]) & (table["pressure_bar"] == key[1])]
@@ -275,33 +269,12 @@ def true_values(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues
     }
 
 
-def followed_values(campaign: Campaign, beyond_s: float = Landing().beyond_s) -> FlightValues:
-    """Return the values of whole true flights as far as a person could follow them.
-
-    The truth treated as the measurement: a flight is complete if it is landed or burnt out
-    within ``beyond_s`` after it was last visible in the region, else censored when last visible.
-    What nobody could follow (`true_positions`) is left out.
-    """
-    twin, whole = twin_of(campaign), whole_flights(campaign)
-    rate, life = twin.scene.frame_rate_hz, twin.life
-    visible = true_positions(campaign).groupby("particle")["frame"].max()
-    last = life.table["particle"].map(visible).to_numpy(np.float64) / rate - life.release_s
-    whole &= np.isfinite(last) & (last > 0)
-    values = truth.true_flight_values(life.flights.only(whole))
-    ended = ~np.isin(life.flights.end[whole], truth.NO_DWELL)
-    end, last = life.flights.end_s[whole], last[whole]
-    complete = ended & (end - last <= beyond_s)
-    return values._replace(dwell_s=end[complete], censored_s=np.fmin(last, end)[~complete])
-
-
 def values_by_campaign(
-    tables: Measurement, keys: Sequence[CampaignKey] | None = None
+    tables: Measurement, keys: Iterable[CampaignKey]
 ) -> dict[CampaignKey, FlightValues]:
-    """Return the `flight_values` of each campaign; ``keys``: of these, also without flights."""
-    return {
-        key: flight_values(*(of_campaign(table, key) for table in tables[1:]))
-        for key in keys or campaign_keys(tables.tracks)
-    }
+    """Return the `flight_values` of campaigns."""
+    parts = {key: [of_campaign(table, key) for table in tables[1:]] for key in keys}
+    return {key: flight_values(*each) for key, each in parts.items()}
 
 
 def flight_values(
@@ -343,35 +316,6 @@ def outcome_table(values: Mapping[CampaignKey, FlightValues]) -> pd.DataFrame:
     return table
 
 
-def by_source(sources: Mapping[str, Mapping[CampaignKey, FlightValues]]) -> pd.DataFrame:
-    """Return `outcome_table` of sources below each other, with ``source`` in front."""
-    tables = {name: outcome_table(values) for name, values in sources.items()}
-    return pd.concat(tables, names=["source"]).reset_index("source")
-
-
-def count_tracks(results: Results) -> pd.DataFrame:
-    """Return length, detections in the air, tracks and lance flights, by campaign.
-
-    ``from_lance`` with the ``refused``; those are in no other number about flights.
-    """
-    rows: dict[CampaignKey, dict[str, float]] = {}
-    for campaign in results.campaigns:
-        tracks = of_campaign(results.tables.tracks, campaign.key)
-        linked, frames = tracks[tracks["particle"] >= 0], len(campaign.frames)
-        flights = of_campaign(results.tables.flights, campaign.key)
-        starting = flights[flights["from_lance"]]
-        rows[campaign.key] = {
-            "frames": frames,
-            "seconds": frames / campaign.run.frame_rate_hz,
-            "detections_in_air": len(tracks),
-            "tracked": len(linked),
-            "tracks": linked["particle"].nunique(),
-            "from_lance": len(starting),
-            "refused": len(starting) - len(kept(starting)),
-        }
-    return rows_by_campaign(rows)
-
-
 def fits_from_lance(
     tables: Measurement, key: CampaignKey, most: int
 ) -> tuple[dict[int, regression.Fit], pd.DataFrame]:
@@ -383,30 +327,6 @@ def fits_from_lance(
     return fits, tracks[tracks["particle"].isin(fits)]
 
 
-def fit_outcomes(tables: Measurement) -> pd.DataFrame:
-    """Return how many tracks were fitted, or why not, by campaign.
-
-    ``t0_earliest`` and ``t0_at_first_detection``: t0 lies at that end of its range;
-    ``from_lance``: trajectories that start at the lance; of these ``refused``, and why. Of
-    them with fewer than `FEW_POINTS` points: ``few_points`` and ``few_points_refused``.
-    """
-    table = tables.trajectories
-    count = table.groupby([*KEYS, "outcome"], sort=False).size().unstack(fill_value=0)
-    bounds = table[table["outcome"] == "fitted"].groupby(KEYS)["t0_at_bound"]
-    count["t0_earliest"] = bounds.agg(lambda at: (at < 0).sum())
-    count["t0_at_first_detection"] = bounds.agg(lambda at: (at > 0).sum())
-    starting = tables.flights[tables.flights["from_lance"]]
-    count["from_lance"] = starting.groupby(KEYS).size()
-    count["refused"] = starting[starting["refused"] != ""].groupby(KEYS).size()
-    for reason in REASONS:
-        count[f"refused: {reason}"] = starting[starting["refused"] == reason].groupby(KEYS).size()
-    points = starting.merge(table[[*KEYS, "particle", "points"]], on=[*KEYS, "particle"])
-    few = points[points["points"] < FEW_POINTS]
-    count["few_points"] = few.groupby(KEYS).size()
-    count["few_points_refused"] = few[few["refused"] != ""].groupby(KEYS).size()
-    return count.fillna(0).astype(int).reset_index()
-
-
 def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
 
@@ -416,14 +336,12 @@ def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     orders, columns, rows = range(2, 8), list(regression.MEASURES), []
     for campaign in results.campaigns:
         fits, tracks = fits_from_lance(results.tables, campaign.key, most)
-        rate, exit_point = campaign.run.frame_rate_hz, campaign.run.exit_point_mm
-        if exit_point is None:
-            raise InputError(f"{campaign.key}: the lance's outlet is not known.")
+        rate = campaign.run.frame_rate_hz
         methods = {order: regression.Regression(lowest=order, highest=order) for order in orders}
         long = [k for k, fit in fits.items() if fit.points >= methods[orders[-1]].fewest]
         for particle, order in product(long, orders):
             track = tracks[tracks["particle"] == particle]
-            fit = regression.regress(track, exit_point, rate, methods[order])
+            fit = regression.regress(track, fits[particle].exit_point_mm, rate, methods[order])
             measures = zip(AXES, *(getattr(fit, name) for name in columns), strict=True)
             rows += [(order, *of_axis) for of_axis in measures]
     table = pd.DataFrame(rows, columns=["order", "axis", *columns])

@@ -1,32 +1,23 @@
-"""Plots that are long or shared by notebooks."""
+"""Plots shared by notebooks: boxes, bars, intervals, printed marks, tracks, pictures in space."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from kilnflight.checks import InputError
 from kilnflight.detection.combination import Clusters
-from kilnflight.experiments.accuracy import CASES
-from kilnflight.experiments.campaigns import CampaignKey
-from kilnflight.experiments.space import SAMPLES, upright
-from kilnflight.experiments.space import label_camera_space as label_camera_space
-from kilnflight.flight import BURNT_OUT, LANDED, straight_on
-from kilnflight.ignition import NONE, SEEN
+from kilnflight.experiments.campaigns import CampaignKey, of_campaign
+from kilnflight.experiments.flights import Values
 from kilnflight.project.style import (
     BOXES,
     COLOURS,
     HATCHES,
-    LINES,
     PAGE_MM,
     PUBLISHED,
     PUBLISHED_BAR,
@@ -34,15 +25,11 @@ from kilnflight.project.style import (
     draw_circles,
     draw_frame,
 )
-from kilnflight.recording.frames import Recording
-from kilnflight.regression import Fit
-from kilnflight.twin.flight import Flights
+from kilnflight.scores.flights import METRES
 
 Array = npt.NDArray[np.float64]
 FACES = ("white", "0.85", COLOURS[6], COLOURS[3])
-SUBSCRIPTS = "₀₁₂₃₄₅₆₇₈₉"
 SYMBOLS = {"alpha": "alpha", "beta": "beta", "jsc": "JSC", "jsc_theta": "JSCθ"}  # of scores
-LANCE: dict[str, Any] = {"marker": "x", "color": COLOURS[1], "ms": 6, "mew": 1.6, "ls": ""}
 
 
 def draw_grouped_boxes(
@@ -77,6 +64,67 @@ def draw_grouped_boxes(
     axes.set(xticks=range(len(labels)), xticklabels=labels, xlim=(-0.55, len(labels) - 0.45))
 
 
+def draw_velocity_boxes(
+    sources: Mapping[str, Values],
+    keys: Sequence[CampaignKey],
+    bounds: pd.DataFrame | None = None,
+) -> Figure:
+    """Draw box plots of the velocity within each metre, a panel for each campaign.
+
+    Parameters
+    ----------
+    sources
+        Results of the campaigns by their source, such as "true" and "measured".
+    keys
+        The campaigns, two a row.
+    bounds
+        Published bounds with ``outcome``, ``low``, ``high`` beside fraction and pressure.
+    """
+    rows = max(-(-len(keys) // 2), 1)
+    size: dict[str, Any] = {"width_mm": PAGE_MM, "height_mm": 55 * rows}
+    picture, grid = canvas(rows, 2, **size, sharex=True, sharey=True)
+    metres = [f"{metre - 1}-{metre} m" for metre in METRES]
+    for axes, key in zip(grid.flat, keys, strict=False):
+        groups = {name: list(values[key].velocity_m_s.T) for name, values in sources.items()}
+        draw_grouped_boxes(axes, groups, metres)
+        axes.set(title=f"{key[0]}, {key[1]} bar", ylim=(-2, 25))  # numbers below 0
+        if bounds is not None:
+            at = bounds["outcome"].str.extract(r"velocity (\d)")[0].astype(float)
+            draw_published(axes, of_campaign(bounds.assign(at=at).dropna(subset="at"), key))
+    for axes in grid[:, 0]:
+        axes.set_ylabel("velocity in depth (m/s)")
+    grid[0, 0].legend(*grid[0, 0].get_legend_handles_labels())
+    return picture
+
+
+def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey]) -> Figure:
+    """Draw box plots of dwell times by fraction, a panel for each pressure that was measured.
+
+    Parameters
+    ----------
+    sources
+        By their names; of complete flights.
+    keys
+        The campaigns.
+    """
+    names, bars = list(dict.fromkeys(name for name, _ in keys)), sorted({bar for _, bar in keys})
+    picture, grid = canvas(1, len(bars), width_mm=PAGE_MM, height_mm=80, sharey=True)
+    for axes, bar in zip(grid[0], bars, strict=True):
+        groups = {
+            source: [values[name, bar].dwell_s for name in names]
+            for source, values in sources.items()
+        }
+        draw_grouped_boxes(axes, groups, names)
+        if bar == 4.5:
+            axes.axhspan(0.3, 0.5, color=PUBLISHED["color"], alpha=0.15, label="published medians")
+        axes.set(title=f"{bar} bar", ylim=(-0.1, 1.5))
+        if not sum(len(each) for group in groups.values() for each in group):
+            axes.text(0.5, 0.85, "no flight", transform=axes.transAxes, ha="center")
+    grid[0, 0].set_ylabel("dwell time (s)")
+    picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return picture
+
+
 def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
 
@@ -97,256 +145,6 @@ def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None
     axes.plot([], [], **PUBLISHED)
     highest = pd.concat(ends).max()
     axes.set_ylim(bottom, top if not highest > top else highest + reach / 2)
-
-
-def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return tracks with an empty place in every gap of frames, so that no line is drawn there.
-
-    The columns are ``particle``, ``frame``, ``row`` and ``col``.
-    """
-    places = tracks[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"])
-    behind = places[places.groupby("particle")["frame"].diff() > 1]
-    empty = behind.assign(frame=behind["frame"] - 1, row=np.nan, col=np.nan)
-    return pd.concat([places, empty]).sort_values(["particle", "frame"], ignore_index=True)
-
-
-def summed_changes(recording: Recording, frames: range) -> Array:
-    """Return the sum (rows, cols) of absolute differences of neighbouring frames."""
-    total = np.zeros((recording.attributes.rows, recording.attributes.columns))
-    for before, now in pairwise(recording.gray(t).astype(np.float32) for t in frames):
-        total += np.abs(now - before)
-    return total
-
-
-def draw_sums_and_tracks(
-    fraction: str, sums: Mapping[CampaignKey, Array], tracks: Mapping[CampaignKey, pd.DataFrame]
-) -> Figure:
-    """Draw summed frame differences above the tracks in the same frames, by pressure."""
-    keys = [key for key in sums if key[0] == fraction]
-    picture, grid = canvas(2, max(len(keys), 2), width_mm=PAGE_MM, height_mm=125)
-    for panels, key in zip(grid.T, keys, strict=False):
-        total = sums[key]
-        low, high = np.quantile(total, [0.05, 0.999])
-        shown = np.clip((total - low) / max(float(high - low), 1.0), 0.0, 1.0)
-        draw_frame(panels[0], shown, 8)
-        for k, (_, track) in enumerate(tracks[key].groupby("particle")):
-            look = {"color": COLOURS[k % len(COLOURS)], "ls": LINES[k % 3], "lw": 0.5}
-            panels[1].plot(track["col"], track["row"], **look)
-        rows, cols = total.shape
-        panels[1].set(xlim=(0, cols), ylim=(rows, 0), aspect="equal", xlabel="column (px)")
-        panels[0].set_title(f"{fraction}, {key[1]} bar: summed frame differences")
-        panels[1].set_title(f"{tracks[key]['particle'].nunique()} trajectories from the lance")
-    plt.setp(grid.T[len(keys) :].ravel(), visible=False)
-    plt.setp(grid[:, 0], ylabel="row (px)")
-    return picture
-
-
-def case_of(flight: Mapping[Any, Any]) -> str | None:
-    """Return which of `CASES` a row of `kilnflight.tables.FLIGHTS` is, or None.
-
-    Landed burning and burnt out are shown where ignition was seen, so that it can be drawn.
-    """
-    if flight["ending"] == LANDED:
-        return {SEEN: CASES[1], NONE: CASES[0]}.get(flight["ignition"])
-    return CASES[2] if flight["ending"] == BURNT_OUT and flight["ignition"] == SEEN else None
-
-
-def examples(flights: pd.DataFrame) -> dict[str, dict[str, Any]]:
-    """Return of each of `CASES` the flight from the lance with the median dwell time.
-
-    Parameters
-    ----------
-    flights
-        Of all campaigns (`kilnflight.experiments.campaigns.Measurement`).
-
-    Returns
-    -------
-    dict
-        Rows of ``flights`` by case; of an even number the shorter of the two in the middle.
-        A case that was not measured is missing.
-    """
-    cases: dict[str | None, list[Any]] = {case: [] for case in (*CASES, None)}
-    from_lance = flights[flights["from_lance"]].sort_values("dwell_s", kind="stable")
-    for flight in from_lance.to_dict("records"):
-        cases[case_of(flight)].append(flight)
-    return {case: cases[case][(len(cases[case]) - 1) // 2] for case in CASES if cases[case]}
-
-
-def draw_dwell_time(axes: Axes, fit: Fit, flight: Mapping[str, Any], track: pd.DataFrame) -> None:
-    """Draw a flight from the side, from the lance to its end, thick where it burns.
-
-    Past its last detection it flies straight on, as `kilnflight.flight.Landing` has it.
-
-    Parameters
-    ----------
-    axes
-        Where to.
-    fit
-        Its trajectory.
-    flight
-        Its row of `kilnflight.tables.FLIGHTS`.
-    track
-        Its detections, for those with depth: ``x``, ``y``, ``z``.
-    """
-    places = track[["x", "y", "z"]].dropna().to_numpy(np.float64)
-    axes.plot(*_from_the_lance(fit, places).T, ".", color="0.65", ms=2, label="detections")
-    lit = flight["t0_s"] + flight["ignition_s"]  # NaN: never
-    parts = [(flight["t0_s"], np.fmin(lit, flight["end_s"]), "unlit", "black", 1.0)]
-    if lit < flight["end_s"]:
-        parts.append((lit, flight["end_s"], "burning", COLOURS[3], 2.6))
-    for start, end, name, colour, width in parts:
-        way = _from_the_lance(fit, straight_on(fit, np.linspace(start, end, SAMPLES)))
-        axes.plot(*way.T, color=colour, lw=width, ls="-", label=name)
-    axes.plot(0, 0, **LANCE, label="lance")
-    mark = "s" if flight["ending"] == LANDED else "o"
-    last = _from_the_lance(fit, straight_on(fit, flight["end_s"]))
-    axes.plot(*last.T, mark, ms=5, mfc="white", color="black", label=f"end: {flight['ending']}")
-    axes.set(xlabel="depth from the lance (m)", ylabel="height over it (m)")
-    label = f"dwell time {flight['dwell_s']:.2f} s"
-    axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
-
-
-def _from_the_lance(fit: Fit, places: Array) -> Array:
-    """Return depth and height from the lance (n, 2) in m of camera coordinates in mm."""
-    depth, _, up = upright(places - np.array(fit.exit_point_mm))
-    return np.column_stack([-depth, up])
-
-
-def draw_space_slices(axes: Axes, fit: Fit, passed: pd.DataFrame, end_s: float) -> None:
-    """Draw when a flight passes each metre, and the velocity between two (Eq. 5.8).
-
-    Parameters
-    ----------
-    axes
-        Where to.
-    fit
-        Its trajectory.
-    passed
-        Its rows of `kilnflight.tables.SLICES`.
-    end_s
-        End of the flight on the recording's clock.
-
-    Raises
-    ------
-    InputError
-        If a slice is missing among those in front of the lance.
-    """
-    front = passed[passed["slice_m"] > 0].sort_values("slice_m")
-    far = np.concatenate([[0.0], front["slice_m"].to_numpy(np.float64)])
-    lengths = np.diff(far)
-    if not len(lengths) or not np.allclose(lengths, lengths[0]):
-        raise InputError("slices: not every slice up to the farthest; pass those of one flight.")
-    time = np.concatenate([[0.0], np.cumsum(lengths / front["velocity_m_s"].to_numpy(np.float64))])
-    times = np.linspace(fit.t0, end_s, SAMPLES)
-    depth = _from_the_lance(fit, straight_on(fit, times))[:, 0]
-    axes.plot(times - fit.t0, depth, color="black", lw=1.2, ls="-", label="trajectory")
-    axes.plot(0, 0, **LANCE, label="lance", zorder=3)
-    axes.plot(time[1:], far[1:], "o", ms=4, mfc="white", color="black", label="a metre is passed")
-    _mark_slices(axes, time, far)
-    axes.set(xlabel="time from the lance (s)", ylabel="depth from the lance (m)")
-    axes.margins(x=0.2)
-
-
-def _mark_slices(axes: Axes, time: Array, depth: Array) -> None:
-    """Draw lines at each slice's end, and its velocity; arrays begin at the lance."""
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 1}
-    look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "bbox": box}
-    axes.vlines(time[1:], 0, depth[1:], color="0.6", lw=0.6, ls=":")
-    axes.hlines(depth[1:], 0, time[1:], color="0.6", lw=0.6, ls=":")
-    velocity = np.diff(depth) / np.diff(time)
-    for n, value in enumerate(velocity.tolist(), start=1):
-        text = f"V{SUBSCRIPTS[n]} = {value:.1f} m/s"
-        where = float(time[n]), float(depth[n - 1 : n + 1].mean())
-        axes.annotate(text, where, xytext=(4, 0), **look)
-
-
-def draw_from_the_side(
-    axes: Axes, flights: Flights, values: Array, limits: npt.ArrayLike, most: int
-) -> LineCollection:
-    """Draw flights from the side, as dark as a value is low; return what is coloured.
-
-    Parameters
-    ----------
-    axes
-        Where to.
-    flights
-        Of one fraction.
-    values
-        (n,) one for each flight, or (n, samples).
-    limits
-        The two values that are darkest and brightest.
-    most
-        How many flights are drawn, the first ones.
-    """
-    paths = flights.position_m[:most, :, [0, 2]].astype(np.float64)
-    every = np.broadcast_to(values[:most].reshape(len(paths), -1), paths.shape[:2])
-    steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)  # (n, samples - 1, 2, 2)
-    finite = np.isfinite(steps).all(axis=(2, 3))
-    lines = LineCollection(list(steps[finite]), cmap="viridis", linewidths=0.6, linestyles="-")
-    lines.set_array(every[:, :-1][finite])
-    lines.set_clim(*np.asarray(limits, dtype=np.float64))
-    axes.add_collection(lines)
-    axes.autoscale_view()
-    axes.set(xlabel="from the lance (m)", ylabel="above the kiln's axis (m)")
-    return lines
-
-
-def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw values without and with a treatment in two readings, and the published ones below.
-
-    Parameters
-    ----------
-    axes
-        To draw on.
-    table
-        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed`` with
-        ``low`` and ``high``, ``all_tracks`` and ``published``.
-    """
-    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
-    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "s", 0.0)}
-    places["published"] = (str(PUBLISHED["color"]), "", -0.25)
-    names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
-    for source, (color, marker, shift) in places.items():
-        look = PUBLISHED if source == "published" else {"marker": marker, "color": color, "ms": 3}
-        looks = {
-            stage: {**look, "mfc": face, "label": f"{names[source]}, {stage}"}
-            for stage, face in (("without", "white"), ("with", color))
-        }
-        _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
-    for stage, shift in (("without", 0.36), ("with", 0.14)):
-        place = np.arange(len(wide)) + shift
-        known = wide["recomputed"][stage].notna()
-        ends = (wide[end][stage][known] for end in ("low", "high"))
-        axes.hlines(place[known], *ends, color="black", lw=0.4)
-    axes.set_yticks(range(len(wide)), [f"{name}, {tracker}" for name, tracker in wide.index])
-
-
-def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:
-    """Draw the columns "without" and "with", each in its look, joined by a line."""
-    axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")
-    for stage, look in looks.items():
-        axes.plot(wide[stage], place, **{**look, "ls": ""})
-
-
-def draw_before_after(axes: Axes, table: pd.DataFrame, along: str, stage: str, value: str) -> None:
-    """Draw what each entry has "without" and "with" something, joined by a line.
-
-    Parameters
-    ----------
-    axes
-        Where to; the first entry of ``along`` is drawn at 0 of the vertical axis.
-    table
-        Long; one row per mark, NaN: no mark.
-    along, stage, value
-        Its columns; ``stage`` is "without" or "with".
-    """
-    wide = table.pivot(index=along, columns=stage, values=value).loc[table[along].unique()]
-    looks = {
-        "without": {"marker": "o", "mfc": "white", "color": COLOURS[2], "label": "without"},
-        "with": {"marker": "s", "color": COLOURS[1], "label": "with"},
-    }
-    _joined(axes, wide, np.arange(len(wide)), looks, "0.6")
-    axes.set(yticks=range(len(wide)), yticklabels=wide.index)
 
 
 def draw_bars(axes: Axes, table: pd.DataFrame, along: str, kind: str, value: str) -> None:
@@ -437,3 +235,75 @@ def draw_keypoints_and_clusters(
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
     return picture
+
+
+def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw values without and with a treatment in two readings, and the published ones below.
+
+    Parameters
+    ----------
+    axes
+        To draw on.
+    table
+        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed`` with
+        ``low`` and ``high``, ``all_tracks`` and ``published``.
+    """
+    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
+    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "s", 0.0)}
+    places["published"] = (str(PUBLISHED["color"]), "", -0.25)
+    names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
+    for source, (color, marker, shift) in places.items():
+        look = PUBLISHED if source == "published" else {"marker": marker, "color": color, "ms": 3}
+        looks = {
+            stage: {**look, "mfc": face, "label": f"{names[source]}, {stage}"}
+            for stage, face in (("without", "white"), ("with", color))
+        }
+        _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
+    for stage, shift in (("without", 0.36), ("with", 0.14)):
+        place = np.arange(len(wide)) + shift
+        known = wide["recomputed"][stage].notna()
+        ends = (wide[end][stage][known] for end in ("low", "high"))
+        axes.hlines(place[known], *ends, color="black", lw=0.4)
+    axes.set_yticks(range(len(wide)), [f"{name}, {tracker}" for name, tracker in wide.index])
+
+
+def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:
+    """Draw the columns "without" and "with", each in its look, joined by a line."""
+    axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")
+    for stage, look in looks.items():
+        axes.plot(wide[stage], place, **{**look, "ls": ""})
+
+
+def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
+    """Return tracks with an empty place in every gap of frames, so that no line is drawn there.
+
+    The columns are ``particle``, ``frame``, ``row`` and ``col``.
+    """
+    places = tracks[["particle", "frame", "row", "col"]].sort_values(["particle", "frame"])
+    behind = places[places.groupby("particle")["frame"].diff() > 1]
+    empty = behind.assign(frame=behind["frame"] - 1, row=np.nan, col=np.nan)
+    return pd.concat([places, empty]).sort_values(["particle", "frame"], ignore_index=True)
+
+
+def upright(places_mm: npt.ArrayLike) -> Array:
+    """Return depth, across and up in m, (3, n), of camera coordinates (n, 3) in mm.
+
+    Pictures in space use these; y of the camera points up, as rows count down.
+    """
+    x, y, z = np.asarray(places_mm, dtype=np.float64).reshape(-1, 3).T / 1000.0
+    return np.stack([z, x, y])
+
+
+def label_camera_space(axes: Any) -> None:
+    """Label axes of `upright` places; call once, as it turns their second axis."""
+    axes.invert_yaxis()  # or right and left were changed
+    label_space(axes, ("depth z (m)", "x (m)", "up, y (m)"), (-2, -4, -1), -2)
+
+
+def label_space(axes: Any, labels: Sequence[str], pads: Sequence[int], ticks: int) -> None:
+    """Label the three axes; ``pads`` and ``ticks`` move labels and ticks outwards (points)."""
+    for axis, label, pad in zip("xyz", labels, pads, strict=True):
+        axes.set(**{f"{axis}label": label})
+        getattr(axes, f"{axis}axis").labelpad = pad
+    axes.tick_params(pad=ticks)
+    axes.locator_params(nbins=4)
