@@ -126,12 +126,12 @@ bounds = bounds.assign(version="published", quantity="remaining", distance_m=met
 columns = ["version", "pressure_bar", "quantity", "fraction"]
 table = pd.concat([shares, bounds]).sort_values(columns, kind="stable", ignore_index=True)
 ours = table["version"] == "measured"
-table.loc[ours, ["interval_low", "interval_high"]] = [
-    flights.interval_of(results.measured[tuple(key)], f"remaining {metre:.0f} m (%)", generator)[
-        1:3
-    ]
-    for *key, metre in table.loc[ours, [*KEYS, "distance_m"]].itertuples(index=False)
+found = [
+    flights.interval_of(results.measured[fraction, bar], f"remaining {metre:.0f} m (%)", generator)
+    for fraction, bar, metre in table.loc[ours, [*KEYS, "distance_m"]].itertuples(index=False)
 ]
+ends = pd.DataFrame([flights.interval_columns(one) for one in found])[["low", "high"]]
+table.loc[ours, ["interval_low", "interval_high"]] = ends.to_numpy()
 table = table[[*columns, "distance_m", "value", "low", "high", "interval_low", "interval_high"]]
 
 # %% tags=["hide-input"]

@@ -20,7 +20,7 @@ jobs = 2  # processes
 # %%
 import numpy as np
 
-from kilnflight.experiments import accuracy, campaigns, plots, tracking, trackers
+from kilnflight.experiments import accuracy, campaigns, plots, trackers, tracking
 from kilnflight.experiments.campaigns import KEYS
 from kilnflight.project import figures, style
 from kilnflight.scores.flights import quartiles
@@ -63,8 +63,8 @@ for row in whole.to_dict("records"):
         text[f"{kind} reported as ignited"] = found
 caption = (
     "Particles detected, with the 95 % interval of the share, and errors particle by particle: "
-    "median of measured minus true with its 95 % interval; scatter: half the range that holds 68 %. "
-    "Campaign dwell: medians of complete flights and of all true ones. False flights: of no "
+    "median of measured minus true with its 95 % interval; scatter: half the range that holds 68 "
+    "%. Campaign dwell: medians of complete flights and of all true ones. False flights: of no "
     "particle, of all that count."
 )
 table = campaigns.rows_by_campaign(rows)

@@ -58,30 +58,6 @@ def test_lost_flights_have_no_dwell_time_and_refused_ones_are_not_there():
     assert both["track"].tolist() == [2, -1, -1]
 
 
-def test_whom_refusing_takes_is_told_by_the_truth():
-    reasons = ["", "", "", "leaves the kiln", "leaves the kiln", "turns back"]
-    started = pd.DataFrame(
-        {
-            "fraction": ["wood chip"] * 5 + ["confetti"],
-            "pressure_bar": 4.5,
-            "refused": reasons,
-            "points": [20, 30, 40, 6, 8, 5],
-            "true_owner": [1, 1, 2, 3, np.nan, np.nan],
-            "true_dwell_s": [0.2, 0.2, 0.4, 0.5, np.nan, np.nan],
-            "true_velocity_m_s": [9.0, 9.0, 7.0, 3.0, np.nan, np.nan],
-        }
-    )
-    table = accuracy.whom_refused(started)
-    assert table["fraction"].tolist() == ["wood chip", "wood chip", "confetti"]
-    assert table["refused"].tolist() == [False, True, True]
-    assert table["flights"].tolist() == [3, 2, 1]
-    assert table["positions"].tolist() == [30, 7, 5]
-    assert table["particles"].tolist() == [2, 1, 0]  # two flights of one particle count once
-    np.testing.assert_allclose(table["true_dwell_s"], [0.3, 0.5, np.nan])
-    np.testing.assert_allclose(table["true_velocity_m_s"], [8.0, 3.0, np.nan])
-    assert accuracy.whom_refused(started[:0]).empty
-
-
 def test_errors_are_those_of_measurable_particles():
     row = errors(compare(FlightTables(FLIGHTS, SLICES, OWNERS), TRUE))
     assert (row["measurable_particles"], row["detected_particles"], row["false_flights"]) == (
@@ -117,21 +93,23 @@ def test_detections_belong_to_the_nearest_true_position_within_the_gate():
     assert true_particles(seen, true).tolist() == [7, -1, 7, -1]
 
 
-def test_a_track_belongs_to_whom_at_least_half_of_it_belongs():
-    tracks = pd.DataFrame({"particle": [1, 1, 1, 2, 2, 2, -1]})
-    owner = np.array([7, 7, -1, 7, 8, 9, 7])
-    assert accuracy.particle_of_track(tracks, owner).to_dict() == {1: 7, 2: -1}
+def test_a_track_belongs_to_the_particle_of_at_least_half_of_it():
+    tracks = pd.DataFrame({"particle": [1, 1, 1, 2, 2, 2, -1], "frame": range(7), "col": 5.0})
+    tracks = tracks.assign(row=[10.0, 10, 500, 10, 20, 30, 10])
+    true = tracks.assign(particle=[7, 7, 7, 7, 8, 9, 7], row=[10.0, 10, 10, 10, 20, 30, 10])
+    assert accuracy.particle_of_track(tracks, true).to_dict() == {1: 7, 2: -1}
 
 
-def test_the_true_depth_replaces_the_measured_one_where_the_owner_is_known():
+def test_true_places_replace_those_of_known_owners_and_links_lose_depths_of_no_gate():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "x": 1.0, "y": 2.0, "z": [6000.0, 5900.0]})
-    tracks = pd.DataFrame({"frame": [0, 1, 1], "x": np.nan, "y": np.nan, "z": [1.0, 2.0, 3.0]})
-    replaced = accuracy.with_true_depth(tracks, np.array([7, 7, -1]), true)
-    assert replaced["z"].tolist() == [6000.0, 5900.0, 3.0]
-
-
-def test_every_quantity_has_a_unit():
-    assert list(accuracy.QUANTITIES) == ["dwell_s", "velocity_m_s", "ignition_s"]
+    tracks = pd.DataFrame({"frame": [0, 1, 1], "particle": 3, "x": 8.0, "y": 9.0})
+    tracks = tracks.assign(z=[7499.0, 7400.0, 9000.0])
+    linked, deep = accuracy.with_truth(tracks, np.array([7, 7, -1]), true)
+    assert deep["z"].tolist() == [6000.0, 5900.0, 9000.0]
+    assert deep["particle"].tolist() == [3, 3, 3]
+    assert linked["particle"].tolist() == [7, 7, -1]
+    np.testing.assert_equal(linked["z"].to_numpy(), [7499.0, np.nan, 9000.0])
+    np.testing.assert_equal(linked["x"].to_numpy(), [8.0, np.nan, 8.0])
 
 
 @pytest.fixture
@@ -146,8 +124,9 @@ def seen(campaign):
 
 
 def flights(campaign, tracks):
-    replaced = dict(accuracy.replace_steps(campaign, tracks))
-    assert tuple(replaced) == accuracy.REPLACED_STEPS
+    fits = accuracy.fit_tracks(campaign.run, tracks)
+    replaced = dict(accuracy.replace_steps(campaign, tracks, fits))
+    assert list(replaced)[-1] == accuracy.WHOLE
     for tables in replaced.values():
         assert set(tables.flights["particle"]) <= set(tables.particles.index)
     return {name: tables.flights.reset_index(drop=True) for name, tables in replaced.items()}
@@ -161,13 +140,8 @@ def test_true_tracks_fly_the_same_whatever_is_replaced(campaign):
         pd.testing.assert_frame_equal(replaced[name], replaced["whole chain"])
 
 
-def test_trajectories_that_are_there_are_not_worked_out_again(campaign):
-    true = seen(campaign)
-    own = accuracy.fit_tracks(campaign.run, true)
-    given = dict(accuracy.replace_steps(campaign, true, own))
-    for name, tables in accuracy.replace_steps(campaign, true):
-        pd.testing.assert_frame_equal(given[name].flights, tables.flights)
-    none = dict(accuracy.replace_steps(campaign, true, {}))
+def test_the_given_trajectories_are_used(campaign):
+    none = dict(accuracy.replace_steps(campaign, seen(campaign), {}))
     assert not none["whole chain"].flights["from_lance"].any()
     assert len(none["true positions and links"].flights) > 3
 
@@ -207,21 +181,7 @@ def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign
 def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
     true = pd.DataFrame({"frame": [0, 1], "particle": 7, "z": [6000.0, 5900.0]})
     tracks = pd.DataFrame({"frame": [0, 1, 1], "x": 1.0, "y": 2.0, "z": [7499.0, 7400.0, 9000.0]})
-    replaced = accuracy.link_by_truth(tracks, np.array([7, 7, -1]), true)
+    replaced = accuracy.with_truth(tracks, np.array([7, 7, -1]), true)
     assert replaced["particle"].tolist() == [7, 7, -1]
     np.testing.assert_equal(replaced["z"].to_numpy(), [7499.0, np.nan, 9000.0])
     np.testing.assert_equal(replaced["x"].to_numpy(), [1.0, np.nan, 1.0])
-
-
-def test_errors_of_the_first_metre_say_how_far_campaigns_are_apart():
-    """A median of nought may hide errors of both signs."""
-    rows = [("a", 4.5, 1.0, 9.0 + k, 10.0) for k in (-1.0, 0.0, 1.0)]
-    rows += [("b", 4.5, 1.0, 11.0 + k, 10.0) for k in (-1.0, 0.0, 1.0)]
-    rows += [("b", 4.5, 1.0, 99.0, np.nan), ("b", 4.5, 2.0, 50.0, 10.0)]
-    columns = ["fraction", "pressure_bar", "slice_m", "measured_m_s", "true_m_s"]
-    said = accuracy.first_metre_errors(pd.DataFrame(rows, columns=columns))
-    assert said == (
-        "median +0.00 m/s, half of them from -0.75 to +0.75 m/s (6 particles); medians of "
-        "campaigns from -1.00 to +1.00 m/s"
-    )
-    assert accuracy.first_metre_errors(pd.DataFrame(columns=columns)) == "no particle"

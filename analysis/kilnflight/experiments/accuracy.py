@@ -5,7 +5,7 @@ measured flights, true flights -> `compare` -> `errors`: share detected, bias, s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -28,15 +28,13 @@ from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
 from kilnflight.twin.truth import metre_velocities
 
-Array = npt.NDArray[np.float64]
-Owners = npt.NDArray[np.int64]
-
+Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # grey values of true positions
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
 PLAIN, WEIGHTED = Regression(), Regression(scale_mm=SCATTER_MM)
 ROBUST = Regression(scale_mm=SCATTER_MM, robust=True)
-WHOLE = "whole chain"
+WHOLE, AXES = "whole chain", ["x", "y", "z"]
 
 
 class FlightTables(NamedTuple):
@@ -120,7 +118,7 @@ def matched(results: campaigns.Results) -> Iterator[tuple[Campaign, FlightTables
         tracks, _, flights, slices = (of_campaign(each, campaign.key) for each in results.tables)
         true = campaigns.true_positions(campaign)
         flights, slices = (table.drop(columns=KEYS) for table in (flights, slices))
-        yield campaign, FlightTables(flights, slices, _owners(tracks, true))
+        yield campaign, FlightTables(flights, slices, particle_of_track(tracks, true))
 
 
 def compare_campaigns(results: campaigns.Results) -> pd.DataFrame:
@@ -157,28 +155,26 @@ def errors(both: pd.DataFrame, seed: int = 0) -> dict[str, float]:
 
 def error_budget(results: campaigns.Results, jobs: int = 1) -> pd.DataFrame:
     """Return `errors` of every campaign and replaced step, in `jobs` processes."""
-    pieces = (
-        (campaign, *(of_campaign(table, campaign.key) for table in results.tables[:2]))
-        for campaign in results.campaigns
-    )
-    keys = [campaign.key for campaign in results.campaigns]
-    return stack(dict(zip(keys, parallel.run_all(_budget, pieces, jobs), strict=True)))
+    pieces = ((campaign, results.tables[:2]) for campaign in results.campaigns)
+    parts = zip(results.campaigns, parallel.run_all(_budget, pieces, jobs), strict=True)
+    return stack({campaign.key: part for campaign, part in parts})
 
 
-def _budget(campaign: Campaign, tracks: pd.DataFrame, trajectories: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of one campaign, given its tracks and their trajectories."""
-    tracks = tracks.drop(columns=KEYS).reset_index(drop=True)
-    fits = regression.fits(trajectories.drop(columns=KEYS))
+def _budget(campaign: Campaign, measured: tuple[pd.DataFrame, pd.DataFrame]) -> pd.DataFrame:
+    """Return the rows of one campaign, given all tracks and trajectories."""
+    parts = (of_campaign(table, campaign.key).drop(columns=KEYS) for table in measured)
+    tracks, trajectories = (part.reset_index(drop=True) for part in parts)
     true, rows = true_flights(campaign), []
-    for step, tables in replace_steps(campaign, tracks, fits):
+    for step, tables in replace_steps(campaign, tracks, regression.fits(trajectories)):
         number, counted = int(tables.flights["from_lance"].sum()), counted_flights(tables.flights)
         row = {"replaced_step": step, **errors(compare(tables, true)), "flights": len(counted)}
         rows.append(row | {"refused": number - len(counted)})
     return pd.DataFrame(rows)
 
 
-def particle_of_track(tracks: pd.DataFrame, owner: Owners) -> pd.Series:
-    """Return by track the true particle of most, at least half, of its detections."""
+def particle_of_track(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
+    """Return by track the true particle of most, at least half, of its detections; -1: none."""
+    owner = true_particles(tracks, true)
     table = pd.DataFrame({"particle": tracks["particle"].to_numpy(), "owner": owner})
     count = table[table["particle"] >= 0].value_counts(["particle", "owner"]).reset_index()
     count["of"] = count.groupby("particle")["count"].transform("sum")
@@ -187,7 +183,7 @@ def particle_of_track(tracks: pd.DataFrame, owner: Owners) -> pd.Series:
 
 
 def replace_steps(
-    campaign: Campaign, tracks: pd.DataFrame, measured: Mapping[int, regression.Fit]
+    campaign: Campaign, tracks: pd.DataFrame, measured: Fits
 ) -> Iterator[tuple[str, FlightTables]]:
     """Yield the flights with one step after the other replaced by the truth.
 
@@ -196,14 +192,13 @@ def replace_steps(
     true, run = campaigns.true_positions(campaign), campaign.run
     positions = true.assign(gray=np.where(true["label"] == 2, LIT_GRAY, UNLIT_GRAY))
     followed = postprocess(track(positions.drop(columns="particle"), run.tracker))
-    owner = true_particles(tracks, true)
-    linked, deep = link_by_truth(tracks, owner, true), with_true_depth(tracks, owner, true)
-    ours, exact = particle_of_track(tracks, owner), fit_tracks(run, positions)
+    linked, deep = with_truth(tracks, true_particles(tracks, true), true)
+    ours, exact = particle_of_track(tracks, true), fit_tracks(run, positions)
     replaced = {name: exact[ours[name]] for name in measured if ours[name] in exact}
     cases = {
-        "true positions and links": (positions, exact, _owners(positions, true)),
-        "true links": (linked, fit_tracks(run, linked), particle_of_track(linked, owner)),
-        "true positions": (followed, fit_tracks(run, followed), _owners(followed, true)),
+        "true positions and links": (positions, exact, particle_of_track(positions, true)),
+        "true links": (linked, fit_tracks(run, linked), particle_of_track(linked, true)),
+        "true positions": (followed, fit_tracks(run, followed), particle_of_track(followed, true)),
         "true depth": (deep, fit_tracks(run, deep), ours),
         "true trajectories": (tracks, {**measured, **replaced}, ours),
         "weighted axes": (tracks, fit_tracks(run, tracks, WEIGHTED), ours),
@@ -215,39 +210,22 @@ def replace_steps(
         yield name, FlightTables(flights, kiln.slices_from(flights, trajectories), owners)
 
 
-def _owners(tracks: pd.DataFrame, true: pd.DataFrame) -> pd.Series:
-    return particle_of_track(tracks, true_particles(tracks, true))
+def with_truth(
+    tracks: pd.DataFrame, owner: npt.NDArray[np.int64], true: pd.DataFrame
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return detections linked by their true particle, and tracks with true x, y, z.
 
-
-def link_by_truth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
-    """Return detections linked by their true particle.
-
-    Depths further from the true one than the tracker's gate are those of the background; they
-    become NaN.
+    Depths of links further from the true one than the tracker's gate are those of the background;
+    they become NaN.
     """
-    off = np.abs(tracks["z"].to_numpy(np.float64) - _true_places(tracks, owner, true, ["z"])[:, 0])
-    linked = tracks.assign(particle=owner)
-    linked.loc[off >= Gate().depth_mm, ["x", "y", "z"]] = np.nan
-    return linked
-
-
-def with_true_depth(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame) -> pd.DataFrame:
-    """Return the tracks with true x, y, z where a detection has a particle."""
-    axes = ["x", "y", "z"]
-    places = _true_places(tracks, owner, true, axes)
-    places = np.where(np.isnan(places), tracks[axes].to_numpy(np.float64), places)
-    return tracks.assign(**dict(zip(axes, places.T, strict=True)))
-
-
-def _true_places(tracks: pd.DataFrame, owner: Owners, true: pd.DataFrame, axes: list[str]) -> Array:
-    """Return true coordinates (n, axes) behind each detection; NaN without particle."""
     index = pd.MultiIndex.from_arrays([tracks["frame"], owner])
-    return true.set_index(["frame", "particle"])[axes].reindex(index).to_numpy(np.float64)
+    places = true.set_index(["frame", "particle"])[AXES].reindex(index).set_axis(tracks.index)
+    linked = tracks.assign(particle=owner)
+    linked.loc[(tracks["z"] - places["z"]).abs() >= Gate().depth_mm, AXES] = np.nan
+    return linked, tracks.assign(**places.fillna(tracks[AXES]))
 
 
-def fit_tracks(
-    run: KilnRun, table: pd.DataFrame, method: Regression = PLAIN
-) -> dict[int, regression.Fit]:
+def fit_tracks(run: KilnRun, table: pd.DataFrame, method: Regression = PLAIN) -> Fits:
     """Return the trajectories by track."""
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
     fitted = regression.regress_all(tracked(table), run.exit_point_mm, run.frame_rate_hz, method)

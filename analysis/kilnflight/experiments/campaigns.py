@@ -93,7 +93,7 @@ def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> S
 
 
 def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
-    """Return the settings in one row: threshold, radius, limit, centre, direction."""
+    """Return threshold, radius, limit, centre and direction of the cylinder in one row."""
     subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
@@ -105,10 +105,8 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
     distance = known["distance_mm"].to_numpy()
     flying = (known["label"] != 4).to_numpy()
     limit = crossing(distance[flying], distance[~flying]) + 40.0
-    row = {"threshold": threshold, "radius_mm": wall.radius_mm, "in_air_mm": limit}
-    row |= {f"centre_{axis}": v for axis, v in zip("xyz", wall.centre_mm, strict=True)}
-    row |= {f"direction_{axis}": v for axis, v in zip("xyz", wall.direction, strict=True)}
-    return pd.DataFrame([row])
+    values = [threshold, wall.radius_mm, limit, *wall.centre_mm, *wall.direction]
+    return pd.DataFrame([values]).add_prefix("value_")
 
 
 class Campaign(NamedTuple):
@@ -208,9 +206,9 @@ def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
 
 def from_lance(tables: Measurement, step: str) -> pd.DataFrame:
     """Return the rows of a table that belong to the `counted_flights`."""
-    keys = [*KEYS, "particle"]
+    counted = counted_flights(tables.flights)[[*KEYS, "particle"]]
     table: pd.DataFrame = getattr(tables, step)
-    return table.merge(counted_flights(tables.flights)[keys], on=keys)
+    return table.merge(counted, on=[*KEYS, "particle"])
 
 
 class Results(NamedTuple):
@@ -225,14 +223,18 @@ class Results(NamedTuple):
 def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
     """Return the results of all campaigns of a scale, made where they are not there.
 
-    The true positions in their frames are cached, too.
+    The true positions in their frames are cached, too. True values are of all `whole_flights`,
+    detected or not.
     """
     recorded = campaigns(scale, settings_from_labels(scale, seed), seed)
     tables = measure_campaigns(recorded, Workers(jobs))
-    unknown = [each for each in recorded if not _marks(each).path.is_file()]
+    marks = [truth.kept_marks(twin_of(each), each.frames).path for each in recorded]
+    unknown = [each for each, path in zip(recorded, marks, strict=True) if not path.is_file()]
     Workers(jobs)(true_positions, unknown, [len(each.frames) for each in unknown], "truth")
     measured = values_by_campaign(tables, [each.key for each in recorded])
-    return Results(recorded, tables, measured, true_values(recorded))
+    whole = {each.key: twin_of(each).life.flights.only(whole_flights(each)) for each in recorded}
+    true = {key: truth.true_flight_values(flights) for key, flights in whole.items()}
+    return Results(recorded, tables, measured, true)
 
 
 def twin_of(campaign: Campaign) -> Twin:
@@ -241,11 +243,6 @@ def twin_of(campaign: Campaign) -> Twin:
     if not isinstance(recording, Twin):
         raise InputError(f"{recording.attributes.name}: its truth is not known; use the twin.")
     return recording
-
-
-def _marks(campaign: Campaign) -> CachedTable:
-    """Return the table that `true_positions` are read from."""
-    return truth.kept_marks(twin_of(campaign), campaign.frames)
 
 
 def true_positions(campaign: Campaign) -> pd.DataFrame:
@@ -259,14 +256,6 @@ def whole_flights(campaign: Campaign) -> npt.NDArray[np.bool_]:
     release = twin.life.release_s * twin.scene.frame_rate_hz
     over = release + twin.life.flights.end_s * twin.scene.frame_rate_hz
     return np.asarray((release >= frames.start) & (over < frames.stop))
-
-
-def true_values(campaigns: Sequence[Campaign]) -> dict[CampaignKey, FlightValues]:
-    """Return the values of all `whole_flights` by campaign, detected or not."""
-    return {
-        each.key: truth.true_flight_values(twin_of(each).life.flights.only(whole_flights(each)))
-        for each in campaigns
-    }
 
 
 def values_by_campaign(
@@ -289,11 +278,8 @@ def flight_values(
     wide = slices.pivot(index="particle", columns="slice_m", values="velocity_m_s")
     wide = wide.reindex(index=counted["particle"], columns=[float(metre) for metre in METRES])
     fits = regression.fits(trajectories[TRAJECTORIES.names])
-    ends = zip(counted["particle"].tolist(), counted["end_s"].tolist(), strict=True)
-    reached = [
-        fits[particle].exit_point_mm[2] - straight_on(fits[particle], end)[0, 2]
-        for particle, end in ends
-    ]
+    ends = zip([fits[each] for each in counted["particle"]], counted["end_s"], strict=True)
+    reached = [fit.exit_point_mm[2] - straight_on(fit, end)[0, 2] for fit, end in ends]
     lost = (counted["ending"] == LOST).to_numpy()
     dwell, ignition = counted.loc[~lost, "dwell_s"], counted["ignition_s"]
     seen = (counted["last_s"] - counted["t0_s"])[lost]

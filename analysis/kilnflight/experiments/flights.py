@@ -7,7 +7,6 @@ that of the particles that passed the metre; "velocity last" is that of the last
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -150,23 +149,20 @@ def beside_printed(values: Values, generator: np.random.Generator) -> pd.DataFra
     """
     table = printed_numbers()
     table = table[[key in values for key in table[KEYS].itertuples(index=False, name=None)]]
-    rows = []
-    for row in table.to_dict("records"):
-        ours = interval_of(values[row["fraction"], row["pressure_bar"]], row["outcome"], generator)
-        ends = interval_columns(ours)
-        measured = {"measured": ours.estimate, "measured_low": ends["low"]}
-        measured |= {"measured_high": ends["high"], "agrees": agrees(row, ours)}
-        rows.append(row | measured)
-    columns = ["measured", "measured_low", "measured_high", "agrees"]
-    return pd.DataFrame(rows, columns=[*table.columns, *columns]).astype({"agrees": object})
+    keys = table[[*KEYS, "outcome"]].itertuples(index=False, name=None)
+    ours = [interval_of(values[name, bar], outcome, generator) for name, bar, outcome in keys]
+    ends = pd.DataFrame([interval_columns(one) for one in ours], table.index)
+    table["measured"] = [one.estimate for one in ours]
+    table[["measured_low", "measured_high"]] = ends.reindex(columns=["low", "high"])
+    answers = map(agrees, table["low"], table["high"], table["printed"], ours)
+    return table.assign(agrees=pd.Series(list(answers), table.index, object))
 
 
-def agrees(printed: Mapping[str, Any], ours: Interval) -> bool | None:
+def agrees(low: float, high: float, text: str, ours: Interval) -> bool | None:
     """Return whether our interval holds a printed number, or our number keeps printed bounds.
 
     None where chance decides, an interval is missing, or the text has no number (`VAGUE`).
     """
-    low, high, text = printed["low"], printed["high"], str(printed["printed"])
     if text.startswith(VAGUE):
         return None
     if not np.isfinite(ours.estimate):

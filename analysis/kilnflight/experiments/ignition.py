@@ -15,16 +15,10 @@ from numba import njit
 
 from kilnflight import kiln
 from kilnflight.background.sliding_median import stack_median
-from kilnflight.checks import InputError
 from kilnflight.experiments.accuracy import errors
-from kilnflight.experiments.campaigns import (
-    CampaignKey,
-    Results,
-    counted_flights,
-    of_campaign,
-    rows_by_campaign,
-)
+from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
 from kilnflight.experiments.flights import Array, interval_columns
+from kilnflight.flight import kept
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW, LitTrace
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
@@ -60,9 +54,8 @@ def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame
             share = interval_columns(intervals.share(found, number))
             for end, name in (("", "estimate"), ("_low", "low"), ("_high", "high")):
                 row[f"{rate}_percent{end}"] = round(100 * share[name], 2)
-        row["time_error_n"] = error["ignition_s_n"]
-        row["time_error_median_s"] = error["ignition_s_bias"]
-        row["time_error_spread_s"] = error["ignition_s_spread"]
+        for name, kind in (("n", "n"), ("median_s", "bias"), ("spread_s", "spread")):
+            row[f"time_error_{name}"] = error[f"ignition_s_{kind}"]
     return rows_by_campaign(rows)
 
 
@@ -82,13 +75,13 @@ def trace_shares(results: Results, both: pd.DataFrame, look: LitTrace) -> pd.Dat
     rows: dict[CampaignKey, dict[str, float]] = {}
     for campaign in results.campaigns:
         tracks, _, flights, _ = (of_campaign(each, campaign.key) for each in results.tables)
-        flights = counted_flights(flights)
+        flights = kept(flights[flights["from_lance"]])
         tracks = tracks[tracks["particle"].isin(flights["particle"])]
         behind = kiln.background_gray(tracks, campaign.run.detection.source, campaign.frames)
         time_s = tracks["frame"] / campaign.run.frame_rate_hz
+        tracks = tracks.assign(background=behind, time_s=time_s)
         known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
         ignites = known.set_index("track")["true_ignition_s"].notna()
-        tracks = tracks.assign(background=behind, time_s=time_s)
         rows[campaign.key] = count_lit(flights, tracks, look, ignites)
     return rows_by_campaign(rows)
 
@@ -98,17 +91,17 @@ def count_lit(
 ) -> dict[str, float]:
     """Return the numbers of `trace_shares` of one campaign; ``ignites``: the truth, by track."""
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
-    flying = tracks[tracks["time_s"] <= end_s].sort_values("frame")
-    groups = flying.groupby("particle")
-    found = {name: look(one["time_s"], one["gray"], one["background"]) for name, one in groups}
+    flying = tracks[tracks["time_s"] <= end_s].sort_values("frame").groupby("particle")
+    found = {name: look(one["time_s"], one["gray"], one["background"]) for name, one in flying}
     seen = pd.Series(found, dtype=object).reindex(flights["particle"], fill_value=TOO_FEW)
-    count: dict[str, float] = {"light_up": int((seen == SEEN).sum())}
-    count |= {"light_at_first": (seen == BEFORE).sum(), "too_few": (seen == TOO_FEW).sum()}
+    names = {"light_up": SEEN, "light_at_first": BEFORE, "too_few": TOO_FEW}
+    count: dict[str, float] = {name: (seen == kind).sum() for name, kind in names.items()}
     count |= interval_columns(intervals.share(int(count["light_up"]), len(flights)))
     judged = seen[seen.ne(TOO_FEW) & seen.index.isin(ignites.index)]
     light, truly = judged.isin([SEEN, BEFORE]), ignites.reindex(judged.index).astype(bool)
-    count |= {"unlit": (~truly).sum(), "unlit_light": (light & ~truly).sum()}
-    return count | {"lit": truly.sum(), "lit_light": (light & truly).sum()}
+    for name, kind in (("unlit", ~truly), ("lit", truly)):
+        count |= {name: kind.sum(), f"{name}_light": (light & kind).sum()}
+    return count
 
 
 def optical_picture(recording: Recording, frames: range) -> Array:
@@ -118,8 +111,6 @@ def optical_picture(recording: Recording, frames: range) -> Array:
     passing particle. The background is the median of `kilnflight.kiln.BACKGROUND_FRAMES` frames of
     each stretch of about `STRETCH` ("constant over a specific time period", 5.1.2).
     """
-    if not len(frames):
-        raise InputError("optical_picture: no frame; give at least one.")
     most = np.zeros((recording.attributes.rows, recording.attributes.columns), np.float32)
     for part in np.array_split(np.asarray(frames), -(-len(frames) // STRETCH)):
         steps = np.linspace(part[0], part[-1], kiln.BACKGROUND_FRAMES).round().astype(int)
