@@ -237,5 +237,6 @@ verdicts = [
 
 # %%
 least, most = (mae[name].max() for name in ("IA", "IV"))
-result = f"One acceleration predicts arrivals to {least:.2f} ms, one velocity to {most:.2f} ms."
+result = f"Arrivals are predicted to {least:.2f} ms on average with one acceleration for all "
+result += f"particles, to {most:.2f} ms with one velocity."
 figures.conclude(result, verdicts if files else [], origin)

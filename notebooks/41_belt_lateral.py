@@ -219,6 +219,6 @@ verdicts = [
 
 # %%
 gain = 100 * (1 - mae["CV-CV"] / mae["Straight"])
-closer = f"{gain.min():.0f} to {gain.max():.0f} % closer than predicting straight on."
-result = f"A constant lateral velocity is {closer}"
+result = f"A constant lateral velocity is {gain.min():.0f} to {gain.max():.0f} % closer to the "
+result += "true position than predicting straight on."
 figures.conclude(result, verdicts if files else [], origin)
