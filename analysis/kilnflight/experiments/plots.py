@@ -237,36 +237,6 @@ def draw_keypoints_and_clusters(
     return picture
 
 
-def draw_beside_published(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw values without and with a treatment in two readings, and the published ones below.
-
-    Parameters
-    ----------
-    axes
-        To draw on.
-    table
-        ``fraction``, ``tracker``, ``postprocessing`` ("without", "with"), ``recomputed`` with
-        ``low`` and ``high``, ``all_tracks`` and ``published``.
-    """
-    wide = table.pivot(index=["fraction", "tracker"], columns="postprocessing").iloc[::-1]
-    places = {"recomputed": ("black", "o", 0.25), "all_tracks": ("0.55", "s", 0.0)}
-    places["published"] = (str(PUBLISHED["color"]), "", -0.25)
-    names = {"recomputed": "from the lance", "all_tracks": "all tracks", "published": "published"}
-    for source, (color, marker, shift) in places.items():
-        look = PUBLISHED if source == "published" else {"marker": marker, "color": color, "ms": 3}
-        looks = {
-            stage: {**look, "mfc": face, "label": f"{names[source]}, {stage}"}
-            for stage, face in (("without", "white"), ("with", color))
-        }
-        _joined(axes, wide[source], np.arange(len(wide)) + shift, looks, color)
-    for stage, shift in (("without", 0.36), ("with", 0.14)):
-        place = np.arange(len(wide)) + shift
-        known = wide["recomputed"][stage].notna()
-        ends = (wide[end][stage][known] for end in ("low", "high"))
-        axes.hlines(place[known], *ends, color="black", lw=0.4)
-    axes.set_yticks(range(len(wide)), [f"{name}, {tracker}" for name, tracker in wide.index])
-
-
 def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:
     """Draw the columns "without" and "with", each in its look, joined by a line."""
     axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")

@@ -6,7 +6,6 @@ in depth from the lance.
 
 from __future__ import annotations
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ import pandas as pd
 from scipy import stats
 
 from kilnflight.checks import InputError, check_positive
-from kilnflight.scores.intervals import Interval
 
 Array = npt.NDArray[np.float64]
 
@@ -42,58 +40,11 @@ class FlightValues(NamedTuple):
     lost: npt.NDArray[np.bool_] = NONE_LOST  # (n,): which flights these are; empty: none
 
 
-def still_flying(flight_values: FlightValues) -> pd.DataFrame:
-    """Return the share of particles that still fly by time (Kaplan and Meier 1958).
-
-    Lost flights count as flying until they were last seen, and no longer: `scipy.stats.ecdf`.
-
-    Returns
-    -------
-    DataFrame
-        ``time_s``: 0, then each time at which a flight ends or is lost; ``flying`` after it,
-        ``low`` and ``high``: its 95 % interval (log-log; NaN where that has none, and of fewer
-        than `LEAST` complete flights). No rows without flights.
-    """
-    complete, lost = flight_values.dwell_s, flight_values.censored_s
-    columns = ["time_s", "flying", "low", "high"]
-    if not len(complete) + len(lost):
-        return pd.DataFrame(columns=columns, dtype=np.float64)
-    curve = stats.ecdf(stats.CensoredData(uncensored=complete, right=lost)).sf
-    with warnings.catch_warnings():  # no interval before the first and after the last landing
-        warnings.simplefilter("ignore", RuntimeWarning)
-        around = curve.confidence_interval(0.95, method="log-log")
-    low, high = (np.asarray(getattr(around, side).probabilities) for side in ("low", "high"))
-    if len(complete) < LEAST:
-        low, high = np.full((2, len(curve.quantiles)), np.nan)
-    values = (curve.quantiles, curve.probabilities, low, high)
-    table = pd.DataFrame(dict(zip(columns, values, strict=True)))
-    start = pd.DataFrame([[0.0, 1.0, np.nan, np.nan]], columns=columns)
-    return pd.concat([start, table], ignore_index=True)
-
-
-def censored_median(flight_values: FlightValues) -> Interval:
-    """Return the median dwell time with lost flights censored, and its 95 % interval.
-
-    The first time at which at most half still fly in `still_flying`; of the interval, in its
-    upper and lower bound (Brookmeyer and Crowley 1982). NaN where the curve ends before; its
-    interval is then open.
-    """
-    table = still_flying(flight_values)
-    times = table["time_s"].to_numpy()
-    crossed = [
-        times[table[name].to_numpy() <= 0.5 + 1e-12][:1] for name in ("flying", "low", "high")
-    ]
-    ends = (np.nan, -np.inf, np.inf)
-    found = [float(each[0]) if len(each) else end for each, end in zip(crossed, ends, strict=True)]
-    counted = len(flight_values.dwell_s) + len(flight_values.censored_s)
-    return Interval(found[0], found[1], found[2], (counted,))
-
-
 def remaining(flight_values: FlightValues) -> tuple[Array, npt.NDArray[np.intp]]:
     """Return the share of particles that pass 1 ... 5 m, in per cent.
 
     A flight ends where its dwell time does. A lost one is known to come as far as it was seen: it
-    is censored there, as in `still_flying`.
+    is censored there (Kaplan and Meier 1958).
 
     Returns
     -------

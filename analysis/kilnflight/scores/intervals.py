@@ -165,22 +165,6 @@ def share(number: int, counted: int, level: float = 0.95) -> Interval:
     return Interval(number / counted, float(interval.low), float(interval.high), (counted,))
 
 
-def difference_of_shares(
-    first: tuple[int, int], second: tuple[int, int], level: float = 0.95
-) -> Interval:
-    """Return the interval of a share minus another (Newcombe 1998, method 10).
-
-    Parameters
-    ----------
-    first, second
-        Number and how many were counted.
-    level
-        Of confidence.
-    """
-    apart = difference(share(*first, level), share(*second, level))
-    return apart._replace(low=max(apart.low, -1.0), high=min(apart.high, 1.0))
-
-
 def difference(first: Interval, second: Interval) -> Interval:
     """Return the difference of two independent estimates with its interval (Newcombe 1998).
 
