@@ -187,16 +187,18 @@ heavy, papers = (first.reindex(names) for names in (flights.HEAVY, flights.PAPER
 apart, ratio = heavy.min() - papers.max(), first.iloc[:, -1] / first.iloc[:, 0]
 answers = {"vel-1": (apart > 0).all()}
 answers["vel-6"] = claims.all_of(*(claims.about(each, 1.0, 0.2) for each in ratio))
-told = {"vel-1": apart, "vel-6": ratio}
+numbers = {"vel-1": apart, "vel-6": ratio}
 why = dict.fromkeys(SENTENCES, "Each number against our 95 % interval, each bound against ours.")
 why["vel-1"] = "Slower of chips and granules minus faster of papers in the first metre (m/s)."
 why["vel-6"] = "Medians of the first metre, 5 bar over 4.5 bar; 'little' has no number."
 for claim, name in SENTENCES.items():
     rows = campaigns.of_campaign(printed, (name, 4.5)).set_index("outcome")
     rows = rows.filter(regex="velocity|remaining", axis="index")
-    answers[claim], told[claim] = claims.all_of(*rows["agrees"]), rows["measured"]
+    answers[claim], numbers[claim] = claims.all_of(*rows["agrees"]), rows["measured"]
 holds = flights.if_complete(tables.flights, answers)
-verdicts = [claims.check(claim, holds[claim], told[claim], why[claim]) for claim in sorted(answers)]
+verdicts = [
+    claims.check(claim, holds[claim], numbers[claim], why[claim]) for claim in sorted(answers)
+]
 off = pairs[pairs["slice_m"] == 1.0].eval("measured_m_s - true_m_s")
 low, high = off.quantile([0.25, 0.75])
 result = (

@@ -176,12 +176,3 @@ def test_a_track_without_depth_has_no_trajectory_that_could_be_replaced(campaign
     assert blind not in set(replaced["true trajectories"]["particle"])
     assert blind in set(replaced["true depth"]["particle"])
     assert len(replaced["true trajectories"]) == len(replaced["whole chain"])
-
-
-def test_a_depth_that_no_gate_lets_pass_is_not_the_particles():
-    true = pd.DataFrame({"frame": [0, 1], "particle": 7, "z": [6000.0, 5900.0]})
-    tracks = pd.DataFrame({"frame": [0, 1, 1], "x": 1.0, "y": 2.0, "z": [7499.0, 7400.0, 9000.0]})
-    replaced = accuracy.with_truth(tracks, np.array([7, 7, -1]), true)
-    assert replaced["particle"].tolist() == [7, 7, -1]
-    np.testing.assert_equal(replaced["z"].to_numpy(), [7499.0, np.nan, 9000.0])
-    np.testing.assert_equal(replaced["x"].to_numpy(), [1.0, np.nan, 1.0])

@@ -1,12 +1,10 @@
-"""The thesis's eight campaigns on the twin, whole or in part.
+"""The thesis's eight campaigns in the simulated kiln: four fractions at 4.5 and 5 bar.
 
-Four fractions at 4.5 and 5 bar.
 recordings -> `Measurement`, the tables of all -> `Results`, values measured and true
 
-Threshold, wall and the limit of what is in the air come from the labelled frames; the outlet of
-the lance is known of every recording. No table of a campaign is made with its truth. No
-particle counts as burning when first detected: the thesis prints no grey value from which on a
-particle burns (`kilnflight.ignition.Ignition.bright`).
+Threshold, wall and limit of the air come from the labelled frames; the outlet of the lance is
+known. The truth enters no measured table. No particle counts as burning at its first detection:
+the thesis prints no grey value for it (`kilnflight.ignition.Ignition.bright`).
 """
 
 from __future__ import annotations
@@ -66,8 +64,8 @@ class Settings:
     wall
         The cylinder, fitted to the wall in the first of them.
     in_air_mm
-        Largest distance from its axis of what is in the air: where the Gaussians of the
-        marked particles cross, and 40 mm more, as the thesis goes from 760 to 800 mm.
+        Largest distance from its axis in the air: where the Gaussians of the marked particles
+        cross, and 40 mm more, as the thesis goes from 760 to 800 mm.
     """
 
     threshold: float
@@ -75,7 +73,7 @@ class Settings:
     in_air_mm: float
 
     def in_air(self, detections: pd.DataFrame) -> pd.DataFrame:
-        """Return the detections that are not known to be on the wall.
+        """Return the detections in the air, and those without depth.
 
         Sections 4.1.3 and 5.1.4 of the thesis.
         """
@@ -110,7 +108,7 @@ def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
 
 
 class Campaign(NamedTuple):
-    """A recording of the twin, and how its particles are found."""
+    """A recording of the simulated kiln, and the settings of its detection."""
 
     fraction: str
     pressure_bar: float
@@ -172,9 +170,9 @@ class Measurement(NamedTuple):
 
 
 def measure_campaigns(campaigns: Sequence[Campaign], workers: Workers | None = None) -> Measurement:
-    """Return the tables of the campaigns, made where they are not there.
+    """Return the tables of the campaigns; missing ones are made.
 
-    ``particle`` tells particles of one campaign apart, not of all.
+    ``particle`` is unique within a campaign only.
     """
     kiln.make_tables([campaign.run for campaign in campaigns], workers)
     steps = Measurement._fields
@@ -200,7 +198,7 @@ def of_campaign(table: pd.DataFrame, key: CampaignKey) -> pd.DataFrame:
 
 
 def counted_flights(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the flights that count: from the lance (Fig. 4.21) and not refused."""
+    """Return the flights from the lance (Fig. 4.21) that are not refused."""
     return kept(flights[flights["from_lance"]])
 
 
@@ -221,7 +219,7 @@ class Results(NamedTuple):
 
 
 def results(scale: str, seed: int = 0, jobs: int = 1) -> Results:
-    """Return the results of all campaigns of a scale, made where they are not there.
+    """Return the results of all campaigns of a scale; missing tables are made.
 
     The true positions in their frames are cached, too. True values are of all `whole_flights`,
     detected or not.
@@ -246,7 +244,7 @@ def twin_of(campaign: Campaign) -> Twin:
 
 
 def true_positions(campaign: Campaign) -> pd.DataFrame:
-    """Return where a person would see which particle in the air, cached."""
+    """Return the true positions of visible particles in the air, cached."""
     return truth.true_trajectories(twin_of(campaign), campaign.frames)
 
 
@@ -316,8 +314,8 @@ def fits_from_lance(
 def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     """Return medians of the measures of fits by ``order`` and ``axis`` (Fig. 4.23).
 
-    Over the first trajectories from the lance of each campaign, at most so many. Those with
-    too few points for the highest order are left out under all.
+    Over the first ``most`` trajectories from the lance of each campaign, without those too short
+    for the highest order.
     """
     orders, columns, rows = range(2, 8), list(regression.MEASURES), []
     for campaign in results.campaigns:

@@ -37,7 +37,7 @@ def draw_grouped_boxes(
 ) -> None:
     """Draw box plots: a place per label, a box per group, outliers as crosses.
 
-    Below each box stands how many values it has.
+    The number of values stands below each box.
 
     Parameters
     ----------
@@ -128,8 +128,7 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
 def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
 
-    A number is a diamond, two bounds are a bar; what is open on one side is an arrow. The axis
-    grows to hold them.
+    A number is a diamond, two bounds a bar, an open bound an arrow. The axis grows to hold them.
     """
     bottom, top = axes.get_ylim()
     low, high, at = bounds["low"] * scale, bounds["high"] * scale, bounds["at"]
@@ -245,7 +244,7 @@ def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: s
 
 
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
-    """Return tracks with an empty place in every gap of frames, so that no line is drawn there.
+    """Return tracks with an empty row in every gap of frames, which breaks drawn lines.
 
     The columns are ``particle``, ``frame``, ``row`` and ``col``.
     """
