@@ -4,20 +4,20 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .SUFFIXES:
 .DEFAULT_GOAL := all
-#: settings, for example make SCALE=full PARAMETERS="seed=3 40.draws=20":
-#:   SCALE=quick|standard|full             how much input the notebooks take
+#: settings, for example make quick PARAMETERS="seed=3 40.draws=20":
 #:   PARAMETERS="name=value NN.name=value" for all notebooks, for notebook NN only
 #:   JOBS=2                                notebooks side by side (up to 3 GB each)
 #:   PYTHON=python3.11                     what .venv is made with
 #:   KILNFLIGHT_EXTERNAL=folder            the authors' data, instead of data/external
 #:   KILNFLIGHT_RECORDINGS=folder          belt recordings, instead of the authors'
-#:   KILNFLIGHT_FIGURES=folder             where figures go, instead of figures/ (full) or build/SCALE
+#:   KILNFLIGHT_FIGURES=folder             instead of figures/ (full) or build/SCALE/figures
 SCALE ?= standard
 PARAMETERS ?=
 JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 1); echo $$((n < 4 ? n : 4)))
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin/python
+OUT := build/$(SCALE)
 MAKEFLAGS += --no-print-directory $(if $(filter 0,$(MAKELEVEL)),-j$(JOBS))
 export KILNFLIGHT_EXTERNAL KILNFLIGHT_RECORDINGS KILNFLIGHT_FIGURES
 # Freed memory is kept for the next frame; processes share the work, threads would only wait.
@@ -25,62 +25,30 @@ export MALLOC_MMAP_THRESHOLD_ ?= 1073741824
 export MALLOC_TRIM_THRESHOLD_ ?= 4294967296
 export OPENBLAS_NUM_THREADS ?= 1
 
-STEMS := $(basename $(notdir $(sort $(wildcard notebooks/[0-9][0-9]_*.py))))
-EXECUTED := $(STEMS:%=build/%.ipynb)
-SUMMARY := build/00_claims.ipynb
-number = $(firstword $(subst _, ,$(1)))
-SOURCES := $(filter-out %/notebooks.py $(wildcard analysis/kilnflight/project/site/*) %/README.md,$(sort $(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.md' -o -name '*.txt' -o -name '*.csv')))
-# What others wait for starts early, beside what does not wait: 30 to 34 share the detections
-# that 31 makes, 50 to 56 and 14 those that 50 makes; 32 to 34 read some of these, too. The first
-# that share compiled code start beside those of the belt: together they would compile it twice.
-# Of the rest 56 and 54 take longest.
-QUEUE := $(foreach start,10 40 41 20 42 47 46 22 43 11 24 30 31 57 12 13 21 23 25 50 32 33 14 56 54,$(filter build/$(start)_%,$(EXECUTED)))
-QUEUE += $(filter-out $(QUEUE) $(SUMMARY),$(EXECUTED))
+NOTEBOOKS := $(patsubst notebooks/%.py,$(OUT)/%.ipynb,$(sort $(wildcard notebooks/[0-9][0-9]_*.py)))
+SUMMARY := $(filter %/00_claims.ipynb,$(NOTEBOOKS))# collects what the others conclude
+LONGEST := $(filter $(OUT)/50_% $(OUT)/31_%,$(NOTEBOOKS))
+QUEUE := $(LONGEST) $(filter-out $(LONGEST) $(SUMMARY),$(NOTEBOOKS))
+SOURCES := $(filter-out %/notebooks.py,$(shell find analysis/kilnflight data/reference -name '*.py' -o -name '*.json' -o -name '*.csv'))
+# Scales never mix: figures/ holds what make full made.
+FIGURES := $(or $(KILNFLIGHT_FIGURES),$(if $(filter full,$(SCALE)),,$(CURDIR)/$(OUT)/figures))
+$(NOTEBOOKS) site/index.html: export KILNFLIGHT_FIGURES := $(FIGURES)
 
-# Scales never mix: what is cited comes from make full alone. Only notebooks and the site are
-# sent elsewhere: a make that this one starts decides anew, checks and tests look at figures/.
-ifeq ($(or $(filter full,$(SCALE)),$(KILNFLIGHT_FIGURES)),)
-$(EXECUTED) site/index.html: export KILNFLIGHT_FIGURES := $(CURDIR)/build/$(SCALE)
-endif
-
-# A notebook runs again when its settings change (scale, its own parameters, folders), which
-# are kept in files, or when one of its figures has gone missing.
-OTHER := quick full report setup data test check bench clean help
-keep = $(if $(findstring |$(strip $(2))|,|$(file <$(1))|),,$(file >$(1),$(strip $(2))))
-numbers := $(foreach stem,$(STEMS),$(call number,$(stem)))
-others = $(addsuffix .%,$(filter-out $(call number,$(1)),$(numbers)))
-ifneq ($(filter-out $(OTHER),$(or $(MAKECMDGOALS),all)),)
-$(shell mkdir -p build; for list in build/*.saved; do [ -e "$$list" ] || continue; while IFS= read -r file; do [ -e "$$file" ] || rm -f "$${list%.saved}.ipynb"; done < "$$list"; done)
-$(foreach stem,$(STEMS),$(call keep,build/$(stem).settings,$(SCALE) $(filter-out $(call others,$(stem)),$(PARAMETERS))))
-$(call keep,build/folders.settings,folders: $(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES))
-endif
-
-.PHONY: all $(OTHER)
-quick_note := a smoke run, its figures are in build/quick; figures/ is as it was
-standard_note := a reduced run, its figures are in build/standard; cite from figures/, which is as it was
-full_note := cite from figures/
-all: site/index.html ## run every notebook at standard scale and render the site (the default)
-	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; $($(SCALE)_note)"
-quick: ## a smoke run: every notebook, little input; its figures go to build/quick
-	@$(MAKE) SCALE=quick all
-full: ## the same at the scale of the publications; what figures/ and the README hold
-	@$(MAKE) SCALE=full all
-	@$(RUN) -m kilnflight.project.site --readme
-report: $(VENV)/installed ## print what figures/ holds as a PDF, build/report.pdf
-	@$(RUN) -m kilnflight.project.site.report
+.PHONY: all quick standard full setup data test check bench clean help FORCE
+all: site/index.html
+	@echo "kilnflight: up to date at scale $(SCALE); read site/index.html; figures are in $(or $(FIGURES),figures/)"
+quick standard full: ## little input; less input (the default); all of it, into figures/, and the README
+	@$(MAKE) SCALE=$@ all
+	@$(if $(filter full,$@),$(RUN) docs/generate.py --readme)
 setup: $(VENV)/installed ## create .venv and install the locked packages
 data: $(VENV)/installed ## fetch the authors' public data (optional; needs a network)
-	@$(RUN) -m kilnflight.project.data
-	@mkdir -p build && touch build/folders.settings
-# Files go to the processes one by one. Those that take longest come first; what shares the smoke
-# run of the first comes last, and need not wait for it.
-FIRST := $(addprefix tests/,test_site_pages.py test_makefile.py test_kiln.py test_interrupted.py)
-LAST := tests/test_notebooks.py
+	@$(RUN) -m kilnflight.project.data && mkdir -p build && touch build/external.txt
+LAST := tests/test_notebooks.py# waits for the smoke run of the first
+FIRST := tests/test_site_pages.py tests/test_makefile.py
 test: $(VENV)/installed ## run the tests, file by file in JOBS processes
 	@$(RUN) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not published" $(FIRST) $(filter-out $(FIRST) $(LAST),$(wildcard tests/test_*.py tests/*/test_*.py)) $(LAST) analysis
-check: $(VENV)/installed ## lint, format, types, architecture, and that figures/ and README belong together
-	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy
-	@$(VENV)/bin/lint-imports
+check: $(VENV)/installed ## lint, format, types, architecture, sizes, and that figures/ and README belong together
+	@$(RUN) -m ruff check . && $(RUN) -m ruff format --check . && $(RUN) -m mypy && $(VENV)/bin/lint-imports
 	@$(RUN) -m pytest -q -m published $$(grep -rl --include='test_*.py' mark.published tests)
 bench: $(VENV)/installed ## measure speed against peers, into figures/benchmarks.csv
 	@$(RUN) benchmarks/run.py
@@ -88,7 +56,23 @@ clean: ## remove what make has made, but neither figures/ nor the fetched data
 	rm -rf build site data/derived $(VENV) .*_cache .hypothesis analysis/*.egg-info
 	find . -name __pycache__ -prune -exec rm -rf {} +
 help: ## list the targets and settings
-	@sed -nE 's/^([a-z]+):[^#]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 16
+	@sed -nE 's/^([a-z][a-z ]*):[^#=]*## (.*)/  make \1\t\2/p; s/^#: ?//p' Makefile | expand -t 28
+
+# Newer than the notebook where it has to run again: for other settings, or a lost figure.
+$(OUT)/%.settings: FORCE
+	@mkdir -p $(@D); n=$*; s="$(KILNFLIGHT_EXTERNAL) $(KILNFLIGHT_RECORDINGS) $(KILNFLIGHT_FIGURES) $(PARAMETERS)"; \
+	  s=$$(printf '%s\n' $$s | grep -vE "^([^$${n:0:1}]|.[^$${n:1:1}]).\..*=" || true); \
+	  [ "$$s" = "$$(cat $@ 2>/dev/null || echo none)" ] && cat $(OUT)/$*.saved 2>/dev/null | xargs -r -d '\n' ls &> /dev/null || echo "$$s" > $@
+$(NOTEBOOKS): $(OUT)/%.ipynb: notebooks/%.py $(OUT)/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
+	@touch $(OUT)/$*.saved; $(RUN) -m kilnflight.project.notebooks $< --build $(OUT) $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
+$(SUMMARY): $(QUEUE)
+build/scale: FORCE
+	@mkdir -p build; [ "$(SCALE)" = "$$(cat $@ 2>/dev/null)" ] || echo $(SCALE) > $@
+site/index.html: $(QUEUE) $(SUMMARY) build/scale $(shell find docs -type f)
+	@echo "site: rendering $(words $(NOTEBOOKS)) notebooks"; $(RUN) docs/generate.py $(OUT) site
+# The authors' data if there is a network; a second make does not ask again (make data does).
+build/external.txt: analysis/kilnflight/project/data.py | $(VENV)/installed
+	@mkdir -p build; $(RUN) -m kilnflight.project.data --optional && touch $@
 
 fail = { echo "setup: $(1)" >&2; exit 1; }
 install = $(RUN) -m pip install --quiet --disable-pip-version-check $(1) >> build/pip.log 2>&1
@@ -105,12 +89,3 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	@{ $(call install,--require-hashes -r build/uv.lock) && $(call uv,$(locked)); } || { echo "setup: not by uv (build/pip.log); pip takes some two minutes more"; $(call pip,$(locked)); }
 	@$(call pip,--no-deps --no-build-isolation -e .)
 	@touch $@
-# The authors' data if there is a network; a second make does not ask again (make data does).
-build/external.txt: build/folders.settings analysis/kilnflight/project/data.py | $(VENV)/installed
-	@$(RUN) -m kilnflight.project.data --optional
-	@touch $@
-$(EXECUTED): build/%.ipynb: notebooks/%.py build/%.settings $(SOURCES) build/external.txt | $(VENV)/installed
-	@$(RUN) -m kilnflight.project.notebooks $< $(addprefix -p ,scale=$(SCALE) $(PARAMETERS))
-$(SUMMARY): $(QUEUE) # it collects what the others conclude
-site/index.html: $(QUEUE) $(SUMMARY) $(wildcard analysis/kilnflight/project/site/*)
-	@$(RUN) -m kilnflight.project.site $(EXECUTED)

@@ -77,7 +77,11 @@ def smoke(tmp_path_factory):
     fetched = any((PROJECT / "data" / "external").glob("*.zip"))
     if os.environ.get("KILNFLIGHT_SMOKE") and not fetched:  # CI has just run `make quick`
         folder = tmp_path_factory.mktemp("smoke")
-        for name, made in {"build": "build", "figures": "build/quick", "site": "site"}.items():
+        for name, made in {
+            "build": "build/quick",
+            "figures": "build/quick/figures",
+            "site": "site",
+        }.items():
             (folder / name).symlink_to(PROJECT / made)
         return folder
     shared = tmp_path_factory.getbasetemp()
@@ -98,6 +102,7 @@ def _run_all(folder: Path) -> None:
     project = folder / "project"
     for part in ("notebooks", "data/reference"):
         shutil.copytree(PROJECT / part, project / part)
+    shutil.copy(PROJECT / "CITATION.cff", project)
     environment = {
         **os.environ,
         "KILNFLIGHT_ROOT": str(project),
@@ -105,13 +110,11 @@ def _run_all(folder: Path) -> None:
         "KILNFLIGHT_DERIVED": str(folder / "derived"),
     }
     environment.pop("KILNFLIGHT_EXTERNAL", None)
-    build = ["--build", str(folder / "build")]
-    sources = sorted((PROJECT / "notebooks").glob("*.py"))
-    made = [str(folder / "build" / f"{path.stem}.ipynb") for path in sources]
+    build, sources = str(folder / "build"), sorted((PROJECT / "notebooks").glob("*.py"))
 
-    def run(module, *arguments):
+    def run(*arguments):
         done = subprocess.run(
-            [sys.executable, "-m", f"kilnflight.{module}", *arguments],
+            [sys.executable, *arguments],
             env=environment,
             cwd=folder,
             capture_output=True,
@@ -121,12 +124,13 @@ def _run_all(folder: Path) -> None:
         assert done.returncode == 0, done.stderr
 
     def execute(path):
-        run("project.notebooks", str(path), *build, "-p", "scale=quick")
+        module = ("-m", "kilnflight.project.notebooks")
+        run(*module, str(path), "--build", build, "-p", "scale=quick")
 
     with ThreadPoolExecutor(2) as pool:  # each is a process of its own
         list(pool.map(execute, sources[1:]))
     execute(sources[0])  # collects what the others said
-    run("project.site", *made, *build, "--site", str(folder / "site"))
+    run(str(PROJECT / "docs" / "generate.py"), build, str(folder / "site"))
 
 
 @pytest.fixture

@@ -1,15 +1,16 @@
-"""Whole files, cached tables and calibrations on disk."""
+"""Whole files, and tables that are made once for their arguments and code."""
 
-import json
-from dataclasses import dataclass
+import shutil
 from functools import partial
 
 import pandas as pd
 import pytest
 
+from kilnflight import camera, kiln
 from kilnflight.checks import InputError
 from kilnflight.project import cache
 from kilnflight.project.cache import CachedTable, write_whole
+from kilnflight.twin.scene import Twin
 
 
 def test_a_write_that_is_interrupted_leaves_the_old_file(monkeypatch, tmp_path):
@@ -71,27 +72,52 @@ def test_a_damaged_table_and_a_full_disk_are_told(calls, tmp_path, monkeypatch):
         table(calls, tmp_path, 2)()
 
 
-@dataclass
-class Inputs:
-    mass: float
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A copy of the package, which the hashes are taken of."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    copy = shutil.copytree(cache.PACKAGE, tmp_path / "kilnflight", ignore=ignored)
+    monkeypatch.setattr(cache, "PACKAGE", copy)
+    cache._closure_hash.cache_clear()
+    yield copy
+    cache._closure_hash.cache_clear()
 
 
-def test_a_calibration_comes_back_or_says_why_not(tmp_path):
-    path, targets = tmp_path / "fit.json", [1, 2.5]
-    hashed = cache.content_hash(targets)
-    content = {"inputs": {"mass": 2.0}, "cost_inputs_only": 3, "cost_calibrated": 1}
-    content |= {"evaluations": 9, "targets_sha256": hashed}
-    assert "cost_calibrated: 1" in cache.write_calibration(path, content)
-    read = cache.read_calibration(path, targets, "kilnflight.fit")
-    assert read == content
-    assert cache.calibrated(Inputs, path, read) == Inputs(2.0)
-    with pytest.raises(InputError, match="other inputs than here"):
-        cache.calibrated(Inputs, path, {"inputs": {"weight": 2.0}})
-    with pytest.raises(InputError, match="made for other targets"):
-        cache.read_calibration(path, [1], "kilnflight.fit")
-    path.write_text(json.dumps({**json.loads(path.read_text()), "evaluations": 10}))
-    with pytest.raises(InputError, match="damaged, its SHA-256 does not fit"):
-        cache.read_calibration(path, targets, "kilnflight.fit")
-    path.unlink()
-    with pytest.raises(InputError, match=r"cannot be read .* Run `python -m kilnflight.fit`"):
-        cache.read_calibration(path, targets, "kilnflight.fit")
+def test_the_same_code_elsewhere_has_the_same_hash(tmp_path, request):
+    here = cache.code_hash(kiln.detect)
+    request.getfixturevalue("package")
+    assert cache.code_hash(kiln.detect) == here
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("detection/combination.py", True),
+        ("camera.py", True),
+        ("ignition.py", True),
+        ("experiments/errata.py", False),
+        ("project/figures.py", False),
+        ("__main__.py", False),
+    ],
+)
+def test_what_is_imported_counts_and_nothing_else(package, name, counts):
+    before = cache.code_hash(kiln.detect)
+    (package / name).write_text((package / name).read_text() + "\n# changed\n")
+    cache._closure_hash.cache_clear()
+    assert (cache.code_hash(kiln.detect) != before) == counts
+
+
+def test_data_beside_a_module_counts(package):
+    before = cache.code_hash(Twin)
+    (package / "twin" / "new.csv").write_text("a\n")
+    cache._closure_hash.cache_clear()
+    assert cache.code_hash(Twin) != before
+
+
+def test_instances_functions_and_their_parts_count():
+    one = cache.code_hash(kiln.detect)
+    assert cache.code_hash(partial(kiln.detect, None)) == one
+    assert cache.code_hash(Twin) != cache.code_hash(camera.calibrate_depth)
+    detector = kiln.Combination()
+    assert cache.code_hash(detector) == cache.code_hash([detector]) != cache.code_hash()
+    assert cache.code_hash(1, "a", None) == cache.code_hash()

@@ -1,11 +1,13 @@
 import re
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from kilnflight.checks import InputError
-from kilnflight.project import claims, paths
+from kilnflight.project import claims, figures, paths
+from kilnflight.project.figures import Provenance
+
+MADE = Provenance("00_claims")
 
 
 def test_tables_keep_what_was_printed():
@@ -14,202 +16,55 @@ def test_tables_keep_what_was_printed():
     assert claims.published("table_5.5")["TP"].dtype.kind == "i"
 
 
-def test_an_unknown_table_is_told_with_those_there_are():
-    with pytest.raises(InputError, match=r"'table_9' *; there are .*table_5\.5"):
-        claims.published("table_9")
+@pytest.mark.parametrize("name", ["table_9", "../claims"])
+def test_an_unknown_table_is_told_with_those_there_are(name):
+    with pytest.raises(InputError, match=r"no published table .* there are .*table_5\.5"):
+        claims.published(name)
 
 
-def test_every_claim_has_an_id_of_its_own_and_says_what_is_expected():
+def test_every_claim_has_an_id_of_its_own_and_a_known_cause():
     table = claims.load()
     assert table.index.is_unique
-    assert (table["expect"].str.len() > 0).all()
-    bounds = table[["low", "high"]]
-    assert (bounds["low"].fillna(-np.inf) < bounds["high"].fillna(np.inf)).all()
+    assert set(table["cause"].dropna()) <= set(claims.CAUSES)
 
 
-@pytest.mark.parametrize(
-    ("value", "verdict"),
-    [
-        (250.0, "reproduced"),
-        ([250.0, 375.0], "reproduced"),
-        ([300.0, 375.1], "not decidable"),
-        ([300.0, 600.1], "not reproduced"),
-        (-300.0, "not reproduced"),
-    ],
-)
-def test_bounds_are_included_and_every_value_counts(value, verdict):
-    """About 300 mm is 200 to 450 mm: 250 to 375 mm or 100 to 600 mm would decide alike."""
-    assert claims.judge("depth-3", value).verdict == verdict
-
-
-def test_labels_of_a_series_are_told():
-    measured = pd.Series([294.81, 362.0], index=["6 m", "7 m"])
-    assert claims.judge("depth-3", measured).measured == "6 m 294.8, 7 m 362"
-
-
-def test_conditions_must_all_hold_and_are_written_out():
-    verdict = claims.judge("depth-4", {"9 m": True, "10 m": False}, note="why")
-    assert verdict.verdict == "not reproduced"
-    assert verdict.measured == "9 m: yes; 10 m: NO"
-    assert verdict.reason == "why"
-
-
-@pytest.mark.parametrize(
-    ("claim", "measured"),
-    [
-        ("nothing-1", 1.0),
-        ("depth-3", {"a": True}),
-        ("depth-4", 3.0),
-        ("depth-4", {}),
-        ("depth-3", np.nan),
-        ("depth-3", []),
-    ],
-)
-def test_a_measurement_that_does_not_fit_the_claim_is_refused(claim, measured):
-    with pytest.raises(InputError, match=claim):
-        claims.judge(claim, measured)
-
-
-def test_strict_limits_exclude_their_end():
-    assert claims.judge("wall-5", 0.08).verdict == "not reproduced"  # "< 0.08"
-    assert claims.judge("wall-5", 0.0799).verdict == "reproduced"
-    assert claims.judge("bg-4", 0.01).verdict == "reproduced"  # "<= 0.01"
-
-
-def test_a_strict_limit_is_strict_at_its_own_end_only():
-    assert claims.judge("wall-5", 0.0).verdict == "reproduced"  # 0 % is "less than 8 %"
-    assert claims.judge("wall-5", 0.08).verdict == "not reproduced"
-    assert claims.judge("cluster-8", [0.0, 0.49]).verdict == "reproduced"
-    assert claims.judge("otsu-1", 0.9).verdict == "not reproduced"  # "> 0.9"
-
-
-def test_a_verdict_names_its_cause_unless_the_claim_is_reproduced():
-    failed = claims.judge("wall-5", 0.2, because="chain")
-    assert (failed.verdict, failed.because) == ("not reproduced", "chain")
-    assert claims.judge("wall-5", 0.01, because="chain").because == ""
-    assert claims.undecidable("depth-1", "an input", because="twin").because == "twin"
-
-
-@pytest.mark.parametrize(
-    ("truth", "because", "told"),
-    [(0.1, "twin", "fails on the twin's own truth (0.1)"), (0.01, "chain", "holds on")],
-)
-def test_the_truth_tells_whether_the_twin_or_the_chain_is_the_cause(truth, because, told):
-    verdict = claims.judge("wall-5", 0.2, note="our test", truth=truth, because="chain")
-    assert verdict.because == because
-    assert told in verdict.reason
-    assert verdict.reason.endswith("our test")
-
-
-def test_a_cause_that_is_named_holds_where_the_truth_agrees():
-    assert claims.judge("wall-5", 0.2, truth=0.0, because="method").because == "method"
-    assert claims.judge("wall-5", 0.2, truth=0.0).because == "chain"
-
-
-@pytest.mark.parametrize("give", [claims.judge, claims.undecidable])
-def test_an_unknown_cause_is_refused(give):
-    with pytest.raises(InputError, match=r"depth-1.*'weather'.*misprint"):
-        give("depth-1", "no reason", because="weather")
-
-
-def test_a_condition_that_hangs_on_a_bound_of_ours_is_open():
-    verdict = claims.judge("depth-4", {"9 m": True, "10 m": None})
-    assert (verdict.verdict, verdict.because) == ("not decidable", "criterion")
-    assert verdict.measured == "9 m: yes; 10 m: open"
-    assert claims.judge("depth-4", {"9 m": False, "10 m": None}).verdict == "not reproduced"
-
-
-def test_a_bound_of_ours_decides_where_half_and_twice_as_far_agree(monkeypatch):
+def test_a_claim_has_one_of_three_verdicts_and_a_cause_only_where_it_fails(monkeypatch):
     table = claims.load()
-    table.loc["cluster-2", ["bound", "low", "about"]] = ["ours", 3.0, 1.0]
+    table.loc["bg-1", "cause"] = "twin"
     monkeypatch.setattr(claims, "load", lambda: table)
-    verdicts = {value: claims.judge("cluster-2", value) for value in (5.1, 4.9, 1.9)}
-    told = [each.verdict for each in verdicts.values()]
-    assert told == ["reproduced", "not decidable", "not reproduced"]
-    assert verdicts[4.9].because == "criterion"
-    assert verdicts[4.9].criterion.endswith("(a bound of ours)")
+    found = [claims.check("bg-1", holds, 0.123456, "why") for holds in (True, False, None)]
+    assert [each.verdict for each in found] == list(claims.VERDICTS)
+    assert [each.because for each in found] == ["", "twin", ""]
+    assert {(each.measured, each.reason) for each in found} == {("0.1235", "why")}
+    assert found[0].published == table.loc["bg-1", "claim"]
 
 
-def test_every_bound_is_printed_or_ours_and_ours_are_measured_from_what_the_words_name():
-    table = claims.load()
-    assert set(table["bound"]) <= {"print", "ours"}
-    ours = table["bound"] == "ours"
-    assert table.loc[~ours, "about"].isna().all()
-    assert table.loc[table["about"].notna(), ["low", "high"]].notna().any(axis=1).all()
+def test_what_was_measured_is_short_and_has_its_labels():
+    series = pd.Series({"V1": 0.12345, "V2": 2.0})
+    assert claims.check("bg-1", True, series).measured == "V1 0.1235, V2 2"
+    assert len(claims.check("bg-1", True, "long " * 100).measured) == claims.MEASURED
 
 
-def test_what_is_not_reproduced_and_names_no_cause_is_found():
-    verdicts = [
-        claims.judge("wall-5", 0.2),
-        claims.judge("otsu-1", 0.95),
-        claims.judge("depth-3", 900.0, because="misprint"),
-    ]
-    table = claims.collect([claims.verdict_table(verdicts, "02_x")])
-    assert claims.without_cause(table) == ["wall-5"]
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("no-such", True), "no claim 'no-such'"),
+        (("bg-1", "NO"), "neither True, False nor None"),
+        (("bg-1", float("nan")), "neither True, False nor None"),
+        (("bg-1", True, 1, "long " * 100), "the reason has 500 characters"),
+    ],
+)
+def test_a_wrong_check_is_told(given, message):
+    with pytest.raises(InputError, match=message):
+        claims.check(*given)
 
 
-def test_an_error_that_must_be_small_cannot_be_negative():
-    assert claims.judge("depth-2", -900.0).verdict == "not reproduced"
-
-
-def test_the_criterion_stands_beside_the_verdict():
-    assert claims.judge("bg-3", 0.0).criterion.startswith("F1 difference: <= 0.01 [0, 0.01]")
-    assert "spread(3 m)" in claims.undecidable("depth-1", "why").criterion
-
-
-@pytest.mark.parametrize("odd", [float("nan"), "NO", 1])
-def test_a_condition_is_true_or_false(odd):
-    with pytest.raises(InputError, match="neither True nor False"):
-        claims.judge("depth-4", {"a": True, "b": odd})
-
-
-def test_a_table_outside_the_published_ones_is_not_one():
-    with pytest.raises(InputError, match="no published table"):
-        claims.published("../claims")
-
-
-def test_undecidable_needs_a_reason():
-    with pytest.raises(InputError, match="say why"):
-        claims.undecidable("depth-1", " ")
-    assert claims.undecidable("depth-1", "no recording").verdict == "not decidable"
-
-
-def test_collecting_gives_every_claim_once_in_their_order():
-    one = claims.verdict_table([claims.judge("depth-3", 300.0)], "02_x")
-    two = claims.verdict_table([claims.judge("depth-2", 10.0)], "03_y")
-    table = claims.collect([one, two])
-    assert table["id"].tolist() == claims.load().index.tolist()
-    assert claims.count(table)["reproduced"] == 2
-    waiting = table[table["notebook"] == ""]
-    assert (waiting["verdict"] == "not decidable").all()
-    assert waiting["reason"].str.contains("no notebook tests it yet").all()
-    assert not table.isna().any(axis=None)
-
-
-def test_a_claim_is_judged_once():
-    verdict = claims.judge("depth-3", 300.0)
-    with pytest.raises(InputError, match="depth-3 is judged twice"):
-        claims.verdict_table([verdict, verdict], "02_x")
-    tables = [claims.verdict_table([verdict], name) for name in ("02_x", "03_y")]
-    with pytest.raises(InputError, match="02_x and 03_y"):
-        claims.collect(tables)
-
-
-def test_collecting_nothing_leaves_all_claims_waiting():
-    table = claims.collect([])
-    assert claims.count(table) == {
-        "reproduced": 0,
-        "not reproduced": 0,
-        "not decidable": len(claims.load()),
-    }
-    assert isinstance(table, pd.DataFrame)
-
-
-def test_a_fitted_claim_is_no_result_and_a_miss_stays_one():
-    hit = claims.fitted(claims.judge("otsu-1", [0.95, 0.99], note="two"), "it was fitted")
-    assert (hit.verdict, hit.reason) == (claims.NOT_DECIDABLE, "two; agrees, but it was fitted")
-    miss = claims.judge("otsu-1", [0.1])
-    assert claims.fitted(miss, "it was fitted") is miss
+def test_answers_have_three_values():
+    assert claims.all_of(True, True) is True
+    assert claims.all_of(True, None) is None
+    assert claims.all_of(None, False) is False
+    found = [claims.beyond(*interval) for interval in ((1, 2), (-1, 2), (-2, -1))]
+    assert found == [True, None, False]
 
 
 @pytest.mark.parametrize(
@@ -219,40 +74,22 @@ def test_about_is_a_bound_of_ours(value, answer):
     assert claims.about(value, 0.5, 0.05) is answer
 
 
-def test_what_failed_says_what_shows_its_cause():
-    miss = claims.judge("otsu-1", [0.1], note="a frame", because="twin")
-    assert claims.with_cause(miss).reason == f"a frame; {claims.JUDGED}"
-    assert claims.with_cause(miss, "a fit ends there").reason == "a frame; a fit ends there"
-    hit = claims.judge("otsu-1", [0.95], because="twin")
-    assert claims.with_cause(hit) is hit
+def test_every_claim_is_collected_once_in_order_and_open_where_no_notebook_tests_it():
+    figures.conclude("One.", [claims.check("bg-2", True), claims.check("bg-1", False)], MADE)
+    table = claims.collect()
+    assert table["id"].tolist() == claims.load().index.tolist()
+    assert claims.count(table)["reproduced"] == claims.count(table)["not reproduced"] == 1
+    assert table.set_index("id").loc["bg-2", "notebook"] == "00_claims"
+    waiting = table[table["notebook"] == ""]
+    assert set(waiting["verdict"]) == {"open"}
+    assert not table.isna().any(axis=None)
 
 
-def test_what_is_not_decidable_does_not_count_as_reproduced():
-    hit, miss = claims.judge("otsu-1", [0.95]), claims.judge("otsu-1", [0.1])
-    verdicts = [hit, miss, hit, claims.fitted(hit, "it was fitted")]
-    assert claims.count_reproduced(verdicts) == 2
-    assert claims.count_reproduced([]) == 0
-
-
-def test_the_first_twins_verdicts_stand_beside_those_of_now():
-    first = claims.first_twin()
-    assert set(first["verdict"]) <= set(claims.VERDICTS)
-    expected = [name for name in claims.load().index if not name.startswith("belt")]
-    assert first.index.tolist() == expected
-    table = claims.collect(
-        [claims.verdict_table([claims.judge("wall-5", 0.2, because="twin")], "25")]
-    )
-    rows = claims.beside_first_twin(table).set_index("id")
-    assert rows.index.tolist() == expected
-    row = rows.loc["wall-5"]
-    assert (row["first_twin"], row["second_look"]) == (claims.REPRODUCED, claims.NOT_REPRODUCED)
-    assert row["label"] == "second look"
-    assert (rows.loc["cluster-10", "first_twin"], row["second_look_measured"]) == (
-        claims.NOT_REPRODUCED,
-        "0.2",
-    )
-    same = rows["first_twin"] == rows["second_look"]
-    assert (rows.loc[same, "label"] == "").all()
+def test_a_claim_is_tested_by_one_notebook():
+    for stem in ("00_claims", "20_backgrounds"):
+        figures.conclude("One.", [claims.check("bg-1", True)], Provenance(stem))
+    with pytest.raises(InputError, match="bg-1 is judged by 00_claims and 20_backgrounds"):
+        claims.collect()
 
 
 # data/reference against the publications themselves (skipped where they are not)
@@ -281,11 +118,6 @@ def test_equation_2_4_stands_in_the_thesis(seeds):
         assert cell in text
 
 
-def test_our_copy_of_the_facts_is_theirs(seeds):
-    """What a claim is tested by is ours to sharpen; the sentence and its place are not."""
-    theirs = seeds.parent / "reference"
-    for path in sorted((theirs / "published").glob("*.csv")):
+def test_our_copy_of_the_published_tables_is_theirs(seeds):
+    for path in sorted((seeds.parent / "reference" / "published").glob("*.csv")):
         assert (paths.reference() / "published" / path.name).read_text() == path.read_text()
-    table = pd.read_csv(theirs / "claims.csv", index_col="id")
-    given = ["seed", "where", "subject", "claim", "testable_with"]
-    pd.testing.assert_frame_equal(claims.load().loc[table.index, given], table[given])

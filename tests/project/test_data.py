@@ -86,21 +86,15 @@ def test_recordings_are_fetched_unless_a_folder_is_named(folder, monkeypatch, na
 
 def test_a_damaged_download_is_told_and_not_kept(folder, server, offered):
     offered(f"{server}/damaged.zip")
-    with pytest.raises(InputError, match=r"t\.zip: what .* another SHA-256.*nothing was kept"):
+    with pytest.raises(InputError, match=r"t\.zip: .* delivers another file"):
         data.fetch(NAME)
     assert not [path for path in folder.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize(
-    ("address", "fault"),
-    [
-        ("http://127.0.0.1:1/good.zip", "no connection to http"),
-        ("{server}/nothing.zip", "no longer offered at http"),
-    ],
-)
-def test_a_file_that_cannot_be_reached_is_told(folder, server, offered, address, fault):
+@pytest.mark.parametrize("address", ["http://127.0.0.1:1/good.zip", "{server}/nothing.zip"])
+def test_a_file_that_cannot_be_reached_is_told(folder, server, offered, address):
     offered(address.format(server=server))
-    with pytest.raises(ConnectionError, match=rf"t\.zip: {fault}"):
+    with pytest.raises(ConnectionError, match=r"t\.zip: http.* does not answer"):
         data.fetch(NAME)
     assert not [path for path in folder.rglob("*") if path.is_file()]
 
@@ -110,7 +104,7 @@ def test_a_file_with_another_checksum_is_never_used(folder, offered):
     (folder / "belt").mkdir(parents=True)
     (folder / NAME).write_bytes(b"other")
     for call in (data.find, data.fetch):
-        with pytest.raises(InputError, match=r"SHA-256 .* expected .*Delete it and run make data"):
+        with pytest.raises(InputError, match=r"another version \(SHA-256\). Delete it"):
             call(NAME)
 
 

@@ -86,13 +86,15 @@ def test_a_worker_of_the_cluster_that_is_killed_is_told(process):
     def die_there(piece):
         os.kill(os.getpid(), 9)
 
-    with pytest.raises(InputError, match=r"workers of tcp://.* were killed .* goes on from there"):
+    with pytest.raises(
+        InputError, match=r"workers of tcp://.* were killed. What was finished is kept"
+    ):
         Workers(scheduler=process)(die_there, [1], [1], "dying")
 
 
 def test_a_worker_without_kilnflight_is_told(cluster, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"worker .* has no kilnflight. Install the same"):
+    monkeypatch.setattr("distributed.Client.run", lambda *_: exec("import gone"))
+    with pytest.raises(InputError, match="the same kilnflight"):
         Workers(scheduler=cluster)(fails, [1], [1], "none")
 
 
@@ -109,7 +111,7 @@ def test_the_bar_counts_frames_and_what_was_there(tmp_path, capsys, monkeypatch)
 
 
 def test_a_killed_process_is_told():
-    with pytest.raises(InputError, match=r"a process was killed .* it goes on from there"):
+    with pytest.raises(InputError, match=r"a process was killed .* What was finished is kept"):
         Workers(2)(die, [1, 2], [1, 1], "dying")
 
 
@@ -121,10 +123,10 @@ def test_an_error_of_a_piece_comes_through():
 
 def test_no_scheduler_is_one_clear_error(monkeypatch):
     for address in ("tcp://127.0.0.1:9", "nonsense://here"):
-        with pytest.raises(InputError, match="cannot be reached"):
+        with pytest.raises(InputError, match=r"scheduler .* needs dask scheduler"):
             Workers(scheduler=address, patience_s=0.5)(fails, [1], [1], "none")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"distributed is not installed; pip install"):
+    with pytest.raises(InputError, match=r"kilnflight\[cluster\]"):
         Workers(scheduler="tcp://127.0.0.1:9")(fails, [1], [1], "none")
 
 
@@ -133,7 +135,7 @@ def test_a_scheduler_without_workers_is_told():
     options = {"n_workers": 0, "dashboard_address": None, "processes": False}
     with (
         distributed.LocalCluster(**options) as empty,
-        pytest.raises(InputError, match="it has no workers"),
+        pytest.raises(InputError, match="dask worker"),
     ):
         Workers(scheduler=empty.scheduler_address, patience_s=0.5)(fails, [1], [1], "none")
 

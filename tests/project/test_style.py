@@ -1,6 +1,5 @@
 import numpy as np
 import pandas as pd
-import pytest
 from matplotlib import rcParams
 from matplotlib.colors import to_rgb
 
@@ -39,30 +38,6 @@ def test_boxes_are_drawn_where_the_summary_says():
     heights = {tuple(line.get_ydata()) for line in axes.lines}
     assert {(-1.0, -3.0), (1.0, 4.0), (0.5, 0.5)} <= heights
     assert len(axes.patches) == 2
-
-
-@pytest.mark.parametrize("rows", [0, 3, 200])
-def test_a_table_is_drawn_with_every_shown_cell(rows):
-    table = pd.DataFrame({"name": ["a_b"] * rows, "value": np.linspace(0, 1, rows)})
-    texts = [text.get_text() for text in style.table_picture(table).axes[0].texts]
-    shown = min(rows, style.LONGEST_PICTURE)
-    assert texts.count("a_b") == shown
-    assert ("... 155 more rows in the CSV" in texts) is (rows == 200)
-
-
-def test_a_tall_table_is_cut_at_whole_rows_and_an_empty_one_says_so():
-    tall = pd.DataFrame({"name": ["word " * 100] * 40})
-    *rows, note = [text.get_text() for text in style.table_picture(tall).axes[0].texts][1:]
-    assert sum(row.count("\n") + 1 for row in rows) < style.TALLEST_PICTURE
-    assert note == f"... {40 - len(rows)} more rows in the CSV"
-    empty = style.table_picture(tall.head(0)).axes[0].texts
-    assert [text.get_text() for text in empty] == ["name", "(no rows)"]
-
-
-def test_a_dollar_sign_is_a_dollar_sign():
-    figure = style.table_picture(pd.DataFrame({"price": ["$3$"]}))
-    figure.canvas.draw()
-    assert "$3$" in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():

@@ -1,15 +1,13 @@
-"""The one way to keep things on disk: whole files, one writer, cached tables.
+"""Whole files, one writer at a time, and tables that are made once.
 
-Tables are cached by their inputs.
-
-A cached table that is there and whole is not made again. Its name holds a hash of the
-arguments and of the code that makes it (`kilnflight.project.closure`); a change of either
-gives another file. A later step counts the names, and so the hashes, of the tables that it
-reads among its arguments. ``make clean`` removes old files.
+The name of a cached table holds a hash of its arguments and of the code that makes it
+(`code_hash`); a change of either gives another file. A later step counts the names of the tables
+that it reads among its arguments. ``make clean`` removes old files.
 """
 
 from __future__ import annotations
 
+import ast
 import fcntl
 import hashlib
 import json
@@ -17,18 +15,18 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
-from kilnflight.project.closure import code_hash
 
-if TYPE_CHECKING:  # else imported where tables are read: to execute a notebook takes files only
+if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
-Inputs = TypeVar("Inputs")
+PACKAGE = Path(__file__).parents[1]
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -71,6 +69,68 @@ def locked(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
+def write_resumable(path: Path, content: bytes) -> None:
+    """Write a file of a long run whole, or raise an `InputError` that says how to go on."""
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}). What was finished before is "
+            "kept: make room and run it again; it goes on from there."
+        ) from error
+
+
+def code_hash(*objects: object) -> str:
+    """Return a hash of the modules of functions, classes and instances, and of their imports.
+
+    Imports are followed within this package, whole modules at a time; JSON and CSV files beside
+    a module count. Objects from elsewhere, as from a notebook, do not.
+    """
+    return _closure_hash(frozenset(file for value in objects for file in _files_of(value)))
+
+
+@cache
+def _closure_hash(files: frozenset[Path]) -> str:
+    pending, texts = set(files), {}
+    while pending:
+        file = pending.pop()
+        texts[file] = file.read_text("utf-8")
+        pending |= (_imports(file) if file.suffix == ".py" else set()) - texts.keys()
+    named = sorted((str(file.relative_to(PACKAGE)), text) for file, text in texts.items())
+    return hashlib.sha256(repr(named).encode()).hexdigest()
+
+
+def _files_of(value: object) -> Iterator[Path]:
+    """Yield the files of an object's module and of those of its fields."""
+    value = value.func if isinstance(value, partial) else value
+    defined = value if hasattr(value, "__qualname__") else type(value)
+    yield from _module(defined.__module__)
+    if is_dataclass(value) and not isinstance(value, type):
+        value = [getattr(value, field.name) for field in fields(value)]
+    for part in value if isinstance(value, list | tuple) else ():
+        yield from _files_of(part)
+
+
+def _imports(file: Path) -> set[Path]:
+    """Return the modules of this package that a module imports, and the data beside it."""
+    found = {path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")}
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}", *(f"{node.module}.{alias.name}" for alias in node.names)]
+        else:
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        found.update(path for name in names for path in _module(name))
+    return found
+
+
+def _module(name: str) -> list[Path]:
+    """Return the file of a module of this package; nothing for any other name."""
+    package, *parts = name.split(".")
+    base = PACKAGE.joinpath(*parts)
+    files = (base.with_suffix(".py"), base / "__init__.py") if package == PACKAGE.name else ()
+    return [file for file in files if file.is_file()]
+
+
 @dataclass(frozen=True)
 class CachedTable:
     """A table that is made once and then read from its file.
@@ -104,13 +164,7 @@ class CachedTable:
         return (self.folder or paths.derived()) / f"{self.name}-{number}.parquet"
 
     def __call__(self) -> pd.DataFrame:
-        """Return the table.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be written, as on a full disk, or not be read.
-        """
+        """Return the table; an `InputError` if the file cannot be written or read."""
         import pandas as pd
         from pyarrow import ArrowException
 
@@ -125,71 +179,3 @@ class CachedTable:
         except (OSError, ArrowException) as error:
             again = "Delete it; it is made again."
             raise InputError(f"{path}: cannot be read ({error}). {again}") from error
-
-
-def write_resumable(path: Path, content: bytes) -> None:
-    """Write a file of a long run whole.
-
-    If that fails, an `InputError` says how to go on.
-    """
-    try:
-        write_whole(path, content)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}). What was finished before is "
-            "kept: make room and run it again; it goes on from there."
-        ) from error
-
-
-def content_hash(content: object) -> str:
-    """Return the SHA-256 of something made of numbers and text, in one spelling."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def write_calibration(path: Path, content: dict[str, object]) -> str:
-    """Write a calibration with its hash; return what came out, line by line."""
-    content = json.loads(json.dumps(content))
-    content["sha256"] = content_hash(content)
-    write_resumable(path, (json.dumps(content, indent=1) + "\n").encode())
-    names = ("inputs", "cost_inputs_only", "cost_calibrated", "evaluations", "sha256")
-    return "\n".join(f"{name}: {content[name]}" for name in names if name in content)
-
-
-def read_calibration(path: Path, targets: object | None, module: str) -> dict[str, Any]:
-    """Return the content of a calibration file without its hash.
-
-    Parameters
-    ----------
-    path
-        The file.
-    targets
-        What the calibration was fitted to, as it would be hashed today; None: what the
-        file itself states.
-    module
-        Makes the file, for the message.
-
-    Raises
-    ------
-    InputError
-        If it is missing or damaged, or was made for other targets.
-    """
-    again = f"Run `python -m {module}`, or take the file from the repository."
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        checksum = content.pop("sha256")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"calibration {path}: cannot be read ({error}). {again}") from error
-    if content_hash(content) != checksum:
-        raise InputError(f"calibration {path}: damaged, its SHA-256 does not fit. {again}")
-    targets = content.get("targets") if targets is None else targets
-    if content.get("targets_sha256") != content_hash(targets):
-        raise InputError(f"calibration {path}: made for other targets than published. {again}")
-    return dict(content)
-
-
-def calibrated(kind: Callable[..., Inputs], path: Path, content: dict[str, Any]) -> Inputs:
-    """Return the fitted inputs of a calibration's content as the class they fill."""
-    try:
-        return kind(**content["inputs"])
-    except (KeyError, TypeError) as error:
-        raise InputError(f"calibration {path}: other inputs than here ({error}).") from error

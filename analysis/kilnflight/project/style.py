@@ -6,7 +6,6 @@ It is readable by the colour-blind, too.
 from __future__ import annotations
 
 import re
-import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -26,9 +25,6 @@ from matplotlib.patches import Circle
 COLUMN_MM = 88.0  # one text column of a two-column journal
 PAGE_MM = 180.0  # both columns
 MARK_MM = 3.0  # height of the strip for `mark`
-LONGEST_PICTURE = 45  # rows of a table that are drawn; the CSV has all
-TOTALS = ("all", "sum", "Total", "mean of fractions")  # in a row of a column of words
-TALLEST_PICTURE = 150  # lines of text of a table that are drawn
 
 # Okabe and Ito's colour-blind safe colours, ordered so that neighbours also differ in
 # lightness; with line style and marker they stay apart in grey.
@@ -195,54 +191,7 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
         axes.annotate(f"{row['q3'] - row['q1']:.2g}", (i, row["whishi"]), fontsize=6, **place)
 
 
-def totals(table: pd.DataFrame) -> pd.Series:
-    """Return which rows of a table sum up others; "all" as a reading sums up nothing."""
-    return table.drop(columns="reading", errors="ignore").isin(TOTALS).any(axis=1)
-
-
-def table_picture(table: pd.DataFrame, longest: int = LONGEST_PICTURE) -> Figure:
-    """Return a table as a figure: a rule above and below the heading, text wrapped.
-
-    Of more rows than the ``longest`` table has, those that sum up others come first.
-    """
-    first = totals(table) if len(table) > longest else pd.Series(True, table.index)
-    ordered = pd.concat([table[first], table[~first]])
-    drawn = [list(table.columns), *ordered.head(longest).to_numpy(object).tolist()]
-    cells = [[textwrap.fill(_text(value), 34) for value in row] for row in drawn]
-    lines = np.cumsum([max(text.count("\n") + 1 for text in row) for row in cells])
-    cells = cells[: max(2, int(np.count_nonzero(lines <= TALLEST_PICTURE)))]
-    rows_left = len(table) - len(cells) + 1
-    if rows_left or table.empty:
-        note = f"... {rows_left} more rows in the CSV" if rows_left else "(no rows)"
-        cells.append([note] + [""] * (table.shape[1] - 1))
-    widths = [max(_width(text) for text in column) + 2 for column in zip(*cells, strict=True)]
-    heights = [max(text.count("\n") + 1 for text in row) + 0.35 for row in cells]
-    lefts, tops = (np.concatenate([[0], np.cumsum(sizes)]) for sizes in (widths, heights))
-    with matplotlib.rc_context(STYLE):
-        size = (lefts[-1] * 0.062 + 0.2, tops[-1] * 0.125 + 0.2)
-        figure = plt.figure(figsize=size, layout="none")
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        for row, top in zip(cells, tops, strict=False):
-            for text, left in zip(row, lefts, strict=False):
-                axes.text(left + 0.5, top + 0.27, text, va="top", ha="left", fontsize=7)
-        for y in (0, tops[1], tops[-1]):
-            axes.axhline(y, color="black", linewidth=0.8, linestyle="-")
-        axes.set(xlim=(-0.5, lefts[-1]), ylim=(tops[-1] + 0.4, -0.4))
-        axes.axis("off")
-    return figure
-
-
 def words(name: str) -> str:
     """Return a name of the code as a picture has it: ``"RunningGaussian"`` is two words."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|_", " ", re.sub(r"_s\b", " (s)", name))
     return spaced.lower().replace("gaussian", "Gaussian")
-
-
-def _width(text: str) -> int:
-    return max(map(len, text.split("\n")))
-
-
-def _text(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.5g}"
-    return "" if value is pd.NA else str(value)

@@ -19,7 +19,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from kilnflight.checks import InputError, check_positive
-from kilnflight.project.closure import code_hash
+from kilnflight.project.cache import code_hash
 from kilnflight.twin.burning import (
     CAUSES,
     CHAR,

@@ -22,8 +22,7 @@ import numpy.typing as npt
 
 from kilnflight.checks import InputError
 from kilnflight.project import paths
-from kilnflight.project.cache import locked, write_whole
-from kilnflight.project.closure import code_hash
+from kilnflight.project.cache import code_hash, locked, write_whole
 from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import Optics
 from kilnflight.twin.fitted import second_depth, second_kiln, second_light

@@ -1,0 +1,223 @@
+"""Write the pages of the site and run Sphinx on them: ``python docs/generate.py BUILD SITE``.
+
+    executed notebooks in BUILD, the folder of figures, docs/ -> BUILD/pages -> SITE
+
+``python docs/generate.py --readme`` writes the results into README.md, and figures/README.md.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader
+from nbformat.v4 import new_markdown_cell
+from PIL import Image
+
+from kilnflight.checks import InputError
+from kilnflight.project import claims, figures, paths
+from kilnflight.project.cache import write_whole
+
+DOCS = Path(__file__).parent
+# How work and place of its claims begin: title, number of the notebook whose result is shown
+CHAPTERS = {
+    "thesis 2": ("Depth camera", "02"),
+    "thesis (3|5.1)": ("Detection", "24"),
+    "thesis (4|5.2)": ("Tracking", "32"),
+    "thesis (5.3|A)": ("Flight and combustion", "52"),
+    "belt-2020": ("Belt, 2020", "40"),
+    "belt-2016": ("Belt, 2016", "43"),
+}
+STEMS = {"thesis": "", "belt-2020": "belt20-", "belt-2016": "belt16-"}  # of the figures' ids
+LONGEST = 150  # rows of a table that a page shows
+
+
+def latex(text: str) -> str:
+    """Return a text with LaTeX's special characters escaped."""
+    escaped = re.sub(r"([%&_#${}])", r"\\\1", text.replace("\\", r"\textbackslash "))
+    return escaped.replace("~", r"\textasciitilde ").replace("^", r"\textasciicircum ")
+
+
+TEMPLATES = Environment(
+    loader=FileSystemLoader(DOCS / "_templates" / "pages"),
+    trim_blocks=True,
+    block_start_string="<%",
+    block_end_string="%>",
+    variable_start_string="<<",
+    variable_end_string=">>",
+)
+TEMPLATES.filters["latex"] = latex
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template of docs/_templates/pages, filled in."""
+    return TEMPLATES.get_template(template).render(values)
+
+
+def saved() -> dict[str, dict[str, Any]]:
+    """Return the saved figures and tables by id, as the templates show them."""
+    folder, found = paths.figures(), {}
+    cff = (paths.root() / "CITATION.cff").read_text()
+    url = re.search(r'^repository-code: *"?([^"\s]+)', cff, re.M)
+    for name, entry in figures.index()["figures"].items():
+        origin, sentence = entry["provenance"], r"(?<!Fig)(?<!Figs)(?<!Eq)(?<!Eqs)(?<!ec)[.:;] "
+        kinds = [kind for kind in ("png", "csv", "pdf") if (folder / f"{name}.{kind}").is_file()]
+        each = {**entry, "name": name, "kinds": kinds, "url": url and url[1]}
+        each["title"] = re.split(sentence, entry["caption"], maxsplit=1)[0].rstrip(".")
+        each["scale"] = origin["parameters"].get("scale", "full")
+        each["commit"] = origin["commit"][:12] + origin["commit"][40:]
+        each["page"] = f"{origin['notebook']}.html#{name}"
+        each["cited"] = {"BibTeX": render("bibtex", **each)}
+        if entry["kind"] == "picture":
+            each["cited"]["LaTeX"] = render("latex", **each)
+            with Image.open(folder / f"{name}.png") as image:
+                shown = figures.SCREEN_DPI / image.info["dpi"][0]
+                each["width"], each["height"] = (round(shown * size) for size in image.size)
+        found[name] = each
+    return found
+
+
+def table(name: str) -> str:
+    """Return a saved table as HTML, numbers with four digits; rows of claims.csv have anchors."""
+    rows = pd.read_csv(paths.figures() / f"{name}.csv", dtype=str, keep_default_na=False)
+    text = rows.head(LONGEST).to_html(index=False, border=0)
+    text = re.sub(r"(?<=<td>)-?\d+\.\d{4,}(?=</td>)", lambda found: f"{float(found[0]):.4g}", text)
+    text = re.sub(r"<td>(\d\d_\w+)</td>", r'<td><a href="\1.html">\1</a></td>', text)
+    if name == "claims":
+        text = re.sub(r"<tr>(\s*<td>)([\w-]+)<", r'<tr id="\2">\1\2<', text)
+    left = len(rows) - LONGEST
+    return text + (f"<p>{left} more rows in the CSV.</p>" if left > 0 else "")
+
+
+def block(each: dict[str, Any]) -> str:
+    """Return a figure or table with caption, files and citations as HTML."""
+    return render("figure.html", table=table(each["name"]), **each)
+
+
+def page(path: Path, known: dict[str, dict[str, Any]]) -> nbformat.NotebookNode:
+    """Return an executed notebook with folded code and linked figures, each once."""
+    notebook, cells = nbformat.read(path, as_version=4), []
+    left = {name for name, each in known.items() if each["provenance"]["notebook"] == path.stem}
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.metadata["tags"] = ["hide-input"]
+            for output in cell.outputs:
+                text = output.get("data", {}).get("text/html", "")
+                found = re.match(r"<figure id='([a-z0-9-]+)'", text)
+                if found and found[1] in left:
+                    left.remove(found[1])
+                    output["data"] = {"text/html": block(known[found[1]])}
+            if cells and cells[-1].cell_type == "code" and not cells[-1].outputs:
+                cell.source = f"{cells.pop().source}\n\n{cell.source}"  # one fold
+        cells.append(cell)
+    rest = "".join(block(known[name]) for name in sorted(left))
+    cells += [new_markdown_cell(f"```{{raw}} html\n{rest}\n```")] if rest else []
+    notebook.cells = cells
+    return notebook
+
+
+def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the figures and tables of the works, each with the saved ones that show it."""
+    rows = pd.read_csv(paths.reference() / "numbers.csv", dtype=str, keep_default_na=False)
+    listed = rows.to_dict("records")
+    for row in listed:
+        row["label"] = f"{row['kind'].replace('Fig', 'Fig.')} {row['number']}"
+        stem = f"{row['kind']}-{STEMS[row['work']]}{row['number']}-".lower().replace(".", "-")
+        row["figures"] = [each for name, each in known.items() if f"{name}-".startswith(stem)]
+        pictures = [each for each in row["figures"] if each["kind"] == "picture"]
+        row["thumbnail"] = pictures[0] if pictures else None
+    places = {(row["work"], f"drawn with {row['label']}"): row["figures"] for row in listed}
+    for row in listed:
+        row["figures"] = places.get((row["work"], row["absent"]), row["figures"])
+    return listed
+
+
+def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return verdict counts and one result of each chapter, and all counts."""
+    judged = claims.collect().join(claims.load()[["seed", "where"]], on="id")
+    where, concluded, rows = (
+        judged["seed"] + " " + judged["where"],
+        figures.index()["notebooks"],
+        [],
+    )
+    for start, (title, number) in CHAPTERS.items():
+        results = [each["result"] for stem, each in concluded.items() if stem.startswith(number)]
+        part = judged[where.str.match(start)]
+        row = {"title": title, "claims": len(part), "result": " ".join(results)}
+        rows.append(row | claims.count(part))
+    return rows, {"claims": len(judged), **claims.count(judged)}
+
+
+def write_pages(executed: Path, pages: Path, small: Path) -> list[str]:
+    """Write the sources of the site and the thumbnails; return the scales of the figures."""
+    known, concluded = saved(), figures.index()["notebooks"]
+    (pages / "documents").mkdir(parents=True)
+    small.mkdir()
+    notebooks = [path for path in sorted(executed.glob("*.ipynb")) if path.stem in concluded]
+    for path in notebooks:
+        nbformat.write(page(path, known), pages / path.name)
+    stems = [path.stem for path in notebooks]
+    (pages / "contents.inc").write_text(render("contents.inc", stems=stems))
+    for path in DOCS.glob("*.md"):
+        shutil.copy(path, pages if path.stem in ("index", "api") else pages / "documents")
+    listed = numbers(known)
+    (pages / "numbers.md").write_text(render("numbers.md", numbers=listed))
+    (pages / "verdicts.inc").write_text(render("verdicts.inc", chapters=chapters()[0]))
+    (pages / "thumbnails.inc").write_text(render("thumbnails.inc", numbers=listed))
+    for name in {row["thumbnail"]["name"] for row in listed if row["thumbnail"]}:
+        with Image.open(paths.figures() / f"{name}.png") as image:
+            picture = image.convert("RGB")
+            picture.thumbnail((240, 480))
+            picture.save(small / f"{name}.webp", quality=60, method=6)
+    return sorted({each["scale"] for each in known.values()} - {"full"})
+
+
+def build(executed: Path, site: Path) -> None:
+    """Build the site under another name; it takes its place when it is whole."""
+    pages, small, fresh = (executed / name for name in ("pages", "thumbnails", "site"))
+    for folder in (pages, small, fresh):
+        shutil.rmtree(folder, ignore_errors=True)
+    scales = write_pages(executed, pages, small)
+    told = f"A reduced run (scale {' and '.join(scales)}): little input, other numbers. Cite from "
+    banner = f"html_theme_options.announcement={told + 'make full only.' if scales else ''}"
+    options = ["-q", "-W", "--keep-going", "--no-color", "-j", "auto", "-D", banner, "-c", DOCS]
+    command = [sys.executable, "-m", "sphinx", *options, "-d", executed / "doctrees", pages, fresh]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    (executed / "site.log").write_text(done.stdout + done.stderr)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "WARNING" in line or "rror" in line]
+        raise InputError(f"{lines[0] if lines else 'Sphinx failed'} (all: {executed}/site.log)")
+    shutil.copytree(small, fresh / "figures" / "thumbnails")
+    for path in paths.figures().iterdir():
+        if path.suffix in (".png", ".pdf", ".csv"):
+            shutil.copy(path, fresh / "figures")
+    shutil.rmtree(site, ignore_errors=True)
+    shutil.move(fresh, site)
+
+
+def readme() -> tuple[str, str]:
+    """Return README.md with the current results, and figures/README.md."""
+    listed, total = chapters()
+    block = render("results.md", chapters=listed, total=total)
+    first, last = block.splitlines()[0], block.splitlines()[-1]
+    found = re.fullmatch(f"(.*){first}.*{last}(.*)", (paths.root() / "README.md").read_text(), re.S)
+    if found is None:
+        raise InputError(f"README.md: restore its lines {first!r} and {last!r}.")
+    concluded = figures.index()["notebooks"]
+    return found[1] + block + found[2], render("gallery.md", figures=saved(), notebooks=concluded)
+
+
+if __name__ == "__main__":
+    try:
+        if sys.argv[1:] == ["--readme"]:
+            for folder, text in zip((paths.root(), paths.figures()), readme(), strict=True):
+                write_whole(folder / "README.md", text.encode())
+        else:
+            build(Path(sys.argv[1]), Path(sys.argv[2]))
+            print(f"site: read {sys.argv[2]}/index.html")
+    except InputError as error:
+        sys.exit(f"site: {error}")
