@@ -26,7 +26,7 @@ DOCS = Path(__file__).parent
 # How work and place of its claims begin: title, number of the notebook whose result is shown
 CHAPTERS = {
     "thesis 2": ("Depth camera", "02"),
-    "thesis (3|5.1)": ("Detection", "24"),
+    "thesis (3|5.1|6)": ("Detection", "24"),
     "thesis (4|5.2)": ("Tracking", "32"),
     "thesis (5.3|A)": ("Flight and combustion", "52"),
     "belt-2020": ("Belt, 2020", "40"),
@@ -138,12 +138,9 @@ def numbers(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
 
 def chapters() -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return verdict counts and one result of each chapter, and all counts."""
-    judged = claims.collect().join(claims.load()[["seed", "where"]], on="id")
-    where, concluded, rows = (
-        judged["seed"] + " " + judged["where"],
-        figures.index()["notebooks"],
-        [],
-    )
+    judged = claims.collect().join(claims.load()[["work", "where"]], on="id")
+    where, concluded = judged["work"] + " " + judged["where"], figures.index()["notebooks"]
+    rows = []
     for start, (title, number) in CHAPTERS.items():
         results = [each["result"] for stem, each in concluded.items() if stem.startswith(number)]
         part = judged[where.str.match(start)]

@@ -133,7 +133,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_nothing(monkeypatch):
 
 
 def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
-    verdict = claims.check("depth-3", True, 300.0)
+    verdict = claims.check("bg-1", True, 300.0)
     made = replace(MADE, notebook="00_claims")
     figures.conclude("One line.", [verdict], made)
     figures.conclude("Nothing to test.", [], MADE)  # no such notebook
@@ -141,7 +141,7 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
     assert list(kept) == ["00_claims"]
     assert kept["00_claims"]["result"] == "One line."
     (row,) = kept["00_claims"]["verdicts"]
-    assert (row["id"], row["verdict"], row["measured"]) == ("depth-3", "reproduced", "300")
+    assert (row["id"], row["verdict"], row["measured"]) == ("bg-1", "reproduced", "300")
     with pytest.raises(InputError, match="judged twice"):
         figures.conclude("One line.", [verdict, verdict], made)
 

@@ -88,7 +88,7 @@ def check(claim_id: str, holds: bool | None, measured: object = "", reason: str 
     short = text if len(text) <= MEASURED else text[: MEASURED - 3] + "..."
     verdict = OPEN if holds is None else REPRODUCED if holds else NOT_REPRODUCED
     cause = str(claims["cause"].fillna("")[claim_id]) if verdict == NOT_REPRODUCED else ""
-    return Verdict(claim_id, verdict, cause, short, str(claims.loc[claim_id, "claim"]), reason)
+    return Verdict(claim_id, verdict, cause, short, str(claims.loc[claim_id, "sentence"]), reason)
 
 
 def all_of(*answers: bool | None) -> bool | None:
@@ -127,7 +127,7 @@ def collect() -> pd.DataFrame:
     """Return the verdict on every claim, in the order of claims.csv; not judged: open."""
     from kilnflight.project import figures
 
-    sentences = load()["claim"]
+    sentences = load()["sentence"]
     rows = {
         str(name): {"id": name, "verdict": OPEN, "published": text}
         for name, text in sentences.items()
