@@ -100,7 +100,7 @@ def test_a_cluster_finds_the_same_bytes(run, tmp_path, processes):
     with distributed.LocalCluster(**options, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
         assert address.startswith("tcp://" if processes else "inproc://")
-        kiln.detections(elsewhere, Workers(scheduler=address, patience_s=60.0))
+        kiln.detections(elsewhere, Workers(scheduler=address))
     for frames in run.chunks:
         here, there = run.table(frames).path, elsewhere.table(frames).path
         assert here.name == there.name

@@ -61,14 +61,14 @@ def test_a_table_goes_to_data_derived(calls, tmp_path):
 def test_a_damaged_table_and_a_full_disk_are_told(calls, tmp_path, monkeypatch):
     table(calls, tmp_path)()
     table(calls, tmp_path).path.write_bytes(b"PAR1")
-    with pytest.raises(InputError, match=r"cannot be read .* Delete it; it is made again"):
+    with pytest.raises(InputError, match=r"cannot be read .* Delete it to go on"):
         table(calls, tmp_path)()
 
     def full(path, content):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(cache, "write_whole", full)
-    with pytest.raises(InputError, match=r"cannot be written \(No space left .* goes on"):
+    with pytest.raises(InputError, match=r"cannot be written \(No space left .* to go on"):
         table(calls, tmp_path, 2)()
 
 
@@ -114,10 +114,10 @@ def test_data_beside_a_module_counts(package):
     assert cache.code_hash(Twin) != before
 
 
-def test_instances_functions_and_their_parts_count():
+def test_instances_and_functions_count():
     one = cache.code_hash(kiln.detect)
     assert cache.code_hash(partial(kiln.detect, None)) == one
     assert cache.code_hash(Twin) != cache.code_hash(camera.calibrate_depth)
     detector = kiln.Combination()
-    assert cache.code_hash(detector) == cache.code_hash([detector]) != cache.code_hash()
+    assert cache.code_hash(detector) != cache.code_hash()
     assert cache.code_hash(1, "a", None) == cache.code_hash()

@@ -15,8 +15,8 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
-from functools import cache, partial
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # slow to import; executing a notebook needs files only
     import pandas as pd
 
 PACKAGE = Path(__file__).parents[1]
+AGAIN = "What was finished before is kept: make room (disk, memory) and run it again to go on."
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -74,10 +75,8 @@ def write_resumable(path: Path, content: bytes) -> None:
     try:
         write_whole(path, content)
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}). What was finished before is "
-            "kept: make room and run it again; it goes on from there."
-        ) from error
+        told = f"{path}: cannot be written ({error.strerror or error}). {AGAIN}"
+        raise InputError(told) from error
 
 
 def code_hash(*objects: object) -> str:
@@ -86,7 +85,9 @@ def code_hash(*objects: object) -> str:
     Imports are followed within this package, whole modules at a time; JSON and CSV files beside
     a module count. Objects from elsewhere, as from a notebook, do not.
     """
-    return _closure_hash(frozenset(file for value in objects for file in _files_of(value)))
+    made_by = (getattr(value, "func", value) for value in objects)  # of a partial
+    names = {getattr(value, "__module__", None) or "" for value in made_by}
+    return _closure_hash(frozenset(file for name in names for file in _module(name)))
 
 
 @cache
@@ -100,26 +101,14 @@ def _closure_hash(files: frozenset[Path]) -> str:
     return hashlib.sha256(repr(named).encode()).hexdigest()
 
 
-def _files_of(value: object) -> Iterator[Path]:
-    """Yield the files of an object's module and of those of its fields."""
-    value = value.func if isinstance(value, partial) else value
-    defined = value if hasattr(value, "__qualname__") else type(value)
-    yield from _module(defined.__module__)
-    if is_dataclass(value) and not isinstance(value, type):
-        value = [getattr(value, field.name) for field in fields(value)]
-    for part in value if isinstance(value, list | tuple) else ():
-        yield from _files_of(part)
-
-
 def _imports(file: Path) -> set[Path]:
     """Return the modules of this package that a module imports, and the data beside it."""
     found = {path for suffix in ("json", "csv") for path in file.parent.glob(f"*.{suffix}")}
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-        if isinstance(node, ast.ImportFrom):
-            names = [f"{node.module}", *(f"{node.module}.{alias.name}" for alias in node.names)]
-        else:
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        found.update(path for name in names for path in _module(name))
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            base = node.module if isinstance(node, ast.ImportFrom) else None
+            names = [f"{base}.{alias.name}" if base else alias.name for alias in node.names]
+            found.update(path for name in (base or "", *names) for path in _module(name))
     return found
 
 
@@ -159,8 +148,8 @@ class CachedTable:
     def path(self) -> Path:
         """The file of the table."""
         arguments = json.dumps([self.name, dict(self.depends_on)], sort_keys=True, default=repr)
-        code = code_hash(self.make, *self.depends_on.values())
-        number = hashlib.sha256((arguments + code).encode()).hexdigest()[:12]
+        text = arguments + code_hash(self.make, *self.depends_on.values())
+        number = hashlib.sha256(text.encode()).hexdigest()[:12]
         return (self.folder or paths.derived()) / f"{self.name}-{number}.parquet"
 
     def __call__(self) -> pd.DataFrame:
@@ -177,5 +166,4 @@ class CachedTable:
         try:
             return pd.read_parquet(path)
         except (OSError, ArrowException) as error:
-            again = "Delete it; it is made again."
-            raise InputError(f"{path}: cannot be read ({error}). {again}") from error
+            raise InputError(f"{path}: cannot be read ({error}). Delete it to go on.") from error

@@ -127,21 +127,15 @@ def collect() -> pd.DataFrame:
     """Return the verdict on every claim, in the order of claims.csv; not judged: open."""
     from kilnflight.project import figures
 
-    sentences = load()["sentence"]
-    rows = {
-        str(name): {"id": name, "verdict": OPEN, "published": text}
-        for name, text in sentences.items()
-    }
-    for stem, concluded in figures.index()["notebooks"].items():
-        for verdict in concluded["verdicts"]:
-            row = rows.setdefault(verdict["id"], {})
-            if "notebook" in row:
-                raise InputError(
-                    f"claim {verdict['id']} is judged by {row['notebook']} and {stem}."
-                )
-            row |= {**verdict, "notebook": stem}
+    known, concluded = load(), figures.index()["notebooks"].items()
+    rows = [{**row, "notebook": stem} for stem, each in concluded for row in each["verdicts"]]
     names = ["id", "verdict", "because", "measured", "published", "notebook", "reason"]
-    return pd.DataFrame(rows.values(), columns=names).fillna("")
+    judged = pd.DataFrame(rows, columns=names).set_index("id")
+    for claim_id in judged.index[judged.index.duplicated()]:
+        by = " and ".join(judged.loc[claim_id, "notebook"])
+        raise InputError(f"claim {claim_id} is judged by {by}; leave it to one notebook.")
+    table = judged.reindex(known.index).assign(published=known["sentence"])
+    return table.fillna({"verdict": OPEN}).fillna("").reset_index()
 
 
 def count(table: pd.DataFrame) -> dict[str, int]:

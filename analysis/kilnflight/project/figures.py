@@ -23,6 +23,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from IPython.display import HTML
 from matplotlib.figure import Figure
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
@@ -85,27 +86,15 @@ def trace(
 
 def _commit() -> str:
     """Return the commit that last touched `SOURCES`, "+changes" added if they differ from it."""
-
-    def git(*command: str) -> str:
-        options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
-        done = subprocess.run(["git", *command, "--", *SOURCES], check=False, **options)
-        return str(done.stdout).strip() if done.returncode == 0 else ""
-
+    options: dict[str, Any] = {"cwd": paths.root(), "capture_output": True, "text": True}
     try:
-        commit = git("log", "-1", "--format=%H")
-        return commit + ("+changes" if commit and git("status", "--porcelain") else "")
+        commit, changes = (
+            subprocess.run(["git", *command, "--", *SOURCES], check=False, **options).stdout.strip()
+            for command in (("log", "-1", "--format=%H"), ("status", "--porcelain"))
+        )
     except FileNotFoundError:  # no git on this machine: the version must do
         return ""
-
-
-@dataclass(frozen=True)
-class Saved:
-    """A saved figure or table; as the last value of a cell it shows itself."""
-
-    page: str  # self-contained HTML
-
-    def _repr_html_(self) -> str:
-        return self.page
+    return f"{commit}+changes" if commit and changes else str(commit)
 
 
 def save(
@@ -115,7 +104,7 @@ def save(
     caption: str,
     provenance: Provenance,
     picture: Figure | None = None,
-) -> Saved:
+) -> HTML:
     """Save a figure or table under its fixed id; the only way out of a notebook.
 
     Parameters
@@ -145,14 +134,13 @@ def save(
         contents |= pictures
         coded = base64.b64encode(pictures[f"{identifier}.png"]).decode()
         body = f'<img alt="{html.escape(caption)}" src="data:image/png;base64,{coded}"/>'
-    kind = "table" if picture is None else "picture"
-    entry = {"caption": caption, "provenance": asdict(provenance), "kind": kind}
-    _write(contents, "figures", identifier, entry)
+    entry = {"caption": caption, "provenance": asdict(provenance)}
+    _write(contents, "figures", identifier, entry | {"kind": "picture" if picture else "table"})
     words = f"<figcaption><code>{identifier}</code> {html.escape(caption)}</figcaption>"
-    return Saved(f"<figure id='{identifier}'>{body}{words}</figure>")
+    return HTML(f"<figure id='{identifier}'>{body}{words}</figure>")
 
 
-def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> Saved:
+def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Provenance) -> HTML:
     """Save a notebook's result in one sentence, and its verdicts: every notebook's last call."""
     rows = [asdict(verdict) for verdict in verdicts]
     if len({row["id"] for row in rows}) < len(rows):
@@ -160,7 +148,7 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
     _write({}, "notebooks", provenance.notebook, {"result": result, "verdicts": rows})
     shown = pd.DataFrame(rows, columns=["id", "verdict", "because", "measured", "reason"])
     table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
-    return Saved(f"<div class='concluded'><p>{html.escape(result)}</p>{table}</div>")
+    return HTML(f"<div class='concluded'><p>{html.escape(result)}</p>{table}</div>")
 
 
 def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[str, Any]) -> None:
@@ -170,35 +158,25 @@ def _write(contents: Mapping[str, bytes], part: str, name: str, entry: Mapping[s
     with locked(folder):
         for file, content in contents.items():
             write_whole(folder / file, content)
-        known = _read(folder)
+        known = index()
         known[part][name] = json.loads(json.dumps(entry, default=str))
-        text = json.dumps(known, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
-        write_whole(folder / "index.json", text.encode())
+        text = json.dumps(known, indent=1, sort_keys=True, ensure_ascii=False)
+        write_whole(folder / "index.json", f"{text}\n".encode())
     if listed := os.environ.get(paths.SAVED_LIST):
         with Path(listed).open("a") as file_list:
             file_list.writelines(f"{(folder / file).resolve()}\n" for file in contents)
 
 
-def _read(folder: Path) -> dict[str, dict[str, Any]]:
-    path = folder / "index.json"
-    return (
-        json.loads(path.read_text("utf-8")) if path.is_file() else {"figures": {}, "notebooks": {}}
-    )
-
-
-def index(folder: Path | None = None) -> dict[str, dict[str, Any]]:
-    """Return the index of a folder: its figures that are there, notebooks that exist."""
-    folder = folder or paths.figures()
-    stems = {path.stem for path in (paths.root() / "notebooks").glob("*.py")}
-    known = _read(folder)
-    return {
-        "figures": {
-            name: entry
-            for name, entry in sorted(known["figures"].items())
-            if (folder / f"{name}.csv").is_file()
-        },
-        "notebooks": {stem: each for stem, each in known["notebooks"].items() if stem in stems},
-    }
+def index() -> dict[str, dict[str, Any]]:
+    """Return the figures that are there and the notebooks that exist, from index.json."""
+    folder, notebooks = paths.figures(), paths.root() / "notebooks"
+    file = folder / "index.json"
+    known: dict[str, dict[str, Any]] = {"figures": {}, "notebooks": {}}
+    known |= json.loads(file.read_text("utf-8")) if file.is_file() else {}
+    for part, place, kind in (("figures", folder, "csv"), ("notebooks", notebooks, "py")):
+        there = (name for name in known[part] if (place / f"{name}.{kind}").is_file())
+        known[part] = {name: known[part][name] for name in there}
+    return known
 
 
 def _drawn(

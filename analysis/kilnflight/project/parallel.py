@@ -13,21 +13,22 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import joblib
 from tqdm import tqdm
 
 from kilnflight.checks import InputError, check_count
 from kilnflight.project import paths
+from kilnflight.project.cache import AGAIN
 
-Piece = TypeVar("Piece")
-Made = TypeVar("Made")
+Make = Callable[..., Any]
+Pieces = Sequence[Any]
+PATIENCE_S = 10.0  # for the scheduler and its first worker to answer
 LOGGED_S = 60.0  # between two states of the bar in a log
-AGAIN = "What was finished is kept: run it again with more memory or fewer jobs to go on."
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,12 @@ class Workers:
     scheduler
         Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``. Its workers need the same
         kilnflight, and the folders that are read and written under the same names.
-    patience_s
-        Time limit for the scheduler and its first worker to answer.
     into_logs
         Whether the bar also goes to a log: every `LOGGED_S`, of work that takes longer.
     """
 
     jobs: int = 1
     scheduler: str | None = None
-    patience_s: float = 10.0
     into_logs: bool = False
 
     def __post_init__(self) -> None:
@@ -57,12 +55,7 @@ class Workers:
         check_count(self.jobs, "workers: jobs")
 
     def __call__(
-        self,
-        make: Callable[[Piece], object],
-        pieces: Sequence[Piece],
-        frames: Sequence[int],
-        label: str,
-        before: int = 0,
+        self, make: Make, pieces: Pieces, frames: Sequence[int], label: str, before: int = 0
     ) -> None:
         """Call ``make`` for every piece, with a bar of frames and the time that is left.
 
@@ -85,8 +78,8 @@ class Workers:
             If there is no scheduler or a process was killed; or what ``make`` raises.
         """
         finished = self._local if self.scheduler is None else self._cluster
-        options = self._bar(label)
-        with tqdm(total=before + sum(frames), initial=before, unit="frame", **options) as bar:
+        total = before + sum(frames)
+        with tqdm(total=total, initial=before, unit="frame", **self._bar(label)) as bar:
             for k in finished(partial(_numbered, make), pieces) if pieces else ():
                 bar.update(frames[k])
 
@@ -94,40 +87,36 @@ class Workers:
         """Return where the bar is shown, and how often."""
         options: dict[str, Any] = {"desc": label, "smoothing": 0}  # the mean rate
         if stem := os.environ.get(paths.NOTEBOOK):  # lines among those of make
-            look = {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
-            options |= {"file": sys.__stdout__, **look}
+            options |= {"desc": f"{stem}: {label}", "bar_format": "{l_bar}{r_bar}\n"}
+            options["file"] = sys.__stdout__
         elif sys.stderr.isatty() or not self.into_logs:
             return options | {"disable": None}
         return options | dict.fromkeys(("delay", "mininterval", "maxinterval"), LOGGED_S)
 
-    def _local(self, make: Callable[[int, Piece], int], pieces: Sequence[Piece]) -> Iterator[int]:
+    def _local(self, make: Make, pieces: Pieces) -> Iterator[int]:
         """Yield the numbers of the pieces that processes of this machine have finished."""
         jobs = min(self.jobs, len(pieces))
         if jobs == 1:
             yield from map(make, range(len(pieces)), pieces)
             return
-        run = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
         try:
-            with unwarned():
-                yield from run(joblib.delayed(make)(k, piece) for k, piece in enumerate(pieces))
+            yield from run_all(make, enumerate(pieces), jobs, "generator_unordered")
         except BrokenExecutor as error:
             raise InputError(f"a process was killed (out of memory?). {AGAIN}") from error
 
-    def _cluster(self, make: Callable[[int, Piece], int], pieces: Sequence[Piece]) -> Iterator[int]:
+    def _cluster(self, make: Make, pieces: Pieces) -> Iterator[int]:
         """Yield the numbers of the pieces that the cluster has finished."""
         with ExitStack() as stack:
             try:
                 from distributed import Client, KilledWorker, as_completed
 
-                timed = Client(self.scheduler, timeout=self.patience_s, set_as_default=False)
-                client = stack.enter_context(timed)
-                client.wait_for_workers(1, timeout=self.patience_s)
+                client = Client(self.scheduler, timeout=PATIENCE_S, set_as_default=False)
+                stack.enter_context(client)
+                client.wait_for_workers(1, timeout=PATIENCE_S)
                 client.run(__import__, "kilnflight")
             except (ImportError, OSError, ValueError, TypeError) as error:
-                raise InputError(
-                    f"scheduler {self.scheduler}: {error}. It needs dask scheduler there, "
-                    "dask worker, and the same kilnflight[cluster] here and on every worker."
-                ) from error
+                needs = "It needs dask scheduler and dask worker with the same kilnflight[cluster]."
+                raise InputError(f"scheduler {self.scheduler}: {error}. {needs}") from error
             futures = client.map(make, range(len(pieces)), list(pieces), pure=False)
             try:
                 for future in as_completed(futures, loop=client.loop):
@@ -136,21 +125,15 @@ class Workers:
                 raise InputError(f"workers of {self.scheduler} were killed. {AGAIN}") from error
 
 
-@contextmanager
-def unwarned() -> Iterator[None]:
-    """Keep joblib from warning when it renews a process that has grown."""
-    with warnings.catch_warnings():
+def run_all(make: Make, pieces: Iterable[Any], jobs: int, kind: str = "generator") -> Iterator[Any]:
+    """Yield ``make(*piece)`` of every piece, from processes of this machine."""
+    with warnings.catch_warnings():  # joblib's when it renews a process that has grown
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        yield
+        calls = (joblib.delayed(make)(*piece) for piece in pieces)
+        yield from joblib.Parallel(n_jobs=jobs, return_as=kind)(calls)
 
 
-def run_all(make: Callable[..., Made], pieces: Iterable[tuple[Any, ...]], jobs: int) -> list[Made]:
-    """Return ``make(*piece)`` of every piece in order, from processes of this machine."""
-    with unwarned():
-        return list(joblib.Parallel(n_jobs=jobs)(joblib.delayed(make)(*piece) for piece in pieces))
-
-
-def _numbered(make: Callable[[Piece], object], number: int, piece: Piece) -> int:
+def _numbered(make: Make, number: int, piece: object) -> int:
     make(piece)
     gc.collect()  # joblib takes a process that keeps freed memory for leaking, and renews it
     if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):

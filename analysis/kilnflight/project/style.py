@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -51,25 +52,10 @@ BOXES: dict[str, Any] = {  # of `Axes.boxplot` and `Axes.bxp`
     "capprops": THIN,
 }
 
+SHEET = Path(__file__).with_name("kilnflight.mplstyle")
 STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 7.5,
-    "axes.titlesize": 8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.6,
+    **matplotlib.rc_params_from_file(SHEET, use_default_template=False),
     "axes.prop_cycle": cycler(color=COLOURS, linestyle=LINES),
-    "lines.linewidth": 1.2,
-    "lines.markersize": 3.5,
-    "legend.frameon": False,
-    "legend.fontsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "figure.dpi": 150,
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "kilnflight",
-    "text.usetex": False,
-    "text.parse_math": False,
 }
 
 
@@ -186,9 +172,10 @@ def draw_boxes(axes: Axes, summary: pd.DataFrame) -> None:
     options = {"widths": 0.55, "showfliers": False, "boxprops": face, **BOXES}
     axes.bxp(rows, positions=np.arange(len(rows)), **options)
     axes.margins(y=0.12)
-    place: dict[str, Any] = {"xytext": (0, 2), "textcoords": "offset points", "ha": "center"}
     for i, row in enumerate(rows):  # narrow boxes are lines: say how wide they are
-        axes.annotate(f"{row['q3'] - row['q1']:.2g}", (i, row["whishi"]), fontsize=6, **place)
+        axes.text(
+            i, row["whishi"], f"{row['q3'] - row['q1']:.2g}", fontsize=6, ha="center", va="bottom"
+        )
 
 
 def words(name: str) -> str:
