@@ -207,7 +207,7 @@ near = decide(by[3]["recomputed"].abs() <= 0.025, (by[3]["low"] > 0.1) | (by[3][
 after = measured.loc[measured["postprocessing"] == "with", ["alpha", "beta"]].mean().mean()
 lifted = claims.all_of(clear[9], decide(0.5 <= after <= 0.6, not 0.5 <= after <= 0.6))
 
-gain, least = value[4].item(), f"{value[5].idxmin()} {value[5].min():+.2f}"
+gain, least = value[4].item(), value[5].nsmallest(1)
 
 # %%
 checks = [
