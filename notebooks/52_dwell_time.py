@@ -109,6 +109,8 @@ for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
     handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
 grid[0, 0].set_ylabel("height over it (m)")
 picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+
+# %%
 columns = [*KEYS, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]
 data = counted.loc[shown, columns]
 caption = (

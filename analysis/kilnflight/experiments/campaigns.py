@@ -81,18 +81,17 @@ class Settings:
         return detections[~on_wall].reset_index(drop=True)
 
 
-def settings_from_labels(scale: str, seed: int = 0, scenario: str = "base") -> Settings:
+def settings_from_labels(scale: str, seed: int = 0) -> Settings:
     """Return threshold, wall and limit from the labelled frames of the five subsets."""
-    make = partial(_settings, scale, seed, scenario)
-    depends_on = {"scale": scale, "seed": seed, "scenario": scenario}
+    make, depends_on = partial(_settings, scale, seed), {"scale": scale, "seed": seed}
     values = CachedTable("settings", make, depends_on)().iloc[0].tolist()
     threshold, radius, in_air, x, y, z, dx, dy, dz = map(float, values)
     return Settings(threshold, Cylinder((x, y, z), (dx, dy, dz), radius), in_air)
 
 
-def _settings(scale: str, seed: int, scenario: str) -> pd.DataFrame:
+def _settings(scale: str, seed: int) -> pd.DataFrame:
     """Return threshold, radius, limit, centre and direction of the cylinder in one row."""
-    subsets = detection.labelled_subsets(scale, seed, scenario=scenario)
+    subsets = detection.labelled_subsets(scale, seed)
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])

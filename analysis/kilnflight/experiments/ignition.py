@@ -94,8 +94,8 @@ def count_lit(
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame").groupby("particle")
     found = {name: look(one["time_s"], one["gray"], one["background"]) for name, one in flying}
     seen = pd.Series(found, dtype=object).reindex(flights["particle"], fill_value=TOO_FEW)
-    names = {"light_up": SEEN, "light_at_first": BEFORE, "too_few": TOO_FEW}
-    count: dict[str, float] = {name: (seen == kind).sum() for name, kind in names.items()}
+    kinds = {"light_up": SEEN, "light_at_first": BEFORE, "too_few": TOO_FEW}.items()
+    count: dict[str, float] = {name: (seen == kind).sum() for name, kind in kinds}
     count |= interval_columns(intervals.share(int(count["light_up"]), len(flights)))
     judged = seen[seen.ne(TOO_FEW) & seen.index.isin(ignites.index)]
     light, truly = judged.isin([SEEN, BEFORE]), ignites.reindex(judged.index).astype(bool)
