@@ -37,6 +37,8 @@ TABLES = {  # columns that outside checks read
 def test_a_notebook_keeps_the_rules(path):
     notebook = jupytext.read(path)
     assert notebook.cells[0].source.startswith("# ")
+    for words in ("**The work.**", "**Here.**", "**One number.**", "**What disagrees.**"):
+        assert words in notebook.cells[0].source
     assert {"scale", "seed"} <= set(notebooks.known_parameters(path))
     code = [cell.source for cell in notebook.cells if cell.cell_type == "code"]
     assert max(len(cell.splitlines()) for cell in code) <= 40
