@@ -1,5 +1,6 @@
 """What stands in figures/ and README.md is of one cast (make check; not part of make test)."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from kilnflight.project import claims, figures
 from kilnflight.tables import impossible
 
 PROJECT = Path(__file__).resolve().parents[1]
+NOTEBOOKS = sorted((PROJECT / "notebooks").glob("*.py"))
 
 pytestmark = pytest.mark.published
 
@@ -78,6 +80,22 @@ def test_the_claims_are_those_of_the_notebooks(published):
     pd.testing.assert_frame_equal(shown, claims.collect(), check_dtype=False)
     failed = shown[shown["verdict"] == claims.NOT_REPRODUCED]
     assert set(failed["because"]) <= set(claims.CAUSES), "fill cause in data/reference/claims.csv"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_one_number_of_a_notebook_stands_in_its_tables(path, published, entries):
+    found = re.search(r"^# \*\*One number\.\*\* (.*?)\n(?:#\n|\n)", path.read_text(), re.M | re.S)
+    line = found[1].replace("\n# ", " ")
+    if "no number" in line:
+        return
+    given = re.search(r" printed, (-?\d+(?:\.(\d+))?)( %)?[^,]* here\.", line)
+    assert given, line
+    value, half = float(given[1]), 0.5 * 10.0 ** -len(given[2] or "") + 1e-9
+    own = [name for name, each in entries.items() if each["provenance"]["notebook"] == path.stem]
+    cells = " ".join((published / f"{name}.csv").read_text() for name in own)
+    numbers = [float(each) for each in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", cells)]
+    scales = (1.0, 100.0) if given[3] else (1.0,)
+    assert any(abs(scale * each - value) <= half for each in numbers for scale in scales), line
 
 
 def test_readme_and_gallery_show_the_results(published):
