@@ -28,7 +28,7 @@ CHAPTERS = {
     "thesis 2": ("Depth camera", "02"),
     "thesis (3|5.1|6)": ("Detection", "24"),
     "thesis (4|5.2)": ("Tracking", "32"),
-    "thesis (5.3|A)": ("Flight and combustion", "52"),
+    "thesis (5.3|A)": ("Flight and combustion", "56"),
     "belt-2020": ("Belt, 2020", "40"),
     "belt-2016": ("Belt, 2016", "43"),
 }
