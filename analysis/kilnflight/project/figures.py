@@ -145,6 +145,7 @@ def conclude(result: str, verdicts: Iterable[claims.Verdict], provenance: Proven
     rows = [asdict(verdict) for verdict in verdicts]
     if len({row["id"] for row in rows}) < len(rows):
         raise InputError(f"{provenance.notebook}: a claim is judged twice; judge it once.")
+    result = re.sub(r"[+-]?\bnan\b", "(too few)", result)  # of a reduced run
     _write({}, "notebooks", provenance.notebook, {"result": result, "verdicts": rows})
     shown = pd.DataFrame(rows, columns=["id", "verdict", "because", "measured", "reason"])
     table = shown.to_html(index=False, border=0) if rows else "No claim is tested here."
