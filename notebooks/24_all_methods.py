@@ -145,8 +145,8 @@ below = [bool(value < alone["f1"].min()) for value in clouds["f1"]]
 is_best = f1["f1"].idxmax() == "Combi SIFT+DBSCAN" if frames > 1 else None
 
 # %%
-by_pair = gains.set_index(["first", "second", "rate"])[["difference", "low", "high"]]
-otsu, sift, apart, over, dragged = (by_pair.xs(pair) for pair in pairs)
+by_pair = gains.groupby(["first", "second"])
+otsu, sift, apart, over, dragged = (by_pair.get_group(pair).set_index("rate") for pair in pairs)
 
 
 def rises(table, rate):
@@ -175,7 +175,9 @@ about_half, above = claims.all_of(*nearly, *below), lies_in(over, 0.25, 0.35)
 # %%
 f1_gain = pd.Series({"OTSU": otsu["difference"]["f1"], "SIFT": sift["difference"]["f1"]})
 two = f1["f1"].nlargest(2)
-otsu, sift, apart, over, dragged = (by_pair.xs(pair)["difference"] for pair in pairs)
+otsu, sift, apart, over, dragged = (
+    part["difference"] for part in (otsu, sift, apart, over, dragged)
+)
 more = "Pictures alone do worse here, so a combination has more to gain."
 worse = "Clouds alone do worse here than in print."
 checks = [

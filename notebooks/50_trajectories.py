@@ -106,7 +106,8 @@ for axes, name, title in zip(grid.flat, by_order.columns[2:], titles, strict=Tru
 plt.setp(grid[1], xlabel="order of the polynomials")
 grid[1, 0].sharey(grid[1, 1])
 grid[0, 0].yaxis.set_major_formatter("{x:g}")
-grid[0, 0].legend(title="axis")
+if not by_order.empty:
+    grid[0, 0].legend(title="axis")
 caption = (
     "Medians of the four measures with the same order along all axes, after Fig. 4.23. Up to 40 "
     "trajectories of each campaign that are long enough for all orders."
