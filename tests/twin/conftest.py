@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from kilnflight.twin.background import Surroundings
-from kilnflight.twin.camera import DepthCamera, Geometry
+from kilnflight.twin.camera import Geometry
+from kilnflight.twin.fitted import second_depth, second_light
 from kilnflight.twin.particles import Burst
 from kilnflight.twin.scene import Scene, Twin
 
@@ -21,9 +22,9 @@ def make_scene(**more):
     small = {"rows": 384, "columns": 512, "focal_length_px": 85.0 / 0.044}
     place = replace(Geometry(), lance_pixel=(121.0, 234.1), **small)
     around = Surroundings(flame_roi=(140, 245, 45, 155), edge_px=22)
-    depth = DepthCamera(wall_points=12_500, patch_px=7)
+    depth = replace(second_depth(), wall_points=10_175)
     given = {"geometry": place, "surroundings": around, "depth": depth, **more}
-    return Scene("small", FEED, 60, 5, **given)
+    return second_light(Scene("small", FEED, 60, 5, **given))
 
 
 @pytest.fixture(scope="session")

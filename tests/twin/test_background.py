@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from kilnflight.twin import background
-from kilnflight.twin.background import Background, LivingBackground, Surroundings
+from kilnflight.twin.background import Background, Surroundings
 from kilnflight.twin.camera import Geometry, Optics
-from kilnflight.twin.light import Light
 
 SMALL = replace(
     Geometry(), rows=192, columns=256, focal_length_px=85.0 / 0.088, lance_pixel=(60.5, 117.0)
@@ -29,30 +28,11 @@ def test_a_picture_depends_on_time_alone():
     assert not np.array_equal(picture, Background(SMALL, Optics(), AROUND, seed=3).at(0.37))
 
 
-def test_flicker_has_its_strength_and_its_pace():
-    times = np.arange(0.0, 12.0, 0.05)
-    spot = np.array([BACK.at(t)[150, 200] for t in times]) / BACK.level[150, 200]
-    expected = np.hypot(AROUND.flicker, AROUND.common_flicker)
-    assert spot.std() == pytest.approx(expected, rel=0.5)
-    assert spot.mean() == pytest.approx(1.0, abs=0.01)
-    near = [BACK.at(t)[150, 200] / BACK.at(t + 1 / 330)[150, 200] for t in times[:40]]
-    assert np.std(near) < 0.4 * expected
-
-
-def test_the_burner_saturates_inside_its_rectangle_only():
-    first, last, left, right = AROUND.flame_roi
-    added = BACK.at(1.0) - BACK.level
-    outside = added.copy()
-    outside[first:last, left:right] = 0
-    assert np.abs(outside).max() < 2000
-    assert (BACK.at(1.0)[first:last, left:right] > 65535).mean() > 0.01
-
-
 @pytest.mark.parametrize("rows", [50, 192])  # the last ones are fewer; all at once
 def test_how_many_rows_are_lit_together_changes_no_bit(monkeypatch, rows):
     def pictures():
         background._depth_mm.cache_clear()
-        scene = LivingBackground(SMALL, Optics(light=Light()), AROUND, seed=2)
+        scene = Background(SMALL, Optics(), AROUND, seed=2)
         return scene.level, scene.depth_mm, scene.solid_mm
 
     expected = pictures()

@@ -75,16 +75,6 @@ def test_what_no_camera_could_see_is_refused():
         Geometry(lance_depth_mm=0.0)
 
 
-def test_planck_doubles_where_it_should():
-    optics = Optics()
-    assert optics.glow(optics.wall_k) == pytest.approx(optics.wall_level)
-    ratio = optics.glow(1400.0) / optics.glow(1300.0)
-    exact = np.exp(0.014388 / 0.65e-6 * (1 / 1300 - 1 / 1400))
-    assert ratio == pytest.approx(exact)
-    assert optics.glow(300.0) < 1e-9
-    assert optics.glow(1e5) == 65535.0
-
-
 def test_noise_has_a_floor_and_grows_with_light():
     optics = Optics()
     assert optics.noise(0.0) == optics.read_noise

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from kilnflight.camera import EQUATION_2_4
-from kilnflight.checks import InputError
 from kilnflight.twin import scenes
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera
 from kilnflight.twin.lenses import (
@@ -217,19 +216,13 @@ def test_a_picture_without_texture_has_no_depth_but_of_the_particle():
     assert np.nanmax(np.abs(near - 4000.0)) < 1.0
 
 
-def test_the_wall_scatters_as_in_the_first_look_without_steps():
+def test_the_wall_scatters_as_the_plate_without_steps():
     camera = LensCamera()
     depth = np.arange(1000.0, 9000.0, 1.0)
     scale = camera.wall_scale(depth)
     assert camera.wall_scale(3000.0) == pytest.approx(1000.0 / 6, rel=0.03)  # "exceeds 1 m"
     assert camera.wall_scale(np.array([4000.0, 8000.0])) == pytest.approx([88.0, 176.0])
     assert np.abs(np.diff(scale)).max() < 1.0
-
-
-@pytest.mark.parametrize("wrong", [{"contrast": 0.0}, {"bias_px": -1.0}, {"changing": 1.5}])
-def test_wrong_inputs_are_refused(wrong):
-    with pytest.raises(InputError, match=f"LensCamera: {next(iter(wrong))}"):
-        LensCamera(**wrong)
 
 
 def few(seed=4):
@@ -255,7 +248,7 @@ def test_the_captured_depth_is_the_inverse_of_the_equation():
     true = np.concatenate([np.arange(1000.0, 4900.0, 37.0), np.arange(4960.0, 12_000.0, 37.0)])
     assert EQUATION_2_4(LensCamera().captured(true)) == pytest.approx(true, abs=0.5)
     first = EQUATION_2_4(DepthCamera().captured(2500.0))
-    assert first > 3400.0  # the first look's came back a metre too far
+    assert first > 3400.0  # the plate's comes back a metre too far
 
 
 def test_points_are_kept_near_or_apart_from_particles_as_their_lenses_say():

@@ -21,7 +21,7 @@ from kilnflight.twin.light import (
 from kilnflight.twin.picture import Blobs, Veil
 from kilnflight.twin.scene import Twin
 
-LIT = Optics(light=Light())
+LIT = Optics()
 SHUTTER_S = LIT.exposure_s
 
 
@@ -89,10 +89,6 @@ def test_transmittances_multiply(layers):
 
 def test_overlapping_dark_bodies_never_subtract_twice():
     assert painted((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)).min() >= 0
-    first = np.full((80, 80), 5000.0, dtype=np.float32)
-    dark = blobs((0.0, 0.0), (0.0, 0.0))
-    drawing.paint(first, dark, drawing.cover(dark, 80, 80), Optics())
-    assert first.min() < -4000  # as the first twin did
 
 
 def test_what_is_behind_the_burners_flame_is_seen_through_it():
@@ -116,11 +112,9 @@ def test_a_longer_exposure_brightens_everything_alike(small_scene):
     assert np.all(np.abs(burning / 1.2 - 1) < 0.1)  # the shutter averages the flicker, too
 
 
-@pytest.mark.parametrize("light", [None, Light()])
-def test_an_exposure_that_saturates_everything_is_refused(light):
-    exposure = 2.5e-3 if light is None else 2.0e-2
+def test_an_exposure_that_saturates_everything_is_refused():
     with pytest.raises(InputError, match="all is saturated"):
-        Optics(wall_level=70_000.0 if light is None else 12_500.0, exposure_s=exposure, light=light)
+        Optics(wall_level=12_500.0, exposure_s=2.0e-2)
 
 
 def test_an_exposure_longer_than_a_frame_is_refused(small_scene):
@@ -188,7 +182,7 @@ def test_char_is_dimmer_than_flame_and_flames_reach_three_walls(lit):
 
 
 def test_sheets_are_drawn_by_the_orientation_that_they_fly_with(lit):
-    """Broadside to the camera a sheet has its whole area; edge-on it is a line, NaN is no plate."""
+    """Broadside to the camera a sheet has its whole area; edge-on it is a line."""
     moment = lit.life.at(lit.time_s(20))
     flying = np.flatnonzero(~moment.landed & ~moment.burning & lit._bodies.sheet[moment.particle])
     sheet = moment.take(flying[:1])
@@ -202,9 +196,6 @@ def test_sheets_are_drawn_by_the_orientation_that_they_fly_with(lit):
     assert np.sqrt(np.linalg.det(facing)) == pytest.approx(half[0] * half[1], rel=0.05)
     edge_on = shape([0.0, 0.0, 1.0], [0.0, 1.0, 0.0])
     assert np.linalg.eigvalsh(edge_on)[0] < (half[2] + 0.1 * half[1]) ** 2
-    unknown = shape([np.nan] * 3, [np.nan] * 3)
-    tumbling = drawing._ellipses(sheet._replace(normal=None), lit._bodies, lit.scene.geometry)[0]
-    np.testing.assert_array_equal(unknown, tumbling)
 
 
 def test_granules_let_light_through(small_scene):
@@ -221,5 +212,5 @@ def test_pictures_are_positive_end_at_full_scale_and_come_in_any_order(lit):
     assert min(late.min(), early.min()) > 0
     assert lit.gray(20).max() == FULL_SCALE
     np.testing.assert_array_equal(early, Twin(lit.scene).view(3).picture)
-    labels = lit.view(20).labels
+    labels = [lit.view(t).labels for t in (20, 40, 55)]
     assert set(np.unique(labels)) == {0, 1, 2, 3, 4}

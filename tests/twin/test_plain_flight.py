@@ -15,7 +15,6 @@ from kilnflight.twin.burning import (
     GLOWING_OXYGEN,
     SPENT,
     UNLIT,
-    VolatileIgnition,
     damkoehler,
 )
 from kilnflight.twin.camera import Geometry, unit_vectors
@@ -31,16 +30,14 @@ from kilnflight.twin.flight import (
 )
 from kilnflight.twin.gas import DRYING_K, GRAVITY_M_S2, Gas
 from kilnflight.twin.particles import FRACTIONS, SPHERE
-from kilnflight.twin.plates import Plates, tip_speed_ratio
+from kilnflight.twin.plates import tip_speed_ratio
 
 SECOND = second_kiln()
 CASES = {
-    "first look": (Flight(), Gas()),
-    "second look": (SECOND.flight, SECOND.gas),
-    "plates alone": (Flight(plates=Plates(char_thins=True)), Gas()),
-    "volatiles alone": (
-        Flight(bouncing=True, volatiles=VolatileIgnition(chemical_time_s=2e-4)),
-        Gas(choked=True, lance_stream_m_s=-0.6, wall_fall_k_m=24.0, load=0.1),
+    "fitted": (SECOND.flight, SECOND.gas),
+    "loaded, cooler wall": (
+        Flight(volatiles=SECOND.flight.volatiles),
+        Gas(lance_stream_m_s=-0.6, wall_fall_k_m=24.0, load=0.1),
     ),
 }
 
@@ -49,8 +46,8 @@ class Plain:
     """The particles still in flight, arrays (active, ...)."""
 
     def __init__(self, state, particles, settings):
-        self.kind, self.char_thins = particles.fraction, bool(state.char_thins.any())
-        self.names = [name for name in state.dtype.names if name not in ("kind", "char_thins")]
+        self.kind = particles.fraction
+        self.names = [name for name in state.dtype.names if name != "kind"]
         for name in self.names:
             setattr(self, name, state[name].copy())
         self.nodes_k = self.nodes_k[:, : 1 if self.kind.sheet else settings.nodes]
@@ -77,9 +74,7 @@ class Plain:
     @property
     def area_share(self):
         charred = self.burning == CHAR
-        if not charred.any() or not self.kind.sheet or self.char_thins:
-            return np.ones(len(charred))
-        return np.where(charred, self.char_share, 1.0)
+        return np.where(charred & self.kind.sheet, self.char_share, 1.0)
 
     @property
     def mass_kg(self):
@@ -149,11 +144,10 @@ def glow(state, oxygen):
     return glows
 
 
-def ignite(state, gas_k, enough_fuel, flame_holds, gas_limit_k, causes=(1, 2, 3)):
+def ignite(state, gas_k, enough_fuel, flame_holds, gas_limit_k):
     fulfilled = np.stack([enough_fuel, gas_k >= gas_limit_k, flame_holds], axis=1)
     lit = fulfilled.all(axis=1) & (state.burning == UNLIT)
-    missing = np.array(causes, dtype=np.int8)[np.argmin(state.fulfilled, axis=1)]
-    cause = np.where(lit, missing, 0).astype(np.int8)
+    cause = np.where(lit, 1 + np.argmin(state.fulfilled, axis=1), 0).astype(np.int8)
     state.burning[lit] = BURNING
     state.fulfilled = fulfilled
     return lit, cause
@@ -247,9 +241,8 @@ def fly_plainly(particles, gas, geometry, generator, settings):
             flights.surface_k[rows, column] = state.surface_k
             flights.area[rows, column] = state.area_share
             flights.state[rows, column] = state.burning
-            if settings.plates:
-                flights.normal[rows, column] = state.normal
-                flights.along[rows, column] = state.along
+            flights.normal[rows, column] = state.normal
+            flights.along[rows, column] = state.along
         gas_k, slip = _move(state, gas, geometry, generator, settings)
         wall_k = forces.wall_k(gas, (state.position - geometry.lance_m).T)
         heat_and_burn(state, wall_k, gas_k, slip, settings.step_s)
@@ -261,16 +254,12 @@ def fly_plainly(particles, gas, geometry, generator, settings):
 
 def _ignite(state, gas, geometry, gas_k, slip_m_s, settings):
     rule = settings.volatiles
-    if rule is None:
-        hot = state.surface_k >= state.ignition_k
-        holds = slip_m_s / state.diameter_m < settings.extinction_1_s
-        return ignite(state, gas_k, hot, holds, settings.ignition_gas_k)
     lose_volatiles(state, settings.step_s)
     oxygen = forces.oxygen(gas, (state.position - geometry.lance_m).T)
     flux = state.volatiles_1_s * state.volatiles_kg / state.surface_m2
     fuel = flux >= rule.critical_flux_kg_m2_s
     holds = damkoehler(rule, state.short_m, slip_m_s, gas_k, oxygen) >= 1.0
-    lit, cause = ignite(state, gas_k, fuel, holds, settings.ignition_gas_k, causes=(4, 2, 5))
+    lit, cause = ignite(state, gas_k, fuel, holds, settings.ignition_gas_k)
     glows = glow(state, oxygen)
     cause[glows] = CAUSES.index("glowing char")
     return lit | glows, cause
@@ -293,12 +282,9 @@ def exit_plainly(state, gas, settings):
 
 
 def _lance_friction(speed_m_s, diameter_m, settings):
-    if settings.bouncing:
-        across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
-        impacts_1_s = across / diameter_m
-        return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
-    solids = settings.solids_friction * speed_m_s**2 / (2 * diameter_m)
-    return settings.wall_friction * GRAVITY_M_S2 + solids
+    across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
+    impacts_1_s = across / diameter_m
+    return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
 
 
 def drag_rate(state, slip_m_s, gas_k):
@@ -317,7 +303,7 @@ def _move(state, gas, geometry, generator, settings):
     relative = wind - state.velocity
     slip = np.linalg.norm(relative, axis=1)
     dt = settings.step_s
-    if settings.plates and state.kind.sheet:
+    if state.kind.sheet:
         wander = np.sqrt(dt / settings.lift_time_s)
         free = turn(state, relative, gas_k, settings.plates, wander, dt, generator)
         state.velocity = velocity_after(state, wind, gas_k, free, settings.plates, dt)
@@ -336,7 +322,7 @@ def _wander(state, excess, gas, generator, settings):
     strength = gas.turbulence_m_s + gas.turbulence_in_jet * np.abs(excess)
     noise = generator.normal(size=shape) * strength[:, None]
     state.turbulence = keep * state.turbulence + np.sqrt(1 - keep**2) * noise
-    if not (settings.plates and state.kind.sheet):
+    if not state.kind.sheet:
         turn = np.sqrt(dt / settings.lift_time_s)
         state.lift = unit_vectors(state.lift + turn * generator.normal(size=shape))
 
@@ -372,15 +358,14 @@ def test_compiled_flights_are_the_plain_ones(kind, case):
     np.testing.assert_allclose(compiled.end_position_m, plain.end_position_m, rtol=1e-8, atol=1e-8)
     for name in ("position_m", "velocity_m_s", "surface_k", "area", "normal", "along"):
         one, other = getattr(compiled, name), getattr(plain, name)
-        if one is not None:
-            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5, err_msg=name)
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5, err_msg=name)
     assert (plain.end == ENDS.index("landed")).any()
     assert np.isfinite(plain.ignition_s).any() or not kind.sheet
 
 
 @pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
-@pytest.mark.parametrize("settings", [Flight(), Flight(bouncing=True)])
-def test_compiled_exit_velocities_are_the_plain_ones(kind, settings):
+def test_compiled_exit_velocities_are_the_plain_ones(kind):
+    settings = Flight()
     particles = kind.draw(30, np.random.default_rng(1))
     state = launch(particles, Gas(), Geometry(), np.random.default_rng(2), settings)
     plain = exit_plainly(Plain(state, particles, settings), Gas(), settings)

@@ -36,6 +36,8 @@ def straight(speeds, ends_s, ends=None, ignition_s=None):
         end_s=np.asarray(ends_s, dtype=float),
         end=np.array(kinds, dtype=np.int8),
         end_position_m=place,
+        normal=np.full_like(position, np.nan),
+        along=np.full_like(position, np.nan),
     )
 
 

@@ -7,7 +7,7 @@ The static part is made once per scene. The changing part is a function of time 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import cv2
@@ -25,6 +25,10 @@ Index = npt.NDArray[np.intp]
 ROWS = 8  # whose rays are followed at once; those of a picture do not fit the cache
 # Cells around and along the wall of each scale of its texture, and its weight
 TEXTURE = ((8, 1.0), (24, 0.7), (72, 0.5), (216, 0.35))
+WAVES = 12  # of the flicker's frequencies
+FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
+FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
+FULL_COLUMNS = 2048
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,11 @@ class Surroundings:
     plate_k: float = 1340.0  # the inlet plate is cooler than the wall
     flicker: float = 0.012  # relative, local, of hot gas
     flicker_time_s: float = 0.15
-    flicker_cells: tuple[int, int] = (25, 33)
     common_flicker: float = 0.015  # relative, of the whole picture (burner)
     common_time_s: float = 0.03
     # Rectangle of the burner's flame: first row, last row, first column, last column.
     flame_roi: tuple[int, int, int, int] = (560, 980, 180, 620)
-    flame_level: float = 60_000.0  # "very bright" (sec. 3.1): most of it saturates
-    flame_flicker: float = 0.35  # relative, of its eddies
-    # Of the second look: cooled tubes, and a flame of soot in place of the two values above.
-    burner: Burner | None = None
+    burner: Burner = field(default_factory=Burner)  # with the lance: cooled tubes
     edge_px: int = 90  # width of the border with micro-lens artefacts (sec. 5.1.2)
     edge_strength: float = 0.10  # relative
     # Polygon of the region of interest, as share of rows and columns: not published, set by
@@ -82,39 +82,25 @@ def _depth_mm(geometry: Geometry) -> Array:
 
 @dataclass(frozen=True)
 class Background:
-    """The picture without particles at any time."""
+    """The picture without particles at any time.
+
+    Lance and burner stand in the kiln, the inlet plate is smooth, the burner's flame is soot
+    that lets light through, and the flicker of hot gas has no lattice. All is positive.
+    """
 
     geometry: Geometry
     optics: Optics
     surroundings: Surroundings
     seed: int
-
-    @cached_property
-    def level(self) -> Picture:
-        """Grey values of wall and plate, (rows, columns), without flicker and noise."""
-        depth = self.depth_mm
-        row, column = np.indices(depth.shape, dtype=np.float64)
-        point = self.geometry.to_kiln(self.geometry.unproject(row, column, depth))
-        plate = point[..., 0] <= self.geometry.inlet_m + 0.01
-        angle = np.arctan2(point[..., 2], point[..., 1])
-        wall = self._texture(angle / (2 * np.pi) + 0.5, point[..., 0] / 8.4 + 0.4)
-        texture = np.where(plate, self._texture(point[..., 1], point[..., 2]), wall)
-        kelvin = np.where(plate, self.surroundings.plate_k, self.optics.wall_k)
-        level = self.optics.glow(kelvin + self.surroundings.texture_k * texture)
-        return (level * self._vignetting()).astype(np.float32)
-
-    @cached_property
-    def depth_mm(self) -> Array:
-        """True depth of wall and plate, (rows, columns); shared by the scenes of a kiln."""
-        return _depth_mm(self.geometry)
+    lance_elevation_deg: float = 0.0  # over the axis, as particles leave it
 
     def _texture(self, around: Array, along: Array) -> Array:
         """Return smooth noise of unit variance over angle and length, at four scales."""
         total, power = np.zeros(around.shape), 0.0
-        for (cells, weight), field in zip(TEXTURE, self._fields, strict=True):
+        for (cells, weight), noise in zip(TEXTURE, self._fields, strict=True):
             x = ((around % 1.0) * cells + 1.5).astype(np.float32)
             y = ((along % 1.0) * cells + 1.5).astype(np.float32)
-            total += weight * cv2.remap(field, x, y, cv2.INTER_CUBIC)
+            total += weight * cv2.remap(noise, x, y, cv2.INTER_CUBIC)
             power += weight**2
         return total / np.sqrt(power)
 
@@ -147,23 +133,6 @@ class Background:
         pattern = pattern + np.cos(k * (0.5 * column - 0.866 * row))
         return (np.clip(1 - inside / width, 0, 1) * pattern / 3).astype(np.float32)
 
-    @cached_property
-    def _waves(self) -> tuple[Array, Array]:
-        """Frequencies (waves,) in Hz and phases (cells, waves) of the local flicker."""
-        generator = np.random.default_rng([self.seed, 102])
-        corner = 1 / (2 * np.pi * self.surroundings.flicker_time_s)
-        # as many waves below the corner frequency as above: the spectrum of a relaxation
-        hertz = corner * np.tan(np.pi / 2 * (np.arange(12) + generator.uniform(0, 1, 12)) / 13)
-        cells = self.surroundings.flicker_cells
-        return hertz, generator.uniform(0, 2 * np.pi, (*cells, 12))
-
-    def _local(self, time_s: float) -> Picture:
-        hertz, phase = self._waves
-        waves = np.cos(2 * np.pi * hertz * time_s + phase).sum(axis=-1)
-        field = self.surroundings.flicker * waves * np.sqrt(2 / len(hertz))
-        size = (self.geometry.columns, self.geometry.rows)
-        return cv2.resize(field.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-
     def common(self, time_s: float) -> float:
         """Return the relative brightness of the whole picture, about 1."""
         generator = np.random.default_rng([self.seed, 103])
@@ -174,71 +143,13 @@ class Background:
         return float(1 + self.surroundings.common_flicker * waves)
 
     @cached_property
-    def _flame_shape(self) -> Picture:
-        first, last, left, right = self.surroundings.flame_roi
-        row = np.linspace(-1, 1, last - first)[:, None]
-        column = np.linspace(-1, 1, right - left)[None, :]
-        return np.clip(1.3 - 1.6 * np.hypot(row, column), 0, None).astype(np.float32)
-
-    def _flame(self, time_s: float) -> Picture:
-        """Return the grey values of the burner's flame in its rectangle.
-
-        They are eddies that drift.
-        """
-        generator = np.random.default_rng([self.seed, 104])
-        eddies = generator.normal(1.0, self.surroundings.flame_flicker, (16, 64))
-        eddies = eddies.astype(np.float32)
-        height, width = self._flame_shape.shape
-        columns = (np.arange(16) + 25.0 * time_s) % 64
-        low = columns.astype(int)
-        share = (columns - low).astype(np.float32)
-        window = eddies[:, low] * (1 - share) + eddies[:, (low + 1) % 64] * share
-        pattern = cv2.resize(window, (width, height), interpolation=cv2.INTER_CUBIC)
-        return self.surroundings.flame_level * self._flame_shape * np.maximum(pattern, 0)
-
-    def at(self, time_s: float) -> Picture:
-        """Return the picture (rows, columns) at a time, without particles and noise."""
-        picture = self._local(time_s)
-        artefacts = self.surroundings.edge_strength * self.common(2 * time_s)
-        edge = self.surroundings.edge_px
-        middle = slice(edge, -edge)
-        for strip in (np.s_[:edge], np.s_[-edge:], np.s_[middle, :edge], np.s_[middle, -edge:]):
-            picture[strip] += self._edges[strip] * np.float32(artefacts)
-        picture += np.float32(self.common(time_s))
-        picture *= self.level
-        first, last, left, right = self.surroundings.flame_roi
-        picture[first:last, left:right] += self._flame(time_s)
-        return picture
-
-
-WAVES = 12  # of the flicker's frequencies
-FLICKER_BLOCK = 8  # pixels of a flicker's value, full camera; it is smooth over many of them
-FLICKER_PX = 60.0  # over which hot gas bends light alike, full camera; assumption
-FULL_COLUMNS = 2048
-
-
-@dataclass(frozen=True)
-class LivingBackground(Background):
-    """The picture without particles of the second look.
-
-    Lance and burner stand in the kiln, the inlet plate is smooth, the burner's flame is soot
-    that lets light through, and the flicker of hot gas has no lattice. All is positive.
-    """
-
-    lance_elevation_deg: float = 0.0  # over the axis, as particles leave it
-
-    @cached_property
     def tubes(self) -> list[Tube]:
         """The tubes of lance and burner."""
-        burner = self._burner
+        burner = self.surroundings.burner
         return [
             lance_tube(burner, self.geometry, self.lance_elevation_deg),
             burner_tube(burner, self.geometry, self.surroundings.flame_roi),
         ]
-
-    @property
-    def _burner(self) -> Burner:
-        return self.surroundings.burner or Burner()
 
     @cached_property
     def solid_mm(self) -> Picture:
@@ -295,8 +206,8 @@ class LivingBackground(Background):
     @cached_property
     def flame(self) -> Flame:
         """The burner's flame."""
-        tube = self.tubes[1]
-        return Flame(self._burner, tube, self.geometry, self.surroundings.flame_roi, self.seed)
+        around = self.surroundings
+        return Flame(around.burner, self.tubes[1], self.geometry, around.flame_roi, self.seed)
 
     @cached_property
     def _patterns(self) -> tuple[Array, npt.NDArray[np.float32]]:

@@ -2,9 +2,8 @@
 
 Sheets have one temperature, chips and granules a profile. Volatiles leave as fast as heat
 arrives; the char that is left fades. Ignition needs three things at once: enough fuel, hot gas
-around it, and a slip that does not blow the flame off. In the first look the surface has to be
-above an ignition temperature and the slip below a rate. With `VolatileIgnition` the flux of
-volatiles has to be above a critical one, and the flame's Damkoehler number above 1.
+around it, and a slip that does not blow the flame off. The flux of volatiles has to be above a
+critical one, and the flame's Damkoehler number above 1 (`VolatileIgnition`).
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from kilnflight.twin.gas import (
 from kilnflight.twin.particles import Particles
 
 UNLIT, BURNING, CHAR = 0, 1, 2
-CAUSES = ("", "surface temperature", "hot gas", "slip", "volatiles", "flame time", "glowing char")
+CAUSES = ("", "volatiles", "hot gas", "flame time", "glowing char")
 GAS_CONSTANT_J_MOL_K = 8.314
 HEAT_OF_OXYGEN_J_KG = 13.1e6  # that a flame sets free with a kg of oxygen (Huggett 1980)
 SPENT = 0.02  # share of the volatiles below which char burns; assumption
@@ -82,14 +81,12 @@ def at_rest(particles: Particles, nodes: int, temperature_k: float) -> Any:
     start: dict[str, Any] = {
         "kind": np.tile(numbers(kind), n),  # the numbers of the `Fraction`
         "disc": np.full(n, kind.round),
-        "char_thins": np.zeros(n, dtype=bool),  # charred sheets keep their area
         "diameter_m": particles.diameter_m,
         "short_m": np.minimum(particles.length_m, particles.width_m),  # of the broadside
         "broadside_m2": particles.broadside_m2,
         "surface_m2": particles.surface_m2,
         "half_m": particles.thickness_m / 2,  # or radius
         "dry_kg": dry,
-        "ignition_k": particles.ignition_k,
         "orientation": particles.orientation,
         "position": np.zeros((n, 3)),
         "velocity": np.zeros((n, 3)),
@@ -130,8 +127,8 @@ def char_share(state: Any) -> Any:
 
 @register_jitable
 def area_share(state: Any) -> Any:
-    """Return the share of the broadside area that is left: charred sheets crumble, or thin."""
-    crumbles = (state.burning == CHAR) & state.kind.sheet & (state.char_thins == 0)
+    """Return the share of the broadside area that is left: charred sheets crumble."""
+    crumbles = (state.burning == CHAR) & state.kind.sheet
     return either(crumbles, char_share(state), 1.0)
 
 
@@ -213,18 +210,16 @@ def glow(particle: Any, oxygen: float) -> bool:
 
 
 @register_jitable
-def ignite(
-    particle: Any, enough_fuel: bool, hot_gas: bool, flame_holds: bool, causes: tuple[int, int, int]
-) -> int:
-    """Ignite an unlit particle that fulfils all criteria; ``causes`` are their places in `CAUSES`.
+def ignite(particle: Any, enough_fuel: bool, hot_gas: bool, flame_holds: bool) -> int:
+    """Ignite an unlit particle that fulfils all criteria.
 
-    Returns the criterion that had not been fulfilled one step before (of several, the first); 0
-    if it does not ignite.
+    Returns the place in `CAUSES` of the criterion that had not been fulfilled one step before (of
+    several, the first); 0 if it does not ignite.
     """
     if particle.burning != UNLIT:
         return 0
     if enough_fuel and hot_gas and flame_holds:
         particle.burning = BURNING
-        return causes[particle.missing]
+        return 1 + particle.missing
     particle.missing = 0 if not enough_fuel else 1 if not hot_gas else 2
     return 0

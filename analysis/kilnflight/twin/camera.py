@@ -13,7 +13,7 @@ chosen once, within the bounds of the printed numbers, and varied as scenarios.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -25,8 +25,6 @@ from kilnflight.twin.light import Light, band_radiance
 
 Array = npt.NDArray[np.float64]
 
-SECOND_RADIATION_M_K = 0.014388  # hc/k
-WAVELENGTH_M = 0.65e-6  # effective, of a silicon sensor looking at a red-hot wall
 FULL_SCALE = 65535.0  # uint16 (sec. 5.1.3)
 # The test plate with black dots (sec. 2.1.5).
 DOT_MM = 14.0  # diameter
@@ -181,7 +179,6 @@ class Optics:
     read_noise: float = 40.0  # grey values, standard deviation, four raw pixels averaged
     shot_gain: float = 0.6  # grey values^2 of variance per grey value, likewise
     exposure_s: float = 2.5e-3  # just below the frame period of 330/s; 6 ms at 153.85/s
-    flame_level: float = 40_000.0  # of a flame's core; saturates with the wall behind it
     # The next two were set once by Fig. 3.12, a published input (mean radius 7.7 px, nearly all
     # below 15 px): 5 mm and 0.5 were tried first and gave burning particles of 12 px.
     flame_mm: float = 2.5  # by which a flame stands off its particle
@@ -191,7 +188,7 @@ class Optics:
     irradiance: float = 1.0
     flame_softness: float = 0.35  # width of its edge over its radius; assumption
     edge_softness_px: float = 0.8  # blur of the processed image; assumption
-    light: Light | None = None  # of the second look; None: the first, deaf to the exposure
+    light: Light = field(default_factory=Light)
 
     def __post_init__(self) -> None:
         """Refuse levels that are not positive, and light of which nothing would be left."""
@@ -206,20 +203,11 @@ class Optics:
     @property
     def at_wall(self) -> float:
         """Grey value of a black surface as hot as the wall at this exposure."""
-        brighter = self.exposure_s / self.light.shutter_s if self.light else 1.0
-        return self.wall_level * brighter
+        return self.wall_level * (self.exposure_s / self.light.shutter_s)
 
     def glow(self, temperature_k: npt.ArrayLike) -> Array:
-        """Return the grey value of a black surface by Planck's law.
-
-        In the camera's band, unlimited; in the first twin at one wavelength, up to full scale.
-        """
-        if self.light:
-            return self.at_wall * band_radiance(temperature_k) / band_radiance(self.wall_k)
-        temperature = np.maximum(np.asarray(temperature_k, dtype=np.float64), 250.0)
-        exponent = SECOND_RADIATION_M_K / WAVELENGTH_M
-        change = np.exp(exponent / self.wall_k - exponent / temperature)
-        return self.wall_level * np.minimum(change, FULL_SCALE / self.wall_level)
+        """Return the grey value of a black surface by Planck's law, beyond full scale, too."""
+        return self.at_wall * band_radiance(temperature_k) / band_radiance(self.wall_k)
 
     def noise(self, level: npt.ArrayLike) -> Array:
         """Return the standard deviation of the noise at a grey value."""
@@ -243,9 +231,6 @@ class DepthCamera:
     wall_error_near_mm: float = 350.0  # between 2.6 and 3.4 m (sec. 2.1.5: more than 1 m range)
     patch_px: int = 28  # over which the wall's error is common; assumption
     white_mm: float = 0.6  # per point; more would contradict Fig. 5.7
-    tilt_mm_px: float = 1.5  # slope across a particle; assumption
-    outlier_share: float = 0.02  # of the particle errors; assumption ("lots of outliers")
-    outlier_factor: float = 5.0
     scale: float = 1.0  # scenario: all errors times this
     static_bias: float = 0.0  # scenario: relative, smooth over the picture
     points_per_pixel: float = 0.6  # of an unsaturated particle; assumption
@@ -256,8 +241,6 @@ class DepthCamera:
         ("paper shred", 218.99),
         ("PE granule", 170.24),
     )
-    # Table 5.2, share with 3D information: burning and unlit in air, burning on the wall.
-    available: tuple[float, float, float] = (0.9939, 0.7879, 0.9309)
 
     @cached_property
     def error_of(self) -> dict[str, float]:

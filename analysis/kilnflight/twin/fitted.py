@@ -12,14 +12,12 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
-from kilnflight.twin.burner import Burner
 from kilnflight.twin.burning import VolatileIgnition
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.lenses import LensCamera
 from kilnflight.twin.light import Light
-from kilnflight.twin.plates import Plates
 from kilnflight.twin.scene import Scene
 
 # Lengths as the thesis's camera saw them over true ones: of Table 5.12, by which `Geometry` is
@@ -46,9 +44,7 @@ def second_kiln() -> Kiln:
         wall_friction=0.01641,
         launch_elevation_deg=5.483,
         launch_spread_factor=1.572,
-        bouncing=True,
         volatiles=VolatileIgnition(chemical_time_s=2.582e-4),
-        plates=Plates(),
     )
     nearer = PRINTED_SCALE / SCALE  # the far end of the kiln
     across, up, depth = (nearer * value for value in Geometry.axis_far_mm)
@@ -58,7 +54,7 @@ def second_kiln() -> Kiln:
         axis_height_mm=617.7,
         lance_depth_mm=5856.0,
     )
-    return Kiln(flight, Gas(choked=True, lance_stream_m_s=-1.243), place)
+    return Kiln(flight, Gas(lance_stream_m_s=-1.243), place)
 
 
 def second_light(scene: Scene) -> Scene:
@@ -68,7 +64,7 @@ def second_light(scene: Scene) -> Scene:
         scene,
         optics=replace(scene.optics, light=light, wall_level=20_700.0, irradiance=1.48),
         on_the_wall=replace(scene.on_the_wall, share_on=0.205, body_s=0.872),
-        surroundings=replace(scene.surroundings, burner=Burner(), texture_k=TEXTURE_K),
+        surroundings=replace(scene.surroundings, texture_k=TEXTURE_K),
     )
 
 

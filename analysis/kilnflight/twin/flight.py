@@ -2,7 +2,7 @@
 
 A particle is a point with a mass, a mean area and a temperature. It leaves the lance with
 a slip, is dragged by stream, jet and turbulence, and pushed aside by a lift that wanders
-(tumbling). With `Plates` a sheet turns, and is pushed as it faces the wind. Particles heat up, may
+(tumbling). A sheet turns, and is pushed as it faces the wind (`Plates`). Particles heat up, may
 ignite, and end on the wall, burnt out or out of the kiln.
 Kiln coordinates in metres, SI units; time counts from the particle's release.
 """
@@ -10,7 +10,7 @@ Kiln coordinates in metres, SI units; time counts from the particle's release.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,6 @@ import numpy.typing as npt
 from numba import njit
 from numba.extending import register_jitable
 
-from kilnflight.checks import InputError, check_positive
 from kilnflight.project.cache import code_hash
 from kilnflight.twin.burning import (
     CAUSES,
@@ -55,8 +54,7 @@ from kilnflight.twin.plates import Plates, release, turn, velocity_after
 
 Array = npt.NDArray[np.float64]
 
-SAMPLED = ("position_m", "velocity_m_s", "surface_k", "area", "state")
-TURNED = ("normal", "along")
+SAMPLED = ("position_m", "velocity_m_s", "surface_k", "area", "state", "normal", "along")
 ENDS = ("landed", "burnt out", "left the kiln", "still flying")
 LANDED, BURNT_OUT, LEFT, FLYING = range(len(ENDS))
 GLOWING = CAUSES.index("glowing char")
@@ -73,30 +71,20 @@ class Flight:
     longest_s: float = 2.5  # of a flight; the thesis's outliers exceed 1 s (sec. 5.3.1)
     nodes: int = 12  # of the heat conduction in chips and granules
     lance_length_m: float = 2.5  # over which particles are accelerated; assumption
-    wall_friction: float = 0.3  # of particles sliding in the lance; assumption
-    solids_friction: float = 0.01  # additional loss of pneumatic conveying, 0.003 to 0.01
-    # Bouncing through the lance instead of sliding. A particle flies from wall to wall at an angle
-    # and loses friction times (1 + restitution) of its transverse velocity at each impact. That is
-    # a solids friction of 2 friction (1 + restitution) tan^2(angle), which replaces the two above.
-    bouncing: bool = False
+    # In the lance a particle flies from wall to wall at an angle and loses friction times
+    # (1 + restitution) of its transverse velocity at each impact. That is a solids friction of
+    # 2 friction (1 + restitution) tan^2(angle).
+    wall_friction: float = 0.3  # assumption
     bounce_angle_deg: float = 5.0  # to the wall, 2 to 8 (Sommerfeld 1992 measures 5); assumption
     restitution: float = 0.6  # of wood and plastic on steel, 0.5 to 0.7 (handbooks)
     slip_spread: float = 0.08  # relative, of the exit velocity; assumption
     launch_elevation_deg: float = 0.0  # of the lance over the axis; assumption
     launch_spread_factor: float = 1.0  # on the fractions' own spread
     lift_time_s: float = 0.15  # correlation time of the lift's (axis's) direction; assumption
-    plates: Plates | None = None  # of sheets, in place of mean area and wandering lift
+    plates: Plates = field(default_factory=Plates)  # of sheets
     ignition_gas_k: float = 950.0  # the gas around must be hotter; assumption
-    extinction_1_s: float = 800.0  # slip over size that blows a flame off; assumption
-    volatiles: VolatileIgnition | None = None  # in place of surface temperature and slip over size
+    volatiles: VolatileIgnition = field(default_factory=VolatileIgnition)
     char_left: float = 0.15  # share of char at which a sheet counts as burnt out; assumption
-
-    def __post_init__(self) -> None:
-        """Refuse steps and times that are not positive."""
-        for name in ("step_s", "sample_s", "longest_s", "nodes", "lance_length_m"):
-            check_positive(float(getattr(self, name)), f"Flight: {name}")
-        if self.sample_s < self.step_s:
-            raise InputError(f"Flight: sample_s {self.sample_s} is below step_s {self.step_s}.")
 
 
 class Flights(NamedTuple):
@@ -113,10 +101,9 @@ class Flights(NamedTuple):
     end_s: Array  # (n,)
     end: npt.NDArray[np.int8]  # (n,), index into ENDS
     end_position_m: Array  # (n, 3)
-    # Of plates, (n, samples, 3): normal and long side, NaN of what is no sheet. None without
-    # `Flight.plates`.
-    normal: npt.NDArray[np.float32] | None = None
-    along: npt.NDArray[np.float32] | None = None
+    # Of sheets, (n, samples, 3): normal and long side, NaN of others.
+    normal: npt.NDArray[np.float32]
+    along: npt.NDArray[np.float32]
 
     @classmethod
     def blank(cls, n: int, settings: Flight) -> Flights:
@@ -137,28 +124,25 @@ class Flights(NamedTuple):
             end_s=np.full(n, np.nan),
             end=np.full(n, -1, dtype=np.int8),
             end_position_m=np.full((n, 3), np.nan),
-            normal=vectors.copy() if settings.plates else None,
-            along=vectors.copy() if settings.plates else None,
+            normal=vectors.copy(),
+            along=vectors.copy(),
         )
 
     @classmethod
     def joined(cls, parts: Sequence[Flights]) -> Flights:
         """Return the flights of several fractions one after the other, before `cut`."""
         columns = zip(*(part[1:] for part in parts), strict=True)
-        whole = (None if column[0] is None else np.concatenate(column) for column in columns)
-        return cls._make([parts[0].age_s, *whole])
+        return cls._make([parts[0].age_s, *map(np.concatenate, columns)])
 
     def cut(self) -> Flights:
         """Return the flights without the samples that no particle has reached."""
         count = int((self.state >= 0).any(axis=0).sum())
-        names = SAMPLED if self.normal is None else SAMPLED + TURNED
-        short = {name: getattr(self, name)[:, :count] for name in names}
+        short = {name: getattr(self, name)[:, :count] for name in SAMPLED}
         return self._replace(age_s=self.age_s[:count], **short)
 
     def only(self, rows: npt.NDArray[np.generic]) -> Flights:
         """Return the flights of some particles, by a mask or their numbers."""
-        chosen = (None if field is None else field[rows] for field in self[1:])
-        return Flights._make([self.age_s, *chosen])
+        return Flights._make([self.age_s, *(part[rows] for part in self[1:])])
 
 
 def sample_steps(settings: Flight) -> int:
@@ -171,7 +155,7 @@ def fly(
     gas: Gas,
     geometry: Geometry,
     generator: np.random.Generator,
-    settings: Flight | None = None,
+    settings: Flight,
 ) -> Flights:
     """Compute the flights of particles from the lance until each has ended.
 
@@ -184,7 +168,7 @@ def fly(
     generator
         Draws launch, turbulence and tumbling.
     settings
-        Default `Flight`.
+        Steps and unpublished quantities.
 
     Returns
     -------
@@ -192,11 +176,9 @@ def fly(
         One row per particle, in their order; none is lost. Samples that no particle has
         reached are there too: `Flights.cut` removes them.
     """
-    settings = settings or Flight()
     flights = Flights.blank(len(particles), settings)
     state = launch(particles, gas, geometry, generator, settings)
-    turned = (flights.normal, flights.along) if settings.plates else (flights.position_m[:0],) * 2
-    samples = (*(getattr(flights, name) for name in SAMPLED), *turned)
+    samples = tuple(getattr(flights, name) for name in SAMPLED)
     inputs = _inputs(gas, geometry, settings)
     _fly(state, inputs, generator, sample_steps(settings), samples, flights[6:11])
     return flights
@@ -216,16 +198,14 @@ def _inputs(gas: Gas, geometry: Geometry, settings: Flight) -> _Inputs:
     x, y, z = map(float, geometry.lance_m)
     flight = numbers(
         settings,
-        turns=settings.plates is not None,
-        by_volatiles=settings.volatiles is not None,
         turbulence_kept=np.exp(-settings.step_s / gas.turbulence_time_s),
         wander=np.sqrt(settings.step_s / settings.lift_time_s),
         radius_m=geometry.kiln_radius_mm / 1000.0,
         outlet_m=geometry.outlet_m,
         **{LAWS: 0.0},
     )
-    plates, volatiles = settings.plates or Plates(), settings.volatiles or VolatileIgnition()
-    return _Inputs(gas.numbers, flight, numbers(plates), numbers(volatiles), (x, y, z))
+    laws = numbers(settings.plates), numbers(settings.volatiles)
+    return _Inputs(gas.numbers, flight, *laws, (x, y, z))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -278,9 +258,8 @@ def _store(samples: Any, row: int, column: int, particle: Any) -> None:
     surface_k[row, column] = particle.surface_k
     area[row, column] = area_share(particle)
     state[row, column] = particle.burning
-    if len(normal):
-        put(normal[row, column], particle.normal)
-        put(along[row, column], particle.along)
+    put(normal[row, column], particle.normal)
+    put(along[row, column], particle.along)
 
 
 @register_jitable
@@ -297,17 +276,12 @@ def _advance(particle: Any, inputs: _Inputs) -> int:
 
 @register_jitable
 def _ignite(particle: Any, place: Any, gas_k: float, slip_m_s: float, inputs: _Inputs) -> int:
-    """Ignite an unlit particle by the criteria of the settings, see `ignite`."""
+    """Ignite an unlit particle by the flux of its volatiles, or let its char glow."""
     settings, rule = inputs.flight, inputs.volatiles
-    hot_gas = gas_k >= settings.ignition_gas_k
-    if not settings.by_volatiles:
-        hot = particle.surface_k >= particle.ignition_k
-        holds = slip_m_s / particle.diameter_m < settings.extinction_1_s
-        return ignite(particle, hot, hot_gas, holds, (1, 2, 3))
     fuel = lose_volatiles(particle, settings.step_s) >= rule.critical_flux_kg_m2_s
     share = oxygen(inputs.gas, place)
     holds = damkoehler(rule, particle.short_m, slip_m_s, gas_k, share) >= 1.0
-    cause = ignite(particle, fuel, hot_gas, holds, (4, 2, 5))
+    cause = ignite(particle, fuel, gas_k >= settings.ignition_gas_k, holds)
     return GLOWING if glow(particle, share) else cause
 
 
@@ -321,10 +295,8 @@ def launch(
     """Return the particles as they leave the lance."""
     n = len(particles)
     state = at_rest(particles, settings.nodes, gas.lance_temperature_k)
-    plates = settings.plates if particles.fraction.sheet else None
-    if plates:
-        state.char_thins = plates.char_thins
-        state.orientation = plates.mean_drag
+    if particles.fraction.sheet:
+        state.orientation = settings.plates.mean_drag
     spread = np.deg2rad(particles.fraction.launch_spread_deg * settings.launch_spread_factor)
     elevation = np.deg2rad(settings.launch_elevation_deg) + generator.normal(0.0, spread, n)
     azimuth = generator.normal(0.0, spread, n)
@@ -336,7 +308,7 @@ def launch(
     state.position = geometry.lance_m + np.concatenate([np.zeros((n, 1)), bore], axis=1)
     state.velocity = direction * speed[:, None]
     state.lift = unit_vectors(generator.normal(size=(n, 3)))
-    if plates:
+    if particles.fraction.sheet:
         wind = np.array([gas.jet_velocity_m_s, 0.0, 0.0])
         release(state, wind, gas.lance_temperature_k, generator)
     return state
@@ -345,7 +317,7 @@ def launch(
 def exit_velocity(state: Any, gas: Gas, settings: Flight) -> Array:
     """Return the velocity in m/s at the lance's outlet, before its spread, (n,).
 
-    From rest over the length of the lance, against the friction of what slides or bounces.
+    From rest over the length of the lance, against the friction of the impacts.
     """
     slope = np.tan(np.deg2rad(settings.bounce_angle_deg))
     read = numbers(settings, bounce_slope=slope, **{LAWS: 0.0})
@@ -362,23 +334,14 @@ def _exit_velocity(state: Any, gas: Any, settings: Any) -> Any:
                 break
             slip = gas.jet_velocity_m_s - speed
             rate = drag_rate(state[i], np.abs(slip), gas.lance_temperature_k)
-            braking = _lance_friction(speed, gas.lance_diameter_m, settings)
+            across = speed * settings.bounce_slope
+            impacts_1_s = across / gas.lance_diameter_m
+            braking = settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
             gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
             speed = np.maximum(speed + gain, 0.1)
             way += speed * settings.step_s
         speeds[i] = speed
     return speeds
-
-
-@register_jitable
-def _lance_friction(speed_m_s: float, diameter_m: float, settings: Any) -> float:
-    """Return the deceleration in m/s2 by the wall of the lance."""
-    if settings.bouncing:
-        across = speed_m_s * settings.bounce_slope
-        impacts_1_s = across / diameter_m
-        return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
-    solids = settings.solids_friction * speed_m_s**2 / (2 * diameter_m)
-    return settings.wall_friction * GRAVITY_M_S2 + solids
 
 
 @register_jitable
@@ -404,7 +367,7 @@ def _move(particle: Any, place: Any, gas_k: float, inputs: _Inputs) -> float:
     relative = plus(wind, -1.0, velocity)
     slip = np.sqrt(dot(relative, relative))
     aside = scaled(settings.wander, particle.turning)
-    if settings.turns and particle.kind.sheet:
+    if particle.kind.sheet:
         free = turn(particle, relative, gas_k, inputs.plates, aside, step_s)
         velocity = velocity_after(particle, wind, gas_k, free, inputs.plates, step_s)
     else:
@@ -448,6 +411,5 @@ def _end(particle: Any, settings: Any) -> int:
     if x >= settings.outlet_m:
         return LEFT
     without_char = particle.kind.volatile_share == 1.0
-    crumbles = particle.kind.sheet or without_char
-    spent = without_char or char_share(particle) <= settings.char_left
-    return BURNT_OUT if particle.burning == CHAR and crumbles and spent else -1
+    crumbled = particle.kind.sheet and char_share(particle) <= settings.char_left
+    return BURNT_OUT if particle.burning == CHAR and (without_char or crumbled) else -1

@@ -6,8 +6,7 @@ diameter ``d sqrt(rho_jet / rho_gas)`` (Thring and Newby 1953). Decay and spread
 Pope, Turbulent Flows, 2000. Being heavier than the hot gas, it sinks. Kiln coordinates
 in metres, see `kilnflight.twin.camera`.
 
-The defaults are those of the twin's first look. Scenarios of `kilnflight.twin.scenes` choke the
-outlet of the lance, draw gas back around the jet, load it, or cool the wall along the axis.
+The outlet of the lance is choked: the air's velocity is proportional to the absolute pressure.
 """
 
 from __future__ import annotations
@@ -70,12 +69,9 @@ class Gas:
     scalar_decay: float = 5.0  # of the cold air's share over d_eff / x (Pope 2000)
     scalar_spreading: float = 0.127  # 1/e width of the cold air's share over x (Pope 2000)
     jet_persistence: float = 1.0  # factor on the jet's excess velocity; 0: no jet
-    # A choked outlet passes air in proportion to the absolute pressure. The printed 4 m/s at 0.5
-    # bar and 16 m/s at 5 bar (sec. 2.1.1) stand like 1.51 to 6.01 bar. False: by the square root.
-    choked: bool = False
     # Axial velocity of the gas around the jet at the lance, -1.5 to 2.5 m/s: less than
-    # ``stream_m_s`` where a confined jet draws gas back. None: ``stream_m_s`` everywhere.
-    lance_stream_m_s: float | None = None
+    # ``stream_m_s`` where a confined jet draws gas back.
+    lance_stream_m_s: float = 1.5
     # Way over which it becomes ``stream_m_s``: 1.5 diameters of the kiln. Eddies of confined jets
     # end 2 to 4 diameters behind the nozzle (Barchilon and Curtet 1964); assumption.
     recirculation_m: float = 2.1
@@ -104,12 +100,12 @@ class Gas:
     def jet_velocity_m_s(self) -> float:
         """Return the velocity of the air at the lance's outlet.
 
-        It is scaled from 5 bar (gauge) by the absolute pressure of a choked outlet, else by the
-        square root of the pressure. A load takes its momentum from the air.
+        It is scaled from 5 bar (gauge) by the absolute pressure: the printed 4 m/s at 0.5 bar and
+        16 m/s at 5 bar (sec. 2.1.1) stand like 1.51 to 6.01 bar. A load takes its momentum from
+        the air.
         """
         ratio = (self.pressure_bar + AMBIENT_BAR) / (5.0 + AMBIENT_BAR)
-        scale = ratio if self.choked else np.sqrt(self.pressure_bar / 5.0)
-        return float(self.velocity_at_5_bar_m_s * scale / (1.0 + self.load))
+        return float(self.velocity_at_5_bar_m_s * ratio / (1.0 + self.load))
 
     @property
     def air_kg_s(self) -> float:
@@ -140,8 +136,7 @@ class Gas:
     @property
     def backflow_m_s(self) -> float:
         """How much slower the gas around the jet is at the lance than far behind it."""
-        given = self.lance_stream_m_s
-        return 0.0 if given is None else self.stream_m_s - given
+        return self.stream_m_s - self.lance_stream_m_s
 
     @property
     def numbers(self) -> Any:

@@ -1,4 +1,4 @@
-"""Depth of the second look, made from the picture on the grid of micro-lenses.
+"""Depth, made from the picture on the grid of micro-lenses.
 
 A lens compares what its neighbours see, so that it finds a depth only where its patch of the
 picture has contrast over noise. The depth is that of whatever has the contrast: an edge carries its
@@ -8,13 +8,13 @@ small part that changes. A particle's own error is the larger, the lower its con
 
 Published: 176 x 152 lenses (R12 data sheet), about 200,000 points a frame (sec. 5.1.3), the
 distances of neighbours (Fig. 5.7), the shares with depth (Table 5.2), the scatter of the plate
-(sec. 2.1.5) and of fitted trajectories (Table 5.18, RMSE in z). `kilnflight.experiments.twin_depth`
-sets `LensCamera` by these alone. No detection has a part in it.
+(sec. 2.1.5) and of fitted trajectories (Table 5.18, RMSE in z). `LensCamera` is set by these
+alone. No detection has a part in it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -24,7 +24,6 @@ import numpy.typing as npt
 from numba import njit
 
 from kilnflight.camera import EQUATION_2_4, invert_depth
-from kilnflight.checks import InputError, check_positive
 from kilnflight.twin.background import Background
 from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Optics
 from kilnflight.twin.picture import Blobs, Pixels
@@ -63,23 +62,14 @@ class LensCamera(DepthCamera):
     # Contrast over noise at which noise makes the error of a particle 1.4 times as large
     half_contrast: float = 3.0
     # Between 2.7 and 3.3 m, for a range of "more than 1 m" (sec. 2.1.5) taken as six of these: with
-    # the 350 mm of the first look no trajectory past 3 m could have the RMSE of Table 5.18
+    # the plate's 350 mm no trajectory past 3 m could have the RMSE of Table 5.18
     wall_error_near_mm: float = 170.0
-    outlier_share: float = 0.0  # mixed depths are the outliers
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that are not positive, and shares beyond 1."""
-        for field in fields(self):
-            if field.name in ("contrast", "bias_px", "half_contrast", "wall_points"):
-                check_positive(float(getattr(self, field.name)), f"LensCamera: {field.name}")
-        if not 0.0 <= self.changing <= 1.0:
-            raise InputError(f"LensCamera: changing is {self.changing}, expected a share, 0 to 1.")
 
     def captured(self, true_mm: npt.ArrayLike) -> Array:
         """Return the captured depth that Eq. 2.4 turns into each true depth.
 
-        The first look's was exact at whole metres only: Eq. 2.4 is not monotone below 3 m, and
-        2.5 m came back as 3.5 m. Here it jumps where the equation does.
+        The plate's is exact at whole metres only: Eq. 2.4 is not monotone below 3 m, and 2.5 m
+        comes back as 3.5 m. Here it jumps where the equation does.
         """
         depth = np.asarray(true_mm, dtype=np.float64)
         return np.asarray(np.interp(depth, *_inverse_of_equation_2_4()))
@@ -87,7 +77,7 @@ class LensCamera(DepthCamera):
     def wall_scale(self, depth_mm: npt.ArrayLike) -> Array:
         """Return the standard deviation of the wall's error in mm at true depths.
 
-        As the first look's, but without steps.
+        As the plate's, but without steps.
         """
         depth = np.asarray(depth_mm, dtype=np.float64)
         relative = float(np.hypot(self.wall_error, self.static_bias))
@@ -298,29 +288,20 @@ class LensWall:
         apart, depth, mixed = _kept_points(draws, share, points, hidden, lenses)
         index = np.concatenate([apart, mixed, sight.pixels])
         pixel = np.divmod(index[len(apart) :], lattice.columns)
-        weighted_mm = own * sight.depth_mm.take(block)
-        depth = np.concatenate([depth, self._mixed(pixel, own, weighted_mm, wall, changing)])
+        of_lenses = own, own * sight.depth_mm.take(block), wall, changing
+        depth = np.concatenate([depth, self._mixed(pixel, of_lenses)])
         return index, depth + camera.white_mm * random.standard_normal(len(index), np.float32)
 
-    def _mixed(
-        self,
-        pixel: tuple[Index, Index],
-        own: Picture,
-        weighted_mm: Picture,
-        wall: Picture,
-        changing: Picture,
-    ) -> Picture:
+    def _mixed(self, pixel: tuple[Index, Index], of_lenses: tuple[Picture, ...]) -> Picture:
         """Return the depths at pixels near particles: of the wall, of particles, and between.
 
         By lens: the weight of particles, that times their depth, the wall's weight and its error.
         """
         lens, weight = self.lattice.between(*pixel)
-        of_lenses = (own, weighted_mm, wall, changing)
         mine, depth, other, error = (_interpolated(of, lens, weight) for of in of_lenses)
         share = mine / np.maximum(mine + other, 1e-6)
-        depth = (1 - share) * (self.depth_mm[pixel] + error) + share * depth / np.maximum(
-            mine, 1e-6
-        )
+        behind = (1 - share) * (self.depth_mm[pixel] + error)
+        depth = behind + share * depth / np.maximum(mine, 1e-6)
         scale = self.camera.wall_scale(depth).astype(np.float32)
         return np.asarray(depth + self.bias[pixel] * scale, dtype=np.float32)
 

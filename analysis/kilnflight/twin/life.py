@@ -53,12 +53,12 @@ class Moment(NamedTuple):
     burning: npt.NDArray[np.bool_]  # flame or glowing char
     landed: npt.NDArray[np.bool_]
     age_s: Array
-    normal: Array | None = None  # (m, 3) of sheets as plates, NaN of others; None without plates
-    along: Array | None = None  # (m, 3) their long side
+    normal: Array  # (m, 3) of sheets, NaN of others
+    along: Array  # (m, 3) their long side
 
     def take(self, rows: npt.NDArray[np.generic]) -> Moment:
         """Return the moment of some particles, by a mask or their rows."""
-        return Moment._make(None if part is None else part[rows] for part in self)
+        return Moment._make(part[rows] for part in self)
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,12 @@ class Life:
 
 
 def _turned(
-    samples: npt.NDArray[np.float32] | None,
+    samples: npt.NDArray[np.float32],
     rows: npt.NDArray[np.intp],
     low: npt.NDArray[np.intp],
     share: Array,
-) -> Array | None:
+) -> Array:
     """Return directions (m, 3) between two samples, the shorter way: both faces look alike."""
-    if samples is None:
-        return None
     before = samples[rows, low].astype(np.float64)
     after = samples[rows, np.minimum(low + 1, samples.shape[1] - 1)].astype(np.float64)
     after = np.where((before * after).sum(axis=1, keepdims=True) < 0, -after, after)

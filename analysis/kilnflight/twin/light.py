@@ -1,9 +1,7 @@
-"""Light of the second look: Planck in the camera's band, and flames that live.
+"""Light: Planck in the camera's band, and flames that flicker.
 
-The first twin took the brightness of a flame from a fit and held it from frame to frame. Here
-radiometry comes first: soot and char shine after Planck, a flame is as opaque as its soot makes
-it, and its luminosity and area are first-order processes. They are sums of waves, so that any
-moment can be computed alone.
+Soot and char shine after Planck, a flame is as opaque as its soot makes it, and its luminosity and
+area are first-order processes. They are sums of waves, so that any moment can be computed alone.
 """
 
 from __future__ import annotations
@@ -43,7 +41,7 @@ def band_radiance(temperature_k: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Light:
-    """How particles shine and are lit, where the first twin fitted one level.
+    """How particles shine and are lit.
 
     ``soot_1_m`` and ``irradiance_spread`` come from `kilnflight.twin.fitted`, all else from
     the literature or by assumption.

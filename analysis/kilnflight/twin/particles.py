@@ -48,8 +48,6 @@ class Fraction:
     # Volatiles leave by one reaction of first order; cellulose after Antal and Varhegyi 1995
     pyrolysis_1_s: float = 1.0e18
     pyrolysis_j_mol: float = 238e3
-    ignition_k: float = 640.0  # surface temperature of piloted ignition
-    ignition_spread_k: float = 30.0  # standard deviation between particles
     volatile_share: float = 0.8  # of the dry mass
     devolatilisation_j_kg: float = 1.2e6  # heat to release a kg of volatiles
     char_time_s: float = 0.35  # time constant of char burn-out
@@ -72,16 +70,9 @@ class Fraction:
             width = length.copy()
         if self.body == SPHERE:
             thickness = length.copy()
-        volume = self._filled * length * width * thickness
-        return Particles(
-            fraction=self,
-            length_m=length,
-            width_m=width,
-            thickness_m=thickness,
-            dry_mass_kg=volume * uniform(self.density_kg_m3),
-            ignition_k=generator.normal(self.ignition_k, self.ignition_spread_k, count),
-            orientation=uniform(self.orientation),
-        )
+        dry_mass = self._filled * length * width * thickness * uniform(self.density_kg_m3)
+        generator.normal(size=count)  # not used: keeps the order of the draws
+        return Particles(self, length, width, thickness, dry_mass, uniform(self.orientation))
 
     @property
     def _filled(self) -> float:
@@ -108,7 +99,6 @@ class Particles:
     width_m: Array
     thickness_m: Array
     dry_mass_kg: Array
-    ignition_k: Array
     orientation: Array
 
     def __post_init__(self) -> None:
@@ -170,7 +160,6 @@ WOOD_CHIPS = Fraction(
     reflectivity=0.45,
     pyrolysis_1_s=9.3e9,  # pine (Wagenaar and others 1993, tar)
     pyrolysis_j_mol=149e3,
-    ignition_k=823.0,  # thick wood under convection, above piloted 570 to 640 K (Babrauskas 2001)
     lift_coefficient=0.15,
     launch_spread_deg=3.0,
 )
@@ -215,7 +204,6 @@ PE_GRANULES = Fraction(
     reflectivity=0.30,
     pyrolysis_1_s=1.0e15,  # LDPE (Westerhout and others 1997)
     pyrolysis_j_mol=241e3,
-    ignition_k=683.0,
     volatile_share=1.0,
     orientation=(0.95, 1.0),
     lift_coefficient=0.0,

@@ -83,9 +83,7 @@ class Blobs(NamedTuple):
     column: Array
     spread_px2: Array  # (m, 2, 2) of row and column: the ellipse x' S^-1 x = 1
     brightness: Array  # grey value of the covered pixels before motion blur
-    # Share of the light from behind that passes: a flame of the first twin adds its own (1), a
-    # body covers (0)
-    passes: Array
+    passes: Array  # share of the light from behind that passes
     softness: Array  # width of the edge in units of the radius
     dilution: Array  # share of the light in the sharp ellipse after motion blur
     depth_mm: Array
@@ -93,30 +91,21 @@ class Blobs(NamedTuple):
     tail: Array = np.zeros((1, 2))
 
 
-def project(
-    moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, look: Look | None = None
-) -> Blobs:
-    """Return how every particle of a moment looks, far ones first.
-
-    ``look`` is of the second look at light; without it all is as in the first.
-    """
+def project(moment: Moment, body: Bodies, geometry: Geometry, optics: Optics, look: Look) -> Blobs:
+    """Return how every particle of a moment looks, far ones first."""
     rows = moment.particle
     place = geometry.to_camera(moment.position_m)
     scale = geometry.focal_length_px / place[:, 2]
-    flame = moment.burning & ~look.char if look else moment.burning
+    flame = moment.burning & ~look.char
     curled = np.where(moment.burning & body.sheet[rows], optics.curl**2, 1.0)[:, None, None]
     halo = np.where(flame, optics.flame_mm**2, 0.0)[:, None, None] * np.eye(2)
     shape = curled * _ellipses(moment, body, geometry) + halo
     row, column = geometry.project(place)
-    if look:
-        shape *= np.where(flame, look.swelling, 1.0)[:, None, None]
-        level, passes = _radiance(moment, body, optics, look, flame, shape)
-        tail = (look.tail_mm @ geometry.axes)[:, [1, 0]] * np.array([-1.0, 1.0]) * flame[:, None]
-        shape = shape + tail[:, :, None] * tail[:, None, :] / 4
-        row, column = row + tail[:, 0] * scale / 2, column + tail[:, 1] * scale / 2
-    else:
-        level, passes = _brightness(moment, body, optics), flame.astype(np.float64)
-        tail = np.zeros((len(rows), 2))
+    shape *= np.where(flame, look.swelling, 1.0)[:, None, None]
+    level, passes = _radiance(moment, body, optics, look, flame, shape)
+    tail = (look.tail_mm @ geometry.axes)[:, [1, 0]] * np.array([-1.0, 1.0]) * flame[:, None]
+    shape = shape + tail[:, :, None] * tail[:, None, :] / 4
+    row, column = row + tail[:, 0] * scale / 2, column + tail[:, 1] * scale / 2
     shape = shape * (scale**2)[:, None, None]
     sharp = np.sqrt(np.maximum(np.linalg.det(shape), 1e-12))
     shape = shape + np.eye(2) * optics.edge_softness_px**2
@@ -156,24 +145,11 @@ def _ellipses(moment: Moment, body: Bodies, geometry: Geometry) -> Array:
         camera = direction @ geometry.axes
         flat = np.stack([-camera[:, 1], camera[:, 0]], axis=1) * half[:, k : k + 1]
         total += flat[:, :, None] * flat[:, None, :]
-    if moment.normal is not None and moment.along is not None:  # sheets that turn as they fly
-        sheet = np.flatnonzero(np.isfinite(moment.normal).all(axis=1) & ~moment.landed)
-        view = np.stack([-geometry.axes[:, 1], geometry.axes[:, 0]])
-        plates = moment.normal[sheet], half[sheet], view, moment.along[sheet]
-        total[sheet] = projected_axes(*plates)
+    # sheets that turn as they fly
+    sheet = np.flatnonzero(np.isfinite(moment.normal).all(axis=1) & ~moment.landed)
+    view = np.stack([-geometry.axes[:, 1], geometry.axes[:, 0]])
+    total[sheet] = projected_axes(moment.normal[sheet], half[sheet], view, moment.along[sheet])
     return total
-
-
-def _brightness(moment: Moment, body: Bodies, optics: Optics) -> Array:
-    """Return grey values: a flame, or reflected wall light and the body's own glow.
-
-    Glowing char counts as a flame: in the light of `Optics` it would be 44,000 at 1650 K by
-    Planck, a flame is 40,000.
-    """
-    rows = moment.particle
-    reflected = body.reflectivity[rows] * optics.irradiance * optics.wall_level
-    unlit = reflected + body.emissivity[rows] * optics.glow(moment.surface_k)
-    return np.where(moment.burning, optics.flame_level, unlit)
 
 
 def _radiance(
@@ -189,7 +165,6 @@ def _radiance(
     A flame is soot as deep as it is wide, char a hot body, all else a cold one in the wall's light.
     """
     rows, light, fires = moment.particle, optics.light, look.fires
-    assert light is not None
     depth_m = 2e-3 * np.linalg.det(shape_mm2) ** 0.25
     opaque = 1 - np.exp(-light.soot_1_m * look.luminosity * depth_m)
     reflected = (body.reflectivity[rows] + fires.scattered_through) * optics.irradiance
@@ -293,8 +268,7 @@ def paint(
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Draw particles into a picture (rows, columns), in place.
 
-    In the second look each is drawn over those behind it, so that transmittances multiply; in the
-    first all are drawn over the picture without them.
+    Each is drawn over those behind it, so that transmittances multiply.
 
     Returns
     -------
@@ -304,17 +278,7 @@ def paint(
         Which particles a person would mark: at least `VISIBLE_PX` pixels whose contrast
         exceeds `VISIBLE_CONTRAST` times the noise.
     """
-    behind: npt.NDArray[np.floating]
-    change: npt.NDArray[np.floating]
-    if optics.light:
-        behind, change = _drawn_over(picture, blobs, pixels, veil)
-    else:
-        flat, of_blob = picture.reshape(-1), pixels.blob
-        share = 1 + np.exp((pixels.radius - 1) / blobs.softness[of_blob])
-        behind = flat[pixels.place]
-        change = blobs.brightness[of_blob] - (1 - blobs.passes[of_blob]) * behind
-        change *= blobs.dilution[of_blob] / share
-        np.add.at(flat, pixels.place, change.astype(np.float32))
+    behind, change = _drawn_over(picture, blobs, pixels, veil)
     marked = pixels.radius <= 1.15
     inner = np.flatnonzero(marked)
     before, after = behind.take(inner), behind.take(inner) + change.take(inner)

@@ -22,7 +22,6 @@ from numba.extending import register_jitable
 
 from kilnflight.checks import check_positive
 from kilnflight.twin.burning import area_share, mass_kg
-from kilnflight.twin.camera import unit_vectors
 from kilnflight.twin.compiled import cross, dot, either, plus, put, scaled, unit, vector
 from kilnflight.twin.gas import GRAVITY_M_S2, density, disc_drag, reynolds
 
@@ -39,7 +38,6 @@ class Plates:
     lift_coefficient: float = 0.4  # of the spin, at the spin of autorotation (Baker 2007)
     moment_coefficient: float = 0.12  # (Baker 2007)
     critical_froude: float = 0.67  # above it sheets tumble, 0.62 to 0.72 (Belmonte and others)
-    char_thins: bool = False  # charred sheets keep their area and get thin, instead of crumbling
 
     def __post_init__(self) -> None:
         """Refuse coefficients that are not positive."""
@@ -63,7 +61,7 @@ def tip_speed_ratio(aspect: Any) -> Any:
     return slender ** (2 / 3)
 
 
-def projected_axes(normal: Array, half: Array, view: Array, along: Array | None = None) -> Array:
+def projected_axes(normal: Array, half: Array, view: Array, along: Array) -> Array:
     """Return the ellipses as which plates appear, (m, 2, 2).
 
     Parameters
@@ -75,7 +73,7 @@ def projected_axes(normal: Array, half: Array, view: Array, along: Array | None 
     view
         Unit vectors of the picture in the same coordinates, (2, 3): one for each of its directions.
     along
-        Unit vectors of the long side (m, 3). None: any in the plane, as fits discs.
+        Unit vectors of the long side (m, 3).
 
     Returns
     -------
@@ -83,9 +81,6 @@ def projected_axes(normal: Array, half: Array, view: Array, along: Array | None 
         Matrix S of the ellipse x' S^-1 x = 1 in the picture's directions, in the unit of ``half``
         squared: its eigenvalues are the squares of the half axes.
     """
-    if along is None:
-        least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
-        along = unit_vectors(np.cross(normal, least))
     sides = np.stack([along, np.cross(normal, along), normal], axis=1) * half[:, :, None]
     flat = sides @ view.T
     return np.asarray(np.swapaxes(flat, 1, 2) @ flat)

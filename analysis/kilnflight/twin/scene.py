@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -19,8 +18,8 @@ from numba import njit
 from kilnflight.camera import EQUATION_2_4
 from kilnflight.checks import InputError, check_positive
 from kilnflight.recording.frames import Attributes, Frame, check_position
-from kilnflight.twin.background import Background, LivingBackground, Surroundings
-from kilnflight.twin.camera import FULL_SCALE, DepthCamera, Geometry, Optics
+from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.camera import FULL_SCALE, Geometry, Optics
 from kilnflight.twin.flight import Flight
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.lenses import LensCamera, LensWall, Sight
@@ -39,9 +38,7 @@ from kilnflight.twin.picture import (
 )
 
 Array = npt.NDArray[np.float64]
-RIM = 0.8  # share of the radius from which on a burning particle's edge has depth; assumption
 LEAST_DEPTH_MM = 300.0  # nearer ones are behind the camera or fill the picture
-BLOCK_ROWS = 128  # of a picture, that stay in the processor's cache
 NOISE_SPARE = 1 << 18  # values by which the noise table is longer than a picture
 
 
@@ -62,13 +59,13 @@ class Scene:
     tumbling: Tumbling = field(default_factory=Tumbling)
     optics: Optics = field(default_factory=Optics)
     surroundings: Surroundings = field(default_factory=Surroundings)
-    depth: DepthCamera = field(default_factory=DepthCamera)
+    depth: LensCamera = field(default_factory=LensCamera)
 
     def __post_init__(self) -> None:
         """Refuse recordings without length, and time that does not go forward."""
         for name in ("frames", "frame_rate_hz"):
             check_positive(float(getattr(self, name)), f"scene {self.name}: {name}")
-        if self.optics.light and self.optics.exposure_s * self.frame_rate_hz > 1:
+        if self.optics.exposure_s * self.frame_rate_hz > 1:
             raise InputError(
                 f"scene {self.name}: an exposure of {self.optics.exposure_s} s does not fit into "
                 f"a frame at {self.frame_rate_hz} Hz; shorten exposure_s."
@@ -142,24 +139,18 @@ class Twin:
     def _background(self) -> Background:
         scene = self.scene
         parts = (scene.geometry, scene.optics, scene.surroundings, scene.seed)
-        if scene.optics.light is None:
-            return Background(*parts)
-        return LivingBackground(*parts, lance_elevation_deg=scene.flight.launch_elevation_deg)
+        return Background(*parts, lance_elevation_deg=scene.flight.launch_elevation_deg)
 
     @cached_property
-    def _fires(self) -> Fires | None:
-        """What differs between flames; None in the first twin."""
-        light = self.scene.optics.light
-        if light is None:
-            return None
-        return light.fires(list(self.life.table["fraction"]), self.scene.seed)
+    def _fires(self) -> Fires:
+        """What differs between flames."""
+        names = list(self.life.table["fraction"])
+        return self.scene.optics.light.fires(names, self.scene.seed)
 
-    def _look(self, moment: Moment, time_s: float) -> Look | None:
-        """Return how the particles of a moment shine; None in the first twin."""
+    def _look(self, moment: Moment, time_s: float) -> Look:
+        """Return how the particles of a moment shine."""
         scene, fires = self.scene, self._fires
         light, rows = scene.optics.light, moment.particle
-        if light is None or fires is None:
-            return None
         luminosity, swelling = fires.flutter(rows, time_s, scene.optics.exposure_s)
         from_lance = moment.position_m - scene.geometry.lance_m
         tails = light.tails(moment.velocity_m_s, from_lance, scene.gas)
@@ -171,11 +162,6 @@ class Twin:
         size = self.scene.geometry.rows * self.scene.geometry.columns + NOISE_SPARE
         generator = np.random.default_rng([self.scene.seed, 301])
         return generator.standard_normal(size, dtype=np.float32)
-
-    @cached_property
-    def _sigma(self) -> npt.NDArray[np.float32]:
-        """Noise of the picture without particles; flames change it where they saturate."""
-        return self.scene.optics.noise(self._background.level).astype(np.float32)
 
     def time_s(self, t: int) -> float:
         """Return the time of frame ``t``; the first one is at 0."""
@@ -215,13 +201,10 @@ class Twin:
         in_front = place.to_camera(moment.position_m)[:, 2] > LEAST_DEPTH_MM
         moment = moment.take(in_front & (~moment.landed | moment.burning))
         blobs = project(moment, self._bodies, place, optics, self._look(moment, time))
-        pixels, background, veil = cover(blobs, place.rows, place.columns), self._background, None
-        if isinstance(background, LivingBackground):
-            picture, veil = background.veiled(time)
-            seen = blobs.depth_mm[pixels.blob] < background.solid_mm.take(pixels.place)
-            pixels = Pixels._make(part[seen] for part in pixels)
-        else:
-            picture = background.at(time)
+        pixels, background = cover(blobs, place.rows, place.columns), self._background
+        picture, veil = background.veiled(time)
+        seen = blobs.depth_mm[pixels.blob] < background.solid_mm.take(pixels.place)
+        pixels = Pixels._make(part[seen] for part in pixels)
         marked, visible = paint(picture, blobs, pixels, optics, veil)
         order = np.argsort(moment.particle)
         of_blob = order[np.searchsorted(moment.particle, blobs.particle, sorter=order)]
@@ -237,20 +220,12 @@ class Twin:
         return SceneView(picture, moment, blobs, pixels, shown, visible, kinds, labels)
 
     def _exposed(self, t: int, picture: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-        """Return the picture with noise as grey values."""
+        """Return the picture with noise as grey values; the shot noise of flames is in it."""
         optics, generator = self.scene.optics, self._random(t, 0)
         offset = int(generator.integers(NOISE_SPARE))
         noise = self._noise[offset : offset + picture.size].reshape(picture.shape)
-        if optics.light:  # the shot noise of flames too
-            gain, read = np.float32(optics.shot_gain), np.float32(optics.read_noise**2)
-            return np.asarray(_with_shot_noise(picture, noise, gain, read, np.float32(FULL_SCALE)))
-        gray = np.empty(picture.shape, dtype=np.uint16)
-        for first in range(0, len(picture), BLOCK_ROWS):
-            rows = slice(first, first + BLOCK_ROWS)
-            level = noise[rows] * self._sigma[rows]
-            level += picture[rows]
-            gray[rows] = np.clip(level, 0.0, FULL_SCALE, out=level)
-        return gray
+        gain, read = np.float32(optics.shot_gain), np.float32(optics.read_noise**2)
+        return np.asarray(_with_shot_noise(picture, noise, gain, read, np.float32(FULL_SCALE)))
 
     def _random(self, t: int, stream: int) -> np.random.Generator:
         """Return random numbers that depend on seed, frame and stream only."""
@@ -258,108 +233,44 @@ class Twin:
         return np.random.Generator(np.random.Philox(key=key))
 
     @cached_property
-    def _wall(self) -> _Wall | LensWall:
-        scene, depth = self.scene, self.scene.depth
-        if isinstance(depth, LensCamera):
-            edge, seed = scene.surroundings.edge_px, scene.seed
-            return LensWall.of(depth, self._background, scene.optics, edge, seed)
-        return _wall_points(scene, self._background)
+    def _wall(self) -> LensWall:
+        scene, edge = self.scene, self.scene.surroundings.edge_px
+        return LensWall.of(scene.depth, self._background, scene.optics, edge, scene.seed)
 
-    def _sight(self, t: int, view: SceneView, wall: LensWall) -> Sight:
-        """Return what the lenses of the second look see of the particles of frame ``t``."""
-        error, generator = self.particle_errors(t)[1], self._random(t, 2)
+    def _sight(self, t: int, view: SceneView) -> Sight:
+        """Return what the lenses see of the particles of frame ``t``."""
+        error, generator, optics = self.particle_errors(t), self._random(t, 2), self.scene.optics
         shown = (view.blobs, view.pixels)
-        return wall.look(view.picture, shown, error, view.labels, self.scene.optics, generator)
+        return self._wall.look(view.picture, shown, error, view.labels, optics, generator)
 
     def _cloud(
         self, t: int, view: SceneView
     ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
         """Return pixels (n, 2) and captured positions (n, 3) of the valid points."""
-        generator, wall = self._random(t, 1), self._wall
-        depth: npt.NDArray[np.floating]
-        if isinstance(wall, LensWall):
-            index, depth = wall.points(self._sight(t, view, wall), generator)
-        else:
-            index, depth = self._wall_depth(generator, view.labels, wall)
-            of_particles, particle_depth = self._particle_depth(t, view)
-            index = np.concatenate([index, of_particles])
-            depth = np.concatenate([depth, particle_depth])
+        index, depth = self._wall.points(self._sight(t, view), self._random(t, 1))
         captured = self.scene.depth.captured(depth)
         row, column = np.divmod(index, self.scene.geometry.columns)
         xyz = self.scene.geometry.unproject(row, column, captured).astype(np.float32)
         return np.stack([row, column], axis=1).astype(np.int32), xyz
 
-    def _wall_depth(
-        self, generator: np.random.Generator, labels: npt.NDArray[np.uint8], wall: _Wall
-    ) -> tuple[npt.NDArray[np.intp], Array]:
-        depth = self.scene.depth
-        kept = generator.random(len(wall.index), dtype=np.float32) < depth.kept_per_frame
-        kept &= labels.reshape(-1).take(wall.index) == 0
-        chosen = np.flatnonzero(kept)  # a mask would be counted out by every array anew
-        patches = generator.standard_normal(wall.patches)
-        white = generator.standard_normal(len(chosen), dtype=np.float32)
-        common = patches.take(wall.patch.take(chosen))
-        error = wall.scale.take(chosen) * common + depth.white_mm * white
-        return wall.index.take(chosen), wall.depth_mm.take(chosen) + error
-
-    def _particle_depth(self, t: int, view: SceneView) -> tuple[npt.NDArray[np.intp], Array]:
-        """Return pixels and true depth with error of the points on particles."""
-        depth, blobs = self.scene.depth, view.blobs
-        has_depth, common = self.particle_errors(t)
-        chosen = self._chosen_points(t, view, has_depth)
-        index, first = np.unique(view.pixels.place[chosen], return_index=True)
-        blob = view.pixels.blob[chosen[first]]
-        row = index // self.scene.geometry.columns
-        tilt = depth.tilt_mm_px * (row - blobs.row[blob])
-        white = depth.white_mm * self._random(t, 4).standard_normal(len(index))
-        return index, blobs.depth_mm[blob] + common[blobs.particle[blob]] + tilt + white
-
     def particles_with_depth(self, t: int, view: SceneView) -> npt.NDArray[np.intp]:
         """Return the particles with at least one valid point in the view of frame ``t``."""
-        wall = self._wall
-        if isinstance(wall, LensWall):
-            has_point = np.zeros(view.labels.size, dtype=bool)
-            has_point[self._sight(t, view, wall).pixels] = True
-            chosen = np.flatnonzero(view.shown & has_point[view.pixels.place])
-        else:
-            chosen = self._chosen_points(t, view, self.particle_errors(t)[0])
+        has_point = np.zeros(view.labels.size, dtype=bool)
+        has_point[self._sight(t, view).pixels] = True
+        chosen = np.flatnonzero(view.shown & has_point[view.pixels.place])
         return np.unique(view.blobs.particle[view.pixels.blob[chosen]])
 
-    def _chosen_points(
-        self, t: int, view: SceneView, has_depth: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.intp]:
-        """Return which of a view's pixels are valid points; ``has_depth`` by particle."""
-        pixels, of_blob = view.pixels, has_depth[view.blobs.particle]
-        flat = view.picture.reshape(-1)[pixels.place]
-        valid = view.shown & of_blob[pixels.blob] & (pixels.radius <= 1.0)
-        # A saturated core has no texture, and so no depth; its rim against the wall has.
-        valid &= (flat < FULL_SCALE) | (pixels.radius > RIM)
-        chosen = np.flatnonzero(valid)
-        draws = self._random(t, 2).random(len(chosen))
-        return chosen[draws < self.scene.depth.points_per_pixel]
-
     @cached_property
-    def _particle_draws(self) -> tuple[Array, Array]:
-        """Size (n,) of each particle's error, and phase and pace (2, n) of its own wave."""
-        table = self.life.table
-        size = table["fraction"].map(self.scene.depth.error_of).to_numpy(dtype=np.float64)
-        wave = np.random.default_rng([self.scene.seed, 302])
-        return np.asarray(size, dtype=np.float64), wave.uniform(0, 1, (2, len(table)))
+    def _error_sizes(self) -> Array:
+        """Standard deviation of each particle's common error in mm, (n,)."""
+        sizes = self.life.table["fraction"].map(self.scene.depth.error_of)
+        return np.asarray(sizes.to_numpy(dtype=np.float64), dtype=np.float64)
 
-    def particle_errors(self, t: int) -> tuple[npt.NDArray[np.bool_], Array]:
-        """Return for every particle whether it has depth and its common error in mm."""
-        depth, (size, wave) = self.scene.depth, self._particle_draws
-        n = len(size)
-        generator = self._random(t, 3)
-        outlier = generator.random(n) < depth.outlier_share
-        size = depth.scale * size * np.where(outlier, depth.outlier_factor, 1.0)
-        moment = self.life.at(self.time_s(t))
-        share = np.zeros(n)
-        in_air = np.where(moment.burning, depth.available[0], depth.available[1])
-        share[moment.particle] = np.where(moment.landed, depth.available[2], in_air)
-        # whether a particle has depth persists over a few frames: its own slow wave decides
-        phase = (wave[0] + (0.5 + wave[1]) * self.time_s(t) / 0.1) % 1.0
-        return phase < share, size * generator.standard_normal(n)
+    def particle_errors(self, t: int) -> Array:
+        """Return the common error of every particle's depth in mm, (n,)."""
+        sizes, generator = self._error_sizes, self._random(t, 3)
+        generator.random(len(sizes))  # not used: keeps the order of the draws
+        return self.scene.depth.scale * sizes * generator.standard_normal(len(sizes))
 
 
 @njit(cache=True)
@@ -388,53 +299,3 @@ class SceneView(NamedTuple):
     visible: npt.NDArray[np.bool_]  # of the blobs: a person would mark it
     kinds: npt.NDArray[np.uint8]  # of the blobs: label 2, 3 or 4
     labels: npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
-class _Wall:
-    """The wall's pixels that can have depth."""
-
-    index: npt.NDArray[np.intp]
-    depth_mm: Array
-    scale: Array
-    patch: npt.NDArray[np.intp]
-    patches: int
-
-
-def _wall_points(scene: Scene, background: Background) -> _Wall:
-    """Choose the wall pixels with most texture over noise, away from the borders."""
-    place, depth = scene.geometry, scene.depth
-    level = background.level
-    texture = np.abs(level - cv2.GaussianBlur(level, (0, 0), 4.0))
-    generator = np.random.default_rng([scene.seed, 303])
-    # Depth comes in patches where there is structure, not in lonely pixels (Fig. 5.7).
-    # The structure that counts is relative to its surroundings, so patches lie everywhere.
-    score = cv2.GaussianBlur(texture, (0, 0), depth.patch_px / 8)
-    score /= _widely_blurred(texture, 4.0 * depth.patch_px) + 1.0
-    score *= 0.9 + 0.1 * generator.random(level.shape, dtype=np.float32)
-    edge = scene.surroundings.edge_px
-    score[:edge], score[-edge:], score[:, :edge], score[:, -edge:] = 0, 0, 0, 0
-    count = min(int(depth.wall_points / depth.kept_per_frame), score.size // 2)
-    index = np.sort(np.argpartition(score.reshape(-1), -count)[-count:])
-    row, column = np.divmod(index, place.columns)
-    across = -(-place.columns // depth.patch_px)
-    patch = (row // depth.patch_px) * across + column // depth.patch_px
-    true = background.depth_mm.reshape(-1)[index]
-    slow = cv2.resize(
-        generator.standard_normal((6, 8)).astype(np.float32), (place.columns, place.rows)
-    )
-    biased = true * (1 + depth.static_bias * slow.reshape(-1)[index])
-    return _Wall(index, biased, depth.wall_scale(true), patch, int(patch.max()) + 1)
-
-
-def _widely_blurred(picture: npt.NDArray[np.float32], spread_px: float) -> npt.NDArray[np.float32]:
-    """Return a picture blurred by many pixels.
-
-    Coarse blocks are blurred, then interpolated.
-    """
-    rows, columns = picture.shape
-    block = max(int(spread_px / 8), 1)
-    size = (-(-columns // block), -(-rows // block))
-    coarse = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    coarse = cv2.GaussianBlur(coarse, (0, 0), spread_px / block)
-    return cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR).astype(np.float32)

@@ -219,17 +219,11 @@ def with_wide_lance(scene: Scene) -> Scene:
     The thesis prints 40 mm for the lance of the combustion chamber (sec. 2.1.1), none for the
     kiln's. The velocity of the air is printed, so the jet has six times the momentum.
     """
-    around = scene.surroundings
-    if around.burner is not None:
-        wider = 500.0 * WIDE_BORE_M - around.burner.lance_bore_mm  # of the radius
-        burner = replace(
-            around.burner,
-            lance_bore_mm=500.0 * WIDE_BORE_M,
-            lance_mm=around.burner.lance_mm + wider,
-        )
-        around = replace(around, burner=burner)
+    around, burner, radius_mm = scene.surroundings, scene.surroundings.burner, 500.0 * WIDE_BORE_M
+    outside = burner.lance_mm + (radius_mm - burner.lance_bore_mm)
+    burner = replace(burner, lance_bore_mm=radius_mm, lance_mm=outside)
     gas = replace(scene.gas, lance_diameter_m=WIDE_BORE_M)
-    return replace(scene, gas=gas, surroundings=around)
+    return replace(scene, gas=gas, surroundings=replace(around, burner=burner))
 
 
 def downscaled(scene: Scene) -> Scene:
@@ -249,7 +243,7 @@ def downscaled(scene: Scene) -> Scene:
         surroundings=replace(
             around, flame_roi=(top, bottom, left, right), edge_px=around.edge_px // 4
         ),
-        depth=replace(depth, wall_points=depth.wall_points // 16, patch_px=depth.patch_px // 4),
+        depth=replace(depth, wall_points=depth.wall_points // 16),
     )
 
 
