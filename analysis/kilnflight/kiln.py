@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -52,6 +51,7 @@ TILE = (384, 512)  # of a stored difference, so that a small box is read fast
 BACKGROUND_FRAMES = 21  # in the median picture that stands for the background; ours
 
 Vector = tuple[float, float, float]
+Names = tuple[str, ...]
 Cloud = tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]  # pixels, positions as captured
 
 
@@ -486,17 +486,10 @@ def _empty_kiln(source: Source, frames: range) -> npt.NDArray[np.floating]:
     return stack_median([source.recording().gray(t) for t in np.unique(steps).tolist()])
 
 
-class KilnStep(NamedTuple):
-    """The function of a table, with the tables and options it needs."""
-
-    make: Callable[[KilnRun], pd.DataFrame]
-    tables: tuple[str, ...]
-    options: tuple[str, ...]
-
-
-KILN_STEPS = {
-    "tracks": KilnStep(_track, ("detections",), ("wall", "in_air", "tracker", "cutting")),
-    "trajectories": KilnStep(_regress, ("tracks",), ("exit_point_mm", "regression")),
-    "flights": KilnStep(_fly, ("tracks", "trajectories"), ("rules",)),
-    "slices": KilnStep(_slice, ("trajectories", "flights"), ()),
+# The function of each table, with the tables and options it needs.
+KILN_STEPS: dict[str, tuple[Callable[[KilnRun], pd.DataFrame], Names, Names]] = {
+    "tracks": (_track, ("detections",), ("wall", "in_air", "tracker", "cutting")),
+    "trajectories": (_regress, ("tracks",), ("exit_point_mm", "regression")),
+    "flights": (_fly, ("tracks", "trajectories"), ("rules",)),
+    "slices": (_slice, ("trajectories", "flights"), ()),
 }

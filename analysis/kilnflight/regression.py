@@ -23,7 +23,6 @@ from kilnflight.checks import (
     check_columns,
     check_count,
     check_finite,
-    check_kind,
     check_positive,
     check_shape,
     known_numbers,
@@ -117,18 +116,17 @@ class Solution(NamedTuple):
 class Regression:
     """Fit t0 and the coefficients of three polynomials by least squares.
 
-    Called with times (n,) in s, places (n, 3) in mm and the lance's outlet (3,) in mm, it returns a
-    `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear problem (convex
-    under a robust loss), so t0 is the one unknown left. (2) The range of t0 and its first guess
-    come from three random points, `draws` times. Section 4.3 has a trust region, which goes
-    downhill from its start. So the minimum is the one downhill of the guess, on a grid of t0, and
-    not the deepest of the range. At the earliest t0 of the range the track does not lead back to
-    the exit. (3) From the lowest
-    orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most by one order more gets it. This
-    ends when none falls by 1 %. Section 4.3 has "the measures" improve by less, and does not say
-    whether one or all of the four; RMSE alone is ours. (4) An order leaves
-    n - (k + 1) > 0 degrees of freedom. (5) No weights of the axes are printed; `scale_mm` states
-    them. Measures are as printed.
+    Called with ascending times (n,) in s, finite places (n, 3) in mm and the lance's outlet (3,) in
+    mm, it returns a `Fit`. Readings: (1) For a given t0 the best coefficients follow from a linear
+    problem (convex under a robust loss), so t0 is the one unknown left. (2) The range of t0 and its
+    first guess come from three random points, `draws` times. Section 4.3 has a trust region, which
+    goes downhill from its start. So the minimum is the one downhill of the guess, on a grid of t0,
+    and not the deepest of the range. At the earliest t0 of the range the track does not lead back
+    to the exit. (3) From the lowest orders, the axis whose RMSE (Eq. 4.30, of the loss) falls most
+    by one order more gets it. This ends when none falls by 1 %. Section 4.3 has "the measures"
+    improve by less, and does not say whether one or all of the four; RMSE alone is ours. (4) An
+    order leaves n - (k + 1) > 0 degrees of freedom. (5) No weights of the axes are printed;
+    `scale_mm` states them. Measures are as printed.
     """
 
     lowest: int = 2  # order, section 4.3
@@ -146,10 +144,6 @@ class Regression:
             check_count(getattr(self, name), f"Regression: {name}", int(least))
         check_between(self.highest, 1, HIGHEST, "Regression: highest")
         check_between(self.gain, 0.0, 1.0, "Regression: gain")
-        check_shape(np.array(self.scale_mm), (3,), "Regression: scale_mm")
-        for scale in self.scale_mm:
-            check_positive(scale, "Regression: scale_mm")
-        check_kind(self.robust, bool, "Regression: robust")
         check_positive(self.longest_s, "Regression: longest_s")
 
     @property
@@ -157,30 +151,14 @@ class Regression:
         """Return the fewest points that leave RMSE a degree of freedom."""
         return max(self.lowest, 2) + 2
 
-    def __call__(
-        self, time_s: npt.ArrayLike, places_mm: npt.ArrayLike, exit_point_mm: npt.ArrayLike
-    ) -> Fit:
-        """Return the regressed trajectory, or raise an `InputError`."""
-        time, places = check_finite(time_s, "time"), check_finite(places_mm, "places")
-        exit_point = check_finite(exit_point_mm, "exit_point")
-        check_shape(exit_point, (3,), "exit_point")
-        check_shape(time, (None,), "time")
-        check_shape(places, (len(time), 3), "places")
+    def __call__(self, time: Array, places: Array, exit_point: Array) -> Fit:
+        """Return the trajectory of ascending times, or raise an `InputError`."""
         if len(time) < self.fewest:
             raise InputError(
-                f"track: {len(time)} points, but order {self.lowest} needs {self.fewest}. "
-                "Leave short tracks out or lower the order."
+                f"track: {len(time)} points, but order {self.lowest} needs {self.fewest}."
             )
         if np.abs(places).max() > FARTHEST:
             raise InputError(f"places: farther than {FARTHEST:g} mm. Convert them to millimetres.")
-        rank = np.argsort(time, kind="stable")
-        time, places = time[rank], places[rank]
-        if (np.diff(time) <= 0).any():
-            raise InputError(f"track: two points at {time[np.diff(time).argmin()]} s. Keep one.")
-        return self._fit(time, places, exit_point)
-
-    def _fit(self, time: Array, places: Array, exit_point: Array) -> Fit:
-        """Return the fit of sorted points."""
         duration = time[-1] - time[0]
         unit, scaled = (time - time[0]) / duration, ((places - exit_point) / self.scale_mm).T
         generator, longest = np.random.default_rng(self.seed), self.longest_s / duration
@@ -371,9 +349,7 @@ def regress(
     if "particle" in track.columns and len(track["particle"].unique()) > 1:
         raise InputError("track: more than one particle; call regress_all.")
     for _, time, places in _located(track.assign(particle=0), frame_rate_hz, "track"):
-        if not len(time):
-            raise InputError("track: no depth, x, y and z are missing everywhere. Leave it out.")
-        return (parameters or Regression())(time, places, exit_point)
+        return (parameters or Regression())(time, places, _outlet(exit_point))
     raise InputError("track: no points. Leave empty tracks out.")
 
 
@@ -391,9 +367,7 @@ def regress_all(
     method = parameters or Regression()
     if method.highest > HIGHEST_ORDER:
         raise InputError(f"regress_all: the table ends at order {HIGHEST_ORDER}; use regress.")
-    exit_mm = check_finite(exit_point, "exit_point")
-    check_shape(exit_mm, (3,), "exit_point")
-    located = _located(tracks, frame_rate_hz, "tracks")
+    exit_mm, located = _outlet(exit_point), _located(tracks, frame_rate_hz, "tracks")
     rows = [_row(*points, exit_mm, method) for points in located]
     kinds: dict[str, Any] = {column.name: column.kind for column in TRAJECTORIES.columns}
     absent = {name: 0 for name, kind in kinds.items() if kind is int}
@@ -411,6 +385,13 @@ def fits(trajectories: pd.DataFrame) -> dict[int, Fit]:
         fields["coefficients"] = tuple(tuple(row[c] for c in cs[:k]) for cs, k in factors)
         known[row["particle"]] = Fit(**fields)
     return known
+
+
+def _outlet(exit_point: npt.ArrayLike) -> Array:
+    """Return the lance's outlet, (3,), or raise an `InputError`."""
+    point = check_finite(exit_point, "exit_point")
+    check_shape(point, (3,), "exit_point")
+    return point
 
 
 def _located(tracks: pd.DataFrame, frame_rate_hz: float | None, where: str) -> Located:
