@@ -125,13 +125,13 @@ def draw_dwell_boxes(sources: Mapping[str, Values], keys: Sequence[CampaignKey])
     return picture
 
 
-def draw_published(axes: Axes, bounds: pd.DataFrame, scale: float = 1.0) -> None:
+def draw_published(axes: Axes, bounds: pd.DataFrame) -> None:
     """Draw published bounds: ``at`` along the axis, ``low``, ``high`` (NaN: open).
 
     A number is a diamond, two bounds a bar, an open bound an arrow. The axis grows to hold them.
     """
     bottom, top = axes.get_ylim()
-    low, high, at = bounds["low"] * scale, bounds["high"] * scale, bounds["at"]
+    low, high, at = bounds["low"], bounds["high"], bounds["at"]
     reach = 0.09 * (top - bottom)
     ends = low.fillna(high - reach), high.fillna(low + reach)
     axes.vlines(at, *ends, **{**PUBLISHED_BAR, "label": None})
@@ -234,13 +234,6 @@ def draw_keypoints_and_clusters(
     corners = np.array([*roi, roi[0]])
     axes.plot(corners[:, 1], corners[:, 0], "-", color=COLOURS[6])
     return picture
-
-
-def _joined(axes: Axes, wide: Any, place: npt.NDArray[Any], looks: Any, color: str) -> None:
-    """Draw the columns "without" and "with", each in its look, joined by a line."""
-    axes.hlines(place, wide["without"], wide["with"], color=color, lw=0.7, linestyle="-")
-    for stage, look in looks.items():
-        axes.plot(wide[stage], place, **{**look, "ls": ""})
 
 
 def broken_at_gaps(tracks: pd.DataFrame) -> pd.DataFrame:
