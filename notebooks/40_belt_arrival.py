@@ -9,7 +9,7 @@
 # 1000 Hz. Where these are not at hand, a friction model stands in. The tracks end at the edge
 # (788 mm), so start and target lie 15 mm upstream.
 #
-# **One number.** Velocity of the belt, which no mean reaches: 1.5 m/s printed, 1.43 m/s here.
+# **One number.** Largest mean velocity of particles: below 1.5 m/s printed, 1.43 m/s here.
 #
 # **What disagrees.** For spheres, constant velocity without its bias (CVBC) is better than IA. For
 # cylinders, constant acceleration (CA) is better than CVBC.

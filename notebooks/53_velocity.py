@@ -8,8 +8,8 @@
 # **Here.** The whole chain on eight simulated campaigns, beside the true velocities of the same
 # recordings. The flights of chips and confetti at 4.5 bar were fitted to these numbers.
 #
-# **One number.** Median velocity of wood chips in the first metre at 4.5 bar: 13.5 m/s printed,
-# 9.98 m/s here.
+# **One number.** Measured median velocity of wood chips in the first metre at 4.5 bar: 13.5 m/s
+# printed, 9.98 m/s here. (Notebook 10 has the true one.)
 #
 # **What disagrees.** Papers leave the simulated lance as fast as chips and granules.
 
