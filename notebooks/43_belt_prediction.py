@@ -24,8 +24,7 @@ from kilnflight.sorter.rendering import Pictures
 
 files = recordings.find_dem()
 source = "the authors' tracks" if files else "the friction model"
-own = "**Input:** the friction model; the authors' tracks are not at hand (`make data`)."
-Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
+Markdown(belt_2020.INPUT[belt_2020.AUTHORS if files else belt_2020.OWN])
 
 # %% [markdown]
 # The public tracks are those of the 2020 paper, whose spheres have another friction than those of

@@ -28,10 +28,9 @@ from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
 files = recordings.find_dem()
-source = "authors-dem" if files else "friction-model"
+source = belt_2020.AUTHORS if files else belt_2020.OWN
 called = "the authors' tracks" if files else "the friction model"
-own = "**Input:** the friction model; the authors' tracks are not at hand (`make data`)."
-Markdown("**Input:** the authors' DEM tracks at 100 Hz." if files else own)
+Markdown(belt_2020.INPUT[source])
 
 # %% [markdown]
 # The bar is at 773 mm, 15 mm before the edge, since the tracks end there. Predictions start 150 mm
