@@ -24,7 +24,6 @@ from kilnflight.project import claims, figures, paths
 
 chapters = {
     "bg": "Background models",
-    "otsu": "Otsu's method",
     "sift": "SIFT",
     "cluster": "Clusters in point clouds",
     "combi": "Combined detection",
