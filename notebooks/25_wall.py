@@ -75,7 +75,7 @@ levels["published"] = (printed, "--", style.PUBLISHED["color"])
 for text, (level, line, colour) in levels.items():
     right.axhline(level, color=colour, ls=line, label=f"{text}, {level:.0f} mm")
 right.set(xlabel="depth z (m)", ylabel="distance from the axis (mm)", ylim=(300, 1100))
-right.legend(loc="lower left")
+_ = right.legend(loc="lower left")
 
 # %%
 caption = (

@@ -97,7 +97,7 @@ for axes, (measure, part) in zip(grid.flat, beside.groupby("measure"), strict=Tr
     axes.set_yticks(range(len(part)), [", ".join(names) for names in part.index])
     axes.set(title=plots.SYMBOLS[measure], xlim=(-0.02, 1.02), ylim=(len(part) - 0.5, -0.6))
 _ = [axes.set_xlabel("measure") for axes in grid[-1]]
-picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+_ = picture.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 
 # %%
 table = pd.concat([beside, apart], ignore_index=True)

@@ -71,7 +71,7 @@ for (_, name), profile in profiles.items():
     (line,) = axes.plot(profile["mean_m_s"], marker=".", ls="-", label=name)
     for sign in (-1, 1):
         axes.plot(profile @ [1, sign, 0], ":", color=line.get_color(), lw=0.8)
-axes.legend(loc="lower right", ncols=2)
+_ = axes.legend(loc="lower right", ncols=2)
 
 # %%
 caption = "Mean velocity along the belt, after Fig. 7 of the 2020 paper. Dotted: one standard "
@@ -101,7 +101,7 @@ for k, (mark, colour) in enumerate([("o", "0.6"), ("x", style.COLOURS[1]), ("o",
     text = f"{points['point'][k]}, {points['time_ms'][k] - points['time_ms'][0]:.2f} ms"
     axes.plot(along[k], across[k], mark, color=colour, ms=7, label=text)
 axes.set(xlabel="x from the target (mm)", ylabel="y from the first position (µm)")
-axes.legend()
+_ = axes.legend()
 
 # %%
 caption = "A particle's arrival, after Fig. 5 of the 2020 paper: where the line between the last "
@@ -176,7 +176,7 @@ for axes, name in zip(panels, DATA_SETS, strict=True):
     axes.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}")
     axes.minorticks_off()
 panels[0].set_ylabel("mean absolute error (ms)")
-picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+_ = picture.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
 # %%
 caption = "Deviation of the arrival time by sampling rate, for the same particles. The tracks of "

@@ -59,7 +59,7 @@ for axes, steps in zip(panels, parts, strict=True):
     for _, track in steps.groupby("particle"):
         axes.plot(track["x"], track["velocity_y_mm_s"] / 1000, lw=0.8, ls="-")
     axes.set(title=steps["data_set"].iloc[0], xlabel="x along the belt (mm)", ylim=(-0.13, 0.13))
-panels[0].set_ylabel("velocity across the belt (m/s)")
+_ = panels[0].set_ylabel("velocity across the belt (m/s)")
 
 # %%
 caption = (
@@ -136,7 +136,7 @@ for axes, title, (name, row) in zip(panels, titles, decisions.iterrows(), strict
     axes.hlines(pitch * np.arange(9), -6, max(late) + 5, "0.7", lw=0.5)
     axes.plot(0.0, decisions["y_mm"]["optimal"], "o", color="0.1", ms=5)
     axes.set(title=f"{title} ({name})", xlabel="time after the arrival (ms)")
-panels[0].set_ylabel("y across the belt (mm)")
+_ = panels[0].set_ylabel("y across the belt (mm)")
 
 # %%
 caption = (

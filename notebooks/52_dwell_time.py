@@ -109,7 +109,7 @@ for axes, letter, case in zip(grid[0], "abc", CASES, strict=True):
         axes.text(0.97, 0.95, label, transform=axes.transAxes, ha="right", va="top")
     handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
 grid[0, 0].set_ylabel("height over it (m)")
-picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+_ = picture.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
 
 # %%
 columns = [*KEYS, "particle", "t0_s", "ignition_s", "end_s", "dwell_s", "ending"]

@@ -155,8 +155,8 @@ reason = f"The test calls {unlit} unlit chips and granules burning, so it decide
 sums = table[table["fraction"].isin(flights.PAPERS)].sum(numeric_only=True)
 result = (
     f"The test of traces calls {unlit} unlit chips and granules burning. That of grey values finds "
-    f"{sums['lit_detected'] / sums['lit']:.0%} of the burning papers and calls "
-    f"{sums['unlit_detected'] / sums['unlit']:.0%} of the unlit ones burning."
+    f"{sums['lit_detected'] / max(sums['lit'], 1):.0%} of the burning papers and calls "
+    f"{sums['unlit_detected'] / max(sums['unlit'], 1):.0%} of the unlit ones burning."
 )
 verdicts = [
     claims.check("ign-1", holds["ign-1"], heavy["light_up"].sum(), reason),
