@@ -1,1 +1,1 @@
-"""Infrastructure: figures, claims, notebooks, site, cache; it knows no physics."""
+"""Infrastructure: figures, claims, notebooks, cache; it knows no physics."""
