@@ -48,7 +48,8 @@ pair = [window for window in windows if window.fraction in ("wood chip", "paper 
 steps, tracks_by_step = post_processing.compare_steps(pair)
 matched = post_processing.compare_matchings(windows)
 caption = "Measures of all tracks after each step, and what the Hungarian method changes in alpha."
-table = pd.concat([steps, matched]).astype({"tracks": "Int64", "positions": "Int64"})
+changed = matched.rename(columns=lambda name: name.replace("alpha", "alpha_difference"))
+table = pd.concat([steps, changed]).astype({"tracks": "Int64", "positions": "Int64"})
 figures.save("tracklet-steps", table, caption=caption, provenance=origin)
 
 # %% tags=["hide-input"]
