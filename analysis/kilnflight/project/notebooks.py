@@ -109,6 +109,8 @@ def run(source: Path, build: Path, given: Mapping[str, object]) -> None:
     with tempfile.TemporaryDirectory(prefix="kilnflight-", dir="/tmp") as folder:
         partial, saved = Path(folder, whole.name), Path(folder, "saved")
         os.environ |= {SAVED_LIST: str(saved), NOTEBOOK: stem}
+        # joblib's workers outlive their kernel for a moment, and what they held is cleaned up
+        os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
         # kernels that start together may pick the same TCP port: sockets of its own
         config = Config({"KernelManager": {"transport": "ipc", "ip": f"{folder}/k"}})
         python = {"kernel_name": "python3", "language": "python", "extra_arguments": QUIET}
