@@ -10,7 +10,7 @@
 # **One number.** Lateral error of most predictions from pictures: 1.5 mm printed, 1.09 mm here.
 #
 # **What disagrees.** From exact positions the paper has the vast majority within 0.2 mm. Here 95 %
-# are within 0.5 mm. All claims that are tested hold.
+# are within 0.5 mm. Four claims hold, one is open.
 
 # %% tags=["hide-input"]
 from IPython.display import Markdown
@@ -113,10 +113,12 @@ spread = claims.all_of(larger(late, known, "iqr"), larger(late, known, "mae_cent
 ratio = kept["iqr"] / seen["iqr"]
 
 # %%
-similar = claims.all_of(free["iqr"] < 1.5 * sim["iqr"], straight["iqr"] > 2 * free["iqr"])
+not_far = [claims.about(straight["iqr"] / one["iqr"], 1.0, 1.0) for one in (sim, free)]
+far = [None if each is None else not each for each in not_far]
+similar = claims.all_of(claims.about(free["iqr"] / sim["iqr"], 1.0, 0.5), *far)
 biased = claims.beyond(known["median_low"], known["median_high"])
 both = claims.all_of(spread, larger(late, known, "median"))
-near = claims.all_of(larger(kept, seen, "iqr"), ratio < 2)
+near = claims.all_of(larger(kept, seen, "iqr"), claims.about(ratio, 1.0, 1.0))
 mm = f"Sim {sim['iqr']:.2f}, Tracking {free['iqr']:.2f}, Straight {straight['iqr']:.2f} mm"
 late_ms = f"median {known['median']:.2f} ms"
 bias_ms = f"{late['median']:.2f} from images, {known['median']:.2f} ms noise-free"
@@ -135,7 +137,7 @@ verdicts = [
     claims.check(
         "belt16-5", both, bias_ms, "The filter for images adapts more slowly, as printed."
     ),
-    claims.check("belt16-7", near, seen_mm, "Interquartile ranges; more than twice is far."),
+    claims.check("belt16-7", near, seen_mm, "Interquartile ranges; twice is far, a bound of ours."),
     claims.check(
         "belt16-10", spread, spread_ms, "Interquartile range and mean absolute deviation."
     ),
