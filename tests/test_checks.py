@@ -4,11 +4,9 @@ import pytest
 
 from kilnflight.checks import (
     InputError,
-    check_at_least,
     check_columns,
-    check_count,
     check_finite,
-    check_positive,
+    check_number,
     check_shape,
 )
 
@@ -46,40 +44,26 @@ def test_finite_values_come_back_as_floats():
     assert check_finite([1, 2], "depth").dtype == np.float64
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_what_must_be_positive_is(value):
-    with pytest.raises(InputError, match="limit: must be above 0"):
-        check_positive(value, "limit")
+@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -1, True, "0.5", None, np.nan, np.inf, 10**400])
+def test_what_is_no_number_within_the_limits_is_refused(value):
+    with pytest.raises(InputError, match="share: "):
+        check_number(value, "share", above=0, below=1)
 
 
-@pytest.mark.parametrize("value", ["3", None, float("nan"), -1])
-def test_what_is_no_number_or_too_small_is_refused(value):
-    with pytest.raises(InputError, match="limit: must be 0 or above"):
-        check_at_least(value, 0, "limit")
-    with pytest.raises(InputError, match="count: must be a whole number from 0"):
-        check_count(value, "count", 0)
-    with pytest.raises(InputError, match="limit: must be above 0"):
-        check_positive(value, "limit")
-
-
-def test_a_half_and_a_truth_value_are_no_counts():
-    for value in (2.5, True, np.inf):
-        with pytest.raises(InputError, match="whole number from 1"):
-            check_count(value, "count")
-    check_count(np.int64(2), "count")
-    check_count(2.0, "count")
+def test_limits_may_be_allowed_and_whole_numbers_asked_for():
+    check_number(0.5, "share", above=0, below=1)
+    check_number(1, "share", least=1, most=1)
+    check_number(np.int64(2), "count", least=1, whole=True)
+    check_number(2.0, "count", least=1, whole=True)
+    for value in (2.5, 0, True):
+        with pytest.raises(InputError, match="count: "):
+            check_number(value, "count", least=1, whole=True)
 
 
 @pytest.mark.parametrize("values", [["1"], [1j], np.array(["2023"], "M8[D]"), [[1], [1, 2]]])
 def test_texts_dates_and_complex_numbers_are_not_numbers(values):
     with pytest.raises(InputError, match=r"depth: .*not made of numbers"):
         check_finite(values, "depth")
-
-
-def test_truth_values_are_not_numbers():
-    for check in (check_positive, check_count):
-        with pytest.raises(InputError, match="limit: must be"):
-            check(True, "limit")
 
 
 def test_a_column_that_is_there_twice_is_refused():

@@ -169,48 +169,64 @@ def is_number(value: object) -> bool:
         return False
 
 
-def _check(holds: bool, rule: str, value: object, where: str) -> None:
-    if not holds:
+def check_number(
+    value: object,
+    where: str,
+    *,
+    least: float = -math.inf,
+    most: float = math.inf,
+    above: float = -math.inf,
+    below: float = math.inf,
+    whole: bool = False,
+) -> None:
+    """Raise an `InputError` unless ``value`` is a finite number within these limits.
+
+    ``least`` and ``most`` are allowed, ``above`` and ``below`` are not.
+    """
+    fits = is_number(value) and least <= value <= most and above < value < below  # type: ignore[operator]
+    if not fits or (whole and value % 1 != 0):  # type: ignore[operator]
+        limits = {"at least": least, "at most": most, "above": above, "below": below}
+        rules = [f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit)]
+        rule = ", ".join(["a whole number" if whole else "a number", *rules])
         raise InputError(f"{where}: must be {rule}, got {value!r}.")
 
 
+# The next six go with the last room that calls them.
 def check_positive(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is a number above 0."""
-    _check(is_number(value) and value > 0, "above 0", value, where)
+    check_number(value, where, above=0)
 
 
 def check_at_least(value: float, least: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is ``least`` or above."""
-    _check(is_number(value) and value >= least, f"{least} or above", value, where)
+    check_number(value, where, least=least)
 
 
 def check_between(value: float, least: float, most: float, where: str) -> None:
     """Raise an `InputError` unless ``least <= value <= most``."""
-    holds = is_number(value) and least <= value <= most
-    _check(holds, f"{least:g} to {most:g}", value, where)
+    check_number(value, where, least=least, most=most)
 
 
 def check_inside(value: float, least: float, most: float, where: str) -> None:
     """Raise an `InputError` unless ``least < value < most``."""
-    holds = is_number(value) and least < value < most
-    _check(holds, f"above {least:g} and below {most:g}", value, where)
+    check_number(value, where, above=least, below=most)
 
 
 def check_limit(value: float, where: str) -> None:
     """Raise an `InputError` unless ``value`` is 0 or above, or infinite."""
     if not (isinstance(value, float) and value == np.inf):
-        check_at_least(value, 0, where)
+        check_number(value, where, least=0)
 
 
 def check_count(count: float, where: str, least: int = 1) -> None:
     """Raise an `InputError` unless ``count`` is whole, ``least`` or above."""
-    holds = is_number(count) and count == int(count) and count >= least
-    _check(holds, f"a whole number from {least}", count, where)
+    check_number(count, where, least=least, whole=True)
 
 
 def check_kind(value: object, kind: type, where: str) -> None:
     """Raise an `InputError` unless ``value`` is of a kind."""
-    _check(isinstance(value, kind), f"a {kind.__name__}", value, where)
+    if not isinstance(value, kind):
+        raise InputError(f"{where}: must be a {kind.__name__}, got {value!r}.")
 
 
 def check_offers(value: object, methods: Sequence[str], where: str) -> None:

@@ -293,7 +293,7 @@ def test_what_cannot_be_tracked_is_refused():
         BeltTracker(motion=type(constant_velocity()))
     for wrong in ("10", 80.5, -3, True):
         for table in (moving(), moving()[:0]):
-            with pytest.raises(InputError, match="frames: must be a whole number from 0"):
+            with pytest.raises(InputError, match="frames: must be"):
                 BeltTracker()(table, wrong)
     assert len(BeltTracker()(moving()[:0], 0).ends) == 0
     for wrong in ({"frame_s": 0.0}, {"false_valid": 0.0}, {"false_lost": 2.0}):

@@ -95,7 +95,7 @@ def test_a_gate_that_is_invalid_is_refused(field, bad):
 
 def test_only_depth_may_have_no_limit():
     for far in (np.inf, 1e200, 10**400):
-        with pytest.raises(InputError, match=r"Gate: distance: must be 0 to 1e[+]06"):
+        with pytest.raises(InputError, match=r"Gate: distance: must be"):
             Gate(distance=far)
     pairs = Gate(1_000_000, np.inf)(tracks([[0, 0]], depth=[1]), found([[9e5, 0]], depth=[1e9]))
     assert pairs.distance_squared == pytest.approx(8.1e11)

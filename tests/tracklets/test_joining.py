@@ -158,10 +158,10 @@ def test_it_is_the_plain_definition(flights, plain, same_tracks, seed, count, di
 @pytest.mark.parametrize("bad", [-1.0, np.nan, "a", None, True])
 def test_what_is_no_limit_is_refused(bad):
     for field in ("gap", "overlap", "depth"):
-        with pytest.raises(InputError, match=f"Connection: {field}: must be 0 or above"):
+        with pytest.raises(InputError, match=f"Connection: {field}: must be"):
             Connection(**{field: bad})
     for field in Costs.__dataclass_fields__:
-        with pytest.raises(InputError, match=f"Costs: {field}: must be 0 or above"):
+        with pytest.raises(InputError, match=f"Costs: {field}: must be"):
             Costs(**{field: bad})
 
 
@@ -231,7 +231,7 @@ def test_fusion_is_the_plain_definition(table, plain, same_tracks, seed):
 
 def test_what_is_no_limit_of_fusion_is_refused():
     for bad in (-1.0, np.nan, "a", None):
-        with pytest.raises(InputError, match="Fusion: distance: must be 0 or above"):
+        with pytest.raises(InputError, match="Fusion: distance: must be"):
             Fusion(distance=bad)
 
 

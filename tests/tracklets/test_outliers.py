@@ -110,7 +110,7 @@ def test_it_is_the_plain_definition(table, plain, same_tracks, seed, scatter, fr
 @pytest.mark.parametrize("field", ["angle_deg", "change"])
 @pytest.mark.parametrize("bad", [np.nan, -3, "a", None, True])
 def test_what_is_no_limit_is_refused(field, bad):
-    with pytest.raises(InputError, match=f"OutlierRemoval: {field}: must be 0 or above"):
+    with pytest.raises(InputError, match=f"OutlierRemoval: {field}: must be"):
         OutlierRemoval(**{field: bad})
 
 
