@@ -1,4 +1,8 @@
-"""Shared ground of the tests: no display, own folders, and the authors' data where it is."""
+"""Shared ground of the tests: no display, own folders, and the authors' data where it is.
+
+Plain definitions that tests compare with stand in tests/definitions/ and import nothing of the
+package: ``from tests.definitions.dbscan import clusters`` (`pythonpath` in pyproject.toml).
+"""
 
 import os
 import shutil
