@@ -1,0 +1,447 @@
+"""What outside readers rely on: the public calls with nothing, one and many.
+
+Of each call: types, columns, the caller's index and order of rows, other number types, input that
+stays as it was, and bad input, which is one `InputError` that names the argument.
+"""
+
+from functools import partial
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+import kilnflight
+from kilnflight import background, belt
+from kilnflight.__main__ import main
+from kilnflight.association import GNN, JPDA, joint_probabilities
+from kilnflight.camera import calibrate_depth
+from kilnflight.checks import InputError
+from kilnflight.detection import DBSCAN, DoG, MorphologicalClustering, Otsu, QuasiClusterCenters
+from kilnflight.flight import space_sliced_velocity
+from kilnflight.regression import regress
+from kilnflight.scores import score_detections, score_tracks
+from kilnflight.tables import DETECTIONS
+from kilnflight.tracking import track
+from kilnflight.tracklets import STEPS, postprocess
+from kilnflight.twin import scenes, truth
+
+CLUSTERERS = [DBSCAN(30.0, 4), MorphologicalClustering(40), QuasiClusterCenters(k=5, alpha=0.5)]
+DETECTORS = [DoG(500.0), Otsu()]
+EXIT = (10.0, -20.0, 6000.0)
+
+
+def flights(count=3, frames=12):
+    """Straight flights far apart, in camera coordinates (mm) and pixels, frame by frame."""
+    frame, particle = np.divmod(np.arange(frames * count), count)
+    row, col = 20.0 + 60 * particle + 2.0 * frame, 10.0 + 5.0 * frame
+    table = pd.DataFrame({"frame": frame, "particle": particle, "row": row, "col": col})
+    return table.assign(x=10.0 + frame, y=-20.0 - frame, z=5800.0 - 40 * frame, points=9)
+
+
+def one_flight(frames=20):
+    """A trajectory of order 2 that leaves `EXIT` 0.1 s before frame 0, at 100 Hz."""
+    time = np.arange(frames) / 100.0 + 0.1
+    places = [10.0 + 300 * time, -20.0 + 50 * time - 400 * time**2, 6000.0 - 9000 * time]
+    return pd.DataFrame(dict(zip("xyz", places, strict=True))).assign(frame=np.arange(frames))
+
+
+def cloud():
+    """Three balls of points, and one point far from them."""
+    rng = np.random.default_rng(0)
+    balls = [rng.normal(at, 8.0, (40, 3)) for at in (0.0, 300.0, 700.0)]
+    return np.concatenate([*balls, [[3000.0, 0.0, 0.0]]])
+
+
+def blobs(places, peak=8000.0):
+    """A foreground with blobs of 3 px in standard deviation."""
+    rows, cols = np.ogrid[:96, :128]
+    return sum(
+        (peak * np.exp(-((rows - r) ** 2 + (cols - c) ** 2) / 18) for r, c in places),
+        np.zeros((96, 128)),
+    )
+
+
+def same_groups(one, other):
+    """Return whether two arrays of labels group alike, with the same noise."""
+    pairs = set(zip(one.tolist(), other.tolist(), strict=True))
+    as_many = len(pairs) == len(set(one.tolist())) == len(set(other.tolist()))
+    return as_many and np.array_equal(one == -1, other == -1)
+
+
+def shuffled(table):
+    """Return the rows in another order, with an index of their own."""
+    mixed = table.sample(frac=1, random_state=1)
+    return mixed.set_axis(np.arange(len(mixed)) * 3 + 100)
+
+
+# Scores
+
+
+def test_tracks_are_scored():
+    table = flights()
+    before = table.copy()
+    score = score_tracks(table, table, 5.0)
+    assert (score.alpha, score.beta, score.jsc, score.jsc_theta) == (1.0, 1.0, 1.0, 1.0)
+    assert (score.tp, score.fn, score.fp) == (36, 0, 0)
+    assert (score.tp_tracks, score.fn_tracks, score.fp_tracks) == (3, 0, 0)
+    one = table[table["particle"] == 1]
+    score = score_tracks(shuffled(table), shuffled(one).astype({"frame": float}), gate=5.0)
+    assert (score.tp, score.fn, score.fp, score.fn_tracks) == (12, 24, 0, 2)
+    assert score.alpha == score.beta == pytest.approx(1 / 3)
+    none = score_tracks(table, table.head(0), 5.0)
+    assert (none.alpha, none.beta, none.jsc, none.jsc_theta, none.fn) == (0, 0, 0, 0, 36)
+    unlinked = score_tracks(table, table.assign(particle=-1), 5.0)
+    assert (unlinked.jsc, unlinked.fp) == (0, 0)
+    in_space = score_tracks(table, table.assign(row=0.0), 5.0, columns=["x", "y", "z"])
+    assert in_space.jsc == 1.0
+    pd.testing.assert_frame_equal(table, before)
+
+
+@pytest.mark.parametrize("kind", [list, np.array, lambda places: np.asfortranarray(places, "f4")])
+def test_detections_are_scored(kind):
+    truth_px, found = kind([(0, 0), (0, 60), (200, 0)]), kind([(9, 0), (0, 40), (300, 0)])
+    score = score_detections(truth_px, found)
+    assert (score.tp, score.fp, score.fn) == (2, 1, 1)
+    assert (score.precision, score.recall, score.f1) == pytest.approx((2 / 3, 2 / 3, 2 / 3))
+    assert score.pairs.tolist() == [[0, 0], [1, 1]]
+    assert score_detections([(0, 0)], [(0, 45)]).tp == 1  # at the gate
+    assert score_detections([(0, 0)], [(0, 45)], gate=44.9).tp == 0
+    backwards = score_detections(truth_px[::-1], found[::-1])
+    assert (backwards.tp, backwards.fp, backwards.fn) == (2, 1, 1)
+    for empty in ([], np.empty((0, 2))):
+        assert score_detections(truth_px, empty).fn == 3
+        none = score_detections(empty, empty)
+        assert (none.tp, none.precision, none.recall, none.f1, len(none.pairs)) == (0, 0, 0, 0, 0)
+
+
+# Detection
+
+
+@pytest.mark.parametrize("clusterer", CLUSTERERS)
+def test_clusters_have_whole_labels(clusterer):
+    points = cloud()
+    before = points.copy()
+    labels = clusterer(points)
+    assert (labels.shape, labels.dtype.kind) == ((121,), "i")
+    balls = [set(labels[k : k + 40]) - {-1} for k in (0, 40, 80)]
+    assert all(balls)
+    assert sum(map(len, balls)) == len(set.union(*balls))  # none is in two balls
+    np.testing.assert_array_equal(points, before)
+    order = np.random.default_rng(2).permutation(len(points))
+    assert same_groups(clusterer(points[order]), labels[order])
+    single = points.astype(np.float32)
+    assert same_groups(clusterer(single), clusterer(single.astype(np.float64)))
+    np.testing.assert_array_equal(clusterer(np.asfortranarray(points)), labels)
+    np.testing.assert_array_equal(clusterer(np.repeat(points, 2, axis=1)[:, ::2]), labels)
+    np.testing.assert_array_equal(clusterer(points.tolist()), labels)
+    for empty in ([], np.empty((0, 3))):
+        assert clusterer(empty).shape == (0,)
+    assert clusterer(points[:1]).shape == (1,)
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@pytest.mark.parametrize("kind", [np.uint16, np.float32, np.float64, ">u2"])
+def test_particles_of_a_foreground_are_rows_of_floats(detector, kind):
+    places = [(30, 40), (60, 90), (70, 20)]
+    image = blobs(places).astype(kind)
+    before = image.copy()
+    found = detector(image)
+    assert (found.shape, found.dtype) == ((3, 3), np.float64)
+    near = found[np.lexsort(found[:, ::-1].T)]
+    np.testing.assert_allclose(near[:, :2], places, atol=0.5)
+    assert (found[:, 2] > 2.0).all()
+    np.testing.assert_array_equal(image, before)
+    np.testing.assert_array_equal(detector(np.asfortranarray(image)), found)
+    np.testing.assert_array_equal(detector(np.repeat(image, 2, axis=1)[:, ::2]), found)
+    assert detector(blobs(places[:1]).astype(kind)).shape == (1, 3)
+    assert detector(np.zeros((96, 128), kind)).shape == (0, 3)
+
+
+def test_the_threshold_of_dog_is_in_grey_values():
+    image = blobs([(30, 40)], peak=1000.0)
+    assert [len(DoG(t)(image)) for t in (50.0, 5000.0)] == [1, 0]
+    assert len(DoG(5000.0)(100 * image)) == 1
+
+
+# Background
+
+
+class Lazy:
+    """A stack that is indexed one frame at a time; ``asked`` lists the frames."""
+
+    def __init__(self, images):
+        self.images, self.asked = images, []
+
+    def __len__(self):
+        return len(self.images)
+
+    def __getitem__(self, index):
+        self.asked.append(index)
+        return self.images[index]
+
+
+def test_there_are_six_models_of_the_background():
+    names = ["TwoFrame", "ThreeFrame", "Mean", "Median", "Adaptive", "RunningGaussian"]
+    assert [type(model).__name__ for model in background.MODELS] == names
+    assert list(background.MODELS) == [getattr(background, name)() for name in names]
+
+
+@pytest.mark.parametrize("model", background.MODELS)
+def test_each_wanted_frame_has_a_foreground(model):
+    images = np.random.default_rng(0).integers(900, 1100, (200, 9, 12), dtype=np.uint16)
+    before = images.copy()
+    images[90, 4, 5] = 9000
+    before[90, 4, 5] = 9000
+    stack = Lazy(images)
+    found = list(model(stack, [90, 3, 199]))
+    assert [(image.shape, image.dtype) for image in found] == 3 * [((9, 12), np.float32)]
+    assert np.unravel_index(found[0].argmax(), (9, 12)) == (4, 5)
+    (alone,) = model(images, [3])
+    np.testing.assert_array_equal(alone, found[1])
+    np.testing.assert_array_equal(images, before)
+    assert list(model(images, [])) == []
+    (still,) = model(images[:1], [0])
+    assert not still.any()
+    stack.asked.clear()
+    next(model(stack, iter([100])))
+    assert max(abs(t - 100) for t in stack.asked) <= 75  # the longest window is the median's
+    for kind in (np.float32, np.float64):
+        np.testing.assert_allclose(next(model(images.astype(kind), [3])), alone, atol=1e-3)
+    flipped = np.asfortranarray(images)[:, ::-1]
+    np.testing.assert_array_equal(next(model(flipped, [3])), alone[::-1])
+
+
+# Association, tracking, post-processing
+
+
+def test_joint_probabilities_sum_to_one():
+    likelihood = np.array([[0.5, 0.2, 0.0], [0.4, 0.0, 0.0]])
+    before = likelihood.copy()
+    found = joint_probabilities(likelihood, [0.1, 0.3])
+    assert (found.shape, found.dtype) == ((2, 4), np.float64)
+    events = {"--": 0.03, "0-": 0.15, "1-": 0.06, "-0": 0.04, "10": 0.08}
+    shares = [[0.07, 0.15, 0.14, 0], [0.24, 0.12, 0, 0]]
+    np.testing.assert_allclose(found, np.array(shares) / sum(events.values()), rtol=1e-12)
+    turned = joint_probabilities(likelihood[::-1, [2, 0, 1]], [0.3, 0.1])
+    np.testing.assert_allclose(turned, found[::-1, [0, 3, 1, 2]], rtol=1e-12)
+    single = joint_probabilities(np.asfortranarray(likelihood, np.float32), np.float32([0.1, 0.3]))
+    np.testing.assert_allclose(single, found, rtol=1e-6)
+    np.testing.assert_array_equal(likelihood, before)
+    assert joint_probabilities(np.empty((0, 0)), []).shape == (0, 1)
+    assert joint_probabilities(np.empty((0, 4)), []).shape == (0, 5)
+    assert joint_probabilities(np.empty((2, 0)), [1.0, 2.0]).tolist() == [[1.0], [1.0]]
+    assert joint_probabilities(np.zeros((1, 2)), [0.1]).tolist() == [[1.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize("associator", [GNN(), JPDA()])
+def test_detections_are_linked(associator):
+    table = shuffled(flights().rename(columns={"particle": "true"})).assign(note="kept")
+    before = table.copy()
+    found = track(table, associator=associator)
+    pd.testing.assert_frame_equal(table, before)
+    assert list(found.columns) == [*table.columns, "particle"]
+    pd.testing.assert_frame_equal(
+        found[["frame", "true", "note"]], table[["frame", "true", "note"]]
+    )
+    assert found["particle"].dtype.kind == "i"
+    assert same_groups(found["particle"].to_numpy(), table["true"].to_numpy())
+    ordered = track(table.sort_index(ascending=False), associator)["particle"]
+    pd.testing.assert_series_equal(ordered.sort_index(), found["particle"].sort_index())
+    others = track(table.astype({"frame": float, "row": "f4", "col": "f4"}), associator)
+    assert same_groups(others["particle"].to_numpy(), table["true"].to_numpy())
+    plain = track(table[["frame", "row", "col"]], associator)
+    assert plain["particle"].nunique() == 3
+    dropped = track(table.assign(particle=np.where(table["true"] == 1, -1, 0)), associator)
+    assert set(dropped.loc[table["true"] == 1, "particle"]) <= {-1}
+    assert len(track(table.head(1), associator)) == 1
+    empty = track(table.head(0), associator)
+    assert list(empty.columns) == list(found.columns)
+    assert empty.empty
+
+
+@pytest.mark.parametrize("steps", [STEPS, *((step,) for step in STEPS)])
+def test_tracks_keep_rows_and_columns(steps):
+    table = shuffled(flights()).assign(note="kept")
+    before = table.copy()
+    found = postprocess(table, steps=steps)
+    pd.testing.assert_frame_equal(table, before)
+    pd.testing.assert_frame_equal(found.drop(columns="particle"), table.drop(columns="particle"))
+    assert same_groups(found["particle"].to_numpy(), table["particle"].to_numpy())
+    turned = postprocess(table[::-1], steps=steps)["particle"]
+    pd.testing.assert_series_equal(turned[::-1], found["particle"])
+    unlinked = postprocess(table.assign(particle=-1), steps=steps)
+    assert (unlinked["particle"] == -1).all()
+    assert list(postprocess(table.head(0), steps=steps).columns) == list(table.columns)
+    assert len(postprocess(table.head(1), steps=steps)) == 1
+
+
+# Regression, flight, camera
+
+
+@pytest.mark.parametrize("exit_point", [EXIT, list(EXIT), np.array(EXIT, np.float32)])
+def test_a_track_is_regressed(exit_point):
+    table = one_flight()
+    before = table.copy()
+    fit = regress(table, exit_point, frame_rate_hz=100.0)
+    pd.testing.assert_frame_equal(table, before)
+    assert fit.t0 == pytest.approx(-0.1, abs=1e-6)
+    assert fit.orders == (2, 2, 2)
+    expected = [[300, 0], [50, -400], [-9000, 0]]
+    np.testing.assert_allclose(fit.coefficients, expected, atol=1e-2)
+    for measure in (fit.rmse_mm, fit.mape_percent, fit.r2, fit.r2_adjusted):
+        assert np.shape(measure) == (3,)
+    np.testing.assert_allclose(fit.rmse_mm, 0, atol=1e-3)
+    np.testing.assert_allclose(fit.r2, 1, atol=1e-6)
+    np.testing.assert_allclose(fit(table["frame"] / 100.0), table[list("xyz")], atol=1e-2)
+    np.testing.assert_allclose(np.ravel(fit(0.05)), table.loc[5, list("xyz")], atol=1e-2)
+    gaps = shuffled(pd.concat([table, table.tail(1).assign(frame=30, x=np.nan)]))
+    assert regress(gaps, exit_point, 100.0).t0 == fit.t0
+    clocked = table.assign(time_s=table["frame"] / 100.0).drop(columns="frame")
+    assert regress(clocked, exit_point).t0 == fit.t0
+
+
+def test_each_metre_has_its_velocity():
+    fit = regress(one_flight(), EXIT, 100.0)
+    found = space_sliced_velocity(fit)
+    assert found["slice_m"].tolist() == [1, 2, 3, 4, 5, 6]
+    assert found["reached"].tolist() == [True, True, False, False, False, False]
+    np.testing.assert_allclose(found["velocity_m_s"][:2], 9.0, rtol=1e-4)
+    assert found["velocity_m_s"][2:].isna().all()
+    assert len(space_sliced_velocity(fit, slice_m=0.5)) == 12
+
+
+def test_depth_keeps_its_shape():
+    depths = [4053.1, 10071.8]
+    for kind in (list, np.array, np.float32):
+        np.testing.assert_allclose(calibrate_depth(kind(depths)), [4000, 10000], atol=0.5)
+    assert calibrate_depth(np.full((2, 3), 5000.0)).shape == (2, 3)
+    assert np.ndim(calibrate_depth(5000.0)) == 0
+    assert calibrate_depth(5000).dtype == np.float64
+    assert calibrate_depth([]).shape == (0,)
+
+
+# Twin, belt
+
+
+def test_a_scene_gives_frames_and_sightings(kept_scene):
+    name = "paper-shred-4.5-bar@small"
+    twin = kept_scene(name)
+    assert len(scenes.open_scene(name)) == len(twin)
+    frame, size = twin.frame(570), (twin.attributes.rows, twin.attributes.columns)
+    assert (frame.gray.shape, frame.gray.dtype) == (size, np.uint16)
+    assert frame.labels.shape == size
+    assert (frame.pixels.shape[1], frame.xyz.shape) == (2, (len(frame.pixels), 3))
+    assert frame.time_s == pytest.approx(570 / twin.attributes.frame_rate_hz)
+    seen = truth.sightings(twin, 570)
+    assert {"frame", "particle", "row", "col", "label"} <= set(seen.columns)
+    assert (seen["frame"] == 570).all()
+    assert set(seen["label"]) <= {2, 3, 4}
+    assert seen["particle"].is_unique
+
+
+def test_the_belts_models_are_named_as_printed():
+    assert [m.name for m in belt.ARRIVAL_MODELS] == ["IV", "CV", "CVBC", "CA", "CALV", "IA"]
+    assert [m.name for m in belt.LATERAL_MODELS] == ["Straight", "CV", "CA", "CADSC", "Ratio"]
+
+
+# The steps in Python and as commands
+
+
+@pytest.mark.parametrize("count", [1, 20])
+def test_an_array_goes_the_whole_way(count):
+    rng = np.random.default_rng(0)
+    images = rng.normal(1000, 20, (count, 96, 128))
+    images += [blobs([(40, 10 + 5 * t)]) for t in range(count)]
+    images = images.astype(np.uint16)
+    recording = kilnflight.open(images)
+    detections = DETECTIONS.check(kilnflight.detect(recording))
+    tracks = kilnflight.track(detections)
+    assert list(tracks.columns) == [*detections.columns, "particle"]
+    if count > 1:
+        (linked,) = (one for name, one in tracks.groupby("particle") if name >= 0)
+        np.testing.assert_allclose(linked["col"], 10 + 5 * linked["frame"], atol=1)
+    figure = kilnflight.plot_tracks(recording, tracks)
+    assert len(figure.axes) >= 1
+    plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    "command", ["info gone", "run gone", "detect gone d.csv", "track gone t.csv"]
+)
+def test_a_command_ends_with_one_line(command, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(command.split()) == 1
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "gone" in output.err
+    assert len(output.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+# Bad input
+
+
+def bad_calls():
+    """Yield the argument that the error names, and the call."""
+    table, flight, nan = flights(), one_flight(), np.nan
+    yield "gate", partial(score_tracks, table, table, 0.0)
+    yield "gate", partial(score_tracks, table, table, nan)
+    yield "columns", partial(score_tracks, table, table, 5.0, columns=[])
+    yield "truth", partial(score_tracks, table.head(0), table, 5.0)
+    yield "truth.*row", partial(score_tracks, table.drop(columns="row"), table, 5.0)
+    yield "candidate.*row", partial(score_tracks, table, table.assign(row=nan), 5.0)
+    yield "candidate.*frame", partial(score_tracks, table, table.assign(frame=0), 5.0)
+    yield "gate", partial(score_detections, [(0, 0)], [(0, 0)], gate=-1.0)
+    yield "truth", partial(score_detections, [(0, 0, 0)], [(0, 0)])
+    yield "detected", partial(score_detections, [(0, 0)], [(0, nan)])
+    for clusterer in CLUSTERERS:
+        for points in ([[1.0, 2.0]], [[nan, 0.0, 0.0]], [[np.inf, 0.0, 0.0]], [["a", "b", "c"]]):
+            yield "points", partial(clusterer, points)
+    yield "eps", partial(DBSCAN, 0.0, 5)
+    yield "min_points", partial(DBSCAN, 10.0, 0)
+    yield "grid", partial(MorphologicalClustering, 0)
+    yield "grid", partial(MorphologicalClustering, 2.5)
+    yield r"\bk\b", partial(QuasiClusterCenters, 0, 0.1)
+    yield "alpha", partial(QuasiClusterCenters, 5, -0.1)
+    yield "threshold", partial(DoG, -1.0)
+    for detector in DETECTORS:
+        for image in (np.zeros(5), np.zeros((5, 5, 3)), np.full((9, 9), nan), np.full((9, 9), "a")):
+            yield "foreground", partial(detector, image)
+    images = np.zeros((5, 4, 6), np.uint16)
+    for model in background.MODELS:
+        yield "indices", lambda model=model: list(model(images, [5]))
+        yield "indices", lambda model=model: list(model(images, [0.5]))
+        yield "frame", lambda model=model: list(model(images[..., None], [0]))
+        yield "frame", lambda model=model: list(model(np.full((5, 4, 6), nan), [0]))
+    yield "likelihood", partial(joint_probabilities, [[-0.1]], [1.0])
+    yield "likelihood", partial(joint_probabilities, [0.1], [1.0])
+    yield "likelihood", partial(joint_probabilities, [[nan]], [1.0])
+    yield "nonassignment", partial(joint_probabilities, [[0.1]], [1.0, 1.0])
+    yield "nonassignment", partial(joint_probabilities, [[0.0]], [0.0])
+    for step in (track, kilnflight.track):
+        yield "detections.*row", partial(step, table.drop(columns="row"))
+        yield "detections.*col", partial(step, table.assign(col=nan))
+        yield "detections.*frame", partial(step, table.assign(frame=0.5))
+        yield "detections.*frame", partial(step, table.assign(frame=-1))
+    yield "tracks.*particle", partial(postprocess, table.drop(columns="particle"))
+    yield "tracks.*particle", partial(postprocess, table.assign(particle=0.5))
+    yield "tracks.*frame", partial(postprocess, table.assign(frame=0))
+    yield "exit_point", partial(regress, flight, EXIT[:2], 100.0)
+    yield "exit_point", partial(regress, flight, (nan, 0.0, 0.0), 100.0)
+    yield "frame_rate_hz", partial(regress, flight, EXIT, 0.0)
+    yield "track.*z", partial(regress, flight.drop(columns="z"), EXIT, 100.0)
+    yield "track.*time_s", partial(regress, flight, EXIT)
+    yield "track", partial(regress, flight.head(3), EXIT, 100.0)
+    yield "track", partial(regress, flight.head(0), EXIT, 100.0)
+    yield "slice_m", lambda: space_sliced_velocity(regress(flight, EXIT, 100.0), 0.0)
+    yield "depth", partial(calibrate_depth, [nan])
+    yield "scene", partial(scenes.open_scene, "no-such")
+    yield "array|source", partial(kilnflight.open, np.zeros((3, 4), np.uint16))
+    yield "gone", partial(kilnflight.open, "gone")
+
+
+@pytest.mark.parametrize(("name", "call"), list(bad_calls()))
+def test_bad_input_is_an_error_that_names_the_argument(name, call):
+    with pytest.raises(InputError, match=name):
+        call()
