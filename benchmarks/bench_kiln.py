@@ -70,7 +70,7 @@ def rows() -> list[Row]:
     t, view = next(kiln.views(recording, [80]))  # with 75 frames before and after
     window = np.stack([recording.gray(k) for k in range(t - 75, t + 76) if k != t])
     plain = np.abs(recording.gray(t) - np.median(window, axis=0)).astype(np.float32)
-    ours = next(iter(Median()(kiln.GrayFrames(recording), [t])))
+    ours = next(iter(Median()(kiln.FrameBuffer(recording), [t])))
     np.testing.assert_array_equal(ours, plain)
     keypoints, labels = DoG(THRESHOLD)(view.foreground), both_passes(view.xyz)
     pd.testing.assert_frame_equal(

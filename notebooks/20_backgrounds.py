@@ -48,7 +48,7 @@ for name in ("Mean", "Median", "Adaptive"):
 
 # %%
 subset, t = subsets[1], subsets[1].frames[0]
-stack = kiln.GrayFrames(subset.recording)
+stack = kiln.FrameBuffer(subset.recording)
 gray, roi = stack[t], subset.recording.attributes.roi
 images = {
     name: next(iter(model.backgrounds(stack, [t])))

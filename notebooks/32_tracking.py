@@ -148,7 +148,7 @@ sums, paths, frames = {}, [], {"quick": 5, "standard": 50, "full": 300}[scale]
 for name in counted["fraction"]:
     twin = scenes.cached_scene(scenes.campaign_name(name, 4.5), seed)
     window = scenes.tracking_window(twin)[:frames]
-    foregrounds = detection.BACKGROUNDS[scale](kiln.GrayFrames(twin), window)
+    foregrounds = detection.BACKGROUNDS[scale](kiln.FrameBuffer(twin), window)
     height, width = twin.attributes.rows, twin.attributes.columns
     sums[name] = np.zeros((height, width), dtype=np.float32)
     for t, foreground in zip(window, foregrounds, strict=True):

@@ -10,6 +10,7 @@ frame differences would take 2.8 MB a frame, 68 GB for eight campaigns.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -26,7 +27,6 @@ from zarr.codecs import ZstdCodec
 from kilnflight import flight, regression
 from kilnflight.association import GNN
 from kilnflight.background import BackgroundModel, Median
-from kilnflight.background.difference import Foreground, WindowModel
 from kilnflight.background.sliding_median import stack_median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
@@ -36,7 +36,7 @@ from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths
 from kilnflight.project.cache import CachedTable, clear_parts, make_whole
 from kilnflight.project.parallel import Workers
-from kilnflight.recording.frames import Recording
+from kilnflight.recording.frames import Frame, Recording
 from kilnflight.recording.store import StoredRecording, open_recording
 from kilnflight.regression import Regression
 from kilnflight.tables import DETECTIONS, FLIGHTS, TRAJECTORIES
@@ -52,7 +52,6 @@ BACKGROUND_FRAMES = 21  # in the median picture that stands for the background; 
 
 Vector = tuple[float, float, float]
 Names = tuple[str, ...]
-Cloud = tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]  # pixels, positions as captured
 
 
 @dataclass(frozen=True)
@@ -92,53 +91,46 @@ def stored_source(folder: Path | str) -> StoredSource:
     return StoredSource(name, recording.content(), folder)
 
 
-@dataclass(frozen=True)
-class GrayFrames:
-    """Grey values of a recording as a stack, read frame by frame."""
+class FrameBuffer:
+    """Stack of a recording's grey values; each needed frame is read once.
 
-    recording: Recording
-
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self.recording)
-
-    def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return frame ``t``, (rows, cols)."""
-        return self.recording.gray(t)
-
-
-@dataclass(frozen=True)
-class WholeFrames(GrayFrames):
-    """Grey values as a stack that keeps the clouds of some frames read on the way.
-
-    A background reads a frame before it is asked for; so none is read or rendered twice.
+    Background models read a frame before its turn; it is held until its last use.
 
     Parameters
     ----------
     recording
         The recording.
-    wanted
-        Numbers of the frames whose clouds are kept until they are taken.
+    uses
+        Frame numbers that `take` will be called with.
     """
 
-    wanted: set[int]
-    clouds: dict[int, Cloud] = field(default_factory=dict)
+    def __init__(self, recording: Recording, uses: Iterable[int] = ()) -> None:
+        self._recording, self._uses = recording, Counter(uses)
+        self._held: dict[int, Frame] = {}
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._recording)
 
     def __getitem__(self, t: int) -> npt.NDArray[np.uint16]:
-        """Return frame ``t``, (rows, cols); keep its cloud if it is wanted."""
-        if t not in self.wanted:
-            return self.recording.gray(t)
-        frame = self.recording.frame(t)
-        self.clouds[t] = frame.pixels, frame.xyz
-        return frame.gray
+        """Return the grey values (rows, cols) of frame ``t``."""
+        return self._fetch(t).gray if self._uses[t] else self._recording.gray(t)
 
-    def take(self, t: int) -> Cloud:
-        """Return pixels and positions of frame ``t``; they are kept no longer."""
-        self.wanted.discard(t)
-        if t in self.clouds:
-            return self.clouds.pop(t)
-        frame = self.recording.frame(t)
-        return frame.pixels, frame.xyz
+    def take(self, t: int) -> Frame:
+        """Return frame ``t``, and release it after its last use."""
+        frame = self._fetch(t)
+        self._uses[t] -= 1
+        if self._uses[t] <= 0:
+            del self._held[t]
+        return frame
+
+    def _fetch(self, t: int) -> Frame:
+        if t not in self._held:
+            frame = self._recording.frame(t)
+            gray = frame.gray.view()
+            gray.flags.writeable = False  # models may hold it without a copy
+            self._held[t] = replace(frame, gray=gray, labels=None)
+        return self._held[t]
 
 
 def views(
@@ -146,42 +138,22 @@ def views(
 ) -> Iterator[tuple[int, View]]:
     """Yield the number and the view of each frame.
 
-    Only the window of the background is held in memory; the background is the temporal median
-    over 150 frames if None (section 5.1.2). The first frame has no frame before it; the next
-    one takes its place.
+    The default background is the temporal median over 150 frames (section 5.1.2). The first frame
+    is compared with the one after it, as no frame precedes it.
     """
-    frames, before, gray = list(frames), -1, np.empty((0, 0), dtype=np.uint16)
-    attributes = recording.attributes
-    for t, (now, foreground, (pixels, captured)) in zip(
-        frames, _read_once(recording, frames, background or Median()), strict=True
-    ):
-        beside = t - 1 if t > 0 else min(1, len(recording) - 1)
-        previous = gray if beside == before else recording.gray(beside)
-        xyz = calibrate_points(captured, attributes.depth_calibration)
+    frames, attributes = list(frames), recording.attributes
+    before = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
+    buffer = FrameBuffer(recording, [*frames, *before])
+    foregrounds = (background or Median())(buffer, frames)
+    for t, beside, foreground in zip(frames, before, foregrounds, strict=True):
+        previous, frame = buffer.take(beside).gray, buffer.take(t)
+        pixels, xyz = frame.pixels, calibrate_points(frame.xyz, attributes.depth_calibration)
         if attributes.flame_roi is not None:
-            flame = segment_flame(now, attributes.flame_roi)
-            flame.clear(foreground)  # in place: models give every one anew
+            flame = segment_flame(frame.gray, attributes.flame_roi)
+            flame.clear(foreground)  # in place: each model returns a new array
             keep = ~flame.holds(pixels)
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
-        before, gray = t, now
-        yield t, View(gray, previous, foreground, pixels, xyz)
-
-
-def _read_once(
-    recording: Recording, frames: Sequence[int], model: BackgroundModel
-) -> Iterator[tuple[npt.NDArray[np.uint16], Foreground, Cloud]]:
-    """Yield grey values, foreground and cloud of each frame.
-
-    Models with a window hand out the frame they hold; of others it is read once more.
-    """
-    if isinstance(model, WindowModel):
-        stack = WholeFrames(recording, set(frames))
-        pairs = model.with_frames(stack, frames)
-        yield from ((*pair, stack.take(t)) for t, pair in zip(frames, pairs, strict=True))
-        return
-    for t, foreground in zip(frames, model(GrayFrames(recording), frames), strict=True):
-        frame = recording.frame(t)
-        yield frame.gray, foreground, (frame.pixels, frame.xyz)
+        yield t, View(frame.gray, previous, foreground, pixels, xyz)
 
 
 def detect(
