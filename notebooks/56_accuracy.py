@@ -76,8 +76,8 @@ figures.save("accuracy", table, caption=caption, provenance=origin)
 # ## Where the error comes from
 #
 # True positions have no scatter, no false ones, and grey values of two levels. True links are by
-# place in the image; depths outside the tracker's gate are left out. Two rows have another
-# regression on our own tracks: axes weighted by the RMSE of Table 5.18, and also a robust loss.
+# place in the image; depths outside the tracker's gate are left out. "Weighted axes" fits our own
+# tracks with axes weighted by one over the RMSE of Table 5.18.
 
 # %%
 columns = [*KEYS, "replaced_step", "measurable_particles", "detected_particles", "false_flights"]
@@ -92,7 +92,7 @@ groups = data.groupby(["replaced_step", "fraction"])
 for axes, quantity, label in zip(grid[:, 0], accuracy.QUANTITIES, labels, strict=True):
     bias, spread = (groups[f"{quantity}_{kind}"].mean().unstack() for kind in ("bias", "spread"))
     for k, step in enumerate(data["replaced_step"].unique()):
-        place = np.arange(len(names)) + 0.11 * (k - 3.5)
+        place = np.arange(len(names)) + 0.11 * (k - 3)
         look = {"color": [*style.COLOURS, "0.5"][k], "marker": [*style.MARKERS, "*"][k], "ms": 3}
         ends = spread.loc[step, names]
         axes.errorbar(place, bias.loc[step, names], ends, ls="", lw=0.8, label=step, **look)

@@ -1,189 +1,209 @@
-"""Tracks whose t0 is known, and what holds for any track."""
-
-from dataclasses import replace
+"""Regression of tracks with known t0, against its definition, and invariants."""
 
 import numpy as np
 import pandas as pd
 import pytest
+from definitions import plain_regression
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kilnflight.flight import slices
-from kilnflight.regression import Regression, fits, regress, regress_all
+from kilnflight.checks import InputError
+from kilnflight.regression import (
+    FITTED,
+    NO_DEPTH,
+    TOO_FEW,
+    Regression,
+    fit_measures,
+    fits,
+    range_of_start,
+    regress,
+    regress_all,
+    trajectory_solver,
+)
+from kilnflight.tables import TRAJECTORIES
 
-EXIT, RATE = (120.0, 60.0, 6500.0), 330.0
-SCATTER = (7.0, 7.0, 150.0)
-ROBUST = Regression(robust=True, scale_mm=(10.0, 10.0, 150.0))
+EXIT, RATE, SCATTER = (120.0, 60.0, 6500.0), 330.0, (7.0, 7.0, 150.0)
+FACTORS = ((400.0, -300.0), (900.0, -4900.0), (-11_000.0, 6000.0))  # mm/s, mm/s^2
 few = settings(max_examples=15, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
 
-@pytest.mark.parametrize("robust", [False, True])
-def test_a_flight_without_scatter_is_recovered(flight, robust):
-    track = flight(t0=0.1234)
-    fit = regress(track, EXIT, RATE, Regression(robust=robust))
+def flight(t0=0.1, points=60, lead=12, scatter=(0.0, 0.0, 0.0), factors=FACTORS, seed=0):
+    """Return a track that leaves the exit at t0 (s) on known polynomials."""
+    frame = int(np.ceil(t0 * RATE)) + lead + np.arange(points)
+    since = frame / RATE - t0
+    places = np.stack([np.polyval([*axis[::-1], 0.0], since) for axis in factors], axis=1)
+    places += EXIT + np.random.default_rng(seed).normal(size=(points, 3)) * scatter
+    return pd.DataFrame({"frame": frame, "particle": 0} | dict(zip("xyz", places.T, strict=True)))
+
+
+def prepared(track):
+    """Return times from 0 to 1, places (3, n) from the exit, the range of t0 and its guess."""
+    moved = (track[list("xyz")].to_numpy() - EXIT).T
+    time = np.linspace(0, 1, len(track))
+    return time, moved, *range_of_start(time, moved, 5.0)
+
+
+def test_a_flight_without_scatter_is_recovered():
+    fit = regress(flight(t0=0.1234), EXIT, RATE)
     assert fit.t0 == pytest.approx(0.1234, abs=1e-8)
     assert (fit.t0_at_bound, fit.orders, fit.points) == (0, (2, 2, 2), 60)
-    expected = ((400.0, -300.0), (900.0, -4900.0), (-11_000.0, 6000.0))
-    np.testing.assert_allclose(fit.coefficients, expected, rtol=1e-5)
+    np.testing.assert_allclose(fit.coefficients, FACTORS, rtol=1e-5)
     np.testing.assert_allclose(fit.rmse_mm, 0, atol=1e-6)
     np.testing.assert_allclose([fit.r2, fit.r2_adjusted], 1, atol=1e-12)
 
 
 @given(st.lists(st.integers(2, 6), min_size=3, max_size=3), st.floats(0.0, 1.0))
 @few
-def test_the_orders_of_a_flight_without_scatter_are_found(flight, orders, t0):
+def test_the_orders_of_a_flight_without_scatter_are_found(orders, t0):
     slow = (500.0, 900.0, -9000.0)
     factors = [[v, *[v * (-2.0) ** (k - 1) / k for k in range(2, n + 1)]] for v, n in
                zip(slow, orders, strict=True)]  # fmt: skip
-    track = flight(t0=t0, points=90, lead=5, factors=factors)
-    fixed = [replace(Regression(), lowest=max(orders), highest=max(orders))]
-    for parameters in [Regression(), *fixed]:
-        fit = regress(track, EXIT, RATE, parameters)
-        scatter = np.array([0.5, 0.5, 10.0])  # 1 % of what order 2 leaves may stay
-        assert (np.array(fit.rmse_mm) < scatter).all()
-    assert fit.t0 == pytest.approx(t0, abs=1e-4)
+    fit = regress(flight(t0=t0, points=90, lead=5, factors=factors), EXIT, RATE)
+    assert (np.array(fit.rmse_mm) < (0.5, 0.5, 10.0)).all()  # 1 % of the RMSE of order 2
+    assert fit.t0 == pytest.approx(t0, abs=0.01)
 
 
-@given(seeds, st.sampled_from([Regression(), ROBUST]))
-@few
-def test_it_passes_the_exit_before_the_first_detection(flight, seed, parameters):
-    parameters = replace(parameters, highest=3)
-    track = flight(seed=seed, points=30, scatter=SCATTER)
-    fit = regress(track, EXIT, RATE, parameters)
-    np.testing.assert_allclose(fit(fit.t0), [EXIT], atol=1e-9)
-    assert fit.first_s - 1.0 <= fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
-    np.testing.assert_allclose(fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients])
-    step = 1e-6
-    slope = (fit([0.3 + step]) - fit([0.3 - step])) / (2 * step)
-    np.testing.assert_allclose(fit.velocity([0.3]), slope, rtol=1e-4, atol=0.1)
+@pytest.mark.parametrize("orders", [(2, 2, 2), (2, 2, 4), (3, 2, 3)])
+def test_the_definition_over_all_unknowns_finds_the_same_minimum(orders):
+    track = flight(scatter=(2.0, 2.0, 30.0), seed=3)
+    track.loc[20, "z"] += 700.0
+    time, moved, limits, first = prepared(track)
+    start, rmse = trajectory_solver(time, moved, 6, limits, first)(orders)
+    peer = plain_regression.solve(time, moved.T, np.zeros(3), orders, first, limits)
+    cost = (rmse**2 * (len(time) - np.array(orders) - 1)).sum()
+    assert cost == pytest.approx(2 * peer.cost, rel=1e-9)
+    assert start == pytest.approx(peer.x[-1], abs=1e-4)
+
+
+@pytest.mark.parametrize(("first", "valley"), [(-0.1, -0.2), (-0.35, -0.2), (-0.7, -0.8)])
+def test_the_minimum_is_the_one_downhill_of_the_first_guess(first, valley):
+    time, limits = np.linspace(0, 1, 12), np.array([-1.2, -0.01])
+    up_and_back, straight = (time + 0.2) * (time + 0.8), 0.001 * (time + 0.8)  # -0.8 is deeper
+    places = 100 * np.stack([straight, 0 * time, up_and_back])
+    start, rmse = trajectory_solver(time, places, 2, limits, first)((1, 1, 2))
+    assert start == pytest.approx(valley, abs=0.01)
+    assert (rmse.max() > 1e-4) == (valley > -0.5)
+
+
+def test_three_random_points_give_the_range_of_a_flight_without_scatter():
+    track = flight(t0=0.1)
+    _, _, limits, first = prepared(track)
+    true = (0.1 * RATE - track["frame"].iloc[0]) / 59
+    assert first == pytest.approx(true, abs=1e-6)
+    assert limits == pytest.approx([true - 1 / 59, true + 1 / 59], abs=1e-5)
+
+
+def test_orders_rise_while_the_gain_is_one_per_cent():
+    shares = np.ones((3, 7))
+    shares[2, 3:] *= 0.98
+    shares[2, 4:] *= 0.992  # the second step gains too little
+    shares[0, 3:] *= 0.985
+
+    def solve(orders):
+        return 0.0, np.array([shares[axis, k] for axis, k in enumerate(orders)])
+
+    assert Regression().choose(solve, 4) == (3, 2, 3)
+    assert Regression().choose(solve, 2) == (2, 2, 2)
+    assert Regression().choose(lambda _: (0.0, np.zeros(3)), 4) == (2, 2, 2)
 
 
 @given(seeds, st.integers(-1000, 10_000))
 @few
-def test_a_shift_in_time_shifts_t0(flight, seed, frames):
-    track = flight(seed=seed, scatter=SCATTER)
+def test_invariants_of_a_fit(seed, frames):
+    track = flight(seed=seed, points=30, scatter=SCATTER)
+    fit = regress(track, EXIT, RATE, Regression(highest=3))
+    np.testing.assert_allclose(fit(fit.t0), [EXIT], atol=1e-9)
+    assert fit.first_s - 1.0 <= fit.t0_range_s[0] <= fit.t0 <= fit.t0_range_s[1] < fit.first_s
+    np.testing.assert_allclose(fit.velocity(fit.t0)[0], [axis[0] for axis in fit.coefficients])
+    slope = (fit([0.3 + 1e-6]) - fit([0.3 - 1e-6])) / 2e-6
+    np.testing.assert_allclose(fit.velocity([0.3]), slope, rtol=1e-4, atol=0.1)
     later = track.assign(frame=track["frame"] + frames)
-    first, other = regress(track, EXIT, RATE), regress(later, EXIT, RATE)
-    assert other.t0 == pytest.approx(first.t0 + frames / RATE, abs=1e-6)
-    assert other.orders == first.orders
-    np.testing.assert_allclose(other.rmse_mm, first.rmse_mm, rtol=1e-5)
-
-
-@given(seeds, st.sampled_from("xyz"))
-@few
-def test_a_mirrored_axis_mirrors_its_polynomial(flight, seed, axis):
-    track = flight(seed=seed, scatter=SCATTER)
-    signs = np.where(np.array(list("xyz")) == axis, -1.0, 1.0)
-    first = regress(track, EXIT, RATE)
-    other = regress(track.assign(**{axis: -track[axis]}), signs * EXIT, RATE)
-    assert other.t0 == pytest.approx(first.t0, abs=1e-9)
-    time = np.linspace(first.first_s, first.last_s, 7)
-    np.testing.assert_allclose(other(time), signs * first(time), atol=1e-5)
-
-
-@given(seeds)
-@few
-def test_shuffled_rows_and_the_same_seed_give_the_same_bytes(flight, seed):
-    track = flight(seed=seed, scatter=SCATTER)
+    shifted = regress(later, EXIT, RATE, Regression(highest=3))
+    assert shifted.t0 == pytest.approx(fit.t0 + frames / RATE, abs=1e-6)
+    mirrored = regress(track.assign(x=-track["x"]), (-EXIT[0], *EXIT[1:]), RATE,
+                       Regression(highest=3))  # fmt: skip
+    assert mirrored.t0 == pytest.approx(fit.t0, abs=1e-9)
     shuffled = track.sample(frac=1.0, random_state=seed % 1000)
-    assert regress(shuffled, EXIT, RATE) == regress(track, EXIT, RATE)
+    assert regress(shuffled, EXIT, RATE, Regression(highest=3)) == fit
 
 
-def test_the_clock_may_be_seconds(flight):
-    track = flight()
+def test_the_clock_may_be_seconds_and_rows_without_depth_are_left_out():
+    track = flight(scatter=SCATTER)
     timed = track.assign(time_s=track["frame"] / RATE).drop(columns=["frame", "particle"])
     assert regress(timed, EXIT) == regress(track, EXIT, RATE)
+    holes = track.copy()
+    holes.loc[[0, 5, 59], ["x", "y", "z"]] = np.nan
+    assert regress(holes, EXIT, RATE) == regress(track.drop([0, 5, 59]), EXIT, RATE)
 
 
-def test_depth_jumps_are_borne_by_a_robust_loss(flight):
-    track = flight(t0=0.1, scatter=(2.0, 2.0, 20.0))
-    track.loc[[5, 17, 30, 31, 50], "z"] += [1500.0, -2000.0, 1500.0, 1800.0, -2500.0]
-    robust = regress(track, EXIT, RATE, replace(ROBUST, scale_mm=(2.0, 2.0, 20.0)))
-    plain = regress(track, EXIT, RATE)
-    assert abs(robust.t0 - 0.1) < 0.004 < abs(plain.t0 - 0.1)
-    assert robust.rmse_mm[2] > 400  # the measures count every detection
-
-
-def test_a_t0_that_its_range_does_not_hold_is_marked(flight):
+def test_a_t0_outside_its_range_is_marked():
     track = flight(t0=0.1)
     back = track.assign(z=2000 + (6500 - track["z"]))  # flies towards the lance, not from it
     assert regress(back, EXIT, RATE).t0_at_bound != 0
-    assert regress(track, EXIT, RATE, Regression(longest_s=0.01)).t0_at_bound == -1
+    assert regress(flight(t0=-2.0, lead=700), EXIT, RATE).t0_at_bound == -1  # unseen for 2.1 s
     assert regress(flight(t0=0.1, lead=0), EXIT, RATE).t0_at_bound == 1  # seen at the exit
 
 
-def test_the_weights_of_the_axes_are_the_callers(flight):
-    track = flight(scatter=SCATTER)
-    printed = regress(track, EXIT, RATE)
-    same = regress(track, EXIT, RATE, Regression(scale_mm=(5.0, 5.0, 5.0)))
-    assert same.t0 == pytest.approx(printed.t0, abs=1e-8)
-    weighted = regress(track, EXIT, RATE, Regression(scale_mm=SCATTER))
-    assert abs(weighted.t0 - printed.t0) > 1e-5
+def test_the_measures_are_the_equations():
+    places, fitted = np.array([1.0, 2.0, 4.0, 3.0]), np.array([1.5, 2.0, 3.0, 3.0])
+    r2 = 1 - 1.25 / 5
+    expected = [np.sqrt(1.25 / 1), 100 / 4 * (0.5 + 0.25), r2, r2 - (1 - r2) * 2 / 1]
+    np.testing.assert_allclose(fit_measures(places, fitted, 2), expected)
+    assert np.isnan(fit_measures(np.zeros(5), np.ones(5), 2)[1:]).all()
+    still = regress(flight(scatter=SCATTER).assign(x=150.0), EXIT, RATE)
+    assert np.isnan([still.r2[0], still.r2_adjusted[0]]).all()
+    assert np.isfinite([*still.rmse_mm, *still.r2[1:]]).all()
 
 
-EXIT, RATE, T0 = (120.0, 60.0, 6500.0), 330.0, 0.1
-PLAIN, SPREAD = Regression(), (5.0, 5.0, 150.0)  # mm
-WEIGHED = Regression(robust=True, scale_mm=SPREAD)
+@pytest.mark.parametrize("order", [2, 7])
+def test_a_fixed_order_needs_two_points_more(order):
+    fixed = Regression(lowest=order, highest=order)
+    fit = regress(flight(points=order + 2, scatter=SCATTER), EXIT, RATE, fixed)
+    assert fit.orders == (order,) * 3
+    with pytest.raises(InputError, match="track"):
+        regress(flight(points=order + 1), EXIT, RATE, fixed)
 
 
-def jumping(track, share, seed):
-    """Let a share of the depths be those of something else, 3 m in front to 1.5 m behind."""
-    draw = np.random.default_rng(seed)
-    at = draw.random(len(track)) < share
-    return track.assign(z=track["z"] + at * draw.uniform(-3000.0, 1500.0, len(track)))
+def test_every_track_has_its_row_and_the_fits_come_back():
+    parts = [flight(seed=k, t0=0.1 * k, scatter=SCATTER) for k in range(5)]
+    parts[2][list("xyz")] = np.nan
+    parts[3].loc[3:, "z"] = np.nan
+    named = zip(parts, (7, 0, 3, 5, -1), strict=True)
+    tracks = pd.concat([part.assign(particle=name) for part, name in named], ignore_index=True)
+    table = regress_all(tracks.sample(frac=1.0, random_state=1), EXIT, RATE)
+    assert table["particle"].tolist() == [0, 3, 5, 7]
+    assert table["outcome"].tolist() == [FITTED, NO_DEPTH, TOO_FEW, FITTED]
+    assert table["points"].tolist() == [60, 0, 3, 60]
+    assert table.loc[1:2, "t0_s"].isna().all()
+    pd.testing.assert_frame_equal(TRAJECTORIES.check(table), table)
+    expected = {k: regress(tracks[tracks["particle"] == k], EXIT, RATE) for k in (0, 7)}
+    assert fits(table) == expected
+    assert fits(regress_all(tracks.iloc[:0], EXIT, RATE)) == {}
 
 
-def judged(track, parameters):
-    """Return the row of the table and how far in mm the fit is from the true depth (RMS)."""
-    table = regress_all(track, EXIT, RATE, parameters)
-    assert table["outcome"].tolist() == ["fitted"]
-    fit = fits(table)[0]
-    time = np.linspace(fit.first_s, fit.last_s, 50)
-    true = EXIT[2] - 11_000.0 * (time - T0) + 6000.0 * (time - T0) ** 2
-    return table.iloc[0], np.sqrt(np.mean((fit(time)[:, 2] - true) ** 2))
+@pytest.mark.parametrize(
+    ("name", "change", "more"),
+    [
+        ("frame_rate_hz", {}, (EXIT, 0.0)),
+        ("exit_point", {}, ((1.0, 2.0, np.nan), RATE)),
+        ("column z", {"z": "far"}, (EXIT, RATE)),
+        ("column particle", {"particle": 0.5}, (EXIT, RATE)),
+        ("time_s", {}, (EXIT,)),
+    ],
+)
+def test_bad_input_is_named(name, change, more):
+    with pytest.raises(InputError, match=name):
+        regress_all(flight().assign(**change), *more)
+    with pytest.raises(InputError, match="track"):
+        regress(flight().iloc[:0], EXIT, RATE)
 
 
-def test_a_robust_loss_stays_near_the_truth_where_the_plain_one_does_not(flight):
-    far = []
-    for seed in range(8):
-        track = jumping(flight(t0=T0, points=80, scatter=SPREAD, seed=seed), 0.15, seed)
-        (robust, robust_mm), (plain, plain_mm) = judged(track, WEIGHED), judged(track, PLAIN)
-        far.append((robust_mm, plain_mm))
-        assert robust_mm < min(plain_mm, 80.0)
-        assert abs(robust["t0_s"] - T0) < 0.015
-        for row in (robust, plain):  # both tell it: the measures count every detection
-            assert row["rmse_z_mm"] > 2 * SPREAD[2]
-    assert np.mean(far, axis=0)[1] > 2.5 * np.mean(far, axis=0)[0]
-
-
-@pytest.mark.parametrize("parameters", [PLAIN, WEIGHED])
-def test_without_jumps_the_rmse_is_the_scatter(flight, parameters):
-    row, _ = judged(flight(t0=T0, points=80, scatter=SPREAD), parameters)
-    assert row["rmse_z_mm"] == pytest.approx(SPREAD[2], rel=0.25)
-
-
-def test_half_a_track_at_another_depth_is_shown_by_the_rmse(flight):
-    track = flight(t0=T0, points=80, scatter=SPREAD)
-    step = track.assign(z=track["z"] - np.where(track.index >= 40, 2000.0, 0.0))
-    for parameters in (PLAIN, WEIGHED):
-        row, _ = judged(step, parameters)
-        assert row["rmse_z_mm"] > 2 * SPREAD[2]
-
-
-def test_a_speed_that_no_particle_has_fits_well_and_is_shown_by_the_velocity(flight):
-    factors = ((400.0, 0.0), (900.0, 0.0), (-150_000.0, 0.0))  # 0.45 m from frame to frame
-    short = Regression(longest_s=0.05)  # as long as it may be unseen; in 1 s it flies 150 m
-    table = regress_all(flight(t0=T0, points=8, lead=1, factors=factors), EXIT, RATE, short)
-    assert table["outcome"].tolist() == ["fitted"]
-    assert table["rmse_z_mm"].iloc[0] < 1e-3
-    sliced = slices(fits(table))
-    assert len(sliced) >= 3
-    np.testing.assert_allclose(sliced["velocity_m_s"], 150.0, rtol=1e-3)
-
-
-def test_one_jump_at_the_start_makes_metres_that_nobody_saw(flight):
-    track = flight(t0=T0, points=60)
-    track.loc[:2, "z"] -= 3000.0  # in front of all that follows
-    table = pd.DataFrame(slices(fits(regress_all(track, EXIT, RATE))))
-    assert not table["observed"].all()
+def test_depth_beyond_any_kiln_and_orders_beyond_the_table_are_refused():
+    with pytest.raises(InputError, match="z"):
+        regress(flight().assign(z=1e200), EXIT, RATE)
+    for wrong in ({"lowest": 0}, {"highest": 10}, {"gain": -0.1}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Regression(**wrong)
+    with pytest.raises(InputError, match="highest"):
+        regress_all(flight(), EXIT, RATE, Regression(highest=7))

@@ -6,6 +6,7 @@ measured flights, true flights -> `compare` -> `errors`: share detected, bias, s
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from kilnflight.experiments.tracking import true_particles
 from kilnflight.flight import BURNT_OUT, LANDED, LOST
 from kilnflight.kiln import KilnRun
 from kilnflight.project import parallel
-from kilnflight.regression import Regression
+from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES
 from kilnflight.tracking.gate import Gate
@@ -32,8 +33,6 @@ Fits = dict[int, regression.Fit]
 QUANTITIES = {"dwell_s": "s", "velocity_m_s": "m/s", "ignition_s": "s"}
 UNLIT_GRAY, LIT_GRAY = 1000.0, 2000.0  # grey values of true positions
 SCATTER_MM = (6.9, 7.0, 156.9)  # medians over the fractions of RMSE in x, y, z, Table 5.18
-PLAIN, WEIGHTED = Regression(), Regression(scale_mm=SCATTER_MM)
-ROBUST = Regression(scale_mm=SCATTER_MM, robust=True)
 WHOLE, AXES = "whole chain", ["x", "y", "z"]
 
 
@@ -201,8 +200,7 @@ def replace_steps(
         "true positions": (followed, fit_tracks(run, followed), particle_of_track(followed, true)),
         "true depth": (deep, fit_tracks(run, deep), ours),
         "true trajectories": (tracks, {**measured, **replaced}, ours),
-        "weighted axes": (tracks, fit_tracks(run, tracks, WEIGHTED), ours),
-        "weighted, robust": (tracks, fit_tracks(run, tracks, ROBUST), ours),
+        "weighted axes": (tracks, fit_tracks(run, tracks, SCATTER_MM), ours),
         WHOLE: (tracks, measured, ours),
     }
     for name, (table, trajectories, owners) in cases.items():
@@ -225,8 +223,23 @@ def with_truth(
     return linked, tracks.assign(**places.fillna(tracks[AXES]))
 
 
-def fit_tracks(run: KilnRun, table: pd.DataFrame, method: Regression = PLAIN) -> Fits:
-    """Return the trajectories by track."""
+def fit_tracks(run: KilnRun, table: pd.DataFrame, scale_mm: Three = (1.0, 1.0, 1.0)) -> Fits:
+    """Return the trajectories by track, each axis weighted by one over its scale.
+
+    The measures of a fit are those of the divided axes.
+    """
     assert run.exit_point_mm is not None  # every campaign of the twin has a lance
-    fitted = regression.regress_all(tracked(table), run.exit_point_mm, run.frame_rate_hz, method)
-    return regression.fits(fitted)
+    rows = tracked(table)
+    scaled = rows.assign(
+        **{axis: rows[axis] / scale for axis, scale in zip(AXES, scale_mm, strict=True)}
+    )
+    exit_point = np.divide(run.exit_point_mm, scale_mm)
+    fits = regression.fits(regression.regress_all(scaled, exit_point, run.frame_rate_hz))
+    for name, fit in fits.items():
+        factors = zip(fit.coefficients, scale_mm, strict=True)
+        fits[name] = replace(
+            fit,
+            exit_point_mm=run.exit_point_mm,
+            coefficients=tuple(tuple(c * scale for c in axis) for axis, scale in factors),
+        )
+    return fits
