@@ -137,8 +137,8 @@ class Regression:
         t0, *range_s = (time[0] + np.array([start, *limits]) * duration).tolist()
         early, late = np.isclose(start, limits, rtol=0, atol=1e-9 * np.ptp(limits)).astype(int)
         fields = tuple(exit_point.tolist()), t0, int(late - early), tuple(range_s), orders
-        span, by_measure = time[[0, -1]].tolist(), map(tuple, np.transpose(quality).tolist())
-        return Fit(*fields, tuple(factors), *span, len(time), *by_measure)
+        span = [*time[[0, -1]].tolist(), len(time)]
+        return Fit(*fields, tuple(factors), *span, *map(tuple, np.transpose(quality).tolist()))
 
     def choose(self, solve: Callable[[Orders], tuple[float, Array]], highest: int) -> Orders:
         """Return the orders by reading (3); ``solve`` is of `trajectory_solver`."""
