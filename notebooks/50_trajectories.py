@@ -43,8 +43,9 @@ tables, generator = results.tables, np.random.default_rng(seed)
 #
 # The thesis prints neither how many tracks Table 5.18 holds nor when a trajectory starts "from the
 # lance" (sections 4.2.5 and 5.2.1). Here it starts there if its fit passes a cone from the outlet
-# in the first metre (`flight.StartsAtLance`). A trajectory is rejected if it leaves the kiln, turns
-# back behind the lance, or is over twice as fast as the lance's air. These limits are ours.
+# in the first metre (`flight.criteria.starts_at_lance`). A trajectory is rejected if it leaves the
+# kiln, turns back behind the lance, or is over twice as fast as the lance's air. These limits are
+# ours.
 
 # %%
 fitted, starting = tables.trajectories, tables.flights[tables.flights["from_lance"]]

@@ -64,7 +64,7 @@ def from_lance(tracks: pd.DataFrame, lance: Lance) -> pd.DataFrame:
     Notes
     -----
     This is a rule of the picture: tracks of Table 5.17 have no fit, and some no depth. Flights
-    are judged in space, by their fit (`kilnflight.flight.StartsAtLance`).
+    are judged in space, by their fit (`kilnflight.flight.criteria.starts_at_lance`).
     """
     kept = tracklets.tracked(tracks)
     first = kept.sort_values(["particle", "frame"]).groupby("particle").head(FIRST)

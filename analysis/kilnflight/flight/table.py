@@ -1,4 +1,4 @@
-r"""The table of flights: their start, end and dwell time (section 5.3.1)."""
+"""The table of flights: their start, end and dwell time (section 5.3.1)."""
 
 from __future__ import annotations
 
@@ -16,35 +16,27 @@ from kilnflight.checks import (
     InputError,
     check_columns,
     check_finite,
-    check_limit,
-    check_positive,
+    check_number,
     check_shape,
     check_whole,
     known_numbers,
 )
 from kilnflight.detection.wall import Cylinder, InAir
-from kilnflight.flight.criteria import Landing, Plausible, StartsAtLance
+from kilnflight.flight.criteria import BEYOND_S, Plausible, end_of, starts_at_lance
 from kilnflight.ignition import BEFORE, SEEN, Ignition
 from kilnflight.regression import Fit
 from kilnflight.tables import FLIGHTS
 
 LANDED, BURNT_OUT, LOST = "landed", "burnt out", "lost"
-COLUMNS = ("frame", "particle", "row", "col", "gray", "x", "y", "z")
+EDGE_PX = 45.0  # from the border of the view, and to a track that goes on: the gate of sec. 3.3
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Methods and parameters that make flights of tracks."""
+    """Criteria of flights that differ between recordings."""
 
-    start: StartsAtLance = field(default_factory=StartsAtLance)
-    landing: Landing = field(default_factory=Landing)
     ignition: Ignition = field(default_factory=Ignition)
     plausible: Plausible = field(default_factory=Plausible)
-    edge_px: float = 45.0  # from the border of the view, the gate of sec. 3.3; not printed
-
-    def __post_init__(self) -> None:
-        """Refuse an invalid margin."""
-        check_limit(self.edge_px, "Rules: edge_px")
 
 
 class FieldOfView(NamedTuple):
@@ -102,47 +94,39 @@ def flights(
     landing, since the wall ignites all that land (section 5.1.1).
     """
     rules, view = rules or Rules(), view or FieldOfView()
-    columns = (*COLUMNS, "background") if rules.ignition.above_background else COLUMNS
+    columns = ["frame", "particle", "row", "col", "gray", "x", "y", "z"]
+    columns += ["background"] * rules.ignition.above_background
     check_columns(tracks, columns, "flights: tracks")
-    check_positive(frame_rate_hz, "flights: frame_rate_hz")
-    if not fits:
-        return FLIGHTS.empty()
-    particle = check_whole(tracks["particle"], "flights: particle")
-    positions = pd.Series(np.arange(len(tracks))).groupby(particle).indices
-    missing = [name for name in fits if name not in positions]
-    if missing:
-        raise InputError(f"flights: no track of particle {missing[0]}, which has a fit.")
-    rows = []
-    starts = tracks[particle >= 0].sort_values("frame").groupby("particle").head(1)
+    check_number(frame_rate_hz, "flights: frame_rate_hz", above=0)
+    table = tracks.assign(particle=check_whole(tracks["particle"], "flights: column particle"))
+    table = table[table["particle"] >= 0].sort_values("frame", kind="stable")
+    by_particle = dict(iter(table.groupby("particle")))
+    starts, rows = table.groupby("particle").head(1), []
     for name, fit in fits.items():
-        track = tracks.iloc[positions[name]].sort_values("frame", kind="stable")
+        if name not in by_particle:
+            raise InputError(f"flights: tracks: no particle {name}, which has a fit.")
+        track = by_particle[name]
         try:
             row = _flight(track, fit, wall, in_air, frame_rate_hz, rules)
         except InputError as error:
             raise InputError(f"flights: particle {name}: {error}") from error
         if row["ending"] == BURNT_OUT and (
-            _cut_off(track, frame_rate_hz, rules, view)
-            or _goes_on(track, starts, frame_rate_hz, rules)
+            _cut_off(track, frame_rate_hz, view) or _goes_on(track, starts, frame_rate_hz)
         ):
             row["ending"] = LOST
         rows.append({"particle": name} | row)
-    return FLIGHTS.check(pd.DataFrame(rows)[FLIGHTS.names])
+    return pd.DataFrame(rows)[FLIGHTS.names] if rows else FLIGHTS.empty()
 
 
 def _flight(
-    track: pd.DataFrame,
-    fit: Fit,
-    wall: Cylinder,
-    in_air: InAir,
-    frame_rate_hz: float,
-    rules: Rules,
+    track: pd.DataFrame, fit: Fit, wall: Cylinder, in_air: InAir, rate_hz: float, rules: Rules
 ) -> dict[str, float | str | bool]:
     """Return the row of one flight, but for its particle."""
     places = np.stack([known_numbers(track[axis], f"column {axis}") for axis in "xyz"], axis=1)
-    from_lance, start_mm = rules.start(places, fit)
-    landed, end_s, wall_mm = rules.landing(fit, wall, in_air)
-    time = track["frame"].to_numpy(np.float64) / frame_rate_hz
-    if not landed:  # the last detections may have no depth, which the fit does not know of
+    from_lance, start_mm = starts_at_lance(places, fit)
+    landed, end_s, wall_mm = end_of(fit, wall, in_air)
+    time = track["frame"].to_numpy(np.float64) / rate_hz
+    if not landed:  # the last detections may have no depth and so be unknown to the fit
         end_s = max(end_s, float(time[-1]))
     flying = time <= end_s
     behind = track["background"].to_numpy()[flying] if "background" in track else None
@@ -166,34 +150,29 @@ def _flight(
     }
 
 
-def _cut_off(track: pd.DataFrame, frame_rate_hz: float, rules: Rules, view: FieldOfView) -> bool:
+def _cut_off(track: pd.DataFrame, rate_hz: float, view: FieldOfView) -> bool:
     """Return whether a flight ends at the border of view or recording."""
+    last = track.iloc[-1]
     if view.frames is not None:
-        last = (view.frames.stop - 1) / frame_rate_hz
-        if track["frame"].iloc[-1] / frame_rate_hz + rules.landing.beyond_s > last:
+        end = (view.frames.stop - 1) / rate_hz
+        if last["frame"] / rate_hz + BEYOND_S > end:
             return True
     if view.roi is None:
         return False
-    corners = check_finite(view.roi, "flights: roi")
-    check_shape(corners, (None, 2), "flights: roi")
-    place = track[["row", "col"]].to_numpy(np.float64)[-1].tolist()
-    inside = cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True)
-    return bool(inside < rules.edge_px)
+    corners = check_finite(view.roi, "flights: view.roi")
+    check_shape(corners, (None, 2), "flights: view.roi")
+    place = (float(last["row"]), float(last["col"]))
+    return cv2.pointPolygonTest(corners.astype(np.float32), place, measureDist=True) < EDGE_PX
 
 
-def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, frame_rate_hz: float, rules: Rules) -> bool:
-    """Return whether another track begins soon after the last place of a flight, and near it.
-
-    Within the gate of section 3.3, and the time that a flight is followed after its last detection.
-    """
+def _goes_on(track: pd.DataFrame, starts: pd.DataFrame, rate_hz: float) -> bool:
+    """Return whether another track begins within `BEYOND_S` and `EDGE_PX` of the end of this."""
     last, places = track.iloc[-1], ["row", "col"]
-    after = (starts["frame"] - last["frame"]).to_numpy() / frame_rate_hz
+    after = (starts["frame"] - last["frame"]).to_numpy() / rate_hz
     apart = np.hypot(*(starts[places] - last[places]).to_numpy(np.float64).T)
-    soon = (after > 0) & (after <= rules.landing.beyond_s)
-    return bool((soon & (apart <= rules.edge_px)).any())
+    return bool(((after > 0) & (after <= BEYOND_S) & (apart <= EDGE_PX)).any())
 
 
 def kept(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the flights that are not refused (`Plausible`), from the lance or not."""
-    check_columns(flights, ("refused",), "kept: flights")
+    """Return the flights that are not rejected (`Plausible`), from the lance or not."""
     return flights[flights["refused"] == ""]

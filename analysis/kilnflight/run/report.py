@@ -19,7 +19,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from kilnflight import __version__
-from kilnflight.flight import LOST, kept, remaining
+from kilnflight.flight import LOST, kept, reaching
 from kilnflight.ignition import BEFORE, SEEN, TOO_FEW
 from kilnflight.kiln import KILN_STEPS, KilnRun
 from kilnflight.project import style
@@ -218,7 +218,7 @@ def _velocities(results: Results) -> Iterator[Row]:
     It holds the median, and the share of the flights that passed the metre.
     """
     groups, total = results.slices.groupby("slice_m")["velocity_m_s"], len(results.counted)
-    for far, number in remaining(results.slices, total)[["slice_m", "number"]].to_numpy():
+    for far, number in reaching(results.slices, total)[["slice_m", "number"]].to_numpy():
         middle = Bootstrap()(np.median, [groups.get_group(far)], np.random.default_rng(SEED))
         passed = _text(share(int(number), total), 0, 100)
         value = f"median {_text(middle, 1)} m/s, {passed} % of the flights"
@@ -310,7 +310,7 @@ def _velocity_figure(slices: pd.DataFrame, flights: int) -> Captioned:
     low, middle, high = (groups.quantile(part) for part in (0.25, 0.5, 0.75))
     reach = [middle - low, high - middle]
     axes[0, 0].errorbar(middle.index, middle, yerr=reach, fmt="o-", color="black", capsize=2)
-    left = remaining(slices, flights)
+    left = reaching(slices, flights)
     axes[1, 0].bar(left["slice_m"], 100 * left["share"], 0.6, color="0.7", edgecolor="black")
     axes[0, 0].set(ylabel="velocity (m/s)")
     axes[1, 0].set(ylabel="flights (%)", xlabel="distance from the lance, end of slice (m)")
