@@ -5,7 +5,7 @@
 # difference images shows (section 5.3.2, Fig. 5.17). Of the papers those whose grey value rises
 # abruptly have ignited (Figs 5.25 and 5.26).
 #
-# **Here.** Both judgements as tests, since the thesis prints no rule: `LitTrace` for chips and
+# **Here.** Both judgements as tests, since the thesis prints no rule: `lights_up` for chips and
 # granules, `Ignition` for papers. The simulation knows which particles burn.
 #
 # **One number.** Confetti that ignites at 4.5 bar: 26 % printed, 50.4 % here.
@@ -25,7 +25,6 @@ import pandas as pd
 
 from kilnflight.experiments import accuracy, campaigns, flights, ignition, plots
 from kilnflight.experiments.campaigns import KEYS
-from kilnflight.ignition import LitTrace
 from kilnflight.project import claims, figures, style
 from kilnflight.scores.flights import ignition_histogram
 
@@ -50,7 +49,7 @@ both = accuracy.compare_campaigns(results)
 # burning, it decides nothing.
 
 # %%
-traces = ignition.trace_shares(results, both, LitTrace(0.1))
+traces = ignition.trace_shares(results, both)
 
 # %% tags=["hide-input"]
 chosen = [each for each in results.campaigns if each.pressure_bar == 4.5]

@@ -1,11 +1,11 @@
-"""Ignition of a particle, by its grey values or by the trace it leaves in a picture.
+"""Ignition of a particle, by its grey values or by its trace in a picture.
 
 Section 5.3.2 of the thesis judges confetti and shreds by the first, wood and PE by the second::
 
-    grey values along a track -> the best single step -> a step, and upwards? -> IgnitionResult
-    differences along a track -> light or dark? -> light from some place on? -> yes or no
+    grey values along a track -> best single step -> a step, and upwards? -> IgnitionResult
+    differences along a track -> light or dark? -> light from a detection on? -> outcome
 
-The thesis prints no rule for either: `Ignition` and `LitTrace` are our tests of its sentences.
+The thesis prints no rule for either: `Ignition` and `lights_up` are our tests of its sentences.
 """
 
 from __future__ import annotations
@@ -19,20 +19,15 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 from scipy.stats import mannwhitneyu, theilslopes
 
-from kilnflight.checks import (
-    InputError,
-    check_at_least,
-    check_between,
-    check_count,
-    check_finite,
-    check_limit,
-)
-
-Array = npt.NDArray[np.float64]
+from kilnflight.arrays import Array, Flags
+from kilnflight.checks import InputError, check_finite, check_number
 
 SEEN, BEFORE, NONE, TOO_FEW = "seen", "before seen", "none", "too few points"
-EXACT = 200  # values; above, the normal approximation of the rank sum is as good
-SIGMA = 1.4826  # median of absolute deviations -> standard deviation of a Gaussian
+SIGNIFICANCE = 0.01  # of a track without a step; not printed
+LEAST_POINTS = 3  # on each side: the median of three ignores one flash
+RISE = 2.0  # standard deviations of the scatter; not printed
+SHARE = 0.1  # of the level before the step; not printed
+TRACE_SHARE = 0.1  # of the background; ours: more than the "slight" rise near the wall (5.2.4)
 
 
 class IgnitionResult(NamedTuple):
@@ -47,12 +42,12 @@ class IgnitionResult(NamedTuple):
         Midway between the last detection before the step and the first after it; NaN
         unless "seen".
     before, after
-        Grey levels (medians) on both sides of the best step; both the same without one. Above
-        the background, if that is what was looked at.
+        Grey levels (medians) on both sides of the best step, equal without a step. With
+        ``above_background`` they are measured from the background.
     scatter
         About these levels, as a standard deviation.
     p_value
-        Of the best step, corrected for the search; 1 without one.
+        Of the best step, corrected for the search; 1 without a step.
     """
 
     outcome: str
@@ -65,51 +60,39 @@ class IgnitionResult(NamedTuple):
 
 @dataclass(frozen=True)
 class Ignition:
-    """Find one step upwards in the grey values of a track.
+    """Test for one step upwards in the grey values of a track.
 
     "If the gray value increases abruptly, the particles can be assumed ignited" (section
-    5.3.2). The best step is the one that leaves the least sum of absolute deviations from
-    the medians on both sides, among all upward ones. It is an ignition if
+    5.3.2). The best step leaves the least sum of absolute deviations from the medians on both
+    sides, among all upward ones. It is an ignition if
 
     1. the rank sum of the values before it is too small for chance: exact Wilcoxon test,
-       times the number of places tested (Bonferroni), at most ``significance``;
-    2. it is abrupt: it leaves less deviation than the straight line of Theil and Sen;
-    3. the levels are ``rise`` standard deviations of the scatter about them apart, and
-       ``share`` of the grey value before;
+       times the number of places tested (Bonferroni), at most `SIGNIFICANCE`;
+    2. it leaves less deviation than the straight line of Theil and Sen;
+    3. the levels are `RISE` standard deviations of the scatter about them apart, and `SHARE`
+       of the grey value before;
     4. where the background is known, the particle is brighter than it afterwards.
 
     Notes
     -----
-    The thesis prints no criterion; all of this is ours. Medians and ranks do not feel a single
-    flash, and a factor on the grey values changes nothing. Ties, as between saturated values,
-    count against the rise, which keeps the test valid. The test takes the values of a track as
-    exchangeable but for the step; slow changes, which are not, are what 2 is for. With the
-    defaults no track of fewer than 12 detections can be judged. The thesis makes the test for
-    confetti and shreds alone; wood and PE are judged by their optical picture (Fig. 5.17), and a
-    slight rise near the wall is expressly no ignition (5.2.4). The grey value of a small particle
-    contains much of what is behind it. An unlit particle that flies from before a dark end plate
-    to before a hot wall also brightens abruptly, but stays darker than the wall. A burning one is
-    brighter than what is behind it, hence 4. With ``above_background`` the rise above the
-    background is taken. A particle that is alight from its first detection on has no step. It is
-    "before seen" if ``bright`` is given and its first values reach it, else "none". Without a
-    level nothing tells it from a bright unlit one.
+    The thesis prints no criterion; all of this is ours. Medians and ranks are robust against
+    single flashes, and a factor on the grey values changes nothing. Ties, as between saturated
+    values, count against the rise, which keeps the test valid. The test takes the values of a track
+    as exchangeable but for the step; 2 excludes slow changes. No track of fewer than 12 detections
+    can be judged. The thesis tests confetti and shreds alone; wood and PE are judged by their
+    optical picture (Fig. 5.17), and a slight rise near the wall is expressly no ignition (5.2.4).
+    The grey value of a small particle contains much of the background. An unlit particle that
+    flies from a dark end plate to a hot wall also brightens abruptly, but stays darker than the
+    wall, hence 4. A particle that burns from its first detection on has no step: its outcome is
+    "before seen" if its first values reach ``bright``, else "none".
     """
 
-    significance: float = 0.01  # of a track without a step; not printed
-    least_points: int = 3  # on each side: the median of three ignores one flash
-    rise: float = 2.0  # standard deviations of the scatter; not printed
-    share: float = 0.1  # of the level before; not printed
     bright: float | None = None  # grey value of what burns for sure, e.g. the full scale
-    above_background: bool = False  # the step is of the rise above it; section 5.3.2: as it is
+    above_background: bool = False  # step of the rise above it; section 5.3.2: of the grey value
 
     def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        check_between(self.significance, 0.0, 1.0, "Ignition: significance")
-        check_count(self.least_points, "Ignition: least_points")
-        check_limit(self.rise, "Ignition: rise")
-        check_limit(self.share, "Ignition: share")
         if self.bright is not None:
-            check_at_least(self.bright, 0.0, "Ignition: bright")
+            check_number(self.bright, "Ignition: bright", least=0)
 
     def __call__(
         self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike | None = None
@@ -123,109 +106,86 @@ class Ignition:
         gray
             (n,) grey values, not below 0.
         background
-            (n,) grey values of the background at the same places; None: not known.
+            (n,) grey values of the background at the same positions; None: not known.
 
         Raises
         ------
         InputError
             If lengths differ, a value is not finite or below 0, times do not ascend, or
-            ``above_background`` is asked for and no background is given.
+            ``background`` is missing for ``above_background``.
         """
         time, light = _course(time_s, gray)
         if background is None and self.above_background:
-            raise InputError("Ignition: above_background needs the background's grey values.")
+            raise InputError("Ignition: background is missing for above_background.")
         behind = None if background is None else _course(time_s, background)[1]
         values = light if behind is None or not self.above_background else light - behind
-        least = int(self.least_points)
-        searched = len(values) - 2 * least + 1
-        if searched < 1 or searched > self.significance * math.comb(len(values), len(values) // 2):
+        searched = len(values) - 2 * LEAST_POINTS + 1
+        if searched < 1 or searched > SIGNIFICANCE * math.comb(len(values), len(values) // 2):
             return IgnitionResult(TOO_FEW)
-        split, deviation = best_step(values, least)
+        early = self.bright is not None and np.median(light[:LEAST_POINTS]) >= self.bright
+        without = BEFORE if early else NONE  # the outcome unless there is a step
+        split, deviation = best_step(values, LEAST_POINTS)
         level = float(np.median(values))
         if split < 0:
-            return IgnitionResult(self._without(light), before=level, after=level)
+            return IgnitionResult(without, before=level, after=level)
         before, after = float(np.median(values[:split])), float(np.median(values[split:]))
         off = np.concatenate([values[:split] - before, values[split:] - after])
-        scatter = SIGMA * float(np.median(np.abs(off)))
+        scatter = 1.4826 * float(np.median(np.abs(off)))  # as of a Gaussian
         p_value = min(1.0, searched * rank_sum_p(values[:split], values[split:]))
         is_step = (
-            p_value <= self.significance
+            p_value <= SIGNIFICANCE
             and deviation < line_deviation(time, values)
-            and after - before >= max(self.rise * scatter, self.share * np.median(light[:split]))
+            and after - before >= max(RISE * scatter, SHARE * np.median(light[:split]))
             and (behind is None or np.median(light[split:] - behind[split:]) > 0.0)
         )
-        moment = float(time[split - 1] + time[split]) / 2
-        if is_step:
-            return IgnitionResult(SEEN, moment, before, after, scatter, p_value)
-        return IgnitionResult(self._without(light), math.nan, before, after, scatter, p_value)
-
-    def _without(self, values: Array) -> str:
-        """Return the outcome of a track without a step."""
-        first = np.median(values[: self.least_points])
-        return BEFORE if self.bright is not None and first >= self.bright else NONE
+        moment = float(time[split - 1] + time[split]) / 2 if is_step else math.nan
+        outcome = SEEN if is_step else without
+        return IgnitionResult(outcome, moment, before, after, scatter, p_value)
 
 
-@dataclass(frozen=True)
-class LitTrace:
-    """Tell whether a particle's trace lights up in the optical picture (Fig. 5.17).
+def lights_up(time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike) -> str:
+    """Return whether a particle's trace lights up in the optical picture (Fig. 5.17).
 
-    That picture is a background plus the difference of every frame from it (section 5.2.2).
-    What a particle adds at its place is its grey value less the background's. The trace is light
-    where it is more than ``share`` of the background above it. It lights up where it turns from
-    dark to light and stays so for ``least`` detections. Traces that cross are kept apart.
+    That picture is a background plus the difference of every frame from it (section 5.2.2). The
+    trace is light where the particle is brighter than the background by `TRACE_SHARE`.
 
-    Parameters
-    ----------
-    share
-        Of the background. 0.1: brighter than the kiln behind, by more than the "slight" rise
-        near the wall, which is no ignition (5.2.4). 1: what nothing dark does, even where
-        absolute differences are added, as it cannot take away more than all light. Both ours:
-        the thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure.
-    least
-        Detections; also the length of the running median, which ignores a single flash. Ours.
+    Returns
+    -------
+    str
+        "seen": dark, then light for `LEAST_POINTS` detections or more; "before seen": light from
+        the first detection on, without such a change; "none"; "too few points": fewer than twice
+        `LEAST_POINTS`.
+
+    Notes
+    -----
+    The thesis looks at the picture ("as Figure 5.17 reveals") and prints no measure; this one is
+    ours. The running median ignores a single flash. Crossing traces are kept apart.
     """
-
-    share: float = 0.1
-    least: int = 3
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        check_at_least(self.share, 0.0, "LitTrace: share")
-        check_count(self.least, "LitTrace: least")
-
-    def __call__(
-        self, time_s: npt.ArrayLike, gray: npt.ArrayLike, background: npt.ArrayLike
-    ) -> str:
-        """Return whether the trace lights up; parameters and errors are those of `Ignition`.
-
-        "seen": it turns light; "before seen": it is light from the first detection on, and never
-        turns so; "none"; "too few points": shorter than twice ``least``.
-        """
-        time, light = _course(time_s, gray)
-        above = light - _course(time_s, background)[1]
-        if len(time) < 2 * self.least:
-            return TOO_FEW
-        excess = median_filter(above - self.share * (light - above), self.least, mode="nearest")
-        is_light: npt.NDArray[np.bool_] = np.greater(excess, 0.0)
-        windows = np.lib.stride_tricks.sliding_window_view(is_light, self.least)
-        lasting: npt.NDArray[np.bool_] = np.all(windows, axis=1)
-        if (lasting[1:] & ~is_light[: len(lasting) - 1]).any():
-            return SEEN
-        return BEFORE if lasting[0] else NONE
+    time, light = _course(time_s, gray)
+    behind = _course(time_s, background)[1]
+    if len(time) < 2 * LEAST_POINTS:
+        return TOO_FEW
+    excess = median_filter(light - behind - TRACE_SHARE * behind, LEAST_POINTS, mode="nearest")
+    is_light: Flags = np.greater(excess, 0.0)
+    windows = np.lib.stride_tricks.sliding_window_view(is_light, LEAST_POINTS)
+    lasting: Flags = np.all(windows, axis=1)
+    if (lasting[1:] & ~is_light[: len(lasting) - 1]).any():
+        return SEEN
+    return BEFORE if lasting[0] else NONE
 
 
 def best_step(values: Array, least: int) -> tuple[int, float]:
     """Return the best step upwards and the deviation that it leaves.
 
     Best is the least sum of absolute deviations from the medians on both sides, among the splits
-    whose median is higher after than before. Of splits equal but for rounding it is the first.
+    whose median is higher afterwards. Of splits equal within rounding it is the first.
 
     Parameters
     ----------
     values
         (n,) float64.
     least
-        Values on each side, at least.
+        Smallest number of values on each side.
 
     Returns
     -------
@@ -257,15 +217,14 @@ def _growing(values: Array) -> tuple[Array, Array]:
 
 
 def rank_sum_p(before: Array, after: Array) -> float:
-    """Return the p-value of a rise from ``before`` to ``after`` (Wilcoxon).
+    """Return the p-value of a rise from ``before`` to ``after`` (Wilcoxon, one-sided).
 
-    It is the probability that equal distributions give such low values before. One-sided; exact
-    for up to `EXACT` values together, the normal approximation above. A tie counts as if the
-    earlier value were the higher one: the probability is then too large rather than too small.
+    Exact for up to 200 values together, the normal approximation above. A tie counts as if the
+    earlier value were the higher one, so the p-value is too large rather than too small.
     """
     values, earlier = np.append(before, after), np.arange(len(before) + len(after)) < len(before)
     rank = np.argsort(np.lexsort((earlier, values)))
-    method: Literal["exact", "asymptotic"] = "exact" if len(values) <= EXACT else "asymptotic"
+    method: Literal["exact", "asymptotic"] = "exact" if len(values) <= 200 else "asymptotic"
     test = mannwhitneyu(rank[earlier], rank[~earlier], alternative="less", method=method)
     return float(test.pvalue)
 
@@ -281,13 +240,9 @@ def _course(time_s: npt.ArrayLike, gray: npt.ArrayLike) -> tuple[Array, Array]:
     time = check_finite(time_s, "Ignition: time_s").ravel()
     values = check_finite(gray, "Ignition: gray").ravel()
     if len(time) != len(values):
-        raise InputError(f"Ignition: {len(time)} times, but {len(values)} grey values.")
+        raise InputError(f"Ignition: {len(time)} times in time_s, but {len(values)} grey values.")
     if (np.diff(time) <= 0).any():
-        k = int(np.argmax(np.diff(time) <= 0))
-        raise InputError(
-            f"Ignition: time_s {time[k + 1]} follows {time[k]}; sort the track by time, one "
-            "detection per frame."
-        )
+        raise InputError("Ignition: time_s must ascend; sort the track, one detection per frame.")
     if (values < 0).any():
-        raise InputError(f"Ignition: a grey value is {values.min()}; pass the camera's values.")
+        raise InputError(f"Ignition: gray holds {values.min()}; pass the camera's values.")
     return time, values

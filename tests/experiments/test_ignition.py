@@ -6,7 +6,6 @@ import pytest
 
 from kilnflight.experiments import ignition
 from kilnflight.flight import kept
-from kilnflight.ignition import LitTrace
 from kilnflight.recording.frames import ArrayRecording, Attributes
 from kilnflight.tables import FLIGHTS
 
@@ -28,7 +27,7 @@ def test_a_trace_counts_up_to_the_landing_and_of_kept_flights_only():
             for k, gray in courses.items()
         ]
     ).assign(background=1000.0)
-    count = ignition.count_lit(kept(flights), tracks, LitTrace(), pd.Series({0: False, 2: True}))
+    count = ignition.count_lit(kept(flights), tracks, pd.Series({0: False, 2: True}))
     assert (count["light_up"], count["light_at_first"], count["too_few"]) == (1, 0, 0)
     assert [count[name] for name in ("unlit", "unlit_light", "lit", "lit_light")] == [1, 1, 0, 0]
     assert (count["number"], count["estimate"]) == (2, 0.5)

@@ -19,7 +19,7 @@ from kilnflight.experiments.accuracy import errors
 from kilnflight.experiments.campaigns import CampaignKey, Results, of_campaign, rows_by_campaign
 from kilnflight.experiments.flights import Array, interval_columns
 from kilnflight.flight import kept
-from kilnflight.ignition import BEFORE, SEEN, TOO_FEW, LitTrace
+from kilnflight.ignition import BEFORE, SEEN, TOO_FEW, lights_up
 from kilnflight.recording.frames import Recording
 from kilnflight.scores import intervals
 
@@ -59,7 +59,7 @@ def detection_rates(both: pd.DataFrame, keys: list[CampaignKey]) -> pd.DataFrame
     return rows_by_campaign(rows)
 
 
-def trace_shares(results: Results, both: pd.DataFrame, look: LitTrace) -> pd.DataFrame:
+def trace_shares(results: Results, both: pd.DataFrame) -> pd.DataFrame:
     """Return how many flights light up in the optical picture, by campaign.
 
     Only what happens before a flight ends counts: the wall ignites all that land (5.1.1).
@@ -82,17 +82,15 @@ def trace_shares(results: Results, both: pd.DataFrame, look: LitTrace) -> pd.Dat
         tracks = tracks.assign(background=behind, time_s=time_s)
         known = of_campaign(both, campaign.key).query("track >= 0 and particle >= 0")
         ignites = known.set_index("track")["true_ignition_s"].notna()
-        rows[campaign.key] = count_lit(flights, tracks, look, ignites)
+        rows[campaign.key] = count_lit(flights, tracks, ignites)
     return rows_by_campaign(rows)
 
 
-def count_lit(
-    flights: pd.DataFrame, tracks: pd.DataFrame, look: LitTrace, ignites: pd.Series
-) -> dict[str, float]:
+def count_lit(flights: pd.DataFrame, tracks: pd.DataFrame, ignites: pd.Series) -> dict[str, float]:
     """Return the numbers of `trace_shares` of one campaign; ``ignites``: the truth, by track."""
     end_s = tracks["particle"].map(flights.set_index("particle")["end_s"])
     flying = tracks[tracks["time_s"] <= end_s].sort_values("frame").groupby("particle")
-    found = {name: look(one["time_s"], one["gray"], one["background"]) for name, one in flying}
+    found = {name: lights_up(one["time_s"], one["gray"], one["background"]) for name, one in flying}
     seen = pd.Series(found, dtype=object).reindex(flights["particle"], fill_value=TOO_FEW)
     kinds = {"light_up": SEEN, "light_at_first": BEFORE, "too_few": TOO_FEW}.items()
     count: dict[str, float] = {name: (seen == kind).sum() for name, kind in kinds}
