@@ -34,7 +34,7 @@ Orders = tuple[int, ...]
 Timed = tuple[int, Array, Array]  # particle, times (n,) in s, places (n, 3) in mm
 
 FITTED, NO_DEPTH, TOO_FEW = "fitted", "no depth", "too few points"
-FIT_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
+AXIS_MEASURES = ("rmse_mm", "mape_percent", "r2", "r2_adjusted")
 DRAWS = 20  # of three points: "a few randomly selected points", section 4.3; the number is ours
 LONGEST_S = 1.0  # from the exit to the first detection; ours: the longest flights (Fig. 5.19)
 FARTHEST_MM = 1e100  # squares stay finite
@@ -324,7 +324,7 @@ def _row(method: Regression, exit_mm: Array, timed: Timed) -> list[object]:
         factors[: len(solved), axis] = solved
     row = [particle, FITTED, fit.points, fit.first_s, fit.last_s, fit.t0, *fit.t0_range_s]
     row += [fit.t0_at_bound, *exit_mm.tolist(), *fit.orders, *factors.ravel().tolist()]
-    return row + [value for name in FIT_MEASURES for value in getattr(fit, name)]
+    return row + [value for name in AXIS_MEASURES for value in getattr(fit, name)]
 
 
 def _outlet(exit_point: npt.ArrayLike) -> Array:

@@ -14,7 +14,7 @@ from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import campaigns
 from kilnflight.experiments.campaigns import Campaign, Measurement, Results, Settings
 from kilnflight.project.parallel import Workers
-from kilnflight.regression import FIT_MEASURES, Regression, regress, regress_all
+from kilnflight.regression import AXIS_MEASURES, Regression, regress, regress_all
 from kilnflight.tables import FLIGHTS, SLICES, TRAJECTORIES
 
 EXIT = (0.0, 0.0, 6500.0)
@@ -172,7 +172,7 @@ def test_each_order_is_measured_on_the_same_tracks_those_too_short_left_out():
     for order in (2, 3, 7):
         method = Regression(lowest=order, highest=order)
         long = [regress(tracks[tracks["particle"] == k], EXIT, 100.0, method) for k in (1, 2)]
-        for axis, name in product(range(3), FIT_MEASURES):
+        for axis, name in product(range(3), AXIS_MEASURES):
             expected = np.median([getattr(fit, name)[axis] for fit in long])
             assert table.loc[(order, "xyz"[axis]), name] == pytest.approx(expected, rel=1e-12)
     assert table.loc[(7, "z"), "rmse_mm"] == pytest.approx(150, rel=0.3)

@@ -316,7 +316,7 @@ def measures_by_order(results: Results, most: int = 40) -> pd.DataFrame:
     Over the first ``most`` trajectories from the lance of each campaign, without those too short
     for the highest order.
     """
-    orders, columns, rows = range(2, 8), list(regression.FIT_MEASURES), []
+    orders, columns, rows = range(2, 8), list(regression.AXIS_MEASURES), []
     for campaign in results.campaigns:
         fits, tracks = fits_from_lance(results.tables, campaign.key, most)
         rate = campaign.run.frame_rate_hz
