@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from definitions import plain_regression
+from tests.definitions import plain_regression
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
