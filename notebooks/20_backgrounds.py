@@ -86,6 +86,7 @@ traces = {
     name: float(np.sqrt(np.mean((image - clean)[trace] ** 2))) for name, image in images.items()
 }
 parameters = pd.DataFrame([{"model": name} | asdict(model) for name, model in models.items()])
+parameters = parameters.drop(columns="signed")
 parameters["trace_gray"] = parameters["model"].map(traces)
 caption = (
     "Parameters of the six background models, all as printed in Table 5.4"
@@ -111,7 +112,7 @@ figures.save("table-5-4-parameters", parameters, caption=caption, provenance=ori
 # %%
 readings = {"absolute": models, "stops at zero": {}}
 for name in ("Mean", "Median", "Adaptive"):
-    readings["stops at zero"][name] = background.StopsAtZero(models[name])
+    readings["stops at zero"][name] = replace(models[name], signed=True)
 parts = []
 for reading, compared in readings.items():
     for name, model in compared.items():

@@ -1,8 +1,6 @@
-r"""Background subtraction: only what moves stays.
+r"""Background models for subtraction (thesis, section 2.2.1).
 
-Section 2.2.1 of the thesis, with the values of Table 5.4.
-
-    stack of gray frames -> model(frames, indices) -> one foreground per requested frame
+    stack of grey frames -> model(frames, indices) -> one foreground per requested frame
 
 =================  ================  ============================================  =========
 model              equation          default                                       source
@@ -15,33 +13,32 @@ model              equation          default                                    
 `RunningGaussian`  Eqs 2.9, 2.10     10 frames, alpha 0.99, k 0.4                  Table 5.4
 =================  ================  ============================================  =========
 
-The foreground is the absolute difference of frame and background, as Eqs 2.5, 2.6 and
-2.10 have it. Dark particles before a bright wall count as bright ones before a dark
-wall. For mean, median and adaptive learning no difference is printed, and section 3.1 says
-that dark particles may be lost. `StopsAtZero` is that reading; the thesis decides for neither.
-The foreground is float32, in grey values; its value for a frame does not depend on which other
-frames are asked for. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
+The foreground is the absolute difference of frame and background in grey values, as in Eqs 2.5,
+2.6 and 2.10. It is a new float32 array that depends on no other requested frame. For mean, median
+and adaptive learning no difference is printed; ``signed=True`` drops pixels darker than the
+background. `Mean`, `Median`, `Adaptive` and `RunningGaussian` also have
 ``backgrounds(frames, indices)``, the images of Fig. 5.2.
 """
 
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
-from kilnflight.background.difference import (
-    Foreground,
-    Frames,
-    StopsAtZero,
+from kilnflight.arrays import Single
+from kilnflight.background.frames import Frames
+from kilnflight.background.models import (
+    Adaptive,
+    Mean,
+    Median,
+    RunningGaussian,
     ThreeFrame,
     TwoFrame,
 )
-from kilnflight.background.recursive import Adaptive, RunningGaussian
-from kilnflight.background.static import Mean, Median
 
 
 class BackgroundModel(Protocol):
     """Subtract a background from each frame of a stack."""
 
-    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Foreground]:
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
         """Yield each requested frame's foreground, (rows, cols) float32."""
         ...
 
@@ -59,10 +56,10 @@ __all__ = [
     "MODELS",
     "Adaptive",
     "BackgroundModel",
+    "Frames",
     "Mean",
     "Median",
     "RunningGaussian",
-    "StopsAtZero",
     "ThreeFrame",
     "TwoFrame",
 ]

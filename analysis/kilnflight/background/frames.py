@@ -1,0 +1,117 @@
+"""Stacks of grey frames, and the frames of one that are held in memory."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.arrays import Index
+from kilnflight.checks import InputError, check_finite
+
+GRAY_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
+
+
+class Frames(Protocol):
+    """Stack of grey images (rows, cols) read lazily, such as an array."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Any: ...
+
+
+def check_indices(indices: Iterable[int], length: int) -> tuple[int, ...]:
+    """Return frame numbers as ints, or raise an `InputError`."""
+    try:
+        numbers = tuple(operator.index(index) for index in indices)
+    except TypeError as error:
+        raise InputError(
+            f"indices: {indices!r} is no series of frame numbers ({error}). Pass whole numbers."
+        ) from error
+    for index in numbers:
+        if not 0 <= index < length:
+            raise InputError(
+                f"indices: there is no frame {index}; the stack has {length} frames, counted "
+                "from 0."
+            )
+    return numbers
+
+
+def surrounding(index: int, window: int, length: int) -> range:
+    """Return a frame with the ``window`` frames nearest to it in time.
+
+    As many are before as after (of an odd window, one more before). At the ends of the recording
+    the window is shifted to stay inside. A shorter recording gives all its frames.
+
+    Examples
+    --------
+    >>> surrounding(100, 150, 1000)
+    range(25, 176)
+    >>> surrounding(3, 150, 1000), surrounding(3, 150, 80)
+    (range(0, 151), range(0, 80))
+    """
+    size = min(window + 1, length)
+    start = min(max(index - (window + 1) // 2, 0), length - size)
+    return range(start, start + size)
+
+
+class HeldFrames:
+    """Copies of the frames in use, each read from its stack once.
+
+    Parameters
+    ----------
+    frames
+        The stack; all frames have one shape and type.
+    capacity
+        Largest number of frames held. The frames farthest in time are evicted first.
+    """
+
+    def __init__(self, frames: Frames, capacity: int) -> None:
+        self.length = len(frames)
+        self.shape: tuple[int, ...] = (0, 0)
+        self.pixels: npt.NDArray[Any] = np.empty((min(capacity, self.length), 0))  # (slots, px)
+        self._frames = frames
+        self._slots: dict[int, int] = {}  # by frame number
+
+    @property
+    def precise(self) -> np.dtype[Any]:
+        """Return the float type that holds every grey value exactly."""
+        return np.result_type(self.pixels.dtype, np.float32)
+
+    def fetch(self, indices: Sequence[int]) -> Index:
+        """Return the rows of `pixels` with these frames; read missing ones."""
+        low, high = min(indices), max(indices)
+        for index in indices:
+            if index not in self._slots:
+                image, slot = self._read(index), len(self._slots)
+                if slot == len(self.pixels):
+                    others = (other for other in self._slots if other not in indices)
+                    slot = self._slots.pop(max(others, key=lambda t: max(low - t, t - high)))
+                self._slots[index], self.pixels[slot] = slot, image.ravel()
+        return np.array([self._slots[index] for index in indices], dtype=np.intp)
+
+    def __getitem__(self, index: int) -> npt.NDArray[Any]:
+        """Return a held frame, (rows, cols)."""
+        return self.pixels[self._slots[index]].reshape(self.shape)
+
+    def _read(self, index: int) -> npt.NDArray[Any]:
+        image = np.asarray(self._frames[index])
+        kind = image.dtype.newbyteorder("=")
+        if image.ndim != 2 or not image.size or kind.str[1:] not in GRAY_TYPES:
+            raise InputError(
+                f"frame {index}: {kind} of shape {image.shape}, expected one gray channel (rows, "
+                "cols) of integers up to 32 bit, float32 or float64. Convert it."
+            )
+        if not self._slots:  # memory is used as slots are filled
+            self.shape, self.pixels = image.shape, np.empty((len(self.pixels), image.size), kind)
+        if image.shape != self.shape or kind != self.pixels.dtype:
+            raise InputError(
+                f"frame {index}: {kind} of shape {image.shape}, but frame {min(self._slots)} is "
+                f"{self.pixels.dtype} of shape {self.shape}. Split the stack where it changes."
+            )
+        if kind.kind == "f":
+            check_finite(image, f"frame {index}")
+        return image

@@ -1,0 +1,296 @@
+"""Background models of Table 5.4 (thesis, section 2.2.1).
+
+The recursive ones use OpenCV's weighted accumulation, B <- (1 - weight) B + weight I. It runs over
+differences from a reference frame, so that a still recording has no foreground.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from kilnflight.arrays import Single
+from kilnflight.background.frames import Frames, HeldFrames, check_indices, surrounding
+from kilnflight.background.sliding_median import MEDIAN_CHUNK, Backgrounds, window_medians
+from kilnflight.checks import check_number
+
+_Image = npt.NDArray[Any]
+
+
+def _difference(frame: _Image, background: _Image, signed: bool = False) -> Single:
+    """Return the absolute difference, or the positive part of the signed one."""
+    kind = np.result_type(frame, background, np.float32)  # exact for both
+    image, behind = frame.astype(kind, copy=False), background.astype(kind, copy=False)
+    apart = np.maximum(image - behind, 0) if signed else cv2.absdiff(image, behind)
+    return np.asarray(apart, dtype=np.float32)
+
+
+def _partner(index: int, step: int, length: int) -> int:
+    """Return the frame ``step`` frames away, or as far the other way.
+
+    If neither is in the recording, return the farther end.
+    """
+    for candidate in (index + step, index - step):
+        if 0 <= candidate < length:
+            return candidate
+    return 0 if index > length - 1 - index else length - 1
+
+
+@dataclass(frozen=True)
+class TwoFrame:
+    """Take the absolute difference from an earlier frame (Eq. 2.5).
+
+    Parameters
+    ----------
+    interval
+        Frames, i of Eqs 2.5 and 2.6.
+
+    Notes
+    -----
+    The first frames have no frame ``interval`` before them. They are compared with the
+    frame as far after. A recording shorter than that uses its farther end.
+    """
+
+    interval: int = 3  # frames, Table 5.4
+    _sides: ClassVar[tuple[int, ...]] = (-1,)  # -1: an earlier frame, 1: a later one
+
+    def __post_init__(self) -> None:
+        check_number(self.interval, f"{type(self).__name__}: interval", least=1, whole=True)
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
+        """Yield each requested frame's foreground; arguments as of `Mean`."""
+        held = HeldFrames(frames, 2 * self.interval + 1)
+        return (self._foreground(held, t) for t in check_indices(indices, held.length))
+
+    def _foreground(self, held: HeldFrames, t: int) -> Single:
+        beside = [_partner(t, side * self.interval, held.length) for side in self._sides]
+        held.fetch([t, *beside])
+        total = sum(_difference(held[t], held[other]) for other in beside)
+        return np.asarray(total / len(beside), dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class ThreeFrame(TwoFrame):
+    """Average the differences from an earlier and a later frame (Eq. 2.6).
+
+    Notes
+    -----
+    Where there is no earlier or no later frame, the other one counts twice. A recording
+    shorter than the interval uses its farther end for both.
+    """
+
+    _sides: ClassVar[tuple[int, ...]] = (-1, 1)
+
+
+@dataclass(frozen=True)
+class WindowModel(ABC):
+    """Compare each frame with a background made of the frames around it.
+
+    Parameters
+    ----------
+    window
+        Frames around each frame, from 1.
+    signed
+        Whether the difference is signed and its negative part set to 0, so that pixels darker
+        than the background vanish. Bars of an absolute value stand in Eqs 2.5, 2.6 and 2.10 only,
+        and section 3.1 says that dark particles "might be deleted" by the subtraction.
+    """
+
+    window: int
+    signed: bool = field(default=False, kw_only=True)
+    _room: ClassVar[int] = 1  # frames held beside the window
+
+    def __post_init__(self) -> None:
+        check_number(self.window, f"{type(self).__name__}: window", least=1, whole=True)
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
+        """Yield the foreground of each requested frame, (rows, cols) float32.
+
+        Parameters
+        ----------
+        frames
+            Stack of grey images, ``frames[t]`` of shape (rows, cols), read lazily.
+        indices
+            Numbers of frames, counted from 0, in any order.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame, or frames differ in shape or type.
+        """
+        held, backgrounds = self._prepared(frames, indices)
+        return (_difference(held[t], image, self.signed) for t, image in backgrounds)
+
+    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
+        """Yield the background of each requested frame, (rows, cols)."""
+        return (image.copy() for _, image in self._prepared(frames, indices)[1])
+
+    def _prepared(self, frames: Frames, indices: Iterable[int]) -> tuple[HeldFrames, Backgrounds]:
+        held = HeldFrames(frames, self.window + self._room)
+        return held, self._backgrounds(held, check_indices(indices, held.length))
+
+    @abstractmethod
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
+        """Yield each index with its background, valid until the next."""
+
+
+@dataclass(frozen=True)
+class Mean(WindowModel):
+    """Subtract the mean of the frames around each frame.
+
+    Source: section 2.2.1 (static frame difference) and Table 5.4, Zhang 2023.
+
+    Notes
+    -----
+    Table 5.4 counts 50 frames as 25 previous and 25 subsequent ones, so the frame itself
+    is not among them. At the ends of the recording the window is shifted to stay inside.
+    A recording no longer than the window gives all other frames. A single frame is
+    its own background.
+    """
+
+    window: int = 50  # frames, Table 5.4
+
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
+        return ((t, _mean(held, t, self.window)) for t in indices)
+
+
+def _mean(held: HeldFrames, t: int, window: int) -> _Image:
+    """Return the mean of the frames around frame t."""
+    around = surrounding(t, window, held.length)
+    held.fetch(around)
+    total = np.zeros(held.shape)  # of differences: a still recording equals its mean
+    for other in around:
+        cv2.accumulate(np.subtract(held[other], held[t], dtype=held.precise), total)
+    return (held[t] + total / max(len(around) - 1, 1)).astype(held.precise)
+
+
+@dataclass(frozen=True)
+class Median(WindowModel):
+    """Subtract the median of the frames around each frame.
+
+    The mean of the two middle values for an even number of frames. Source: section 2.2.1
+    (static frame difference) and Table 5.4, Zhang 2023.
+
+    Notes
+    -----
+    Table 5.4 counts 150 frames as 75 previous and 75 subsequent ones, so the frame itself
+    is not among them. The ends of the recording are as in `Mean`. Up to 31 frames more than
+    the window are held, because neighbours share the work.
+    """
+
+    window: int = 150  # frames, Table 5.4
+    _room: ClassVar[int] = MEDIAN_CHUNK
+
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
+        return window_medians(held, indices, self.window)
+
+
+@dataclass(frozen=True)
+class Adaptive(WindowModel):
+    """Subtract a background that learns from frame to frame (Eqs 2.7, 2.8).
+
+    Parameters
+    ----------
+    window
+        Frames of the initial mean.
+    learning_rate
+        alpha of Eq. 2.8, weight of the current frame, from 0 to 1.
+
+    Notes
+    -----
+    The thesis leaves open how many times Eq. 2.8 is applied. Table 5.4 places the 50
+    frames of the initial mean B_0 (Eq. 2.7) around the requested frame, 25 previous and 25
+    subsequent. The recursion then runs over the 25 previous frames and the frame itself.
+    Thus B_t depends only on frames around t. At the ends of the recording
+    the mean's window is shifted as in `Mean`, and the recursion starts at frame 0 at the
+    earliest.
+    """
+
+    window: int = 50  # frames, Table 5.4
+    learning_rate: float = 0.05  # Table 5.4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number(self.learning_rate, "Adaptive: learning_rate", least=0, most=1)
+
+    def _backgrounds(self, held: HeldFrames, indices: Sequence[int]) -> Backgrounds:
+        return ((t, self._learn(held, t, _mean(held, t, self.window))) for t in indices)
+
+    def _learn(self, held: HeldFrames, t: int, mean: _Image) -> _Image:
+        """Return the background by Eq. 2.8 over frame t and those before."""
+        past = range(max(t - self.window // 2, 0), t + 1)
+        held.fetch(past)
+        excess = np.subtract(mean, held[t], dtype=np.float64)
+        for other in past:
+            image = np.subtract(held[other], held[t], dtype=np.float64)
+            cv2.accumulateWeighted(image, excess, self.learning_rate)
+        return (held[t] + excess).astype(held.precise)
+
+
+@dataclass(frozen=True)
+class RunningGaussian:
+    """Keep differences from a running average that are significant (Eqs 2.9, 2.10).
+
+    The foreground is the absolute difference where it exceeds ``k`` standard deviations, 0
+    elsewhere.
+
+    Parameters
+    ----------
+    window
+        Frames of the recursion; the requested one is the last.
+    memory
+        alpha of Table 5.4, weight of the previous average, from 0 to 1.
+    k
+        Standard deviations.
+
+    Notes
+    -----
+    Eq. 2.9 gives alpha to the current frame; with the 0.99 of Table 5.4 the background
+    would be the current frame. The text says that the first image dominates it, so 0.99
+    is read as the weight of the previous average, here ``memory``. The recursion runs
+    over the 10 frames that end with the requested frame. It starts with the first of them
+    and a standard deviation of 0, which follows by the same recursion of squared deviations.
+    Near the start of a recording there are fewer, and frame 0 has no foreground. Section
+    5.1.2 subtracts this background too, so the selected pixels keep their difference.
+    """
+
+    window: int = 10  # frames, Table 5.4
+    memory: float = 0.99  # Table 5.4
+    k: float = 0.4  # Table 5.4
+
+    def __post_init__(self) -> None:
+        check_number(self.window, "RunningGaussian: window", least=1, whole=True)
+        check_number(self.memory, "RunningGaussian: memory", least=0, most=1)
+        check_number(self.k, "RunningGaussian: k", least=0)
+
+    def __call__(self, frames: Frames, indices: Iterable[int]) -> Iterator[Single]:
+        """Yield each requested frame's foreground; arguments as of `Mean`."""
+        return (foreground for _, foreground in self._averaged(frames, indices))
+
+    def backgrounds(self, frames: Frames, indices: Iterable[int]) -> Iterator[_Image]:
+        """Yield the average of each requested frame, (rows, cols)."""
+        return (mean for mean, _ in self._averaged(frames, indices))
+
+    def _averaged(self, frames: Frames, indices: Iterable[int]) -> Iterator[tuple[_Image, Single]]:
+        held = HeldFrames(frames, self.window)
+        return (self._average(held, t) for t in check_indices(indices, held.length))
+
+    def _average(self, held: HeldFrames, t: int) -> tuple[_Image, Single]:
+        """Return mean and foreground of frame t by Eqs 2.9 and 2.10."""
+        first, *past = range(max(t - self.window + 1, 0), t + 1)
+        held.fetch(range(first, t + 1))
+        mean, variance, deviation = (np.zeros(held.shape) for _ in range(3))
+        for other in past:
+            image = np.subtract(held[other], held[first], dtype=np.float64)
+            cv2.accumulateWeighted(image, mean, 1 - self.memory)
+            deviation = image - mean
+            cv2.accumulateWeighted(deviation**2, variance, 1 - self.memory)
+        selected = deviation**2 > self.k**2 * variance
+        foreground = np.where(selected, np.abs(deviation), 0).astype(np.float32)
+        return (held[first] + mean).astype(held.precise), foreground
