@@ -181,6 +181,21 @@ DETECTIONS = Table(
 TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
+def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of other programs with row and col, from y and x in pixels; z is a plane.
+
+    A table that has row or col already is returned as it is: there x, y, z are mm.
+
+    Examples
+    --------
+    >>> list(with_pixels(pd.DataFrame({"y": [2.5], "x": [7.0], "frame": [3]})).columns)
+    ['row', 'col', 'frame']
+    """
+    if not {"x", "y"} <= set(table.columns) or {"row", "col"} & set(table.columns):
+        return table
+    return table.rename(columns={"x": "col", "y": "row", "z": "plane"})
+
+
 AXES = ("x", "y", "z")
 HIGHEST_ORDER = 6  # of a regressed trajectory, section 4.3
 
