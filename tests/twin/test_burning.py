@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from kilnflight.checks import InputError
 from kilnflight.twin import burning
 from kilnflight.twin import gas as forces
-from kilnflight.twin.burning import BURNING, CHAR, UNLIT, VolatileIgnition
+from kilnflight.twin.burning import BURNING, CHAR, VolatileIgnition
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import CONFETTI, PE_GRANULES, WOOD_CHIPS
 
@@ -41,13 +40,6 @@ def test_a_sheet_heats_like_a_lumped_body():
     assert state.nodes_k[0, 0] == pytest.approx(expected, rel=5e-3)
 
 
-def test_water_delays():
-    dry, wet = at_rest(replace(CONFETTI, moisture=0.0)), at_rest(replace(CONFETTI, moisture=0.15))
-    heat(dry, 0.03)
-    heat(wet, 0.03)
-    assert wet.nodes_k[0, 0] < dry.nodes_k[0, 0] - 50
-
-
 def test_a_granule_is_hot_outside_first():
     state = at_rest(PE_GRANULES)
     heat(state, 0.3)
@@ -55,15 +47,6 @@ def test_a_granule_is_hot_outside_first():
     assert (
         state.nodes_k[0, -1] < state.surface_k[0] < 683.0
     )  # as the thesis: none ignites in flight
-
-
-@pytest.mark.parametrize("missing", [None, 0, 1, 2])
-def test_ignition_needs_all_three_and_names_the_last(missing):
-    state = at_rest(CONFETTI)
-    first = [criterion != missing for criterion in range(3)]
-    causes = [burning.ignite(state[0], *fulfilled) for fulfilled in (first, [True] * 3)]
-    assert causes == ([1, 0] if missing is None else [0, 1 + missing])
-    assert state.burning[0] == BURNING
 
 
 def test_volatiles_go_first_then_char_and_mass_only_falls():
@@ -95,21 +78,6 @@ def test_the_energy_to_burn_off_the_volatiles_is_the_stated_one():
     assert state.burning[0] == BURNING
 
 
-def test_a_flame_outlasts_less_slip_and_more_oxygen():
-    rule, short = VolatileIgnition(), np.full(3, 6e-3)
-    gas_k, air = np.full(3, 1100.0), np.full(3, forces.AIR_OXYGEN)
-    slower = burning.damkoehler(rule, short, np.array([1.0, 2.0, 4.0]), gas_k, air)
-    np.testing.assert_allclose(slower[:-1] / slower[1:], 2.0)
-    thinner = burning.damkoehler(rule, short, np.full(3, 2.0), gas_k, np.array([0.2, 0.1, 0.05]))
-    assert (np.diff(thinner) < 0).all()
-    # at the reference, in air, it is the ratio of the two times
-    at_reference = replace(rule, reference_k=burning.HOTTEST_FLAME_K)
-    number = burning.damkoehler(at_reference, np.array([6e-3]), np.array([2.0]), gas_k[:1], air[:1])
-    assert number[0] == pytest.approx(3e-3 / rule.chemical_time_s)
-    still = burning.damkoehler(rule, short, np.array([0.0, 0.1, 0.3]), gas_k, air)
-    np.testing.assert_array_equal(still, still[0])
-
-
 @pytest.mark.parametrize(("kind", "low", "high"), IGNITE_AT)
 def test_volatiles_are_enough_at_the_handbooks_temperatures(kind, low, high):
     """A body of one temperature gives off 3 g/m2 s between the piloted and the spontaneous."""
@@ -119,23 +87,3 @@ def test_volatiles_are_enough_at_the_handbooks_temperatures(kind, low, high):
         state.nodes_k[:] = kelvin
         flux.append(float(burning.lose_volatiles(state[0], 0.0)))
     assert flux[0] < VolatileIgnition().critical_flux_kg_m2_s < flux[1]
-
-
-def test_unlit_paper_loses_its_volatiles_and_then_glows_only_in_oxygen():
-    state = at_rest(CONFETTI, 2)
-    whole = state.volatiles_kg.copy()
-    state.nodes_k[:], state.surface_k[:] = 650.0, 650.0
-    flux = np.array([burning.lose_volatiles(particle, 0.0) for particle in state])
-    rate = flux * state.surface_m2 / whole
-    for particle in state:
-        burning.lose_volatiles(particle, 0.1)
-    np.testing.assert_allclose(state.volatiles_kg, whole * np.exp(-0.1 * rate))
-    state.surface_k[:], state.volatiles_kg[:] = 1100.0, 0.01 * whole
-    glows = [burning.glow(state[k], oxygen) for k, oxygen in enumerate((0.05, 0.2))]
-    np.testing.assert_array_equal(glows, [False, True])
-    np.testing.assert_array_equal(state.burning, [UNLIT, CHAR])
-
-
-def test_an_ignition_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match="chemical_time_s"):
-        VolatileIgnition(chemical_time_s=0.0)

@@ -6,9 +6,9 @@ import pytest
 from kilnflight.twin import gas as forces
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.fitted import second_kiln
-from kilnflight.twin.flight import ENDS, Flight, drag_rate, exit_velocity, fly, launch
+from kilnflight.twin.flight import ENDS, Flight, fly
 from kilnflight.twin.gas import GRAVITY_M_S2, Gas
-from kilnflight.twin.particles import CONFETTI, FRACTIONS, PAPER_SHREDS, PE_GRANULES
+from kilnflight.twin.particles import CONFETTI, FRACTIONS, PE_GRANULES, WOOD_CHIPS
 
 PLACE = Geometry()
 # Nothing meets them, but the camera sees them.
@@ -20,6 +20,7 @@ STILL = Gas(
     turbulence_in_jet=0.0,
     jet_persistence=0.0,
 )
+QUIET = Gas(turbulence_m_s=0.0, turbulence_in_jet=0.0)
 
 
 def flown(kind, gas=STILL, settings=None, n=50, seed=1):
@@ -74,54 +75,14 @@ def test_no_particle_is_lost_and_each_has_one_end(kind):
     np.testing.assert_array_equal(samples, np.maximum(expected, 0))
 
 
-@pytest.mark.parametrize("name", ["wood chip", "paper shred"])
-def test_a_finer_step_changes_medians_little(name):
-    """Most have landed within a second, so later flights do not move a median."""
+@pytest.mark.parametrize("kind", [WOOD_CHIPS, CONFETTI], ids=lambda kind: kind.name)
+def test_a_finer_step_changes_medians_little(kind):
+    """Without chance on the way; most have landed within a second."""
     results = []
     for step in (0.5e-3, 0.125e-3):
-        settings = replace(second_kiln().flight, step_s=step, longest_s=1.0)
-        flights = flown(FRACTIONS[name], Gas(), settings, n=4000, seed=3)
+        settings = replace(second_kiln().flight, step_s=step, longest_s=1.0, lift_time_s=1e9)
+        flights = flown(kind, QUIET, settings, n=300, seed=3)
         speed = np.nanmedian(flights.velocity_m_s[:, 25, 0])
-        assert np.median(flights.end_s) < 0.9
         results.append([np.median(flights.end_s), speed])
+    assert results[1][0] < 0.9
     np.testing.assert_allclose(results[0], results[1], rtol=0.03)
-
-
-def test_the_same_seed_gives_the_same_flights():
-    first, again = (flown(PAPER_SHREDS, Gas(), seed=5) for _ in range(2))
-    np.testing.assert_array_equal(first.position_m, again.position_m)
-    np.testing.assert_array_equal(first.end_s, again.end_s)
-
-
-def test_a_longer_lance_gives_more_speed_and_never_more_than_the_air():
-    generator = np.random.default_rng(1)
-    gas = Gas()
-    for kind in FRACTIONS.values():
-        particles = kind.draw(30, generator)
-        speeds = []
-        for length in (1.0, 2.5, 6.0):
-            settings = Flight(lance_length_m=length)
-            state = launch(particles, gas, PLACE, generator, settings)
-            speeds.append(exit_velocity(state, gas, settings))
-        assert (np.diff(speeds, axis=0) > -1e-9).all()
-        assert (np.array(speeds) < gas.jet_velocity_m_s).all()
-
-
-def test_drag_brakes_what_is_faster_and_takes_along_what_is_slower():
-    generator = np.random.default_rng(1)
-    state = launch(CONFETTI.draw(5, generator), STILL, PLACE, generator, Flight())
-    for particle in state:
-        rate = drag_rate(particle, 3.0, 1373.0)
-        assert rate > 0
-        assert drag_rate(particle, 6.0, 1373.0) > rate
-
-
-def test_no_particles_fly_nowhere():
-    flights = flown(CONFETTI, n=0)
-    assert flights.position_m.shape == (0, 0, 3)
-
-
-def test_bouncing_is_the_solids_friction_of_its_angle():
-    """2 friction (1 + restitution) tan^2(angle): within the 0.003 to 0.01 of the literature."""
-    factor = 2 * Flight.wall_friction * (1 + Flight.restitution)
-    assert 0.003 < factor * np.tan(np.deg2rad(Flight.bounce_angle_deg)) ** 2 < 0.01

@@ -1,5 +1,4 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 from kilnflight.twin.camera import Geometry
@@ -24,16 +23,6 @@ def test_everyone_fed_has_a_row_and_an_end(life):
     assert (life.over_s >= life.release_s + life.table["end_s"]).all()
 
 
-def test_the_same_seed_gives_the_same_lives_and_fractions_do_not_disturb_each_other(life):
-    again = live(FEED, *KILN, seed=3)
-    pd.testing.assert_frame_equal(life.table, again.table)
-    more = live((*FEED, Burst("paper shred", 5, 0.0)), *KILN, seed=3)
-    same = more.table[more.table["fraction"] == "confetti"]["end_s"].to_numpy()
-    np.testing.assert_array_equal(
-        same, life.table[life.table["fraction"] == "confetti"]["end_s"].to_numpy()
-    )
-
-
 def test_a_moment_lies_on_the_flight(life):
     """At a sampled age the position is the sample; between two, the line."""
     for age in (0.0, 0.1, 0.101):
@@ -48,11 +37,6 @@ def test_a_moment_lies_on_the_flight(life):
         assert not moment.landed[row]
 
 
-def test_nobody_is_there_before_or_after(life):
-    assert len(life.at(-10.0).particle) == 0
-    assert len(life.at(100.0).particle) == 0
-
-
 def test_what_has_landed_stays_where_it_landed(life):
     landed = life.table["end"] == "landed"
     particle = int(life.table.index[landed & (life.table["flame_s"] > 0.2)][0])
@@ -64,21 +48,3 @@ def test_what_has_landed_stays_where_it_landed(life):
     place = KILN[1].to_camera(moment.position_m[row])
     end = life.table.loc[particle, ["end_x_mm", "end_y_mm", "end_z_mm"]].to_numpy(float)
     np.testing.assert_allclose(place, end)
-
-
-def test_flames_on_the_wall_flicker(life):
-    particle = int(life.table["flame_s"][life.table["end"] == "landed"].idxmax())
-    start = life.release_s[particle] + life.table["end_s"][particle]
-    burning = []
-    for time in np.arange(start + 1e-6, life.over_s[particle], 0.01):
-        moment = life.at(time)
-        burning.append(bool(moment.burning[moment.particle == particle][0]))
-    assert not burning[0]  # the flame needs a moment
-    assert any(burning)
-    assert len(set(np.diff(np.array(burning, dtype=int)))) > 1
-
-
-def test_an_empty_kiln_is_a_kiln():
-    nothing = live((), *KILN, seed=1)
-    assert len(nothing.table) == 0
-    assert len(nothing.at(0.5).particle) == 0

@@ -1,15 +1,10 @@
 """Truth of a recording, and flights made by hand with known crossings."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from kilnflight.scores.flights import outcomes, remaining
-from kilnflight.twin import scenes, truth
-from kilnflight.twin.camera import Geometry
-from kilnflight.twin.fitted import Kiln
-from kilnflight.twin.flight import ENDS, Flight, Flights
-from kilnflight.twin.gas import Gas
+from kilnflight.twin import truth
+from kilnflight.twin.flight import ENDS, Flights
 
 
 def straight(speeds, ends_s, ends=None, ignition_s=None):
@@ -61,41 +56,10 @@ def test_velocities_are_one_metre_over_the_time_between_crossings():
     np.testing.assert_allclose(remaining(true)[0], [75, 50, 25, 0, 0])
 
 
-def test_a_slowing_particle_has_the_speed_of_each_metre():
-    flights = straight([10.0], [0.32])
-    way = flights.position_m[0, :, 0]
-    way[way > 1] = 1 + (way[way > 1] - 1) / 2
-    np.testing.assert_allclose(truth.metre_velocities(flights)[0, :2], [10, 5], rtol=2e-3)
-
-
 def test_dwell_ends_by_landing_or_burning_out():
     ends = ["landed", "burnt out", "left the kiln", "still flying", "landed"]
     flights = straight([5.0] * 5, [0.3, 0.5, 1.0, 2.5, 0.4], ends)
     np.testing.assert_allclose(truth.dwell_times(flights), [0.3, 0.5, 0.4])
-
-
-def test_flight_values_are_those_of_the_flights():
-    ignition_s = [0.05, 0.15, 0.25, np.nan]
-    ends = ["landed", "still flying", "burnt out", "landed"]
-    flights = straight([10.0, 8.0, 6.0, 4.0], [0.35, 0.30, 0.25, 0.20], ends, ignition_s)
-    values = truth.true_flight_values(flights)
-    np.testing.assert_allclose(values.dwell_s, [0.35, 0.25, 0.20])
-    np.testing.assert_allclose(values.velocity_m_s, truth.metre_velocities(flights))
-    np.testing.assert_allclose(values.ignition_s, ignition_s)
-    np.testing.assert_allclose(values.reached_m, [3.5, 2.4, 1.5, 0.8])
-
-
-def test_short_flights_have_no_velocity_and_no_warning():
-    short = straight([1.0, 1.0], [0.1, 0.1], ["still flying"] * 2)
-    values = truth.true_flight_values(short)
-    assert np.isnan(values.velocity_m_s).all()
-    assert len(values.dwell_s) == 0
-
-
-def test_the_same_seed_releases_the_same_particles():
-    kiln = Kiln(Flight(step_s=2e-3, longest_s=0.5), Gas(), Geometry())
-    first, again = (truth.released("confetti", 5.0, kiln, 20, 7) for _ in range(2))
-    np.testing.assert_array_equal(first.end_s, again.end_s)
 
 
 def test_labels_match_truth(twin):
@@ -111,15 +75,6 @@ def test_labels_match_truth(twin):
         assert (sightings["frame"] == t).all()
 
 
-def test_particles_cross_in_order(twin):
-    table = truth.particles(twin)
-    times = table[[f"crossing_{m}m_s" for m in range(1, 6)]].to_numpy()
-    for nearer, farther in pairwise(times.T):
-        crossed = np.isfinite(nearer) & np.isfinite(farther)
-        assert (nearer[crossed] < farther[crossed]).all()
-        assert not (np.isnan(nearer) & np.isfinite(farther)).any()
-
-
 def test_instances_and_sightings_show_the_same_particles(twin):
     t = 5
     image = truth.instances(twin, t)
@@ -129,12 +84,3 @@ def test_instances_and_sightings_show_the_same_particles(twin):
     marked = truth.marked(twin, [t])
     assert marked["visible"].all()
     assert marked["in_roi"].all()
-
-
-def test_true_trajectories_are_visible_in_the_air_and_long_enough():
-    scene = scenes.open_scene("confetti-4.5-bar@small")
-    true = truth.true_trajectories(scene, range(200, 220))
-    assert true["visible"].all()
-    assert (true["label"] != 4).all()
-    assert true.groupby("particle").size().min() >= 5
-    assert not true.duplicated(["frame", "particle"]).any()
