@@ -20,26 +20,6 @@ def observed(tracks):
     return {name: PHASE.observe(table) for name, table in tracks.items()}
 
 
-def test_fewer_particles_are_the_first_of_more(tracks):
-    assert list(tracks) == ["spheres", "cuboids", "cylinders"]
-    first = belt_2020.load_tracks({}, seed=1, particles=3)
-    for name, table in tracks.items():
-        assert table["particle"].nunique() == 150
-        kept = table[table["particle"].isin(first[name]["particle"])].reset_index(drop=True)
-        pd.testing.assert_frame_equal(first[name], kept)
-
-
-def test_published_particles_are_left_out_with_the_known_reasons(authors_data):
-    from kilnflight.belt.recordings import find_dem
-
-    tracks = belt_2020.load_tracks(find_dem(), seed=1)
-    seen = {name: table["particle"].nunique() for name, table in tracks.items()}
-    assert seen == {"spheres": 3713, "cuboids": 4207, "cylinders": 4412}
-    left_out = {name: PHASE.observe(table).left_out for name, table in tracks.items()}
-    missed = {name: reasons["target never reached"] for name, reasons in left_out.items()}
-    assert missed == {"spheres": 0, "cuboids": 2, "cylinders": 1}
-
-
 def test_resampled_tracks_keep_a_cubic_and_every_observation():
     frame, time = np.arange(5, 25), np.arange(5, 25) / 100
     path = pd.DataFrame({"frame": frame, "particle": 7, "time_s": time})
@@ -67,15 +47,6 @@ def accelerated(*velocities):
         for k, velocity in enumerate(velocities)
     ]
     return pd.concat(parts, ignore_index=True)
-
-
-def test_velocity_stands_at_the_midpoint_and_not_across_a_gap():
-    tracks = accelerated(1000.0, 1100.0)
-    steps = belt_2020.step_velocities(tracks)
-    assert len(steps) == 2 * 29
-    assert steps["velocity_x_mm_s"][0] == pytest.approx(1000.0 + 1500.0 * 0.005)
-    assert steps["x"][0] == pytest.approx(tracks["x"][:2].mean())
-    assert len(belt_2020.step_velocities(tracks.drop(index=5))) == 2 * 29 - 2
 
 
 def test_velocities_are_interpolated_where_a_particle_was_seen():
@@ -123,25 +94,3 @@ def test_differences_are_of_the_right_models_and_hold_beyond_chance(observed):
     assert belt_2020.holds(pairs, "a") == [True, True]
     assert belt_2020.holds(pairs, "b") == [False, False]
     assert belt_2020.holds(pairs, "c") == [None, None]  # no difference is none beyond chance
-
-
-def test_an_order_is_open_where_the_measures_differ():
-    columns = ["id", "data_set", "measure", "lower", "higher", "excess_low", "excess_high"]
-    rows = [("a", "s", "MAE", "x", "y", 1, 2), ("a", "s", "IQR", "x", "y", -2, -1)]
-    pairs = pd.DataFrame(rows, columns=columns)
-    assert belt_2020.holds(pairs, "a") == [None]
-    assert belt_2020.holds(pairs, "a", ["MAE"]) == [True]
-
-
-def test_measures_leave_out_what_has_no_prediction():
-    values = np.array([[-1.0, 2.0], [1.0, 4.0], [3.0, np.nan]])
-    np.testing.assert_allclose(belt_2020.measures(values), [[5 / 3, 3.0], [2.0, 1.0]])
-
-
-def test_boxes_have_a_panel_per_data_set_and_row():
-    row = dict.fromkeys(SUMMARY, 1.0)
-    rows = [row | {"data_set": s, "model": m, "kind": "k"} for s in "ab" for m in ("IV", "CA")]
-    picture = belt_2020.draw_deviations(pd.DataFrame(rows), "kind", {"k": "late (ms)"}, 50, 0)
-    assert [axes.get_title() for axes in picture.axes] == ["a", "b"]
-    assert [axes.get_ylabel() for axes in picture.axes] == ["late (ms)", ""]
-    assert [text.get_text() for text in picture.axes[1].get_xticklabels()] == ["IV", "CA"]

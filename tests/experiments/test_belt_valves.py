@@ -8,11 +8,9 @@ import pytest
 
 from kilnflight.belt import PredictionPhase
 from kilnflight.belt.valves import ValveBar
-from kilnflight.experiments import belt_2016, belt_valves
-from kilnflight.experiments.belt_valves import MODELS, OF_VELOCITY, Entering, draw_lots
-from kilnflight.sorter.bulk import BULKS
+from kilnflight.experiments import belt_valves
+from kilnflight.experiments.belt_valves import MODELS, Entering, draw_lots
 from kilnflight.sorter.friction import MATERIALS
-from kilnflight.sorter.rendering import Pictures
 
 BAR = ValveBar()
 
@@ -23,32 +21,12 @@ def exact():
     return belt_valves.of_bodies(few(np.random.default_rng(0)), PredictionPhase())
 
 
-@pytest.fixture(scope="module")
-def bodies():
-    few = replace(MATERIALS["spheres"], particles=40, feed_s=0.3, sampling_hz=1000.0)
-    return replace(few, steps_per_sample=2)(np.random.default_rng(5))
-
-
-@pytest.fixture(scope="module")
-def pictured(bodies):
-    return belt_2016.track_pictures(Pictures(bodies, BULKS["spheres"], 5))
-
-
 def test_halves_hold_every_particle_and_track_once_and_by_time(exact):
     first, second = exact.halves()
     assert (len(first.arrival), len(second.arrival)) == (150, 150)
     assert first.arrival["time_s"].max() < second.arrival["time_s"].min()
     assert set(first.truth) == set(first.arrival["particle"])
     assert len(first.last) + len(second.last) == len(exact.last)
-
-
-def test_a_track_without_a_particle_goes_by_its_own_time(exact):
-    ghosts = exact._replace(truth=np.where(np.arange(300) % 3 == 0, -1, exact.truth))
-    first, second = ghosts.halves()
-    assert (first.truth == -1).sum() + (second.truth == -1).sum() == 100
-    late = [half.last["time_s"][half.truth == -1] for half in (first, second)]
-    assert late[0].max() <= late[1].min()
-    assert ghosts.missed_share == pytest.approx(1 / 3)
 
 
 def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
@@ -64,18 +42,6 @@ def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
     assert len(BAR.events(lots[0])) == 2
     shares = BAR(*lots)
     assert (shares.hit_share, shares.inadvertent_share) == (0.5, 0.0)
-
-
-def test_each_lot_is_blown_out_in_a_pass_of_its_own(exact):
-    predicted = exact.predict(*exact.fit(MODELS)[1][1:])
-    lots = draw_lots(exact, predicted, 0.25, seed=1)
-    chosen = lots[2].reshape(4, 300)
-    assert (chosen.sum(axis=0) == 1).all()
-    assert (chosen.sum(axis=1) == 75).all()
-    hit = BAR(*lots).hit.reshape(4, 300)
-    for lot in range(4):  # one pass by itself
-        one = BAR(predicted[chosen[lot]], exact.arrival, chosen[lot])
-        np.testing.assert_array_equal(one.hit, hit[lot])
 
 
 def test_perfect_predictions_separate_all_on_the_belt(exact):
@@ -97,15 +63,3 @@ def test_longer_windows_and_wider_jets_hit_no_fewer(exact):
             values = rows[column].to_numpy()
             assert values[0] <= values[1]
             assert values[2] <= values[3]
-
-
-def test_tracks_of_pictures_drive_the_valves(bodies, pictured):
-    entering = belt_valves.of_pictures(pictured, bodies, belt_2016.PHASE)
-    assert len(entering.arrival) == 40
-    assert entering.missed_share < 0.2
-    lots = draw_lots(entering, entering.predict(*entering.fit(OF_VELOCITY)[-1][1:]), 0.2, seed=0)
-    shares = BAR(*lots)
-    assert 0.7 < shares.hit_share <= 1 - entering.missed_share + 0.05
-    table = belt_valves.compare_bars(entering, [BAR], 0, 0.2, OF_VELOCITY)
-    assert table["model"].tolist() == [name for name, *_ in OF_VELOCITY]
-    assert (table["lateral_q95_mm"] > 0).all()

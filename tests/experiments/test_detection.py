@@ -1,4 +1,3 @@
-import time
 from itertools import product
 
 import numpy as np
@@ -6,12 +5,11 @@ import pandas as pd
 import pytest
 
 from kilnflight import background, kiln
-from kilnflight.detection import DBSCAN, DoG, QuasiClusterCenters
-from kilnflight.detection.combination import Combination, View
+from kilnflight.detection import DBSCAN, DoG
+from kilnflight.detection.combination import Combination
 from kilnflight.detection.wall import Cylinder
 from kilnflight.experiments import detection, detection_tables
-from kilnflight.project import claims
-from kilnflight.twin import scenes, truth
+from kilnflight.twin import truth
 
 MEDIAN = background.Median(window=20)
 
@@ -50,19 +48,6 @@ def test_a_perfect_method_has_full_marks_and_an_empty_one_none(subset):
         assert recall.loc[("none", label), "fn"] == there.get(label, 0)
 
 
-def test_the_first_call_which_may_compile_is_not_timed(subset):
-    calls = []
-
-    def method(view):
-        calls.append(len(view.xyz))
-        return np.empty((0, 2))
-
-    table = detection.run([subset], {"one": method})
-    assert calls[0] <= detection.WARM_UP_POINTS
-    assert len(calls) == 1 + len(subset.frames)
-    assert len(table) == len(subset.frames)
-
-
 def test_45_px_as_a_diameter_pair_what_is_22_px_apart(subset):
     """Section 3.3 calls the threshold a diameter; Eq. 3.4 compares it with a distance."""
     middle = np.array(subset.recording.attributes.size) / 2
@@ -91,21 +76,6 @@ def test_detectors_of_each_kind_are_methods(subset):
     assert printed < set(methods)
 
 
-def test_cached_views_are_those_of_the_first_call(subset):
-    holding = subset._replace(frames=(75, 77), cache={})
-    first = list(detection.subset_views(holding))
-    again = list(detection.subset_views(holding._replace(frames=(77,))))
-    assert [t for t, _ in first] == [75, 77]
-    assert again[0][1] is first[1][1]
-    anew = list(detection.subset_views(holding._replace(cache={}, frames=(77,))))
-    for one, other in zip(anew[0][1], again[0][1], strict=True):
-        np.testing.assert_array_equal(one, other)
-    other = list(detection.subset_views(holding, background=background.Median(window=6)))
-    assert other[1][1] is not first[1][1]
-    assert not np.array_equal(other[1][1].foreground, first[1][1].foreground)
-    assert next(view for _, view in detection.subset_views(holding)) is first[0][1]
-
-
 def test_positions_are_means_of_the_points_in_the_pixels(subset):
     subset = subset._replace(frames=(75,))
     wall = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 700.0)
@@ -125,17 +95,6 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
         np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))
 
 
-def test_one_call_for_all_thresholds_is_the_detector_at_each():
-    image = np.zeros((120, 160), dtype=np.float32)
-    image[40:46, 50:56], image[90:93, 120:123] = 9000.0, 4000.0
-    none = np.empty((0, 2), dtype=np.intp)
-    view = View(image.astype(np.uint16), image.astype(np.uint16), image, none, np.empty((0, 3)))
-    methods = detection.from_thresholds((2000, 200, 700))
-    assert sorted(methods) == [200, 700, 2000]
-    for threshold, method in methods.items():
-        np.testing.assert_array_equal(method(view), DoG(float(threshold))(image))
-
-
 def test_the_threshold_of_a_subset_is_best_on_the_others(monkeypatch):
     best = {"V1": 100, "V2": 200, "V3": 200}  # where each subset has its true positives
 
@@ -152,45 +111,3 @@ def test_the_threshold_of_a_subset_is_best_on_the_others(monkeypatch):
     chosen = detection.chosen_thresholds(table)
     assert chosen.to_dict() == {"V1": 200, "V2": 100, "V3": 100}  # 100 and 200 tie, as both have 1
     assert table["seconds"].isna().all()
-
-
-def test_one_threshold_at_a_time_is_timed_on_every_fifth_frame(subset, monkeypatch):
-    frames = []
-
-    def run(subsets, methods):
-        frames.extend(subset.frames for subset in subsets)
-        return pd.DataFrame({"method": list(methods)})
-
-    monkeypatch.setattr(detection, "run", run)
-    times = detection.time_thresholds([subset._replace(frames=tuple(range(75, 85)))], "full")
-    assert frames == [(75, 80)]
-    assert set(range(400, 1001, 100)) | {100} <= set(times["threshold"])
-
-
-def test_settings_of_qcc_share_one_search_and_find_what_each_finds_alone(subset, monkeypatch):
-    searched, search = [], detection.nearest_neighbors
-
-    def counted(cloud, k):
-        searched.append(k)
-        time.sleep(0.05)
-        return search(cloud, k)
-
-    monkeypatch.setattr(detection, "nearest_neighbors", counted)
-    table = detection.compare_clusterers([subset])
-    assert set(table["family"]) == set(detection.TABLES)  # the search itself is no row
-    settings = claims.published("table_5.10")
-    assert searched == [settings["K"].max()] * (1 + len(subset.frames))  # once to warm up
-    alone = {
-        row.Index: detection.from_cloud(QuasiClusterCenters(row.K, row.alpha))
-        for row in settings.itertuples()
-    }
-    expected = detection.run([subset], alone, detection.UNUSED)
-    found = table[table["family"] == "qcc"]
-    names = [name for name in expected if name not in ("method", "seconds")]
-    pd.testing.assert_frame_equal(found[names].reset_index(drop=True), expected[names])
-    assert (found["seconds"] > 0.05).all()  # each holds the whole search
-
-
-def test_every_scale_has_its_frames_its_window_and_its_subsets():
-    assert detection.FRAMES.keys() == detection.WINDOWS.keys() == detection.SUBSETS.keys()
-    assert detection.SUBSETS["full"] == tuple(scenes.SUBSETS)  # all five are cited

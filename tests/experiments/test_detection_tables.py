@@ -66,30 +66,6 @@ def test_draws_are_paired_and_of_frames_that_are_all_alike_do_not_vary():
     assert varied["recall"]["one"].nunique() > 5
 
 
-def test_one_frame_per_subset_gives_no_interval():
-    table = attempts(one=(5,), other=(8,))
-    assert len(detection_tables.resampled_rates(table, 0)["f1"]) == 0
-    f1 = detection_tables.f1_with_intervals(table, pd.Series(dtype=float), 0)
-    assert f1[["f1_low", "f1_high"]].isna().all(axis=None)
-
-
-def test_the_interval_holds_the_f1():
-    table = attempts(good=(9, 8, 7), poor=(5, 5, 5))
-    f1 = detection_tables.f1_with_intervals(table, pd.Series({"good": 0.7}), 0)
-    assert f1["f1"].between(f1["f1_low"], f1["f1_high"]).all()
-    assert f1.loc["good", "f1_low"] < f1.loc["good", "f1"] < f1.loc["good", "f1_high"]
-    assert f1["f1_published"].tolist() == pytest.approx([0.7, np.nan], nan_ok=True)
-
-
-@pytest.mark.parametrize(("name", "f1"), [("table_5.5", 0.6432), ("table_5.6", 0.7827)])
-def test_the_published_f1_stands_beside_each_subset(name, f1):
-    table = pd.DataFrame({"subset": ["V5", "mine", "Total"], "f1": [0.6, 0.7, 0.8]})
-    beside = detection_tables.beside_published(table, name)
-    pd.testing.assert_frame_equal(beside[["subset", "f1"]], table)
-    total = claims.published(name)["f1"].iloc[-1]
-    assert beside["f1_published"].tolist() == pytest.approx([f1, np.nan, total], nan_ok=True)
-
-
 def test_particles_are_classified_by_their_distance_from_the_axis():
     marked = pd.DataFrame({"frame": 0, "row": [10.0, 200.0, 400.0], "col": 10.0, "subset": "V1"})
     marked = marked.assign(label=[2, 3, 4], distance_mm=[300.0, 790.0, 760.0])
@@ -105,33 +81,6 @@ def test_particles_are_classified_by_their_distance_from_the_axis():
     assert counts.loc[("high", "V2"), ["tp", "fp", "fn"]].tolist() == [2, 1, 0]
     assert counts.loc[("high", "Total"), ["tp", "fp", "fn"]].tolist() == [6, 3, 0]
     assert counts.loc[("high", "Total"), ["precision", "recall"]].tolist() == [2 / 3, 1]
-
-
-def by_subset(**true_positives):
-    """Return ten particles per frame; a method detects so many of them, by subset."""
-    rows = [
-        {"subset": v, "frame": t, "method": m, "tp": tp[k], "fp": 0, "fn": 10 - tp[k]}
-        for m, tp in true_positives.items()
-        for k, v in enumerate(("V1", "V2", "V3"))
-        for t in range(4)
-    ]
-    table = pd.DataFrame(rows).assign(seconds=0.1)
-    return table.join(table[["tp", "fp", "fn"]].add_suffix("_pixels"))
-
-
-def test_counts_by_subset_stand_above_their_total():
-    table = by_subset(one=(5, 8, 2)).drop(columns="method").assign(threshold=100)
-    rows = detection_tables.with_total(table, ["threshold", "subset"])
-    assert rows["subset"].tolist() == ["V1", "V2", "V3", "Total"]
-    assert rows["tp"].iloc[-1] == rows["tp"].iloc[:3].sum()
-
-
-def test_all_published_rates_stand_beside_each_method():
-    printed = claims.published("table_5.11")
-    table = printed[["method", *detection_tables.RATES]].assign(reading="absolute")
-    beside = detection_tables.beside_published(table, "table_5.11")
-    for rate in detection_tables.RATES:
-        assert beside[f"{rate}_published"].tolist() == beside[rate].tolist()
 
 
 def test_a_wall_that_is_a_plane_has_no_cylinder():

@@ -69,15 +69,3 @@ def test_the_optical_picture_keeps_the_greatest_difference_light_or_dark():
     assert (total[5, 7], total[9, 9]) == (700, 5000)
     rest = np.delete(total.ravel(), [5 * 32 + 7, 9 * 32 + 9])
     assert set(rest) == {1300}
-
-
-def test_the_greatest_difference_that_is_kept_is_its_definition():
-    rng = np.random.default_rng(2)
-    pictures = rng.integers(0, 9, (30, 500), dtype=np.uint16)  # many differences are equal
-    background = rng.integers(0, 9, 500).astype(np.float32)
-    fast = np.zeros(500, np.float32)
-    for picture in pictures:
-        ignition.keep_greatest(picture, background, fast)
-    changes = pictures - background
-    first = np.abs(changes).argmax(axis=0)
-    assert np.array_equal(fast, changes[first, np.arange(500)])

@@ -1,31 +1,16 @@
 """Shared plots: marks lie where the definition says, up is up."""
 
-from itertools import pairwise
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from mpl_toolkits.mplot3d import proj3d
 
 from kilnflight.experiments import plots
-from kilnflight.scores.flights import FlightValues
 from kilnflight.twin.camera import Geometry
 
 
 def lines(axes):
     return {line.get_label(): line.get_xydata() for line in axes.lines}
-
-
-def test_boxes_stand_side_by_side_with_their_numbers(axes):
-    groups = {
-        "true": [np.array([1.0, 2, 3]), np.empty(0)],
-        "measured": [np.array([2.0, np.nan])] * 2,
-    }
-    plots.draw_grouped_boxes(axes, groups, ["a", "b"])
-    assert [text.get_text() for text in axes.texts] == ["3", "0", "1", "1"]
-    assert [text.get_text() for text in axes.get_xticklabels()] == ["a", "b"]
-    names = [handle.get_label() for handle in axes.get_legend_handles_labels()[0]]
-    assert names == ["true", "measured"]
 
 
 def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
@@ -40,18 +25,6 @@ def test_open_bounds_are_arrows_from_their_end_and_numbers_diamonds(axes):
     axes.set_ylim(0, 4.5)
     plots.draw_published(axes, pd.DataFrame({"at": [1.0], "low": [7.1], "high": [7.1]}))
     assert axes.get_ylim()[1] > 7.1  # no printed value is cut off
-
-
-def test_grouped_bars_stand_side_by_side(axes):
-    table = pd.DataFrame(
-        {"subset": ["V1", "V1", "V2", "V2"], "kind": ["a", "b"] * 2, "recall": [0.1, 0.2, 0.3, 0.4]}
-    )
-    plots.draw_bars(axes, table, "subset", "kind", "recall")
-    heights = [bar.get_height() for bar in axes.patches]
-    assert heights == [0.1, 0.3, 0.2, 0.4]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["V1", "V2"]
-    edges = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
-    assert all(left[1] < right[0] for left, right in pairwise(edges))
 
 
 def test_intervals_have_a_row_per_method_the_first_on_top(axes):
@@ -79,13 +52,6 @@ def test_no_line_is_drawn_where_a_track_misses_frames():
     assert plots.broken_at_gaps(tracks.assign(col=2.0)[:0]).empty
 
 
-def test_what_is_lower_in_the_picture_is_drawn_lower():
-    high, low = [300.0, 500.0, 6000.0], [300.0, -500.0, 6000.0]
-    rows, _ = Geometry().project(np.array([high, low]))
-    assert rows[0] < rows[1]  # rows count down
-    np.testing.assert_allclose(plots.upright([high, low]), [[6.0, 6.0], [0.3, 0.3], [0.5, -0.5]])
-
-
 def test_what_lies_to_the_right_in_the_picture_is_drawn_to_the_right():
     room = plt.figure().add_subplot(projection="3d")
     places = np.array([[300.0, 0, 6000], [-300, 0, 6000]])
@@ -100,14 +66,3 @@ def test_what_lies_to_the_right_in_the_picture_is_drawn_to_the_right():
     )
     plt.close(room.figure)
     assert right > left
-
-
-def test_dwell_boxes_have_a_panel_for_each_pressure_and_velocity_boxes_for_each_campaign():
-    values = FlightValues(np.array([0.3]), np.ones((1, 5)), np.array([np.nan]), np.ones(1))
-    both = {(name, bar): values for name in ("wood chip", "confetti") for bar in (4.5, 5.0)}
-    for keys in (list(both), list(both)[::2]):
-        picture = plots.draw_dwell_boxes({"true": both}, keys)
-        assert len(picture.axes) == len({bar for _, bar in keys})
-        titles = [f"{name}, {bar} bar" for name, bar in keys]
-        panels = plots.draw_velocity_boxes({"true": both}, keys).axes
-        assert [axes.get_title() for axes in panels] == titles

@@ -5,11 +5,9 @@ import pandas as pd
 import pytest
 
 from kilnflight import tracklets
-from kilnflight.checks import InputError
-from kilnflight.experiments import post_processing, trackers, tracking, tracking_scores
+from kilnflight.experiments import trackers, tracking, tracking_scores
 from kilnflight.experiments.tracking_scores import Lance
 from kilnflight.tracking.tracker import track
-from kilnflight.twin.scenes import WINDOWS, tracking_window
 
 FRAMES = range(30)
 LANCE = Lance(row=160.0, col=20.0, depth_mm=6000.0)  # 100 px from both lanes
@@ -60,49 +58,6 @@ def test_each_part_is_replaced_by_the_truth(window):
     )
     assert right["beta"] >= every["beta"]
     assert right["fp_tracks"] == 0
-
-
-def test_windows_with_and_without_a_track(window):
-    generator = np.random.default_rng(0)
-    streaks, empty = post_processing.texture_boxes(window, 5, generator)
-    assert all(image.shape == post_processing.BOX for image in [*streaks, *empty])
-    assert all((image == post_processing.SPAN).all() for image in streaks)
-    crowded = window._replace(truth=window.truth, differences=Flat())
-    crowded.differences.shape = (130, 70)
-    with pytest.raises(InputError, match="no place without a track"):
-        post_processing.texture_boxes(crowded, 5, generator)
-
-
-@pytest.mark.parametrize("fraction", WINDOWS)
-def test_scored_are_frames_of_the_window_of_table_5_15(fraction, campaign_twin):
-    twin = campaign_twin(fraction)
-    window = tracking_window(twin)
-    assert tracking.scored_frames(twin, "full") == window
-    for scale, length in tracking.LENGTHS.items():
-        part = tracking.scored_frames(twin, scale)
-        assert set(part) <= set(window)
-        assert len(part) == (length or len(window))
-
-
-def test_each_step_is_measured_and_its_tracks_are_returned(window):
-    table, after = post_processing.compare_steps([window])
-    assert table["step"].tolist() == list(after["confetti"])
-    assert table["step"].iloc[0] == "tracker"
-    assert table["beta"].iloc[-1] > table["beta"].iloc[0]
-    assert set(tracking.joined_tables(after, "step")["step"]) == set(after["confetti"])
-
-
-def test_two_ways_of_matching_are_compared_by_fraction_and_on_average(window):
-    table = post_processing.compare_matchings([window])
-    assert table["fraction"].tolist() == ["confetti", "mean of fractions"]
-    assert table["alpha"].between(-0.1, 0.1).all()
-    assert table[["alpha_low", "alpha_high"]].isna().all(axis=None)  # two trajectories
-
-
-def test_detections_of_no_particle_are_counted(window):
-    """Six of sixty are 90 px off every true position."""
-    table = tracking.window_table([window])
-    assert table[["detections", "of_no_particle"]].to_numpy().tolist() == [[60, 6]]
 
 
 def test_defaults_of_the_steps_are_those_of_table_5_16():

@@ -38,11 +38,6 @@ def test_one_wrong_position_or_depth_does_not_decide():
     assert kept(astray) == []
 
 
-@pytest.mark.parametrize(("last", "found"), [(16, []), (17, [0])])
-def test_a_track_lasts_from_its_first_to_its_last_frame(last, found):
-    assert kept(path(0, frames=[3, last])) == found
-
-
 def cell(truth, tracks):
     return scores.score_cell(("a", "GNN", "with"), truth, tracks, LANCE, (1, 1, 2))
 
@@ -52,15 +47,6 @@ def test_truth_and_tracks_are_restricted_alike():
     tracks = pd.concat([path(5), path(6, row=200.0, col=1300.0), path(7, row=430.0)])
     found = scores.measures_of(cell(truth, tracks).score)
     assert (found["alpha"], found["beta"], found["jsc_theta"]) == (1.0, 0.5, 0.5)
-
-
-def test_no_track_from_the_lance_scores_nothing_and_no_truth_is_no_score():
-    away = path(0, row=1200.0)
-    nothing = scores.measures_of(cell(path(0), away).score)
-    assert [nothing[name] for name in scores.MEASURES] == [0.0] * 4
-    assert (nothing["fn_tracks"], nothing["fp_tracks"]) == (1.0, 0.0)
-    row = scores.tabulate([cell(away, path(0))]).iloc[0]
-    assert row[["alpha", "jsc_theta", "alpha_low", "jsc_theta_high"]].isna().all()
 
 
 class Flat:
@@ -123,11 +109,3 @@ def test_differences_are_paired_means_of_both_sides(cells):
         "track-1": 32, "track-2": 12, "track-3": 8, "track-4": 1, "track-5": 5, "track-9": 1,
         "track-10": 1,
     }  # fmt: skip
-
-
-def test_fewer_than_six_trajectories_have_no_interval():
-    some = windows(5)
-    found = tracking.cells(some, tracking.follow_all(some, {"GNN": right}))
-    assert scores.tabulate(found.values())[["alpha_low", "alpha_high"]].isna().all(axis=None)
-    row = scores.difference(found, ("confetti", "GNN", "with - without"), "alpha")
-    assert np.isnan([row["low"], row["high"]]).all()

@@ -10,22 +10,10 @@ from kilnflight.project.figures import Provenance
 MADE = Provenance("00_claims")
 
 
-def test_tables_keep_what_was_printed():
-    printed = claims.published("table_5.5", as_printed=True)
-    assert printed.loc[0, "precision"].startswith("0.")
-    assert claims.published("table_5.5")["TP"].dtype.kind == "i"
-
-
 @pytest.mark.parametrize("name", ["table_9", "../claims"])
 def test_an_unknown_table_is_told_with_those_there_are(name):
     with pytest.raises(InputError, match=r"no published table .* there are .*table_5\.5"):
         claims.published(name)
-
-
-def test_every_claim_has_an_id_of_its_own_and_a_known_cause():
-    table = claims.load()
-    assert table.index.is_unique
-    assert set(table["cause"].dropna()) <= set(claims.CAUSES)
 
 
 def test_a_claim_has_one_of_three_verdicts_and_a_cause_only_where_it_fails(monkeypatch):
@@ -37,12 +25,6 @@ def test_a_claim_has_one_of_three_verdicts_and_a_cause_only_where_it_fails(monke
     assert [each.because for each in found] == ["", "twin", ""]
     assert {(each.measured, each.reason) for each in found} == {("0.1235", "why")}
     assert found[0].published == table.loc["bg-1", "sentence"]
-
-
-def test_what_was_measured_is_short_and_has_its_labels():
-    series = pd.Series({"V1": 0.12345, "V2": 2.0})
-    assert claims.check("bg-1", True, series).measured == "V1 0.1235, V2 2"
-    assert len(claims.check("bg-1", True, "long " * 100).measured) == claims.MEASURED
 
 
 @pytest.mark.parametrize(

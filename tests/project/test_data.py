@@ -47,7 +47,7 @@ def server(tmp_path):
             pass
 
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Quiet) as running:
-        threading.Thread(target=running.serve_forever, daemon=True).start()
+        threading.Thread(target=running.serve_forever, args=[0.02], daemon=True).start()
         yield f"http://127.0.0.1:{running.server_port}"
         running.shutdown()
 
@@ -58,30 +58,6 @@ def test_a_file_is_fetched_once(folder, server, offered):
     assert (folder / NAME).read_bytes() == CONTENT
     offered("http://127.0.0.1:1/gone")
     assert data.fetch(NAME) == data.find(NAME) == folder / NAME
-
-
-def test_every_file_has_its_place_and_address():
-    assert set(data.BELT_DEM.values()) < set(data.SHA256)
-    assert len(data.RECORDINGS) == 32
-    for line in data.REGISTRY.read_text().splitlines():
-        name, checksum, address = line.split()
-        assert len(checksum) == 64
-        assert address.split("/")[-1] == name.split("/")[-1]
-        if "trackHistory" in name:
-            part = name.split("/")[1]
-            assert f"/data/{part}/trackSortResult{part}/" in address
-
-
-@pytest.mark.parametrize("named", [None, *data.FOLDERS])
-def test_recordings_are_fetched_unless_a_folder_is_named(folder, monkeypatch, named):
-    fetched = []
-    monkeypatch.setattr(data, "fetch", fetched.append)
-    for name in data.FOLDERS:
-        monkeypatch.delenv(name, raising=False)
-    if named:
-        monkeypatch.setenv(named, str(folder))
-    assert data.main([]) == 0
-    assert fetched == [*data.BELT_DEM.values(), *(() if named else data.RECORDINGS)]
 
 
 @pytest.mark.parametrize(
@@ -106,16 +82,6 @@ def test_a_file_with_another_checksum_is_never_used(folder, offered):
     for call in (data.find, data.fetch):
         with pytest.raises(InputError, match=r"another version \(SHA-256\). Delete it"):
             call(NAME)
-
-
-def test_a_named_folder_must_have_the_file(monkeypatch, tmp_path):
-    monkeypatch.setenv("KILNFLIGHT_EXTERNAL", str(tmp_path))
-    with pytest.raises(InputError, match=r"which has no belt/t\.zip"):
-        data.find(NAME)
-
-
-def test_what_was_never_fetched_is_none(folder):
-    assert data.find(NAME) is None
 
 
 @pytest.mark.parametrize(("arguments", "code"), [([], 1), (["--optional"], 0)])

@@ -1,4 +1,3 @@
-import hashlib
 import json
 import subprocess
 from dataclasses import replace
@@ -9,7 +8,6 @@ import pytest
 from matplotlib import pyplot as plt
 from PIL import Image
 
-from kilnflight import __version__
 from kilnflight.checks import InputError
 from kilnflight.project import claims, figures, paths, style
 from kilnflight.project.figures import Provenance
@@ -55,15 +53,9 @@ def test_a_picture_is_png_pdf_and_csv_and_a_table_a_csv():
     assert index["fig-1"]["provenance"] == RECORD
 
 
-def test_six_digits_are_written_beside_words_too():
-    save(table=pd.DataFrame({"value": [1 / 3, "words", 7]}))
-    assert (paths.figures() / "fig-1.csv").read_text() == "value\n0.333333\nwords\n7\n"
-
-
-@pytest.mark.parametrize("scale", ["quick", "standard"])
-def test_a_reduced_run_saves_half_the_pixels_and_no_pdf(scale):
+def test_a_reduced_run_saves_half_the_pixels_and_no_pdf():
     save(picture=drawn())
-    save("fig-2", picture=drawn(), provenance=replace(MADE, parameters={"scale": scale}))
+    save("fig-2", picture=drawn(), provenance=replace(MADE, parameters={"scale": "quick"}))
     assert {name for name in files() if "fig-2" in name} == {"fig-2.png", "fig-2.csv"}
     widths = []
     for name in ("fig-1.png", "fig-2.png"):
@@ -100,14 +92,6 @@ def test_caption_and_provenance_are_inside_png_and_pdf():
     assert b"CreationDate" not in content
 
 
-def test_a_saved_figure_shows_itself_with_its_caption():
-    page = save(picture=drawn(), caption="x < 1 & more")._repr_html_()
-    assert "data:image/png;base64," in page
-    assert "x &lt; 1 &amp; more" in page
-    assert "<table" in save("table-1")._repr_html_()
-    assert plt.get_fignums() == []
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -121,14 +105,6 @@ def test_a_saved_figure_shows_itself_with_its_caption():
 def test_what_cannot_be_saved_is_told_and_nothing_is_written(wrong, message):
     with pytest.raises(InputError, match=message):
         save(**wrong)
-    assert not paths.figures().exists()
-
-
-def test_a_picture_that_cannot_be_drawn_leaves_nothing(monkeypatch):
-    picture = drawn()
-    monkeypatch.setattr(picture, "savefig", lambda *_, **__: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        save(picture=picture)
     assert not paths.figures().exists()
 
 
@@ -152,13 +128,6 @@ def test_saved_files_are_listed_for_make(tmp_path, monkeypatch):
     assert (tmp_path / "saved").read_text() == f"{paths.figures() / 'fig-1.csv'}\n"
 
 
-def test_a_png_is_small_even_of_noise():
-    picture, ((axes,),) = style.canvas()
-    axes.imshow(np.random.default_rng(0).random((700, 1000)), cmap="gray", aspect="auto")
-    save(picture=picture)
-    assert len(files()["fig-1.png"]) <= figures.LARGEST_PNG
-
-
 @pytest.fixture
 def project(tmp_path, monkeypatch):
     """A project of its own with one commit."""
@@ -178,14 +147,6 @@ def project(tmp_path, monkeypatch):
     git("add", "-A")
     git("commit", "-qm", "one")
     return tmp_path, git
-
-
-def test_inputs_are_known_by_their_checksum(tmp_path):
-    path = tmp_path / "in.csv"
-    path.write_bytes(b"1,2\n")
-    made = figures.trace("02_x", {"scale": "quick"}, seed=3, inputs=[path])
-    assert made.inputs == {"in.csv": hashlib.sha256(b"1,2\n").hexdigest()}
-    assert (made.notebook, made.seed, made.version) == ("02_x", 3, __version__)
 
 
 def test_the_commit_is_the_last_one_that_touched_what_counts(project):
@@ -210,16 +171,3 @@ def test_without_a_repository_or_git_there_is_no_commit(project, monkeypatch, tm
     assert figures.trace("n", {}).commit == ""
     monkeypatch.setenv("PATH", str(empty))
     assert figures.trace("n", {}).commit == ""
-
-
-def test_a_picture_says_what_its_data_are_and_leaves_them_room():
-
-    for word in ("simulated", ""):
-        picture, ((axes,),) = style.canvas(width_mm=80, height_mm=40)
-        axes.set(xlabel="time (s)")
-        style.mark(picture, word)
-        picture.draw_without_rendering()
-        box = axes.get_tightbbox().transformed(picture.transFigure.inverted())
-        assert [text.get_text() for text in picture.texts] == [word]
-        mark = picture.texts[0].get_window_extent().transformed(picture.transFigure.inverted())
-        assert not word or box.y0 >= mark.y1 - 0.01

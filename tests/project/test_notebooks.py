@@ -55,9 +55,7 @@ def test_parameters_reach_the_notebook(notebook, tmp_path):
     assert [p.name for p in (tmp_path / "b").iterdir()] == ["07_test.ipynb"]
 
 
-@pytest.mark.parametrize(
-    ("given", "jobs"), [("scale=quick", 1), ("scale=full", 4), ("scale=quick,jobs=3", 3)]
-)
+@pytest.mark.parametrize(("given", "jobs"), [("scale=quick", 1), ("scale=quick,jobs=3", 3)])
 def test_a_smoke_run_starts_no_processes_unless_told(notebook, tmp_path, given, jobs):
     path = notebook("jobs")
     path.write_text(path.read_text().replace("seed = 1", "seed = 1\njobs = 4"))
@@ -100,11 +98,7 @@ def test_a_mended_notebook_leaves_no_failed_one(notebook, tmp_path):
     [
         ("nothing=3", r"unknown parameter 'nothing'; it knows scale, seed, width, flag"),
         ("seed=many", r"parameter seed is 'many', expected int"),
-        ("seed=1.5", r"expected int"),
-        ("flag=1", r"expected bool"),
         ("scale=huge", r"scale 'huge' is not one of quick, standard, full"),
-        ("seed", r"write name=value"),
-        ("08.seed=3", "write name=value"),
         ("x7.seed=3", "write name=value"),
     ],
 )
@@ -115,12 +109,6 @@ def test_a_wrong_parameter_is_one_line_and_nothing_runs(notebook, tmp_path, caps
     assert re.search(message, error)
     assert len(error.splitlines()) == 1
     assert not (tmp_path / "b").exists()
-
-
-def test_a_parameter_of_another_notebook_is_not_ours(notebook):
-    notebook(stem="08_other")
-    given = notebooks.parse_parameters(["08.seed=5", "seed=2"], "07_test", ["07_test", "08_other"])
-    assert given == {"seed": 2}
 
 
 def test_a_source_without_parameters_is_told(tmp_path, capsys):

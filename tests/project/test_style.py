@@ -1,6 +1,5 @@
 import numpy as np
 import pandas as pd
-from matplotlib import rcParams
 from matplotlib.colors import to_rgb
 
 from kilnflight.project import style
@@ -8,19 +7,6 @@ from kilnflight.project import style
 
 def lightness(colour):
     return float(np.dot(to_rgb(colour), [0.2126, 0.7152, 0.0722]))
-
-
-def test_a_canvas_has_print_size_and_axes_in_rows_and_columns():
-    figure, axes = style.canvas(2, 3, width_mm=180, height_mm=90)
-    np.testing.assert_allclose(figure.get_size_inches(), [180 / 25.4, 90 / 25.4])
-    assert axes.shape == (2, 3)
-
-
-def test_the_style_stays_inside_its_block():
-    before = rcParams["font.size"]
-    with style.style():
-        assert rcParams["font.size"] == style.STYLE["font.size"]
-    assert rcParams["font.size"] == before
 
 
 def test_lines_differ_in_grey_or_in_dashes():
