@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from tests.definitions import plain_regression
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.definitions import plain_regression
 
 from kilnflight.checks import InputError
 from kilnflight.regression import (
