@@ -10,8 +10,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from measure import Row, compare
 
-from kilnflight.tracking import kalman
-from kilnflight.tracking.motion import ConstantVelocity
+from kilnflight.tracking.filter import ConstantVelocity, predict, residual_covariance, update
 
 TRACKS = (50, 500, 5000)
 PEER = "filterpy, one object per track"
@@ -22,8 +21,9 @@ H, R = MOTION.measurement(), MOTION.measurement_noise()
 
 def ours(state: np.ndarray, covariance: np.ndarray, seen: np.ndarray, weights: np.ndarray) -> tuple:
     """Return state and covariance after one frame."""
-    state, covariance = kalman.predict(state, covariance, F, Q)
-    return kalman.update(state, covariance, seen, weights, H, R)
+    state, covariance = predict(state, covariance, F, Q)
+    factor = np.linalg.cholesky(residual_covariance(covariance, H, R))
+    return update(state, covariance, factor, seen, weights, H)
 
 
 def one_by_one(filters: list[KalmanFilter], seen: np.ndarray) -> None:

@@ -15,7 +15,7 @@ import peers
 from measure import Row, compare
 from scipy.spatial.distance import cdist
 
-from kilnflight.tracking.gate import Detected, Gate, Predicted
+from kilnflight.tracking.filter import Detected, Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess
 
@@ -89,7 +89,7 @@ def gating(tracks: int) -> Row:
     rng = np.random.default_rng(tracks)
     where, seen = rng.uniform(0, 1500, (2, tracks, 2))
     residual = np.tile([[30.0, 5.0], [5.0, 20.0]], (tracks, 1, 1))
-    predicted, detected = Predicted(where, residual), Detected(seen)
+    predicted = where, residual, Detected(seen)
 
     def by_scipy() -> np.ndarray:
         inverse = np.linalg.inv(residual)
@@ -98,11 +98,11 @@ def gating(tracks: int) -> Row:
         ]
         return np.square(distance)
 
-    found, expected = Gate()(predicted, detected).distance_squared, by_scipy()
+    found, expected = Gate()(*predicted).distance_squared, by_scipy()
     np.testing.assert_array_equal(np.isfinite(found), expected < 16.0)
     np.testing.assert_allclose(found[expected < 16.0], expected[expected < 16.0])
     what = ("gate, Eqs 4.7 and 4.8", "tracks and detections", tracks, "scipy.cdist per track")
-    return compare(what, lambda: Gate()(predicted, detected), by_scipy)
+    return compare(what, lambda: Gate()(*predicted), by_scipy)
 
 
 def campaign(frames: int = 3000) -> Row:

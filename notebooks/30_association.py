@@ -17,7 +17,7 @@ scale = "standard"  # quick, standard or full: nothing here depends on it
 seed = 0  # of the scatter of the flight in Fig. 4.2
 
 # %%
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,7 @@ from kilnflight.association import ASSOCIATORS, joint_probabilities
 from kilnflight.project import figures, style
 from kilnflight.scores.detections import GATE_PX, score_detections
 from kilnflight.tracking import tracker
-from kilnflight.tracking.gate import Detected, Gate, Predicted
+from kilnflight.tracking.filter import Detected, Gate
 
 style.use_style()
 origin = figures.trace("30_association", {"scale": scale}, seed=seed, mark="example")
@@ -60,7 +60,7 @@ situations = {  # predictions of T1 and T2; D1, D2 and N1
 spread, rows, weights = np.diag([16.0, 36.0]), [], {}
 for case, (name, associator) in product(situations, zip(names, ASSOCIATORS, strict=True)):
     tracks, detections = situations[case]
-    found = gate(Predicted(tracks, np.stack([spread, spread])), Detected(detections))
+    found = gate(tracks, np.stack([spread, spread]), Detected(detections))
     weights[name, case] = associator(found)
     for (i, j), weight in np.ndenumerate(weights[name, case]):
         rows.append((case, name, f"T{i + 1}", ["none", "D1", "D2", "N1"][j], weight))
@@ -98,7 +98,7 @@ figures.save("fig-2-20-associations", table, picture=picture, caption=caption, p
 # %%
 spread, predicted = 16.0 * np.eye(2), np.array([[0.0, 0], [14, 0]])
 detections = np.array([[-6.0, 0], [7, -4], [20, 2], [20, -8]])
-found = gate(Predicted(predicted, np.stack([spread, spread])), Detected(detections))
+found = gate(predicted, np.stack([spread, spread]), Detected(detections))
 inside = np.isfinite(found.distance_squared).astype(float)  # (tracks, detections)
 choices = product(*([0, *np.flatnonzero(column) + 1] for column in inside.T))  # 0: no track
 events = [event for event in choices if event.count(1) < 2 and event.count(2) < 2]
@@ -151,15 +151,15 @@ other = flight.assign(row=flight["row"] + 500, z=5000.0, origin="other particle"
 clutter = (flight[frames == 3] + [0, 6, -7, -2600]).assign(origin="clutter")
 flight = flight.drop(index=[5, 6, 7]).assign(origin="particle")
 seen, parts = pd.concat([flight, other, clutter], ignore_index=True), []
-for step in list(tracker.steps(seen))[1:]:
-    (row, col), depth = step.predicted.positions[0], step.predicted.depth_mm
-    part = seen.iloc[step.rows].assign(expected_row=row, expected_col=col)
-    part["expected_z"] = np.nan if depth is None else depth[0]
-    flat = Gate(depth_mm=np.inf)(step.predicted, step.detected).distance_squared[0]
-    part["in_ellipse"] = np.isfinite(flat)
-    sd = np.sqrt(step.predicted.residual_covariance[0].diagonal())
+for before, step in pairwise(tracker.steps(seen)):
+    pairs, (row, col) = step.pairs, step.pairs.expected[0]
+    part = seen.iloc[step.detected.rows].assign(expected_row=row, expected_col=col)
+    part["expected_z"] = before.tracks["depth_mm"][0]
+    flat = Gate(depth_mm=np.inf)(pairs.expected, pairs.residual, step.detected)
+    part["in_ellipse"] = np.isfinite(flat.distance_squared[0])
+    sd = np.sqrt(pairs.residual[0].diagonal())
     part[["reach_row_px", "reach_col_px"]] = Gate().distance * sd
-    parts.append(part.assign(in_gate=np.isfinite(step.pairs.distance_squared[0])))
+    parts.append(part.assign(in_gate=np.isfinite(pairs.distance_squared[0])))
 table = pd.concat(parts, ignore_index=True)
 
 # %% tags=["hide-input"]

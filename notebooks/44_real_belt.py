@@ -31,7 +31,7 @@ from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.belt.velocity import estimate_velocity
 from kilnflight.experiments import belt_2020, belt_real
 from kilnflight.project import claims, figures, style
-from kilnflight.tracking.motion import ConstantAcceleration, ConstantVelocity
+from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 
 files = recordings.find_recordings()
 absent = "**The authors' recordings are not here**, nothing is shown; `make data` gets them."

@@ -11,7 +11,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 import matplotlib as mpl
@@ -300,16 +299,3 @@ class Polynomials:
 def polynomials() -> type[Polynomials]:
     """The class of a fitted trajectory with given coefficients."""
     return Polynomials
-
-
-@pytest.fixture(scope="session")
-def joint_events():
-    """A function that yields every joint event, by trying all: each track's detection, or -1."""
-
-    def events(tracks, detections):
-        for event in product(range(-1, detections), repeat=tracks):
-            used = [detection for detection in event if detection >= 0]
-            if len(set(used)) == len(used):
-                yield event
-
-    return events

@@ -270,7 +270,7 @@ REAL = real()
 def test_the_belt_tracker_finds_the_links_of_the_authors(material):
     from kilnflight.belt.camera import Area
     from kilnflight.belt.tracker import Appearance, BeltTracker
-    from kilnflight.tracking.motion import ConstantVelocity
+    from kilnflight.tracking.filter import ConstantVelocity
 
     if not (REAL / material).is_dir():
         pytest.skip(f"the authors' recordings are not in {REAL} (not ours to ship)")

@@ -21,13 +21,11 @@ from kilnflight.belt.tracker import (
     Appearance,
     BeltTracker,
     Likelihoods,
-    constant_velocity,
     pair_costs,
 )
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ENDS, BELT_STATES
-from kilnflight.tracking.gate import Detected, Gate, Predicted
-from kilnflight.tracking.motion import ConstantAcceleration
+from kilnflight.tracking.filter import ConstantAcceleration, Detected, Gate
 
 ACCELERATED = ConstantAcceleration((750.0, 0.0), 433.0, 2000.0, 4472.0, 0.127)
 TRACKERS = (BeltTracker(), BeltTracker(ACCELERATED))
@@ -95,7 +93,7 @@ def scene(seed, tracks, detections):
     measured = rng.uniform([400, 40], [440, 60], (detections, 2))
     spread = rng.normal(0, 3, (tracks, 2, 2))
     residual = spread @ spread.transpose(0, 2, 1) + np.eye(2)
-    return predicted, residual, measured, Gate()(Predicted(predicted, residual), Detected(measured))
+    return predicted, residual, measured, Gate()(predicted, residual, Detected(measured))
 
 
 @settings(deadline=None)
@@ -259,7 +257,7 @@ def test_scores_add_up_and_thresholds_are_those_of_the_ratio_test():
     table, score = moving(frames=10), 0.0
     clutter = np.log(tracker.appearance.clutter_density)
     for step in tracker.steps(table):
-        likelihoods = tracker.likelihoods(step.predicted, step.detected, step.pairs)
+        likelihoods = tracker.likelihoods(step.detected, step.pairs)
         if len(likelihoods.costs):
             score -= likelihoods.costs[0, 0] + clutter
         else:
@@ -289,8 +287,6 @@ def test_what_cannot_be_tracked_is_refused():
     far = pd.DataFrame({"frame": [0, 10**7], "x": 400.0, "y": 90.0})
     with pytest.raises(InputError, match="count the frames"):
         BeltTracker()(far)
-    with pytest.raises(InputError, match="is a class"):
-        BeltTracker(motion=type(constant_velocity()))
     for wrong in ("10", 80.5, -3, True):
         for table in (moving(), moving()[:0]):
             with pytest.raises(InputError, match="frames: must be"):

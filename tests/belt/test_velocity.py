@@ -9,7 +9,7 @@ from kilnflight.belt.tracker import Appearance, BeltTracker
 from kilnflight.belt.velocity import WatchVelocity, estimate_velocity
 from kilnflight.checks import InputError
 from kilnflight.experiments.belt_real import compare_links, join_followed, join_recordings
-from kilnflight.tracking.motion import ConstantVelocity
+from kilnflight.tracking.filter import ConstantVelocity
 
 
 def recording(step=62.0, particles=40, spread=1.0, seed=0, every=7):

@@ -38,7 +38,8 @@ from kilnflight.checks import (
     check_positive,
 )
 from kilnflight.tables import BELT_LAST, BELT_PREDICTED
-from kilnflight.tracking.tracker import FrameDetections, Step, Tracks
+from kilnflight.tracking.filter import Detected
+from kilnflight.tracking.tracker import Step, Tracks
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
@@ -137,7 +138,7 @@ class OnlineSorter:
         check_positive(self.most_s, "OnlineSorter: most_s")
         predict_arrivals(BELT_LAST.empty(), self.arrival, self.lateral, self.target_mm)
         self.schedule = ValveSchedule(self.bar)
-        self._waiting = deque[FrameDetections]()
+        self._waiting = deque[Detected]()
         self._steps = self.tracker.follow(iter(self._waiting.popleft, None))
         self._last: Tracks | None = None  # of each track that lives, as it was last seen
         self._at_rest = deque[int](maxlen=200)  # tracks at rest in the last frames that moved
@@ -173,7 +174,8 @@ class OnlineSorter:
         area = replace(belt, end_mm=belt.end_mm - untracked_mm)
         motion, share = constant_velocity(frame_s), velocity_mm_s / BELT_VELOCITY_MM_S
         along, across = (share * each for each in motion.velocity)
-        motion = replace(motion, velocity=(along, across), velocity_sd=share * motion.velocity_sd)
+        spreads = motion.spreads[0], share * motion.spreads[1]
+        motion = replace(motion, velocity=(along, across), spreads=spreads)
         tracker = BeltTracker(
             motion, Appearance(area, entry_mm=velocity_mm_s * frame_s), frame_s=frame_s
         )

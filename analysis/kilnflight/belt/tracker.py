@@ -31,16 +31,8 @@ from kilnflight.checks import (
     check_whole,
 )
 from kilnflight.tables import BELT_ENDS, BELT_STATES, Column, Table
-from kilnflight.tracking.gate import Detected, Gate, Predicted
-from kilnflight.tracking.motion import ConstantVelocity, Motion
-from kilnflight.tracking.tracker import (
-    ExtraColumns,
-    FrameDetections,
-    Step,
-    Tracks,
-    check_parts,
-    follow,
-)
+from kilnflight.tracking.filter import ConstantVelocity, Detected, Gate, Motion
+from kilnflight.tracking.tracker import ExtraColumns, Step, Tracks, follow
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.integer]
@@ -68,7 +60,7 @@ SCORES = (
 
 def constant_velocity(
     frame_s: float = BELT_FRAME_S, spread_mm: float = 0.127, acceleration_mm_s2: float = 2000.0
-) -> ConstantVelocity:
+) -> Motion:
     """Return the filter of section II.B for a belt of 1500 mm/s.
 
     Parameters
@@ -183,7 +175,7 @@ class Likelihoods(NamedTuple):
 
 def pair_costs(pairs: Pairs, missed: float) -> Array:
     """Return -ln of (1 - missed) N(z; prediction, S), (n, m); inf outside the gate."""
-    logs = pairs.log_determinant + pairs.dimensions * np.log(2.0 * np.pi)
+    logs = pairs.log_determinant + pairs.expected.shape[1] * np.log(2.0 * np.pi)
     costs = 0.5 * logs[:, None] - np.log(1.0 - missed) + 0.5 * pairs.distance_squared
     return np.asarray(costs, dtype=np.float64)
 
@@ -221,7 +213,6 @@ class BeltTracker:
 
     def __post_init__(self) -> None:
         """Refuse parts that cannot be used."""
-        check_parts(self.motion, self.gate, "BeltTracker")
         check_offers(self.appearance, ("new", "unobserved_likelihood"), "BeltTracker: appearance")
         check_positive(self.frame_s, "BeltTracker: frame_s")
         check_between(self.false_valid, 1e-12, 0.5, "BeltTracker: false_valid")
@@ -249,7 +240,7 @@ class BeltTracker:
         """
         numbers, parts = [], []
         for step in self.steps(measured, frames):
-            numbers.append(np.full(len(step.tracks), step.frame))
+            numbers.append(np.full(len(step.tracks), step.detected.frame))
             parts.append(step.tracks)
         if not parts:
             return Followed(BELT_STATES.empty(), BELT_ENDS.empty().assign(reason=""))
@@ -270,17 +261,17 @@ class BeltTracker:
         spans = self.frame_s * np.diff(numbers, prepend=numbers[0] - 1)
         parts = np.split(rows, edges), np.split(places, edges)
         yield from self.follow(
-            FrameDetections(number, span, row, Detected(place))
+            Detected(place, frame=number, span=span, rows=row)
             for number, span, row, place in zip(
                 numbers.tolist(), spans.tolist(), *parts, strict=True
             )
         )
 
-    def follow(self, frames: Iterable[FrameDetections]) -> Iterator[Step]:
+    def follow(self, frames: Iterable[Detected]) -> Iterator[Step]:
         """Yield the step of each frame as it comes; spans are in s."""
         return follow(frames, self.motion, self.gate, self.associate, self.keeps, SCORES)
 
-    def detections(self, places: Array, number: int, frames: int = 1) -> FrameDetections:
+    def detections(self, places: Array, number: int, frames: int = 1) -> Detected:
         """Return what `follow` takes of one frame.
 
         Parameters
@@ -296,7 +287,7 @@ class BeltTracker:
         rows = rows[np.lexsort((places[rows, 1], places[rows, 0]))]
         inside = np.ascontiguousarray(places[rows])
         _check_unique(np.full(len(rows), number), inside, rows)
-        return FrameDetections(number, self.frame_s * frames, rows, Detected(inside))
+        return Detected(inside, frame=number, span=self.frame_s * frames, rows=rows)
 
     @property
     def thresholds(self) -> tuple[float, float]:
@@ -304,17 +295,17 @@ class BeltTracker:
         a, b = self.false_valid, self.false_lost
         return float(np.log((1 - b) / a)), float(np.log((1 - a) / b))
 
-    def likelihoods(self, predicted: Predicted, detected: Detected, pairs: Pairs) -> Likelihoods:
+    def likelihoods(self, detected: Detected, pairs: Pairs) -> Likelihoods:
         """Return the likelihoods that the association of a frame is made of."""
-        unobserved, outside = self.appearance.unobserved_likelihood(*predicted[:2])
+        unobserved, outside = self.appearance.unobserved_likelihood(pairs.expected, pairs.residual)
         costs = pair_costs(pairs, self.appearance.missed)
         return Likelihoods(costs, unobserved, self.appearance.new(detected.positions), outside)
 
     def associate(
-        self, tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs
+        self, tracks: Tracks, detected: Detected, pairs: Pairs
     ) -> tuple[Array, ExtraColumns, ExtraColumns]:
         """Return weights of 0 and 1, and the scores, `SCORES`, of tracks and of new ones."""
-        likelihoods = self.likelihoods(predicted, detected, pairs)
+        likelihoods = self.likelihoods(detected, pairs)
         clutter = np.log(self.appearance.clutter_density)
         detection = likelihoods.detection()
         gain, detected_tracks = np.log(likelihoods.unobserved), np.flatnonzero(detection >= 0)

@@ -24,7 +24,7 @@ from kilnflight.project import parallel
 from kilnflight.regression import Three
 from kilnflight.scores import intervals
 from kilnflight.scores.flights import METRES
-from kilnflight.tracking.gate import Gate
+from kilnflight.tracking.filter import Gate
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets import postprocess, tracked
 from kilnflight.twin.truth import metre_velocities

@@ -7,8 +7,7 @@ import pandas as pd
 from kilnflight.association import GNN, JPDA
 from kilnflight.experiments.tracking import Tracker
 from kilnflight.project import paths
-from kilnflight.tracking.gate import Gate
-from kilnflight.tracking.motion import ConstantVelocity
+from kilnflight.tracking.filter import ConstantVelocity, Gate
 from kilnflight.tracking.tracker import Management, track
 
 

@@ -1,9 +1,9 @@
 """The tracking loop: from detections to tracks (thesis, section 4.1).
 
 Predict, gate, associate, update, start, stop. One loop over frames, `follow`, serves the kiln and
-the belt, every associator and every motion model; within a frame all tracks are one array. What is
-linked is the detections themselves: the filter decides, but no filtered position is ever handed on.
-A probabilistic track is recorded where its weighted detections are (section 5.2.3).
+the belt, every associator and every motion; within a frame all tracks are one array. Tracks consist
+of the original detections; the filter is used only for association. A probabilistic track is
+recorded at the mean of its weighted detections (section 5.2.3).
 """
 
 from __future__ import annotations
@@ -16,98 +16,74 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Array, Flags, Index, Integers
 from kilnflight.association import GNN, Associator, Pairs
-from kilnflight.checks import (
-    InputError,
-    check_between,
-    check_columns,
-    check_count,
-    check_offers,
-    check_whole,
-    is_real,
-    known_numbers,
+from kilnflight.checks import check_columns, check_finite, check_number, check_whole, known_numbers
+from kilnflight.tables import TO_TRACK, with_pixels
+from kilnflight.tracking.filter import (
+    ConstantVelocity,
+    Detected,
+    Gate,
+    Motion,
+    predict,
+    residual_covariance,
+    update,
 )
-from kilnflight.tables import TO_TRACK
-from kilnflight.tracking import kalman
-from kilnflight.tracking.gate import Detected, Gate, Predicted
-from kilnflight.tracking.motion import ConstantVelocity, Motion
 
-Array = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.integer]
-Booleans = npt.NDArray[np.bool_]
 # Structured, one entry per track, the older first: the columns of `layout`.
 Tracks = npt.NDArray[np.void]
 ExtraColumns = Mapping[str, npt.NDArray[Any]]  # of tracks, beside those of `layout`
 
 
-class FrameDetections(NamedTuple):
-    """The detections of one frame."""
-
-    number: int
-    span: float  # time since the frame before, in the units of the motion
-    rows: Integers  # (m,), rows of the table, by position; the m detections in this order
-    detected: Detected
-
-
 class Step(NamedTuple):
-    """Predictions, weights and tracks of one frame.
+    """Detections, gated pairs, weights and tracks of one frame."""
 
-    Figs 4.2 and 2.20 to 2.22 of the thesis and Fig. 3 of the belt paper are drawn from it.
-    """
-
-    frame: int
-    rows: Integers  # (m,), rows of the table, by position; the m detections in this order
-    predicted: Predicted  # where the n tracks were expected; S: ellipses of the gates
     detected: Detected
-    pairs: Pairs
+    pairs: Pairs  # of the n tracks that live and the m detections
     weights: Array  # (n, 1 + m)
-    particle: Integers  # (m,), the track each detection went to or started; -1: used, neither
+    particle: Integers  # (m,), the track of each detection, old or new; -1: none
     owner: Integers  # (m,), the row of ``weights`` of the track recorded with it; -1: none
-    tracks: Tracks  # the n tracks after the update, then those that started
+    tracks: Tracks  # the n tracks after the update, then the new ones
 
 
 @dataclass(frozen=True)
 class Management:
     """End tracks that are visible too seldom or missed too long (Eq. 4.14).
 
-    And which detections start one: those that no track has used.
+    Detections that no track has used start new tracks.
 
     Notes
     -----
     No value is printed. ``invisible``: five frames are 15 ms, in which a particle of 30 px/frame
-    that brakes by 0.3 px/frame^2 leaves its prediction by some 5 px. Longer gaps, up to 15 frames,
+    that brakes by 0.3 px/frame^2 leaves its prediction by about 5 px. Longer gaps, up to 15 frames,
     are closed afterwards (t_eps,CONNECT of Table 5.16). ``visibility``: SIFT finds about half of
     the particles that do not burn and all of those that do (section 5.1), so a true track nearly
-    always lies above 0.4. Since one miss in the second frame makes 0.5 and another 1/3, it is
-    tested from ``visibility_age`` on only. Frames that have no detection at all count like any
-    other. ``used``: what moved a track by a tenth of its way or more is in the position that the
-    track is recorded with.
+    always lies above 0.4. One miss in the second frame makes 0.5 and another 1/3, so it is tested
+    from ``visibility_age`` on only. Frames without detections count. ``used``: a detection with a
+    tenth of a track's weight is part of the recorded position.
     """
 
     visibility: float = 0.4  # v_eps, share of the frames of its life; not printed
     invisible: int = 5  # CIC_eps, frames in a row; not printed
     visibility_age: int = 4  # frames of life from which visibility is tested; not printed
-    used: float = 0.1  # weight in some track from which a detection starts none; not printed
+    used: float = 0.1  # weight in a track from which a detection starts none; not printed
 
     def __post_init__(self) -> None:
-        """Refuse a share or a number of frames out of range."""
-        check_between(self.visibility, 0, 1, "Management: visibility")
-        check_count(self.invisible, "Management: invisible", least=0)
-        check_count(self.visibility_age, "Management: visibility_age", least=0)
-        check_between(self.used, 0, 1, "Management: used")
+        check_number(self.visibility, "Management: visibility", least=0, most=1)
+        check_number(self.invisible, "Management: invisible", least=0, whole=True)
+        check_number(self.visibility_age, "Management: visibility_age", least=0, whole=True)
+        check_number(self.used, "Management: used", least=0, most=1)
 
-    def keeps(self, tracks: Tracks, frame: int) -> Booleans:
+    def keeps(self, tracks: Tracks, frame: int) -> Flags:
         """Return whether each track lives on in ``frame``."""
         age = frame - tracks["born"]
         seldom = (age >= self.visibility_age) & (tracks["visible"] < self.visibility * age)
         return np.asarray(~seldom & (frame - 1 - tracks["last"] <= self.invisible))
 
 
-# Which track takes which detection: weights (n, 1 + m); extra columns of each track, and of each
-# detection in case it starts one. `Keeps` says which tracks live on when a frame comes.
-Associate = Callable[[Tracks, Predicted, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
-Keeps = Callable[[Tracks, int], Booleans]
-AVERAGED = ("row", "col", "x", "y", "z")  # where a track is recorded
+# Weights (n, 1 + m), extra columns of tracks, and of each detection in case it starts one.
+Associate = Callable[[Tracks, Detected, Pairs], tuple[Array, ExtraColumns, ExtraColumns]]
+Keeps = Callable[[Tracks, int], Flags]  # which tracks live on in a frame
 _GNN, _MOTION, _GATE, _MANAGEMENT = GNN(), ConstantVelocity(), Gate(), Management()
 
 
@@ -125,28 +101,27 @@ def track(
     Parameters
     ----------
     detections
-        Columns frame (from 0; floats may hold them), row, col (px); z (mm) and points
-        are used where present. NaN in z, and NaN or 0 in points, mean unknown. Other columns
+        Columns frame (from 0; floats may hold them) and row, col or y, x (px). Where present, z
+        (mm) and points are used; NaN in z, and NaN or 0 in points, mean unknown. Other columns
         are carried along.
     associator, motion, gate, management
-        Which detection a track takes, how particles move, what is possible, when tracks end.
+        Association of a frame, motion of particles, limits of distance, end of tracks.
 
     Returns
     -------
     table
         The same rows in the same order, with the same index. A detection that no other
-        follows is a track of its own. With probabilities, a row stands where its track is
-        recorded: row, col, x, y, z are weighted means of the detections in the gate, what else
-        it has is that of the heaviest; those that a track has used so, and did not record,
-        have ``particle`` -1. Rows that come with -1 stay so and are left out; any other particle
-        is overwritten.
+        follows is a track of its own. With probabilities, a row holds the recorded position of its
+        track: row, col, x, y, z are weighted means of the detections in the gate, other columns
+        are those of the heaviest. Detections that a track has used, and did not record, have
+        ``particle`` -1. Rows that come with -1 stay so and are left out; any other particle is
+        overwritten.
 
     Raises
     ------
     InputError
-        If a column is missing or there twice, a frame is below 0 or no whole number, a position
-        is not finite, or a part is not of its kind (a class instead of an instance, say). The
-        message names the row.
+        If a column is missing or there twice, a frame is below 0 or no whole number, or a position
+        is not finite.
 
     Notes
     -----
@@ -157,23 +132,19 @@ def track(
     detection that more probably belongs to some track than to none goes to the track it weighs
     most for. Largest weight first; a track or detection that is taken is passed over.
 
-    Within a frame, detections are taken by row, col, z, points, so neither tracks nor ids
-    depend on the order of the table. Rows equal in all of these are taken as they stand.
+    Within a frame, detections are sorted by row, col, z, points, so neither tracks nor ids
+    depend on the order of the table.
     """
-    check_columns(detections, TO_TRACK.names, TO_TRACK.name)
-    left_out = np.zeros(len(detections), dtype=bool)
-    if "particle" in detections.columns:
-        check_columns(detections, ["particle"], TO_TRACK.name)
-        left_out = (detections["particle"] == -1).to_numpy(dtype=bool, na_value=False)
+    check_columns(detections, ["frame"], TO_TRACK.name)
     particle = np.full(len(detections), -1, dtype=np.int64)
-    rows, shared = np.flatnonzero(~left_out), list[tuple[Integers, Integers, Array]]()
-    for step in steps(detections[~left_out], associator, motion, gate, management):
-        here, recorded = rows[step.rows], np.flatnonzero(step.owner >= 0)
-        particle[here] = step.particle
+    shared = list[tuple[Integers, Integers, Array]]()
+    for step in steps(detections, associator, motion, gate, management):
+        rows, recorded = step.detected.rows, np.flatnonzero(step.owner >= 0)
+        particle[rows] = step.particle
         shares = step.weights[step.owner[recorded], 1:]
         several = (shares > 0).sum(axis=1) > 1
         if several.any():
-            shared.append((here[recorded[several]], here, shares[several]))
+            shared.append((rows[recorded[several]], rows, shares[several]))
     return _averaged(detections, shared).assign(particle=particle)
 
 
@@ -186,7 +157,7 @@ def _averaged(
     """
     if not shared:
         return detections
-    names = [name for name in AVERAGED if name in detections.columns]
+    names = [name for name in ("row", "col", "x", "y", "z") if name in detections.columns]
     places = detections[names].to_numpy(np.float64)
     means = places.copy()
     for at, rows, weights in shared:
@@ -209,36 +180,46 @@ def steps(
 
     Arguments are those of `track`.
     """
-    check_offers(associator, ("__call__",), "track: associator")
-    check_parts(motion, gate, "track")
-    check_offers(management, ("keeps",), "track: management")
-    frames, rows, *known = _read(detections)
-    numbers, starts = np.unique(frames, return_index=True)
-    spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
-    parts = np.split(np.arange(len(frames)), starts[1:])
-    sequence = (
-        FrameDetections(number, span, rows[part], Detected(*(values[part] for values in known)))
-        for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=False)
-    )
 
-    def associate(tracks: Tracks, predicted: Predicted, detected: Detected, pairs: Pairs) -> Any:
+    def associate(tracks: Tracks, detected: Detected, pairs: Pairs) -> Any:
         return associator(pairs), {}, {}
 
-    yield from follow(sequence, motion, gate, associate, management.keeps, used=management.used)
+    frames = _read(detections)
+    yield from follow(frames, motion, gate, associate, management.keeps, used=management.used)
 
 
-def check_parts(motion: Motion, gate: Gate, where: str) -> None:
-    """Raise an `InputError` unless motion and gate have their methods."""
-    moves = ("transition", "process_noise", "measurement", "measurement_noise", "initial")
-    check_offers(motion, moves, f"{where}: motion")
-    check_offers(gate, ("__call__",), f"{where}: gate")
+def _read(table: pd.DataFrame) -> Iterator[Detected]:
+    """Yield the detections of each frame, sorted by place."""
+    where = TO_TRACK.name
+    table = with_pixels(table)
+    optional = [name for name in ("particle", "z", "points") if name in table.columns]
+    check_columns(table, [*TO_TRACK.names, *optional], where)
+    rows = np.arange(len(table))
+    if "particle" in optional:
+        rows = rows[(table["particle"] != -1).to_numpy(dtype=bool, na_value=True)]
+        table = table.iloc[rows]
+    frames = check_whole(table["frame"], f"{where}: column frame")
+    check_number(frames.min(initial=0), f"{where}: column frame", least=0)
+    row, col = (check_finite(table[name], f"{where}: column {name}") for name in ("row", "col"))
+    z, points = np.full((2, len(table)), np.nan)
+    if "z" in optional:
+        z = known_numbers(table["z"], f"{where}: column z")
+        check_finite(z[~np.isnan(z)], f"{where}: column z")
+    if "points" in optional:
+        points = known_numbers(table["points"], f"{where}: column points")
+        points = np.where(points > 0, points, np.nan)
+    extra = [values for values in (points, z) if not np.isnan(values).all()]
+    order = np.lexsort((*extra, col, row, frames))
+    numbers, starts = np.unique(frames[order], return_index=True)
+    spans = np.diff(numbers, prepend=numbers[:1]).astype(np.float64)
+    parts = np.split(order, starts[1:]) if len(order) else []
+    for number, span, part in zip(numbers.tolist(), spans.tolist(), parts, strict=True):
+        positions = np.column_stack([row[part], col[part]])
+        yield Detected(positions, z[part], points[part], number, span, rows[part])
 
 
-def layout(motion: Motion, extra_columns: Sequence[tuple[str, type]] = ()) -> np.dtype[np.void]:
-    """Return the columns of `Tracks`.
-
-    ``extra_columns`` are names and types of columns that the belt adds.
-    """
+def _layout(motion: Motion, extra_columns: Sequence[tuple[str, type]]) -> np.dtype[np.void]:
+    """Return the columns of `Tracks`."""
     k = motion.measurement().shape[1]
     return np.dtype(
         [
@@ -257,7 +238,7 @@ def layout(motion: Motion, extra_columns: Sequence[tuple[str, type]] = ()) -> np
 
 
 def follow(
-    frames: Iterable[FrameDetections],
+    frames: Iterable[Detected],
     motion: Motion,
     gate: Gate,
     associate: Associate,
@@ -265,27 +246,35 @@ def follow(
     extra_columns: Sequence[tuple[str, type]] = (),
     used: float = 1.0,
 ) -> Iterator[Step]:
-    """Yield the step of each frame, in the kiln as on the belt.
+    """Yield the step of each frame, in the kiln and on the belt.
 
-    Kiln and belt bring ``associate`` and ``keeps``; ``extra_columns`` are those of `layout`,
-    ``used`` is as in `Management`.
+    Parameters
+    ----------
+    frames
+        Detections by ascending frame.
+    motion, gate
+        Motion of particles, limits of distance.
+    associate, keeps
+        Weights and extra columns of a frame; which tracks live on.
+    extra_columns
+        Names and types of the columns that ``associate`` fills.
+    used
+        See `Management`.
     """
     measurement, noise = motion.measurement(), motion.measurement_noise()
-    tracks, started, span = np.zeros(0, layout(motion, extra_columns)), 0, -1.0
-    for frame in frames:
-        tracks, detected = tracks[keeps(tracks, frame.number)], frame.detected
-        if frame.span != span:
-            span = frame.span
+    tracks, started, span = np.zeros(0, _layout(motion, extra_columns)), 0, -1.0
+    for detected in frames:
+        tracks = tracks[keeps(tracks, detected.frame)]
+        if detected.span != span:
+            span = detected.span
             moves = motion.transition(span), motion.process_noise(span)
-        state, covariance = kalman.predict(tracks["state"], tracks["covariance"], *moves)
-        residual = kalman.residual_covariance(covariance, measurement, noise)
+        state, covariance = predict(tracks["state"], tracks["covariance"], *moves)
+        residual = residual_covariance(covariance, measurement, noise)
         expected = state @ measurement.T
-        last_known = tracks["depth_mm"].copy(), tracks["points"].copy()  # recorded anew below
-        predicted = Predicted(expected, residual, *last_known)
-        pairs = gate(predicted, detected)
-        weights, extra, extra_of_new = associate(tracks, predicted, detected, pairs)
-        tracks["state"], tracks["covariance"] = kalman.update(
-            state, covariance, detected.positions, weights, measurement, noise
+        pairs = gate(expected, residual, detected, tracks["depth_mm"], tracks["points"])
+        weights, extra, extra_of_new = associate(tracks, detected, pairs)
+        tracks["state"], tracks["covariance"] = update(
+            state, covariance, pairs.factor, detected.positions, weights, measurement
         )
         owner = record(weights)
         taken = np.flatnonzero(owner >= 0)
@@ -296,82 +285,38 @@ def follow(
             tracks[name] = values
         old = tracks[owner[taken]]
         old["visible"] += 1
-        _record(old, frame, taken)
+        _record(old, detected, taken)
         tracks[owner[taken]] = old
         new = np.zeros(len(alone), tracks.dtype)
         new["particle"] = started + np.arange(len(new))
         new["state"], new["covariance"] = motion.initial(detected.positions[alone])
         new["depth_mm"] = new["points"] = np.nan
-        new["born"], new["visible"] = frame.number, 1
+        new["born"], new["visible"] = detected.frame, 1
         for name, values in extra_of_new.items():
             new[name] = values[alone]
-        _record(new, frame, alone)
+        _record(new, detected, alone)
         particle = np.full(len(owner), -1)
         particle[taken], particle[alone] = old["particle"], new["particle"]
         tracks, started = np.concatenate([tracks, new]), started + len(new)
-        what = (predicted, detected, pairs, weights, particle, owner, tracks)
-        yield Step(frame.number, frame.rows, *what)
+        yield Step(detected, pairs, weights, particle, owner, tracks)
 
 
-def _record(tracks: Tracks, frame: FrameDetections, detection: Integers) -> None:
+def _record(tracks: Tracks, detected: Detected, recorded: Index) -> None:
     """Write the recorded detections into their tracks.
 
-    Where a detection has no depth or points, those of the track stay.
+    A track keeps its depth and points where a detection has none.
     """
-    tracks["last"], tracks["row"] = frame.number, frame.rows[detection]
-    for name, values in zip(("depth_mm", "points"), frame.detected[1:], strict=True):
+    tracks["last"], tracks["row"] = detected.frame, detected.rows[recorded]
+    for name, values in (("depth_mm", detected.depth_mm), ("points", detected.points)):
         if values is not None:
-            known = values[detection]
+            known = values[recorded]
             tracks[name] = np.where(np.isnan(known), tracks[name], known)
 
 
-def _read(table: pd.DataFrame) -> tuple[Integers, Integers, Array, Array, Array]:
-    """Return the columns of a table, sorted by frame and place.
-
-    Frames, positions of the rows, places, depth, points.
-    """
-    check_columns(table, TO_TRACK.names, TO_TRACK.name)
-    frames = check_whole(table["frame"], f"{TO_TRACK.name}: column frame")
-    if (frames < 0).any():
-        where = table.index[int(np.argmin(frames))]
-        raise InputError(
-            f"{TO_TRACK.name}: frame {frames.min()} in row {where}; frames are counted from 0. "
-            "Leave rows that belong to no frame out."
-        )
-    needed = table[TO_TRACK.names].assign(frame=frames)
-    for name in TO_TRACK.names[1:]:
-        if len(table) and not is_real(table[name]):
-            raise InputError(
-                f"{TO_TRACK.name}: column {name} holds {table[name].dtype}, not "
-                "numbers. Convert it first."
-            )
-    positions = (TO_TRACK.check(needed) if len(table) else needed)[["row", "col"]].to_numpy(float)
-    depth, points = _optional(table, "z"), _optional(table, "points")
-    points = np.where(points > 0, points, np.nan)
-    extra = [values for values in (points, depth) if not np.isnan(values).all()]
-    rows = np.lexsort((*extra, positions[:, 1], positions[:, 0], frames))
-    return frames[rows], rows, positions[rows], depth[rows], points[rows]
-
-
-def _optional(table: pd.DataFrame, name: str) -> Array:
-    """Return a column as floats, NaN where unknown."""
-    if name not in table.columns:
-        return np.full(len(table), np.nan)
-    check_columns(table, [name], TO_TRACK.name)
-    values = known_numbers(table[name], f"{TO_TRACK.name}: column {name}")
-    if np.isinf(values).any():
-        where = table.index[int(np.argmax(np.isinf(values)))]
-        raise InputError(
-            f"{TO_TRACK.name}: {name} is infinite in row {where}; use NaN for unknown."
-        )
-    return values
-
-
 def record(weights: Array) -> Integers:
-    """Return the track (m,) that each detection is recorded for, -1: none.
+    """Return the track (m,) for which each detection is recorded, -1: none.
 
-    See `track`. Of equal weights the older track's, and of these the first detection's,
-    comes first. Rows of 0 and 1 are read off as they are.
+    See `track`. At equal weight the older track comes first, then the first detection.
     """
     pairs = weights[:, 1:]
     owner, free = np.full(pairs.shape[1], -1), np.ones(len(pairs), dtype=np.bool_)
