@@ -1,4 +1,4 @@
-"""Background models at full resolution: the sliding median against numpy, cost by frames, memory.
+"""The sliding median at full resolution against numpy.
 
 The stack is made on demand: a random walk of every pixel, shifted and drifting. Our time
 per frame is that of a run over so many consecutive frames, divided by their number, with
@@ -9,18 +9,15 @@ without either. It takes numpy some 10 s, so it is timed once.
 from __future__ import annotations
 
 import time
-import tracemalloc
 from collections import deque
 from collections.abc import Callable, Iterable
 
 import numpy as np
 from measure import Row
 
-from kilnflight.background import MODELS, Mean, Median
+from kilnflight.background import Median
 
 FULL = (1536, 2048)
-QUARTER = (384, 512)  # for the cost by number of frames: a sixteenth of the pixels
-LIMIT_GIB = 3.0
 
 
 class Walk:
@@ -75,53 +72,7 @@ def median_rows() -> list[Row]:
     return found
 
 
-def mean_row() -> Row:
-    """Return the sliding mean against numpy's mean of each window."""
-    stack, wanted = Walk(300, FULL), range(100, 110)
-    around = np.stack([stack[t] for t in (*range(75, 100), *range(101, 126))])
-    peer = seconds(lambda: around.mean(axis=0))
-    ours = min(seconds(lambda: last(Mean()(stack, wanted))) for _ in range(3)) / len(wanted)
-    step = "temporal mean, 50 frames, per frame of 10 at 1536 x 2048"
-    return Row(step, "frames", len(wanted), ours, peer, peer / ours, "numpy.mean of one frame")
-
-
-def growth_rows() -> list[Row]:
-    """Return each model's whole run over 100, 300 and 1000 frames of 384 x 512.
-
-    The peer is the same model's time for 100 frames, scaled by the number of frames: a
-    ratio of 1 is linear cost. 100 frames are fewer than the median's window, so all of them
-    share one window; from 300 on its cost is linear too.
-    """
-    found = []
-    for model in MODELS:
-        base = 0.0
-        for frames in (100, 300, 1000):
-            stack = Walk(frames, QUARTER)
-            ours = seconds(lambda model=model, stack=stack: last(model(stack, range(len(stack)))))
-            base = base or ours / frames
-            name = f"background {type(model).__name__} at 384 x 512, whole recording"
-            linear = base * frames
-            peer = "its own 100 frames, scaled"
-            found.append(Row(name, "frames", frames, ours, linear, linear / ours, peer))
-    return found
-
-
-def check_memory() -> None:
-    """Raise unless 1000 frames of full size would stay below the limit per worker."""
-    stack = Walk(1000, QUARTER)
-    tracemalloc.start()
-    last(Median()(stack, range(400, 600)))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    scaled = peak * FULL[0] * FULL[1] / (QUARTER[0] * QUARTER[1]) / 2**30
-    print(f"temporal median: peak {scaled:.2f} GiB at 1536 x 2048 (measured at 384 x 512)")
-    if scaled > LIMIT_GIB:
-        raise RuntimeError(f"the median holds {scaled:.2f} GiB, above {LIMIT_GIB} GiB")
-
-
 def rows() -> list[Row]:
-    """Return every comparison, the results checked to be equal."""
-    for model in MODELS:  # compile first
-        last(model(Walk(20, (8, 8)), range(8, 12)))
-    check_memory()
-    return [*median_rows(), mean_row(), *growth_rows()]
+    """Return every comparison."""
+    last(Median()(Walk(20, (8, 8)), range(8, 12)))  # compile first
+    return median_rows()

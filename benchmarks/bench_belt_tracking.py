@@ -1,14 +1,8 @@
 """The belt's tracker with 100 particles in view, without and with pictures, against peers.
 
-Without pictures: Stone Soup's nearest neighbour by linear assignment with the same filter, and
-the same tracker written with scipy, a filterpy object per track. With pictures: finding
-particles and tracking them, rendering excluded, against scipy.ndimage and that tracker. Every
-tracker's links are held against the truth before anything is timed.
-
-norfair, which the task names beside them, is not measured: it is none of this project's
-dependencies (nor of its extras), and its tracker associates greedily by distance, without
-likelihoods of appearing and leaving, so that what it returns would not be the same result. Stone
-Soup stands for other people's libraries, filterpy with scipy for the same method written plainly.
+Without pictures: the same tracker written with scipy, a filterpy object per track. With pictures:
+finding particles and tracking them, rendering excluded, against scipy.ndimage and that tracker.
+Every tracker's links are held against the truth before anything is timed.
 """
 
 from __future__ import annotations
@@ -19,9 +13,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pandas as pd
-import peers
 from filterpy.kalman import KalmanFilter
-from measure import Row, compare
+from measure import Row, check_links, compare
 from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
@@ -34,7 +27,6 @@ from kilnflight.sorter.rendering import Pictures
 
 IN_VIEW = 100
 VELOCITY = 1300.0  # mm/s: 46 frames to the end of the observed region
-RIGHT = 0.99  # share of the true links that a tracker must find to be timed
 TRACKER = BeltTracker()
 MOTION = constant_velocity()
 cv2.setNumThreads(1)  # frames per second are told of one core
@@ -118,42 +110,11 @@ def _filter(place: np.ndarray) -> KalmanFilter:
     return one
 
 
-def with_stone_soup(table: pd.DataFrame) -> np.ndarray:
-    """Return the same by Stone Soup, whose lengths are frames' ways instead of mm and s."""
-    per_frame = {"velocity": (750.0 * BELT_FRAME_S, 0.0), "velocity_sd": 433.0 * BELT_FRAME_S}
-    noise = MOTION.acceleration_noise * BELT_FRAME_S**1.5
-    settings = peers.StoneSoupGNN(
-        velocity_sd=per_frame["velocity_sd"],
-        acceleration_noise=noise,
-        measurement_sd=MOTION.measurement_sd,
-    )
-    # It starts tracks at rest; seen from a frame that moves along, they start as ours do.
-    moving = table["x"] - per_frame["velocity"][0] * table["frame"]
-    return settings(table.assign(row=moving, col=table["y"]))["particle"].to_numpy()
-
-
-def share_of_links(truth: np.ndarray, frame: np.ndarray, particle: np.ndarray) -> float:
-    """Return the share of the true links among those found or true (Jaccard)."""
-    found = []
-    for label in (truth, particle):
-        order = np.lexsort((frame, label))
-        same = (np.diff(label[order]) == 0) & (label[order][:-1] >= 0)
-        found.append(set(zip(order[:-1][same], order[1:][same], strict=True)))
-    return len(found[0] & found[1]) / len(found[0] | found[1])
-
-
-def check(table: pd.DataFrame, particle: np.ndarray, name: str) -> None:
-    """Raise unless the links are right."""
-    share = share_of_links(table["truth"].to_numpy(), table["frame"].to_numpy(), particle)
-    if share < RIGHT:
-        raise ValueError(f"{name}: {share:.3f} of the links are right, too few.")
-
-
 def without_pictures(name: str, peer: Callable, frames: int, repeats: int) -> Row:
     """Return one comparison on measured positions."""
     table = measured(frames)
     for tracker in (with_ours, peer):
-        check(table, tracker(table), tracker.__name__)
+        check_links(table, tracker(table), tracker.__name__)
     what = ("belt tracker, 100 particles in view", "frames", frames, name)
     return compare(what, lambda: with_ours(table), lambda: peer(table), repeats)
 
@@ -198,6 +159,5 @@ def rows() -> list[Row]:
     """Return every comparison; the slower the peer, the fewer the frames."""
     return [
         without_pictures("scipy and filterpy, one object per track", with_scipy, 100, 2),
-        without_pictures("Stone Soup, GNNWith2DAssignment", with_stone_soup, 20, 2),
         with_pictures(),
     ]

@@ -140,9 +140,6 @@ def rows() -> list[Row]:
             points,
         )
     ]
-    for count in (50_000, 200_000, 1_000_000):
-        step, wall = "DBSCAN, eps 15 mm, synthetic wall", surface(count)
-        found.append(against(step, PARTICLES, partial(plain_dbscan, 15.0), "scikit-learn", wall))
     for grid in (150, 400):
         step, plain = f"morphological clustering, R {grid}", partial(plain_morphology, grid)
         clusterer = MorphologicalClustering(grid)

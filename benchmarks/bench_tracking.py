@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import peers
-from measure import Row, compare
+from measure import Row, check_links, compare
 from scipy.spatial.distance import cdist
 
 from kilnflight.tracking.filter import Detected, Gate
@@ -21,7 +21,6 @@ from kilnflight.tracklets import postprocess
 
 LONGEST_STEP = 14.0  # px: speeds are 3 to 10 px/frame, jitter 0.5 px
 PER_FRAME = 60
-RIGHT = 0.99  # share of the true links that a tracker must find to be timed
 LIFE = 50  # frames
 FRAMES = (100, 300, 1000)
 GATED = (60, 300, 1000)  # tracks and as many detections
@@ -58,16 +57,6 @@ def with_stone_soup(table: pd.DataFrame) -> np.ndarray:
     return peers.StoneSoupGNN()(table)["particle"].to_numpy()
 
 
-def share_of_links(table: pd.DataFrame, particle: np.ndarray) -> float:
-    """Return the share of the true links among those found or true (Jaccard)."""
-    found = []
-    for label in (table["truth"].to_numpy(), particle):
-        order = np.lexsort((table["frame"], label))
-        same = np.diff(label[order]) == 0
-        found.append(set(zip(order[:-1][same], order[1:][same], strict=True)))
-    return len(found[0] & found[1]) / len(found[0] | found[1])
-
-
 def with_ours(table: pd.DataFrame) -> np.ndarray:
     """Return the particle of each detection."""
     return track(table)["particle"].to_numpy()
@@ -77,9 +66,7 @@ def against(name: str, peer: Callable, frames: int, repeats: int = 3) -> Row:
     """Return one comparison, the links of both checked to be right."""
     table = recording(frames)
     for tracker in (with_ours, peer):
-        share = share_of_links(table, tracker(table))
-        if share < RIGHT:
-            raise ValueError(f"{tracker.__name__}: {share} of the links are right, too few.")
+        check_links(table, tracker(table), tracker.__name__)
     what = ("GNN tracking, 60 detections per frame", "frames", frames, name)
     return compare(what, lambda: with_ours(table), lambda: peer(table), repeats)
 
@@ -108,10 +95,7 @@ def gating(tracks: int) -> Row:
 def campaign(frames: int = 3000) -> Row:
     """Return tracking and post-processing of a campaign against trackpy's tracking alone."""
     table = recording(frames)
-    done = postprocess(track(table))
-    share = share_of_links(table, done["particle"].to_numpy())
-    if share < RIGHT:
-        raise ValueError(f"post-processing: {share} of the links are right, too few.")
+    check_links(table, postprocess(track(table))["particle"].to_numpy(), "post-processing")
     what = ("GNN tracking and post-processing of a campaign", "frames", frames, "trackpy.link")
     return compare(what, lambda: postprocess(track(table)), lambda: with_trackpy(table), 2)
 

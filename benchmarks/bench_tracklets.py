@@ -1,18 +1,15 @@
-"""Post-processing of tracklets against its plain definition, and its cost over their number."""
+"""Connection of tracklets against its plain definition."""
 
 from __future__ import annotations
-
-import time
 
 import numpy as np
 import pandas as pd
 import plain_tracklets
 from measure import Row, compare
 
-from kilnflight.tracklets import Connection, postprocess, tracked
+from kilnflight.tracklets import Connection
 
 SIZES = (100, 300)  # tracklets; the plain definition judges every pair in every iteration
-GROWTH = (300, 1000, 3000, 10_000)  # tracklets
 
 
 def tracklets(count: int) -> pd.DataFrame:
@@ -57,20 +54,3 @@ def rows() -> list[Row]:
             )
         )
     return found
-
-
-def growth() -> None:
-    """Print the seconds of the whole post-processing over the number of tracklets."""
-    for count in GROWTH:
-        tracks = tracklets(count)
-        start = time.perf_counter()
-        result = postprocess(tracks)
-        seconds = time.perf_counter() - start
-        left = tracked(result)["particle"].nunique()
-        print(f"{count} tracklets, {len(tracks)} rows: {seconds:.3f} s, {left} trajectories")
-
-
-if __name__ == "__main__":
-    for row in rows():
-        print(row)
-    growth()

@@ -1,22 +1,12 @@
-"""The twin's rendering: against one particle at a time, and over long recordings."""
+"""The twin's rendering against drawing one particle at a time."""
 
 from __future__ import annotations
 
-import resource
-import subprocess
-import sys
-import time
-
 import numpy as np
-import pandas as pd
 from measure import Row, compare
 
-from kilnflight.project import figures
 from kilnflight.twin import picture as drawing
 from kilnflight.twin import scenes
-from kilnflight.twin.scene import Twin
-
-LENGTHS = (100, 1000, 3000)
 
 
 def one_by_one(picture: np.ndarray, blobs: drawing.Blobs) -> np.ndarray:
@@ -53,44 +43,3 @@ def rows() -> list[Row]:
     assert close.mean() > 0.999  # overlapping particles blend in another order
     what = ("drawing 20 particles into a frame", "particles", 20, "one particle at a time")
     return [compare(what, ours, lambda: one_by_one(empty, blobs), repeats=2)]
-
-
-def render(frames: int) -> None:
-    """Render frames of a campaign and print seconds and peak memory (run in a process)."""
-    twin: Twin = scenes.open_scene("confetti-4.5-bar")
-    twin.frame(0)
-    start = time.perf_counter()
-    for t in range(frames):
-        twin.frame(t)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(time.perf_counter() - start, peak)
-
-
-def save() -> None:
-    """Save speed and peak memory against the number of frames."""
-    table = []
-    for frames in LENGTHS:
-        command = [sys.executable, __file__, str(frames)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        seconds, peak = map(float, done.stdout.split())
-        table.append((frames, seconds, frames / seconds, peak))
-        print(f"rendering {frames} frames: {frames / seconds:.1f} frames/s, peak {peak:.0f} MiB")
-    columns = ["frames", "seconds", "frames_per_s", "peak_mib"]
-    caption = (
-        "Rendering of the twin at full resolution with point cloud and labels, one process: speed "
-        "and peak memory against the number of frames."
-    )
-    origin = figures.trace("benchmarks/bench_twin", {"scale": "full"}, mark="")
-    figures.save(
-        "benchmark-rendering",
-        pd.DataFrame(table, columns=columns),
-        caption=caption,
-        provenance=origin,
-    )
-
-
-if __name__ == "__main__":
-    import cv2
-
-    cv2.setNumThreads(1)
-    render(int(sys.argv[1]))

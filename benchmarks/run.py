@@ -22,8 +22,6 @@ def main() -> None:
                 flush=True,
             )
             rows.append(row)
-        if hasattr(module, "save"):
-            module.save()
     table = pd.DataFrame(rows)
     caption = (
         "Time of our implementation and of a peer with the same result, best of three runs in "

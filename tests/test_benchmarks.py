@@ -15,7 +15,7 @@ from kilnflight.detection import DBSCAN, MorphologicalClustering, QuasiClusterCe
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 MODULES = sorted(path.stem for path in FOLDER.glob("bench_*.py"))
-QUICK = ("camera", "cylinder", "jpda", "kalman", "tracklets")
+QUICK = ("jpda", "regression", "tracklets")
 
 
 @pytest.fixture

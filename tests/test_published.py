@@ -110,15 +110,3 @@ def test_the_belt_results_are_those_on_the_authors_data(published):
     table = pd.read_csv(published / "belt-arrival.csv")
     hint = "run make full where the authors' data are (make data, or KILNFLIGHT_EXTERNAL)"
     assert "authors-dem" in set(table["source"]), hint
-
-
-def test_the_limits_state_the_latency_of_the_benchmark(published):
-    text = " ".join((PROJECT / "docs" / "limits.md").read_text().split())
-    table = pd.read_csv(published / "benchmark-belt-online.csv").set_index(["way", "clock"])
-    whole, split = (table.loc[f"whole, {way}", "elapsed"] for way in ("as published", "split"))
-    assert (
-        f"{whole.median_ms:.1f} ms in the median and {whole.q999_ms:.1f} ms in 99.9 % of the frames"
-        in text
-    )
-    assert f"{whole.late:.0f} of {whole.frames:,.0f} is late" in text
-    assert f"worst takes {split.worst_ms:.0f} ms and {split.late:.0f} are late" in text

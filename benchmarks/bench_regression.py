@@ -1,0 +1,58 @@
+"""Trajectories of given orders against scipy over all unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from measure import Row, compare
+from tests.definitions import plain_regression
+
+from kilnflight.regression import Regression, regress
+
+EXIT, RATE = np.array([120.0, 60.0, 6500.0]), 330.0
+SCATTER = np.array([7.0, 7.0, 150.0])
+TRACKS, ORDERS = 5, (2, 3, 6)
+
+
+def tracks(count: int, points: int = 60) -> list[pd.DataFrame]:
+    """Return flights of one fraction, each with a t0 of its own."""
+    rng = np.random.default_rng(count)
+    parts = []
+    for _ in range(count):
+        first = int(rng.integers(100, 3000))
+        since = (np.arange(points) * 60 / points + rng.uniform(5, 20)) / RATE
+        speed = np.array([400.0, 900.0, -11_000.0]) * rng.uniform(0.7, 1.3, 3)
+        bend = np.array([-300.0, -4900.0, 6000.0])
+        places = EXIT + since[:, None] * speed + since[:, None] ** 2 * bend
+        places += rng.normal(size=places.shape) * SCATTER
+        parts.append(pd.DataFrame(places, columns=list("xyz")).assign(time_s=first / RATE + since))
+    return parts
+
+
+def against(order: int) -> Row:
+    """Return the comparison of one order along all axes; both find the same minimum."""
+    some, method = tracks(TRACKS), Regression(lowest=order, highest=order)
+    fits = [regress(track, EXIT, None, method) for track in some]
+
+    def plainly() -> list[float]:
+        """Return t0 by scipy, within the same range, from a guess a step away."""
+        found = []
+        for track, fit in zip(some, fits, strict=True):
+            time, places = track["time_s"].to_numpy(), track[list("xyz")].to_numpy()
+            low, high = np.array(fit.t0_range_s) - time[0]
+            start = np.clip(fit.t0 - time[0] + 0.01 * (high - low), low + 1e-9, high - 1e-9)
+            limits = (low, high)
+            peer = plain_regression.solve(time - time[0], places, EXIT, 3 * (order,), start, limits)
+            found.append(time[0] + peer.x[-1])
+        return found
+
+    np.testing.assert_allclose([fit.t0 for fit in fits], plainly(), atol=1e-4)
+    what = (f"regression of order {order}", "trajectories", TRACKS, "scipy over all unknowns")
+    return compare(
+        what, lambda: [regress(track, EXIT, None, method) for track in some], plainly, repeats=2
+    )
+
+
+def rows() -> list[Row]:
+    """Return every comparison."""
+    return [against(order) for order in ORDERS]
