@@ -62,17 +62,3 @@ def test_bad_input_and_a_missing_package_are_named(pair, monkeypatch):
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install kilnflight\[peer\]"):
         pair[0](recording())
-
-
-def test_laptracks_labels_are_those_of_its_table():
-    laptrack = pytest.importorskip("laptrack")
-    table = recording(40, 30).sample(frac=0.67, random_state=1)
-    table = table.assign(row=table["row"] % 300, col=table["col"] % 300)  # paths cross
-    table = table.sort_values(["frame", "row", "col"], ignore_index=True)
-    tracker = laptrack.LapTrack(cutoff=400, gap_closing_cutoff=900, gap_closing_max_frame_count=3)
-    own = tracker.predict_dataframe(
-        table.assign(number=table.index), ["row", "col"], "frame", False
-    )
-    own = own[0].set_index("number")["track_id"].sort_index()
-    fast = peers.LapTrack(20.0, 30.0, 3)(table)["particle"]
-    assert np.array_equal(fast, pd.factorize(own)[0])
