@@ -35,18 +35,21 @@ def against(order: int) -> Row:
     fits = [regress(track, EXIT, None, method) for track in some]
 
     def plainly() -> list[float]:
-        """Return t0 by scipy, within the same range, from a guess a step away."""
+        """Return the sums of squares by scipy, from a guess within the same range of t0."""
         found = []
         for track, fit in zip(some, fits, strict=True):
             time, places = track["time_s"].to_numpy(), track[list("xyz")].to_numpy()
-            low, high = np.array(fit.t0_range_s) - time[0]
-            start = np.clip(fit.t0 - time[0] + 0.01 * (high - low), low + 1e-9, high - 1e-9)
-            limits = (low, high)
-            peer = plain_regression.solve(time - time[0], places, EXIT, 3 * (order,), start, limits)
-            found.append(time[0] + peer.x[-1])
+            limits = np.array(fit.t0_range_s) - time[0]
+            inner = limits + np.array([1e-9, -1e-9])
+            start = np.clip(fit.t0 - time[0] + 0.01 * np.ptp(limits), *inner)
+            orders = 3 * (order,)
+            peer = plain_regression.solve(time - time[0], places, EXIT, orders, start, limits)
+            found.append(2 * peer.cost)
         return found
 
-    np.testing.assert_allclose([fit.t0 for fit in fits], plainly(), atol=1e-4)
+    free = len(some[0]) - order - 1
+    ours = [free * np.square(fit.rmse_mm).sum() for fit in fits]
+    np.testing.assert_allclose(ours, plainly(), rtol=1e-5)
     what = (f"regression of order {order}", "trajectories", TRACKS, "scipy over all unknowns")
     return compare(
         what, lambda: [regress(track, EXIT, None, method) for track in some], plainly, repeats=2
