@@ -46,17 +46,13 @@ class Parsed(HTMLParser):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self.places, self.targets, self.downloads = {"", "top"}, [], []
+        self.places, self.targets = {"", "top"}, []
         self.feed(path.read_text())
 
     def handle_starttag(self, tag, attrs):
         given = {name: value or "" for name, value in attrs}
         self.places |= {given[name] for name in ("id", "name") if name in given}
-        for name in ("href", "src"):
-            if name in given:
-                self.targets.append(given[name])
-                if "download" in given:
-                    self.downloads.append(given[name])
+        self.targets += [given[name] for name in ("href", "src") if name in given]
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +91,6 @@ def test_methods_lead_to_the_code(site):
     assert asked == len(
         re.findall(r'href="[^"]*#(?:module-)?kilnflight[^"]*"[^>]*><code class="xref', methods)
     )
-
-
-def test_every_download_exists(site, parsed):
-    links = [(page, link) for page, content in parsed.items() for link in content.downloads]
-    files = [(page, target(page, link)) for page, link in links]
-    assert [page.name for page, found in files if not (found and found[0].stat().st_size)] == []
 
 
 def test_no_page_names_a_folder_of_this_machine(site, parsed):

@@ -249,28 +249,6 @@ def _ignite(state, gas, geometry, gas_k, slip_m_s, settings):
     return lit | glows, cause
 
 
-def exit_plainly(state, gas, settings):
-    air_k = np.full(len(state.index), gas.lance_temperature_k)
-    speed, way = np.full(len(state.index), 0.1), np.zeros(len(state.index))
-    for _ in range(int(settings.longest_s / settings.step_s)):
-        inside = way < settings.lance_length_m
-        if not inside.any():
-            break
-        slip = gas.jet_velocity_m_s - speed
-        rate = drag_rate(state, np.abs(slip), air_k)
-        braking = _lance_friction(speed, gas.lance_diameter_m, settings)
-        gain = settings.step_s * (rate * slip - braking) / (1 + settings.step_s * rate)
-        speed = np.where(inside, np.maximum(speed + gain, 0.1), speed)
-        way = way + speed * settings.step_s
-    return speed
-
-
-def _lance_friction(speed_m_s, diameter_m, settings):
-    across = speed_m_s * np.tan(np.deg2rad(settings.bounce_angle_deg))
-    impacts_1_s = across / diameter_m
-    return settings.wall_friction * (1 + settings.restitution) * across * impacts_1_s
-
-
 def drag_rate(state, slip_m_s, gas_k):
     number = forces.reynolds(slip_m_s, state.diameter_m, gas_k)
     law = forces.sphere_drag if state.kind.body == SPHERE else forces.disc_drag

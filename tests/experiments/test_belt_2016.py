@@ -100,19 +100,3 @@ def test_images_give_the_same_to_a_millimetre(bodies):
     assert tracked["lateral_mm"].abs().median() < 0.5
     assert tracked["temporal_ms"].abs().median() < 1.0
     assert set(table["approach"]) == {"Tracking", "Straight"}
-
-
-def test_boxes_have_the_intervals_that_verdicts_need():
-    rng = np.random.default_rng(0)
-    parts = [
-        pd.DataFrame({"data": data, "approach": "Tracking", "lateral_mm": rng.normal(0, size, 400)})
-        for data, size in (("noise-free", 0.1), ("images", 1.0))
-    ]
-    table = pd.concat(parts).assign(temporal_ms=np.nan)
-    boxes = belt_2016.summaries(table, ["data", "approach"], seed=1).set_index("data")
-    assert boxes["quantity"].tolist() == ["lateral_mm"] * 2
-    free, images = boxes.loc["noise-free"], boxes.loc["images"]
-    assert free["iqr_low"] < free["iqr"] < free["iqr_high"] < images["iqr_low"]
-    assert free["median_low"] < 0 < free["median_high"]
-    assert images["mae_centred"] == pytest.approx(0.8, abs=0.1)  # sqrt(2 / pi)
-    assert images["absolute_q95"] == pytest.approx(1.96, abs=0.2)

@@ -31,34 +31,6 @@ def test_resampled_tracks_keep_a_cubic_and_every_observation():
     pd.testing.assert_frame_equal(belt_2020.resample(fast, 100.0), path, check_dtype=False)
 
 
-def accelerated(*velocities):
-    """Particles with an acceleration of 1500 mm/s^2 at 100 Hz, one after the other."""
-    time = np.arange(30) / 100.0
-    parts = [
-        pd.DataFrame(
-            {
-                "frame": np.arange(30),
-                "particle": k,
-                "time_s": time,
-                "x": 400 + velocity * time + 750 * time**2,
-                "y": 90 + 10 * k * time,
-            }
-        )
-        for k, velocity in enumerate(velocities)
-    ]
-    return pd.concat(parts, ignore_index=True)
-
-
-def test_velocities_are_interpolated_where_a_particle_was_seen():
-    steps = belt_2020.step_velocities(accelerated(1000.0, 1100.0))
-    at = belt_2020.velocities_at(steps, "velocity_x_mm_s", np.array([350.0, 500.0]))
-    assert np.isnan(at[:, 0]).all()
-    # v^2 = v_0^2 + 2 a s; between two steps the velocity is linear in time, not in x
-    np.testing.assert_allclose(at[:, 1], np.sqrt([1.3e6, 1.51e6]), rtol=1e-3)
-    across = belt_2020.velocities_at(steps, "velocity_y_mm_s", np.array([500.0]))
-    np.testing.assert_allclose(across, [[0.0], [10.0]], atol=1e-9)
-
-
 def test_models_are_summed_up_by_the_median_of_the_draws(observed):
     evaluation = Evaluation(draws=3, share=0.05)
     table = belt_2020.compare_models(observed, PHASE, arrival_deviations, evaluation, 1)

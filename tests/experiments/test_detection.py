@@ -1,7 +1,4 @@
-from itertools import product
-
 import numpy as np
-import pandas as pd
 import pytest
 
 from kilnflight import background, kiln
@@ -93,21 +90,3 @@ def test_positions_are_means_of_the_points_in_the_pixels(subset):
     assert set(detected["subset"]) <= {"V3"}
     for table in (marked, detected):
         np.testing.assert_allclose(table["distance_mm"], np.hypot(table["x"], table["y"]))
-
-
-def test_the_threshold_of_a_subset_is_best_on_the_others(monkeypatch):
-    best = {"V1": 100, "V2": 200, "V3": 200}  # where each subset has its true positives
-
-    def run(subsets, methods, _):
-        rows = [
-            {"subset": name, "method": k, "tp": 9 * (k == best[name]) + 1, "fp": 0, "fn": 9}
-            for name, k in product(subsets, methods)
-        ]
-        table = pd.DataFrame(rows).assign(seconds=0.1)
-        return table.join(table[["tp", "fp", "fn"]].add_suffix("_pixels"))
-
-    monkeypatch.setattr(detection, "run", run)
-    table = detection.compare_thresholds(list(best), "full")
-    chosen = detection.chosen_thresholds(table)
-    assert chosen.to_dict() == {"V1": 200, "V2": 100, "V3": 100}  # 100 and 200 tie, as both have 1
-    assert table["seconds"].isna().all()

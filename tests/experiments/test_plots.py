@@ -1,12 +1,9 @@
 """Shared plots: marks lie where the definition says, up is up."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from mpl_toolkits.mplot3d import proj3d
 
 from kilnflight.experiments import plots
-from kilnflight.twin.camera import Geometry
 
 
 def lines(axes):
@@ -50,19 +47,3 @@ def test_no_line_is_drawn_where_a_track_misses_frames():
     assert broken["frame"].tolist() == [3, 4, 6, 7, 9]
     assert broken["row"].isna().tolist() == [False, False, True, False, False]
     assert plots.broken_at_gaps(tracks.assign(col=2.0)[:0]).empty
-
-
-def test_what_lies_to_the_right_in_the_picture_is_drawn_to_the_right():
-    room = plt.figure().add_subplot(projection="3d")
-    places = np.array([[300.0, 0, 6000], [-300, 0, 6000]])
-    _, columns = Geometry().project(places)
-    assert columns[0] > columns[1]
-    room.plot(*plots.upright(places))
-    plots.label_camera_space(room)
-    room.view_init(elev=0, azim=180)  # from the camera, along the depth
-    room.figure.canvas.draw()
-    right, left = (
-        proj3d.proj_transform(*place, room.get_proj())[0] for place in plots.upright(places).T
-    )
-    plt.close(room.figure)
-    assert right > left

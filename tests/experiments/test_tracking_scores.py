@@ -30,14 +30,6 @@ def test_what_starts_at_the_lance_and_continues_is_kept():
     assert kept(path(-1)) == []
 
 
-def test_one_wrong_position_or_depth_does_not_decide():
-    astray = path(0)
-    astray.loc[0, ["row", "z"]] = 1400.0, 900.0
-    assert kept(astray) == [0]
-    astray.loc[1, "row"] = 1400.0
-    assert kept(astray) == []
-
-
 def cell(truth, tracks):
     return scores.score_cell(("a", "GNN", "with"), truth, tracks, LANCE, (1, 1, 2))
 

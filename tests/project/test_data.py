@@ -98,14 +98,6 @@ def test_make_goes_on_without_a_network_but_make_data_does_not(
     assert len((output.out + output.err).strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("arguments", [[], ["--optional"]])
-def test_a_damaged_file_stops_both(folder, capsys, arguments):
-    folder.mkdir()
-    (folder / data.BELT_DEM["spheres"]).write_bytes(b"other")
-    assert data.main(arguments) == 1
-    assert "SHA-256" in capsys.readouterr().err
-
-
 def test_the_pinned_files_are_the_authors(authors_data):
     for name in data.BELT_DEM.values():
         assert data.find(name) == authors_data / name

@@ -122,12 +122,6 @@ def test_result_and_verdicts_of_a_notebook_that_exists_are_kept():
         figures.conclude("One line.", [verdict, verdict], made)
 
 
-def test_saved_files_are_listed_for_make(tmp_path, monkeypatch):
-    monkeypatch.setenv(paths.SAVED_LIST, str(tmp_path / "saved"))
-    save()
-    assert (tmp_path / "saved").read_text() == f"{paths.figures() / 'fig-1.csv'}\n"
-
-
 @pytest.fixture
 def project(tmp_path, monkeypatch):
     """A project of its own with one commit."""

@@ -86,13 +86,6 @@ def test_a_failing_cell_is_told_and_the_rest_is_kept_for_inspection(notebook, tm
     assert outputs(build / "07_test.failed.ipynb") == ["'standard 1 2.0'"]
 
 
-def test_a_mended_notebook_leaves_no_failed_one(notebook, tmp_path):
-    build = tmp_path / "b"
-    notebooks.main([str(notebook("1 / 0")), "--build", str(build)])
-    assert notebooks.main([str(notebook()), "--build", str(build)]) == 0
-    assert [p.name for p in build.iterdir()] == ["07_test.ipynb"]
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -118,19 +111,3 @@ def test_a_source_without_parameters_is_told(tmp_path, capsys):
     assert "no cell is tagged parameters" in capsys.readouterr().err
     assert notebooks.main([str(tmp_path / "gone" / "08.py")]) == 1
     assert "No such file" in capsys.readouterr().err
-
-
-def test_long_work_says_how_far_it_is(notebook, tmp_path, capfd):
-    work = (
-        "import time\n"
-        "from kilnflight.project import parallel\n"
-        "parallel.LOGGED_S = 0.1\n"
-        "parallel.Workers()(lambda _: time.sleep(0.4), [1, 2, 3, 4], [5] * 4, 'resting')"
-    )
-    path = notebook(work)
-    assert notebooks.main([str(path), "--build", str(tmp_path / "b"), "-p", "scale=quick"]) == 0
-    said = capfd.readouterr()
-    assert "07_test: resting:  50%" in said.out
-    assert "frame/s" in said.out
-    assert said.err == ""
-    assert outputs(tmp_path / "b" / "07_test.ipynb") == ["'quick 1 2.0'"]  # nothing in the page

@@ -41,12 +41,6 @@ def test_a_frame_is_drawn_in_its_pixels_and_circles_in_their_size():
     style.plt.close("all")
 
 
-def test_a_name_of_the_code_becomes_words():
-    names = ["RunningGaussian", "OutlierRemoval", "belt_time_s 0.001", "Median (stops at 0)"]
-    spoken = ["running Gaussian", "outlier removal", "belt time (s) 0.001", "median (stops at 0)"]
-    assert [style.words(name) for name in names] == spoken
-
-
 def test_what_the_data_are_stands_below_the_legend():
     picture, ((axes,),) = style.canvas()
     axes.plot([0, 1], label="a line")

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.twin.background import Background, Surroundings
+from kilnflight.twin.background import Surroundings
 from kilnflight.twin.burner import Burner, lance_tube
-from kilnflight.twin.camera import Geometry, Optics
+from kilnflight.twin.camera import Geometry
 from kilnflight.twin.life import Moment
 from kilnflight.twin.scene import Twin
 
@@ -13,8 +13,6 @@ SMALL = replace(
     Geometry(), rows=192, columns=256, focal_length_px=85.0 / 0.088, lance_pixel=(60.5, 117.0)
 )
 AROUND = Surroundings(flame_roi=(70, 122, 22, 78), edge_px=11, texture_k=10.0)
-BACK = Background(SMALL, Optics(wall_level=12_500.0), AROUND, seed=2)
-GRID = np.indices((192, 256), dtype=float)
 
 
 def test_the_lances_mouth_is_where_particles_start():
@@ -36,15 +34,6 @@ def test_the_lance_points_where_particles_go(degrees):
     assert np.isfinite(depth).mean() > 0.99
     assert (depth <= camera[..., 2] + 1.0).all()
     assert np.isclose(depth, camera[..., 2], rtol=2e-3).mean() > 0.25
-
-
-def test_depth_knows_lance_and_burner():
-    solid = np.isfinite(BACK.solid_mm)
-    assert 0.002 < solid.mean() < 0.05
-    np.testing.assert_array_equal(BACK.depth_mm[solid], BACK.solid_mm[solid])
-    assert (BACK.solid_mm[solid] < SMALL.wall_depth(*GRID)[solid]).all()
-    assert BACK.depth_mm[~solid].max() <= SMALL.inlet_depth_mm + 100
-    assert BACK.solid_mm.min() == pytest.approx(SMALL.lance_depth_mm, rel=0.01)
 
 
 def test_a_particle_behind_the_lance_is_hidden(small_scene):

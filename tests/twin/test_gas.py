@@ -28,18 +28,6 @@ def test_the_jet_decays_with_one_over_distance():
     assert near == pytest.approx(expected)
 
 
-def test_momentum_flux_is_kept_within_the_laws_accuracy():
-    """Integrate rho U^2 over the cross-section at two distances of the far field."""
-    radius = np.linspace(0.0, 2.0, 4001)
-    flux = []
-    for x in (1.0, 3.0):
-        middle = np.full_like(radius, -float(forces.jet_drop(JET, np.array([x]))[0]))
-        points = np.stack([np.full_like(radius, x), radius, middle])
-        velocity = forces.excess_velocity(JET, points)
-        flux.append(np.trapezoid(velocity**2 * 2 * np.pi * radius, radius))
-    assert flux[0] == pytest.approx(flux[1], rel=1e-3)
-
-
 def test_drag_coefficients_of_the_handbooks():
     re = np.array([0.01, 1.0, 100.0, 5000.0])
     np.testing.assert_allclose(

@@ -35,16 +35,3 @@ def test_a_moment_lies_on_the_flight(life):
         expected = before + (age / step - low) * (after - before)
         np.testing.assert_allclose(moment.position_m[row], expected, atol=1e-5)
         assert not moment.landed[row]
-
-
-def test_what_has_landed_stays_where_it_landed(life):
-    landed = life.table["end"] == "landed"
-    particle = int(life.table.index[landed & (life.table["flame_s"] > 0.2)][0])
-    time = life.release_s[particle] + life.table["end_s"][particle] + 0.1
-    moment = life.at(time)
-    row = int(np.flatnonzero(moment.particle == particle)[0])
-    assert moment.landed[row]
-    assert not moment.velocity_m_s[row].any()
-    place = KILN[1].to_camera(moment.position_m[row])
-    end = life.table.loc[particle, ["end_x_mm", "end_y_mm", "end_z_mm"]].to_numpy(float)
-    np.testing.assert_allclose(place, end)

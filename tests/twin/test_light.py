@@ -88,11 +88,3 @@ def test_tails_lie_along_the_wind_on_a_particle_and_end():
     assert tails[1, 1] == pytest.approx(-3000 * light.tail_s)
     assert np.linalg.norm(tails[2]) == pytest.approx(light.longest_tail_mm)
     np.testing.assert_array_equal(velocity[0], [1.5, 0.0, -2.0])
-
-
-def test_a_flame_narrows_towards_its_tail():
-    single = blobs((1e4, 0.5))._replace(tail=np.array([[-1.0, 0.0]]))  # upwards
-    pixels = drawing.cover(single, 80, 80)
-    row, column = np.divmod(pixels.place[pixels.radius <= 1], 80)
-    width = [np.ptp(column[row == at]) for at in (34, 46)]
-    assert width[0] < 0.8 * width[1]

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.definitions.flight import Plain, exit_plainly, fly_plainly
+from tests.definitions.flight import fly_plainly
 
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.fitted import second_kiln
-from kilnflight.twin.flight import ENDS, Flight, exit_velocity, fly, launch
+from kilnflight.twin.flight import ENDS, Flight, fly
 from kilnflight.twin.gas import Gas
 from kilnflight.twin.particles import FRACTIONS
 
@@ -39,12 +39,3 @@ def test_compiled_flights_are_the_plain_ones(kind, case):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5, err_msg=name)
     assert (plain.end == ENDS.index("landed")).any()
     assert np.isfinite(plain.ignition_s).any() or not kind.sheet
-
-
-@pytest.mark.parametrize("kind", FRACTIONS.values(), ids=lambda kind: kind.name)
-def test_compiled_exit_velocities_are_the_plain_ones(kind):
-    settings = Flight()
-    particles = kind.draw(30, np.random.default_rng(1))
-    state = launch(particles, Gas(), Geometry(), np.random.default_rng(2), settings)
-    plain = exit_plainly(Plain(state, particles, settings), Gas(), settings)
-    np.testing.assert_allclose(exit_velocity(state, Gas(), settings), plain, rtol=1e-12)

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from kilnflight.twin import gas as forces
 from kilnflight.twin import plates as turning
-from kilnflight.twin.burning import mass_kg
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.compiled import numbers, put
 from kilnflight.twin.flight import Flight, launch
@@ -61,33 +59,11 @@ def sheets(kind, n, seed=1):
     return state, np.full(n, HOT_K), generator
 
 
-def steady_fall(state, share=1.0):
-    """Terminal speed at a share of the broadside drag, by a fixed point."""
-    speed, gas_k = np.ones(len(state)), np.full(len(state), HOT_K)
-    weight = mass_kg(state) * GRAVITY_M_S2
-    for _ in range(300):
-        law = forces.disc_drag(forces.reynolds(speed, state.diameter_m, gas_k))
-        drag = share * forces.density(gas_k) * law * state.broadside_m2 / 2
-        speed = np.sqrt(speed * np.sqrt(weight / drag))
-    return speed
-
-
 def fall(state, gas_k, generator, step_s, wander=0.0):
     """Fall by one step through still air."""
     free = turn(state, -state.velocity, gas_k, PLATES, wander, step_s, generator)
     still = np.zeros_like(state.velocity)
     move(state, still, gas_k, free, PLATES, step_s)
-
-
-def test_held_broadside_or_edge_on_it_falls_as_fast_as_drag_and_weight_say():
-    state, gas_k, _ = sheets(CONFETTI, 20)
-    state.spin_1_s[:] = 0.0
-    state.along[:], still = [1.0, 0.0, 0.0], np.zeros((20, 3))
-    for normal, share in (((0.0, 0.0, 1.0), 1.0), ((0.0, 1.0, 0.0), PLATES.edge_drag)):
-        state.normal[:], state.velocity[:] = normal, 0.0
-        for _ in range(3000):
-            move(state, still, gas_k, np.ones(20), PLATES, 2e-3)
-        np.testing.assert_allclose(-state.velocity[:, 2], steady_fall(state, share), rtol=0.01)
 
 
 @SHEETS

@@ -18,13 +18,6 @@ def test_scenes_have_the_published_lengths_and_rates():
     assert total == 24_892
 
 
-def test_a_scenario_changes_one_thing():
-    base, colder = scenes.open_scene("V1"), scenes.open_scene("V1@wall-profile")
-    assert colder.scene.gas.wall_fall_k_m == 24.0
-    assert replace(colder.scene, gas=base.scene.gas, name="V1") == base.scene
-    assert colder.attributes.name == "V1@wall-profile"
-
-
 SCENE = "wood-chip-4.5-bar@small"
 
 
