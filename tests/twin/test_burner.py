@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kilnflight.twin.background import Surroundings
 from kilnflight.twin.burner import Burner, lance_tube
 from kilnflight.twin.camera import Geometry
 from kilnflight.twin.life import Moment
@@ -12,7 +11,6 @@ from kilnflight.twin.scene import Twin
 SMALL = replace(
     Geometry(), rows=192, columns=256, focal_length_px=85.0 / 0.088, lance_pixel=(60.5, 117.0)
 )
-AROUND = Surroundings(flame_roi=(70, 122, 22, 78), edge_px=11, texture_k=10.0)
 
 
 def test_the_lances_mouth_is_where_particles_start():
