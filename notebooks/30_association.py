@@ -25,7 +25,7 @@ from scipy.spatial.distance import cdist
 
 from kilnflight.association import ASSOCIATORS, joint_probabilities
 from kilnflight.project import figures, style
-from kilnflight.scores.detections import GATE_PX, score_detections
+from kilnflight.scores.detections import DETECTION_GATE_PX, score_detections
 from kilnflight.tracking import tracker
 from kilnflight.tracking.filter import Detected, Gate
 
@@ -195,9 +195,9 @@ figures.save("fig-4-2-gate", table, picture=picture, caption=caption, provenance
 # %%
 detected = np.array([[40.0, 60], [90, 70], [45, 210], [150, 150], [140, 250]])
 particles = np.array([[20.0, 50], [62, 62], [100, 150], [50, 222], [150, 262]])
-pairs = score_detections(particles, detected, GATE_PX).pairs
+pairs = score_detections(particles, detected, DETECTION_GATE_PX).pairs
 costs = pd.DataFrame(cdist(detected, particles), columns=["p1", "p2", "p3", "p4", "p5"])
-costs = costs.where(costs <= GATE_PX)
+costs = costs.where(costs <= DETECTION_GATE_PX)
 costs.insert(0, "detection", ["d1", "d2", "d3", "d4", "d5"])
 
 # %% tags=["hide-input"]
@@ -210,7 +210,7 @@ left.set(yticks=range(5), yticklabels=costs["detection"], ylim=(4.6, -0.6))
 for name, places, colour in (("p", particles, "C2"), ("d", detected, "C1")):
     for k, place in enumerate(places, 1):
         right.annotate(f"{name}{k}", place[::-1], color=colour, **text)
-        ellipse(right, place, np.eye(2), GATE_PX if name == "d" else 1.0, ls=":")
+        ellipse(right, place, np.eye(2), DETECTION_GATE_PX if name == "d" else 1.0, ls=":")
 for particle, detection in pairs:
     right.plot(*np.transpose([particles[particle], detected[detection]])[::-1], "-", color="C4")
 right.set(xlabel="column (px)", ylabel="row (px)", aspect="equal", ylim=(215, -40))

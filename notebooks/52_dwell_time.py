@@ -27,7 +27,7 @@ from kilnflight.experiments.campaigns import KEYS, REASONS
 from kilnflight.flight import BURNT_OUT, LANDED, LOST, straight_on
 from kilnflight.ignition import NONE, SEEN
 from kilnflight.project import claims, figures, style
-from kilnflight.scores.intervals import Interval, difference
+from kilnflight.scores.intervals import Interval, difference_interval
 
 CASES = ("landed unlit", "landed burning", BURNT_OUT)  # (a), (b) and (c) of Fig. 5.18
 
@@ -161,8 +161,8 @@ for k, key in enumerate(each):
         each.get(one, unknown) for one in (("wood chip", key[1]), ("PE granule", 4.5))
     )
     for name, apart in (
-        ("minus_chips", difference(each[key], chips)),
-        ("granules_minus", difference(granules, each[key])),
+        ("minus_chips", difference_interval(each[key], chips)),
+        ("granules_minus", difference_interval(granules, each[key])),
     ):
         found = flights.interval_columns(apart)
         columns = [f"{name}_s", f"{name}_low", f"{name}_high"]

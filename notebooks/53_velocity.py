@@ -27,7 +27,7 @@ from kilnflight.experiments import accuracy, campaigns, flights, plots
 from kilnflight.experiments.campaigns import KEYS
 from kilnflight.flight import straight_on
 from kilnflight.project import claims, figures, style
-from kilnflight.scores.flights import METRES, along
+from kilnflight.scores.flights import METRES
 
 SENTENCES = {"vel-2": "wood chip", "vel-3": "confetti"}  # each on a fraction at 4.5 bar
 SENTENCES |= {"vel-4": "paper shred", "vel-5": "PE granule"}
@@ -117,9 +117,12 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 # A flight that is lost on the way is censored there (Kaplan and Meier over the distance).
 
 # %%
-ways = {name: along(campaigns.outcome_table(values)) for name, values in sources.items()}
-shares = pd.concat(ways, names=["version"]).reset_index("version")
-shares = shares[shares["quantity"] == "remaining"]
+passed = [f"remaining {metre} m (%)" for metre in METRES]
+tables = {name: campaigns.outcome_table(values) for name, values in sources.items()}
+ways = {name: rows.melt(KEYS, passed, "outcome") for name, rows in tables.items()}
+shares = pd.concat(ways, names=["version"]).reset_index("version").assign(quantity="remaining")
+shares["distance_m"] = shares["outcome"].str.extract(r"(\d)")[0].astype(float)
+shares = shares.sort_values(["distance_m"], kind="stable")
 bounds = printed[printed["outcome"].str.startswith("remaining")]
 metre = bounds["outcome"].str.extract(r"(\d)")[0].astype(float)
 bounds = bounds.assign(version="published", quantity="remaining", distance_m=metre)

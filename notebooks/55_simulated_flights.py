@@ -26,8 +26,9 @@ from matplotlib.collections import LineCollection
 from scipy import stats
 
 from kilnflight.experiments import campaigns, plots
+from kilnflight.experiments.flights import box
 from kilnflight.project import figures, style
-from kilnflight.scores.flights import METRES, box
+from kilnflight.scores.flights import METRES
 from kilnflight.twin import truth
 from kilnflight.twin.fitted import second_kiln
 from kilnflight.twin.flight import ENDS

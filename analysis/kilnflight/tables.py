@@ -181,12 +181,6 @@ DETECTIONS = Table(
 TO_TRACK = Table("detections to track", *DETECTIONS.columns[:3])  # frame, row, col
 
 
-def pixel_columns(table: pd.DataFrame) -> tuple[str, str]:
-    """Return the names of the places in px: row, col, or y, x in a table without them."""
-    named = {"row", "col"}.isdisjoint(table.columns) and {"x", "y"} <= set(table.columns)
-    return ("y", "x") if named else ("row", "col")
-
-
 def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
     """Return a table of other programs with row and col, from y and x in pixels; z is a plane.
 
@@ -197,7 +191,7 @@ def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
     >>> list(with_pixels(pd.DataFrame({"y": [2.5], "x": [7.0], "frame": [3]})).columns)
     ['row', 'col', 'frame']
     """
-    if pixel_columns(table) == ("row", "col"):
+    if not {"x", "y"} <= set(table.columns) or {"row", "col"} & set(table.columns):
         return table
     return table.rename(columns={"x": "col", "y": "row", "z": "plane"})
 

@@ -19,7 +19,7 @@ from kilnflight.detection.wall import Cylinder, CylinderFit
 from kilnflight.experiments.detection import COUNTS, TABLES, sum_counts
 from kilnflight.project import claims
 from kilnflight.scores import count_in_air, rates, score_detections
-from kilnflight.scores.intervals import Bootstrap
+from kilnflight.scores.intervals import DRAWS
 from kilnflight.twin import truth
 from kilnflight.twin.camera import Geometry
 
@@ -136,9 +136,7 @@ def cylinder_table(
     return next(iter(fits.values())), table.rename_axis("subset").reset_index()
 
 
-def resampled_rates(
-    table: pd.DataFrame, seed: int, draws: int = Bootstrap().draws
-) -> dict[str, pd.DataFrame]:
+def resampled_rates(table: pd.DataFrame, seed: int, draws: int = DRAWS) -> dict[str, pd.DataFrame]:
     """Return precision, recall and F1 over draws of frames, (draws, methods) each.
 
     Frames of ``table`` (of `detection.run`) are drawn with replacement within each subset, the

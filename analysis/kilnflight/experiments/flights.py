@@ -30,7 +30,7 @@ from kilnflight.scores.flights import (
     quartiles,
     remaining,
 )
-from kilnflight.scores.intervals import Bootstrap, Interval
+from kilnflight.scores.intervals import Interval
 from kilnflight.twin.particles import FRACTIONS
 from kilnflight.twin.scenes import PRESSURES_BAR
 
@@ -61,7 +61,22 @@ def finite(values: npt.ArrayLike) -> Array:
 
 def median_of(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
     """Return the median of the finite values with its 95 % interval."""
-    return Bootstrap()(np.median, [finite(values)], generator)
+    return intervals.median_interval(finite(values), generator)
+
+
+def box(times: Array) -> dict[str, float]:
+    """Return quartiles, whiskers within 1.5 boxes, and the number of outliers."""
+    q25, median, q75 = quartiles(times)
+    reach = 1.5 * (q75 - q25)
+    inside = times[(times >= q25 - reach) & (times <= q75 + reach)]
+    return {
+        "whisker_low": float(inside.min()) if len(inside) else np.nan,
+        "q25": float(q25),
+        "median": float(median),
+        "q75": float(q75),
+        "whisker_high": float(inside.max()) if len(inside) else np.nan,
+        "outliers": float(len(times) - len(inside)),
+    }
 
 
 def samples(flight_values: FlightValues) -> dict[str, Array]:

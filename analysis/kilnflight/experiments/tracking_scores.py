@@ -19,7 +19,7 @@ import pandas as pd
 from kilnflight import tracklets
 from kilnflight.project import claims
 from kilnflight.scores import score_tracks
-from kilnflight.scores.intervals import Interval, TrackBootstrap
+from kilnflight.scores.intervals import DRAWS, LEAST, percentiles, track_draws
 from kilnflight.scores.tracks import TrackScore
 
 # The bare epsilon of Table 5.16, 10 px; Eq. 5.1 is the only place with a bare epsilon.
@@ -105,23 +105,23 @@ def score_cell(
     key: Key, truth: pd.DataFrame, tracks: pd.DataFrame, lance: Lance, seed: Sequence[int]
 ) -> Scored:
     """Return a cell of tracks from the lance; ``seed`` starts with the window's number."""
-    true, bootstrap = from_lance(truth, lance), TrackBootstrap()
+    true = from_lance(truth, lance)
     if not len(true):
-        return Scored(key, None, np.full((bootstrap.draws, len(MEASURES)), np.nan))
+        return Scored(key, None, np.full((DRAWS, len(MEASURES)), np.nan))
     score = score_tracks(true, from_lance(tracks, lance), GATE_PX)
-    return Scored(key, score, bootstrap(score, seed[:1], seed))
+    return Scored(key, score, track_draws(score, seed[:1], seed))
 
 
 def tabulate(cells: Iterable[Scored]) -> pd.DataFrame:
     """Return measures by cell, with 95 % intervals (``_low``, ``_high``).
 
-    The ends are NaN with fewer true trajectories than `TrackBootstrap.least`.
+    The ends are NaN with fewer than `LEAST` true trajectories.
     """
     rows = []
     for cell in cells:
         row = dict(zip(KEYS, cell.key, strict=True)) | measures_of(cell.score)
         for k, name in enumerate(MEASURES):
-            low, high = _ends(float(row[name]), cell.draws[:, k], [cell], 0.0)
+            low, high = _ends(cell.draws[:, k], [cell], 0.0)
             row |= {f"{name}_low": low, f"{name}_high": high}
         rows.append(row)
     return pd.DataFrame(rows)
@@ -174,7 +174,7 @@ def difference(cells: Mapping[Key, Scored], key: Key, measures: str) -> dict[str
     pairs = [(cells[first], cells[second]) for first, second in sides]
     columns = [MEASURES.index(name) for name in chosen]
     draws = np.mean([(a.draws - b.draws)[:, columns].mean(axis=1) for a, b in pairs], axis=0)
-    low, high = _ends(estimate, draws, [cell for pair in pairs for cell in pair], -1.0)
+    low, high = _ends(draws, [cell for pair in pairs for cell in pair], -1.0)
     row = {**dict(zip(KEYS, key, strict=True)), "measure": measures, "recomputed": estimate}
     return row | {"low": low, "high": high, "published": printed}
 
@@ -210,12 +210,10 @@ def differences(cells: Mapping[Key, Scored]) -> pd.DataFrame:
 
 
 def _ends(
-    estimate: float, draws: npt.NDArray[np.float64], cells: Sequence[Scored], least: float
+    draws: npt.NDArray[np.float64], cells: Sequence[Scored], least: float
 ) -> tuple[float, float]:
     """Return the ends of an interval, from ``least`` to 1; NaN where the sample is too small."""
-    numbers = tuple(0 if c.score is None else len(c.score.true_tracks) for c in cells)
-    interval: Interval = TrackBootstrap().interval(estimate, draws, numbers)
-    if not np.isfinite(interval.low):
+    if min(0 if c.score is None else len(c.score.true_tracks) for c in cells) < LEAST:
         return np.nan, np.nan
-    low, high = np.clip([interval.low, interval.high], least, 1.0)
+    low, high = np.clip(percentiles(draws), least, 1.0)
     return float(low), float(high)

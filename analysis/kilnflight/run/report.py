@@ -26,7 +26,7 @@ from kilnflight.project import style
 from kilnflight.recording.frames import Recording
 from kilnflight.regression import FITTED, Regression
 from kilnflight.scores.flights import ignition_histogram
-from kilnflight.scores.intervals import Bootstrap, Interval, share
+from kilnflight.scores.intervals import Interval, median_interval, share
 from kilnflight.tracklets import tracked
 
 SEED = 0  # of the bootstrap
@@ -190,7 +190,7 @@ def _ignited(counted: pd.DataFrame) -> Iterator[Row]:
     """
     complete = counted.loc[counted["ending"] != LOST, "dwell_s"]
     if len(complete):
-        dwell = Bootstrap()(np.median, [complete], np.random.default_rng(SEED))
+        dwell = median_interval(complete, np.random.default_rng(SEED))
         yield "dwell time, median", f"{_text(dwell, 3)} s"
     yield "of complete flights", f"{len(complete)} of {len(counted)}"
     kinds, shares = counted["ignition"], {"ignition seen": [SEEN]}
@@ -219,7 +219,7 @@ def _velocities(results: Results) -> Iterator[Row]:
     """
     groups, total = results.slices.groupby("slice_m")["velocity_m_s"], len(results.counted)
     for far, number in reaching(results.slices, total)[["slice_m", "number"]].to_numpy():
-        middle = Bootstrap()(np.median, [groups.get_group(far)], np.random.default_rng(SEED))
+        middle = median_interval(groups.get_group(far).to_numpy(), np.random.default_rng(SEED))
         passed = _text(share(int(number), total), 0, 100)
         value = f"median {_text(middle, 1)} m/s, {passed} % of the flights"
         yield f"velocity in the metre up to {far:g} m", value

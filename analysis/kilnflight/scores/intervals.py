@@ -1,7 +1,7 @@
 """Confidence intervals of medians and shares of particles, and of the measures of tracks.
 
-Medians and their differences: bootstrap over particles. Shares: Wilson's interval, and
-Newcombe's of a difference, because a bootstrap of "none of 40 ignited" has no width.
+Medians: bootstrap over particles. Shares: Wilson's interval, because a bootstrap of "none of 40
+ignited" has no width. Differences: Newcombe's.
 
 A particle is the unit. Particles of one handful fly through the same gusts and share frames, so
 they are less independent than the intervals assume. Differences between whole recordings (gas,
@@ -12,21 +12,20 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
-from kilnflight.checks import InputError, check_count, check_finite, check_inside
+from kilnflight.arrays import Array
+from kilnflight.checks import check_number
 from kilnflight.scores.tracks import TrackScore
 
-Array = npt.NDArray[np.float64]
-Statistic = Callable[..., Array]
-
-BLOCK = 2_000_000  # values drawn at a time
+LEVEL = 0.95
+DRAWS = 2000  # of a bootstrap
+LEAST = 6  # particles; the range of n values holds the median with probability 1 - 2^(1 - n)
 
 
 class Interval(NamedTuple):
@@ -47,128 +46,79 @@ class Interval(NamedTuple):
     high: float
     numbers: tuple[int, ...]
 
-    def resolves(self) -> bool:
-        """Return whether the interval excludes 0."""
-        return not self.low <= 0.0 <= self.high
 
-
-def difference_of_medians(first: Array, second: Array, axis: int = -1) -> Array:
-    """Return the median of the first group minus that of the second."""
-    return np.asarray(np.median(first, axis=axis) - np.median(second, axis=axis))
-
-
-def percentiles(values: npt.ArrayLike, level: float = 0.95) -> tuple[float, float]:
-    """Return the ends of the interval that holds the middle ``level`` of draws."""
-    tail = (1 - level) / 2
+def percentiles(values: npt.ArrayLike) -> tuple[float, float]:
+    """Return the ends of the interval that holds the middle 95 % of draws."""
+    tail = (1 - LEVEL) / 2
     low, high = np.quantile(np.asarray(values, dtype=np.float64), [tail, 1 - tail])
     return float(low), float(high)
 
 
-@dataclass(frozen=True)
-class _Draws:
-    """What all bootstraps share: how often to draw, and the interval of the draws."""
+def median_interval(values: npt.ArrayLike, generator: np.random.Generator) -> Interval:
+    """Return the median of finite values (n,) with its bootstrap interval (Efron).
 
-    level: float = 0.95
-    draws: int = 2000
-    least: int = 6  # particles or true trajectories in each group
-
-    def __post_init__(self) -> None:
-        """Refuse parameters out of range."""
-        name = type(self).__name__
-        check_inside(self.level, 0, 1, f"{name}: level")
-        check_count(self.draws, f"{name}: draws")
-        check_count(self.least, f"{name}: least")
-
-    def interval(self, estimate: float, values: Array, numbers: tuple[int, ...]) -> Interval:
-        """Return the percentiles of draws of a measure, or of a difference of measures."""
-        few = min(numbers) < self.least
-        low, high = (-math.inf, math.inf) if few else percentiles(values, self.level)
-        return Interval(estimate, low, high, numbers)
-
-
-@dataclass(frozen=True)
-class Bootstrap(_Draws):
-    """Estimate the interval of a statistic from its percentiles.
-
-    Particles are drawn with replacement (Efron).
+    ``generator`` is left as it was, so that the same particles have the same interval everywhere.
 
     Notes
     -----
-    Written out, since `scipy.stats.bootstrap` (same draws, same percentiles) draws no other
-    ``sizes``. Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent
-    for medians. The range of n values holds the median with probability 1 - 2^(1 - n), 94 % for 5,
-    so fewer than 6 cannot reach 95 %. Their interval is infinite.
+    Percentiles and not BCa: the latter corrects by a jackknife, which is not consistent for
+    medians. The interval is infinite with fewer than `LEAST` values.
     """
-
-    def __call__(
-        self,
-        statistic: Statistic,
-        groups: Sequence[npt.ArrayLike],
-        generator: np.random.Generator,
-        sizes: Sequence[int] | None = None,
-    ) -> Interval:
-        """Return the interval of ``statistic(*groups)``.
-
-        Parameters
-        ----------
-        statistic
-            `numpy.median`, `difference_of_medians`, or any other that takes arrays (draws, n)
-            and ``axis=-1``.
-        groups
-            One array of values per group; each is drawn from on its own.
-        generator
-            Of the draws. It is left as it was: the same particles have the same interval
-            wherever it is asked for, whatever was asked before.
-        sizes
-            Particles to draw from each group, if not as many as there are: what the interval
-            would be with such samples.
-
-        Raises
-        ------
-        InputError
-            If a value is not finite, or sizes do not fit the groups.
-        """
-        samples = [check_finite(values, "Bootstrap: values").ravel() for values in groups]
-        numbers = tuple(len(values) for values in samples)
-        drawn = numbers if sizes is None else tuple(sizes)
-        if not samples or len(drawn) != len(numbers):
-            raise InputError(f"Bootstrap: {len(drawn)} sizes for {len(numbers)} groups.")
-        for size in drawn:
-            check_count(size, "Bootstrap: sizes", least=0)
-        if min(numbers) == 0:
-            return Interval(math.nan, -math.inf, math.inf, drawn)
-        estimate = float(statistic(*samples, axis=-1))
-        if min(min(numbers), min(drawn)) < self.least:
-            return Interval(estimate, -math.inf, math.inf, drawn)
-        draw, rounds = copy.deepcopy(generator).integers, max(1, BLOCK // max(drawn))
-        values = []
-        for count in np.diff([*range(0, self.draws, rounds), self.draws]).tolist():
-            rows = (draw(0, n, (count, size)) for n, size in zip(numbers, drawn, strict=True))
-            resampled = (sample[row] for sample, row in zip(samples, rows, strict=True))
-            values.append(statistic(*resampled, axis=-1))
-        return self.interval(estimate, np.concatenate(values), drawn)
+    sample = np.asarray(values, dtype=np.float64)
+    number = len(sample)
+    estimate = float(np.median(sample)) if number else math.nan
+    if number < LEAST:
+        return Interval(estimate, -math.inf, math.inf, (number,))
+    draw, rounds = copy.deepcopy(generator).integers, max(1, 2_000_000 // number)  # bounds memory
+    counts = np.diff([*range(0, DRAWS, rounds), DRAWS]).tolist()
+    medians = [np.median(sample[draw(0, number, (count, number))], axis=-1) for count in counts]
+    return Interval(estimate, *percentiles(np.concatenate(medians)), (number,))
 
 
-def share(number: int, counted: int, level: float = 0.95) -> Interval:
+def share(number: int, counted: int) -> Interval:
     """Return the interval of a share, ``number`` of ``counted`` (Wilson 1927).
 
-    None of none is unknown: any share from 0 to 1.
+    With ``counted`` 0 it is 0 to 1.
     """
-    check_count(counted, "share: counted", least=0)
-    check_count(number, "share: number", least=0)
-    if number > counted:
-        raise InputError(f"share: {number} of {counted} is no share.")
-    check_inside(level, 0, 1, "share: level")
+    check_number(number, "share: number", least=0, most=counted, whole=True)
     if counted == 0:
         return Interval(math.nan, 0.0, 1.0, (0,))
-    interval = binomtest(number, counted).proportion_ci(level, method="wilson")
+    interval = binomtest(number, counted).proportion_ci(LEVEL, method="wilson")
     return Interval(number / counted, float(interval.low), float(interval.high), (counted,))
 
 
-def difference(first: Interval, second: Interval) -> Interval:
+def track_draws(
+    score: TrackScore, seed: int | Sequence[int], false_seed: int | Sequence[int]
+) -> Array:
+    """Return bootstrap draws (DRAWS, 4) of alpha, beta, JSC and JSC_theta.
+
+    True trajectories are drawn with replacement, each with the gain and the matches of its partner.
+    The number of times a false track is drawn follows Poisson's law of mean 1, so that their number
+    varies too. The pairing is not repeated.
+
+    Notes
+    -----
+    Scores of one window hold the same true trajectories in the same order. With the same ``seed``
+    the same ones are drawn, and the difference is paired. Two trackers have different false tracks;
+    give each its own ``false_seed``. A share of 0 or 1 has no width. A window is one stretch of
+    one recording; no interval covers other stretches.
+    """
+    count, generator = len(score.true_tracks), np.random.default_rng(seed)
+    columns = ["length", "gain", "tp", "fp", "paired"]
+    true = score.true_tracks[columns].to_numpy(np.float64)
+    false = score.false_tracks[["length", "positions"]].to_numpy(np.float64)
+    times = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
+    length, gain, tp, fp, paired = (times @ true).T
+    again = np.random.default_rng(false_seed).poisson(1.0, (DRAWS, len(false)))
+    beyond, positions = (again @ false).T
+    measures = [gain / length, gain / (length + beyond), tp / (length + fp + positions)]
+    return np.column_stack([*measures, paired / (count + again.sum(axis=1))])
+
+
+def difference_interval(first: Interval, second: Interval) -> Interval:
     """Return the difference of two independent estimates with its interval (Newcombe 1998).
 
-    The distances from the estimates to the ends add as squares. Unknown is any difference.
+    The distances from the estimates to the ends add as squares. An unknown end makes it infinite.
     """
     numbers, estimate = (*first.numbers, *second.numbers), first.estimate - second.estimate
     down = math.hypot(first.estimate - first.low, second.high - second.estimate)
@@ -176,50 +126,3 @@ def difference(first: Interval, second: Interval) -> Interval:
     if math.isnan(estimate + down + up):
         return Interval(estimate, -math.inf, math.inf, numbers)
     return Interval(estimate, estimate - down, estimate + up, numbers)
-
-
-@dataclass(frozen=True)
-class TrackBootstrap(_Draws):
-    """Draw the measures of tracks again: alpha, beta, JSC, JSC_theta.
-
-    Drawn are true trajectories, each with what its partner saves and spoils: as many as there
-    are, with replacement. Each false track comes up as often as Poisson's law of mean 1 says, so
-    that their number varies too. The pairing is not repeated.
-
-    Notes
-    -----
-    Scores of one window hold the same true trajectories in the same order. Drawn with the same
-    ``seed`` they get the same ones: their difference is paired. False tracks of two trackers are
-    not the same; give each its own ``false_seed``. A share of 0 or 1 keeps no width. A window is
-    one stretch of one recording: how other stretches would differ is in no interval.
-    """
-
-    def __call__(
-        self, score: TrackScore, seed: int | Sequence[int], false_seed: int | Sequence[int]
-    ) -> Array:
-        """Return the measures of each draw, (draws, 4).
-
-        Raises
-        ------
-        InputError
-            If there is no true trajectory, so that alpha is 0 / 0.
-        """
-        count = len(score.true_tracks)
-        if count == 0:
-            raise InputError("TrackBootstrap: no true trajectory to draw; alpha would be 0 / 0.")
-        columns = ["length", "gain", "tp", "fp", "paired"]
-        true = score.true_tracks[columns].to_numpy(np.float64)
-        false = score.false_tracks[["length", "positions"]].to_numpy(np.float64)
-        generator = np.random.default_rng(seed)
-        times = generator.multinomial(count, np.full(count, 1 / count), self.draws)
-        length, gain, tp, fp, paired = (times @ true).T
-        again = np.random.default_rng(false_seed).poisson(1.0, (self.draws, len(false)))
-        beyond, positions = (again @ false).T
-        return np.column_stack(
-            [
-                gain / length,
-                gain / (length + beyond),
-                tp / (length + fp + positions),
-                paired / (count + again.sum(axis=1)),
-            ]
-        )
