@@ -6,9 +6,9 @@ from pathlib import Path
 import jupytext
 import pandas as pd
 import pytest
+from tests.definitions.bounds import impossible
 
 from kilnflight.project import claims, notebooks
-from kilnflight.tables import impossible
 
 PROJECT = Path(__file__).resolve().parents[1]
 
