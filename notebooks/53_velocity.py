@@ -118,11 +118,11 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 
 # %%
 passed = [f"remaining {metre} m (%)" for metre in METRES]
-tables = {name: campaigns.outcome_table(values) for name, values in sources.items()}
-ways = {name: rows.melt(KEYS, passed, "outcome") for name, rows in tables.items()}
+outcomes = {name: campaigns.outcome_table(values) for name, values in sources.items()}
+ways = {name: rows.melt(KEYS, passed, "outcome") for name, rows in outcomes.items()}
 shares = pd.concat(ways, names=["version"]).reset_index("version").assign(quantity="remaining")
 shares["distance_m"] = shares["outcome"].str.extract(r"(\d)")[0].astype(float)
-shares = shares.sort_values(["distance_m"], kind="stable")
+shares = shares.sort_values("distance_m", kind="stable")
 bounds = printed[printed["outcome"].str.startswith("remaining")]
 metre = bounds["outcome"].str.extract(r"(\d)")[0].astype(float)
 bounds = bounds.assign(version="published", quantity="remaining", distance_m=metre)
