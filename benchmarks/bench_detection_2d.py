@@ -7,7 +7,8 @@ import numpy as np
 from measure import Row, compare
 from scipy import ndimage
 
-from kilnflight.detection import DoG, Otsu, otsu_threshold
+from kilnflight.detection import DoG, Otsu
+from kilnflight.detection.otsu import SMALLEST_PX, otsu_threshold
 from kilnflight.twin.scenes import open_scene
 
 GAIN = 65535 / 255  # 16-bit grey values per grey value of 8 bits
@@ -69,7 +70,7 @@ def scipy_particles(image: np.ndarray) -> np.ndarray:
     index = np.arange(1, count + 1)
     area = ndimage.sum_labels(regions > 0, regions, index)
     centre = np.array(ndimage.center_of_mass(regions > 0, regions, index))
-    particles = np.column_stack([centre, np.sqrt(area / np.pi)])[area >= Otsu().smallest_px]
+    particles = np.column_stack([centre, np.sqrt(area / np.pi)])[area >= SMALLEST_PX]
     return particles[np.lexsort((particles[:, 1], particles[:, 0]))]
 
 

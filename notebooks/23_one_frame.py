@@ -24,8 +24,8 @@ import pandas as pd
 
 from kilnflight import camera
 from kilnflight.detection import DoG, combination
-from kilnflight.detection.combination import potential_particles, summarise
-from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.combination import potential_particles, take_clusters
+from kilnflight.detection.otsu import flame_mask
 from kilnflight.detection.peaks import Evidence
 from kilnflight.experiments import detection, plots
 from kilnflight.project import figures, style
@@ -47,11 +47,11 @@ threshold = float(best[subset.name])  # best on the other subsets
 # Otsu's threshold in the burner's rectangle (Fig. 3.4).
 
 # %%
-flame = segment_flame(view.gray, known.flame_roi)
-size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.mask.sum())], "of_px": [flame.mask.size]})
+top, bottom, left, right = known.flame_roi
+flame = flame_mask(view.gray, known.flame_roi)[top:bottom, left:right]
+size = pd.DataFrame({"frame": [t], "flame_px": [int(flame.sum())], "of_px": [flame.size]})
 
 # %% tags=["hide-input"]
-top, bottom, left, right = known.flame_roi
 extent = (left, right, bottom, top)
 picture, (panels,) = style.canvas(1, 2, width_mm=120, height_mm=70, sharey=True)
 for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"), strict=True):
@@ -59,7 +59,7 @@ for axes, title in zip(panels, ("rectangle around the burner", "segmented flame"
     axes.set(title=title, xlabel="column (px)")
 panels[0].set_ylabel("row (px)")
 around = (left, right, top, bottom)
-panels[1].contour(flame.mask, levels=[0.5], colors=style.COLOURS[1], extent=around)
+panels[1].contour(flame, levels=[0.5], colors=style.COLOURS[1], extent=around)
 caption = "The simulated flame segmented by Otsu's threshold in a rectangle, after Fig. 3.4."
 figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance=origin)
 
@@ -72,11 +72,12 @@ figures.save("fig-3-4-flame", size, picture=picture, caption=caption, provenance
 labels = combination.second_pass(view.xyz, *detection.PASSES["DBSCAN"])
 keypoints = DoG(threshold)(view.foreground)
 keypoints = keypoints[camera.inside(known.roi, keypoints[:, 0], keypoints[:, 1])]
-clusters = summarise(view.pixels, view.xyz, labels)
-clusters = clusters.take(clusters.extent <= combination.Combination().largest_px)
-clusters = clusters.take(camera.inside(known.roi, *clusters.centers.T))
+clusters = combination.sort_clusters(view.pixels, view.xyz, labels)
+clusters = take_clusters(clusters, combination.widths(clusters) <= combination.LARGEST_PX)
+clusters = take_clusters(clusters, camera.inside(known.roi, *combination.centers(clusters).T))
 cases = list(potential_particles(keypoints, clusters, view.gray.shape))
-print(f"{len(keypoints)} keypoints, {len(clusters)} clusters: {len(cases)} potential particles")
+number = len(clusters.start) - 1
+print(f"{len(keypoints)} keypoints, {number} clusters: {len(cases)} potential particles")
 
 # %%
 size = {"width_mm": style.PAGE_MM, "height_mm": 135}
@@ -99,8 +100,8 @@ rule = combination.Combination()
 evidence = Evidence.of(view.gray, view.previous, rule.prominence, rule.share)
 examples = {case: [] for case in range(1, 6)}
 for case, spots, groups in cases:
-    parts = (keypoints[spots], clusters.take(groups))
-    particles = combination.decide_case(case, *parts, evidence, rule.margin_px)
+    parts = (keypoints[spots], take_clusters(clusters, groups))
+    particles = combination.decide_case(case, *parts, evidence)
     examples[case].append((*parts, particles))
 shown = []
 for case, rows in examples.items():
@@ -122,7 +123,7 @@ for axes, example in zip(grid.flat, shown, strict=True):
     axes.scatter(groups.pixels[:, 1], groups.pixels[:, 0], s=0.8, color=style.COLOURS[6])
     style.draw_circles(axes, spots, style.COLOURS[5])
     for particle in particles:
-        axes.plot(particle.col, particle.row, "x", color=style.COLOURS[1], ms=7)
+        axes.plot(particle[1], particle[0], "x", color=style.COLOURS[1], ms=7)
     half = max(25.0, 1.3 * np.abs(where - (y, x)).max())
     axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
     number = f"{len(particles)} particle{'s' * (len(particles) != 1)}"
@@ -149,10 +150,10 @@ figures.save("fig-3-5-cases", counts, picture=picture, caption=caption, provenan
 
 # %%
 several = max(examples[2], key=lambda row: len(row[2]))[1]
-alone = max(examples[4], key=lambda row: (len(row[2]), -row[1].total))[1]
+alone = max(examples[4], key=lambda row: (len(row[2]), -len(row[1].pixels)))[1]
 change = np.abs(view.gray.astype(float) - view.previous)
-peaks = evidence.peaks(combination.widened(several.rectangle(), rule.margin_px))
-first, second = (combination.widened(cluster.rectangle(), 3) for cluster in (several, alone))
+first, second = (combination.widened(combination.around(each.pixels)) for each in (several, alone))
+peaks = evidence.peaks(first)
 images = [("case 2: peaks", view.gray, first), ("case 4: frame", view.gray, second)]
 images += [("case 4: difference", change, second)]
 

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from kilnflight import kiln, tracklets
-from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.otsu import flame_mask
 from kilnflight.experiments import campaigns, detection, plots, trackers, tracking
 from kilnflight.experiments import tracking_scores as scores
 from kilnflight.project import claims, figures, style
@@ -152,7 +152,7 @@ for name in counted["fraction"]:
     height, width = twin.attributes.rows, twin.attributes.columns
     sums[name] = np.zeros((height, width), dtype=np.float32)
     for t, foreground in zip(window, foregrounds, strict=True):
-        clear = segment_flame(twin.gray(t), twin.attributes.flame_roi).cover(foreground)
+        clear = np.where(flame_mask(twin.gray(t), twin.attributes.flame_roi), 0, foreground)
         least = 8 * np.median(foreground[::4, ::4])  # above flicker and noise
         sums[name] += np.where(clear > least, clear, 0)
         moment, place = twin.life.at(twin.time_s(t)), twin.scene.geometry

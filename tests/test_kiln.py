@@ -11,7 +11,7 @@ from kilnflight.camera import EQUATION_2_4, calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.otsu import flame_mask
 from kilnflight.experiments.tracking import StoredDifferences
 from kilnflight.ignition import Ignition
 from kilnflight.project import paths
@@ -31,14 +31,14 @@ def twin(kept_scene):
 def test_a_view_is_the_frame_without_the_flame(twin):
     ((t, view),) = kiln.views(twin, [76], MEDIAN)
     frame = twin.frame(76)
-    flame = segment_flame(frame.gray, twin.attributes.flame_roi)
-    keep = ~flame.holds(frame.pixels)
+    flame = flame_mask(frame.gray, twin.attributes.flame_roi)
+    keep = ~flame[tuple(frame.pixels.T)]
     np.testing.assert_array_equal(view.gray, frame.gray)
     np.testing.assert_array_equal(view.previous, twin.gray(75))
     np.testing.assert_array_equal(view.pixels, frame.pixels[keep])
     np.testing.assert_array_equal(view.xyz, calibrate_points(frame.xyz, EQUATION_2_4)[keep])
     plain = next(iter(MEDIAN(kiln.FrameBuffer(twin), [76])))
-    np.testing.assert_array_equal(view.foreground, flame.cover(plain))
+    np.testing.assert_array_equal(view.foreground, np.where(flame, 0, plain))
     assert t == 76
 
 

@@ -31,7 +31,8 @@ from kilnflight.background.sliding_median import stack_median
 from kilnflight.camera import calibrate_points
 from kilnflight.checks import InputError
 from kilnflight.detection.combination import Combination, View, mean_gray
-from kilnflight.detection.flame import segment_flame
+from kilnflight.detection.otsu import flame_mask
+from kilnflight.detection.peaks import Smoother
 from kilnflight.detection.wall import Cylinder, InAir
 from kilnflight.project import paths
 from kilnflight.project.cache import CachedTable, clear_parts, make_whole
@@ -141,7 +142,7 @@ def views(
     The default background is the temporal median over 150 frames (section 5.1.2). The first frame
     is compared with the one after it, as no frame precedes it.
     """
-    frames, attributes = list(frames), recording.attributes
+    frames, attributes, smooth = list(frames), recording.attributes, Smoother()
     before = [t - 1 if t > 0 else min(1, len(recording) - 1) for t in frames]
     buffer = FrameBuffer(recording, [*frames, *before])
     foregrounds = (background or Median())(buffer, frames)
@@ -149,11 +150,11 @@ def views(
         previous, frame = buffer.take(beside).gray, buffer.take(t)
         pixels, xyz = frame.pixels, calibrate_points(frame.xyz, attributes.depth_calibration)
         if attributes.flame_roi is not None:
-            flame = segment_flame(frame.gray, attributes.flame_roi)
-            flame.clear(foreground)  # in place: each model returns a new array
-            keep = ~flame.holds(pixels)
+            flame = flame_mask(frame.gray, attributes.flame_roi)
+            foreground[flame] = 0  # in place: each model returns a new array
+            keep = ~flame[tuple(pixels.T)]
             pixels, xyz = pixels.compress(keep, axis=0), xyz.compress(keep, axis=0)
-        yield t, View(frame.gray, previous, foreground, pixels, xyz)
+        yield t, View(frame.gray, previous, foreground, pixels, xyz, smooth)
 
 
 def detect(

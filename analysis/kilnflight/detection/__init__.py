@@ -25,56 +25,21 @@ the thesis's and belongs to its exposure. Clusters are numbered in the order of 
 point (`DBSCAN`: first core point, as scikit-learn does).
 """
 
-from typing import Protocol
+from collections.abc import Callable
 
-import numpy as np
 import numpy.typing as npt
 
-from kilnflight.detection.dbscan import DBSCAN, ScikitDBSCAN, k_distances
+from kilnflight.arrays import Array, Index
+from kilnflight.detection.dbscan import DBSCAN
+from kilnflight.detection.dbscan import ScikitDBSCAN as ScikitDBSCAN
+from kilnflight.detection.dbscan import k_distances as k_distances
 from kilnflight.detection.morphology import MorphologicalClustering
-from kilnflight.detection.otsu import Otsu, otsu_threshold
+from kilnflight.detection.otsu import Otsu
 from kilnflight.detection.quasi_centers import QuasiClusterCenters
-from kilnflight.detection.sift import DoG, Polygon
+from kilnflight.detection.sift import DoG
+from kilnflight.detection.sift import Polygon as Polygon
 
-
-class Detector2D(Protocol):
-    """Find particles in a foreground."""
-
-    def __call__(
-        self, foreground: npt.NDArray[np.generic], within: Polygon | None = None, /
-    ) -> npt.NDArray[np.float64]:
-        """Return the particles (n, 3): row, col and radius in px.
-
-        A foreground of one grey value has none. Where a polygon (row, col) is given, particles
-        outside it need not be found.
-        """
-
-
-class Clusterer(Protocol):
-    """Group the points of a cloud in clusters."""
-
-    def __call__(self, points: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return the label of each point (n, 3) in mm.
-
-        Clusters are 0, 1, ...; noise is -1.
-        """
-
-
+Detector2D = Callable[..., Array]  # (foreground, within: Polygon | None = None)
+Clusterer = Callable[[npt.ArrayLike], Index]
 DETECTORS_2D: tuple[Detector2D, ...] = (Otsu(), DoG(threshold=500.0))
 CLUSTERERS: tuple[Clusterer, ...] = (DBSCAN(), MorphologicalClustering(), QuasiClusterCenters())
-
-__all__ = [
-    "CLUSTERERS",
-    "DBSCAN",
-    "DETECTORS_2D",
-    "Clusterer",
-    "Detector2D",
-    "DoG",
-    "MorphologicalClustering",
-    "Otsu",
-    "Polygon",
-    "QuasiClusterCenters",
-    "ScikitDBSCAN",
-    "k_distances",
-    "otsu_threshold",
-]

@@ -23,7 +23,7 @@ from kilnflight import kiln, regression
 from kilnflight.checks import InputError
 from kilnflight.detection import DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.wall import Cylinder, CylinderFit, InAir, crossing
+from kilnflight.detection.wall import Cylinder, InAir, crossing, fit_cylinder
 from kilnflight.experiments import detection
 from kilnflight.experiments.detection import BACKGROUNDS
 from kilnflight.flight import BEHIND, LEAVES, LOST, TOO_FAST, kept, straight_on
@@ -95,7 +95,7 @@ def _settings(scale: str, seed: int) -> pd.DataFrame:
     counts = detection.sum_counts(detection.compare_thresholds(subsets, scale), ["threshold"])
     threshold = float(counts["threshold"].to_numpy()[int(np.argmax(counts["f1"]))])
     points = detection.wall_points(subsets[0].recording, subsets[0].frames[0])
-    wall = CylinderFit()(points, seed)
+    wall = fit_cylinder(points, seed)
     detectors = {subset.name: Combination(DoG(threshold)) for subset in subsets}
     marked, _ = detection.positions(subsets, detectors, wall)
     known = marked.dropna(subset="z")

@@ -25,11 +25,17 @@ from kilnflight.detection import (
     DoG,
     MorphologicalClustering,
     Otsu,
-    Polygon,
     QuasiClusterCenters,
 )
-from kilnflight.detection.combination import Combination, View, second_pass, summarise
+from kilnflight.detection.combination import (
+    Combination,
+    View,
+    centers,
+    second_pass,
+    sort_clusters,
+)
 from kilnflight.detection.quasi_centers import nearest_neighbors
+from kilnflight.detection.sift import Polygon
 from kilnflight.detection.wall import Cylinder, distance_to_axis
 from kilnflight.project import claims
 from kilnflight.recording.frames import Recording, calibrated_cloud
@@ -200,7 +206,7 @@ def from_thresholds(thresholds: Iterable[float]) -> dict[float, Method]:
 
 def from_cloud(clusterer: Callable[[npt.NDArray[np.float64]], Any]) -> Method:
     """Return a clusterer as a method: the centre of each cluster's pixels (section 3.1)."""
-    return lambda view: summarise(view.pixels, view.xyz, clusterer(view.xyz)).centers
+    return lambda view: centers(sort_clusters(view.pixels, view.xyz, clusterer(view.xyz)))
 
 
 def table_5_11_methods(threshold: float, roi: Polygon | None) -> dict[str, Method]:

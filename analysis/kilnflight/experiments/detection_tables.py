@@ -15,7 +15,7 @@ import pandas as pd
 
 from kilnflight.checks import InputError
 from kilnflight.detection import Polygon
-from kilnflight.detection.wall import Cylinder, CylinderFit
+from kilnflight.detection.wall import Cylinder, fit_cylinder
 from kilnflight.experiments.detection import COUNTS, TABLES, sum_counts
 from kilnflight.project import claims
 from kilnflight.scores import count_in_air, rates, score_detections
@@ -121,7 +121,7 @@ def cylinder_table(
     fits: dict[str, Cylinder] = {}
     for name, points in walls.items():
         try:
-            fits[name] = CylinderFit()(points, seed)
+            fits[name] = fit_cylinder(points, seed)
         except InputError:
             if not fits:
                 raise

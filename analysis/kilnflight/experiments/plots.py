@@ -228,7 +228,7 @@ def draw_keypoints_and_clusters(
     picture, ((axes,),) = canvas(**size)
     draw_frame(axes, gray, 4 if clusters is not None else 2)
     if clusters is not None:
-        spread = np.repeat(np.arange(len(clusters)) % 6 + 1, np.diff(clusters.start))
+        spread = np.repeat(np.arange(len(clusters.start) - 1) % 6 + 1, np.diff(clusters.start))
         axes.scatter(*clusters.pixels.T[::-1], s=0.1, c=[COLOURS[k] for k in spread])
     draw_circles(axes, keypoints, COLOURS[5])
     corners = np.array([*roi, roi[0]])

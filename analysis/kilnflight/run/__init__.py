@@ -25,7 +25,8 @@ from kilnflight.association import GNN, Associator
 from kilnflight.checks import InputError, check_positive, check_shape
 from kilnflight.detection import DBSCAN, DoG
 from kilnflight.detection.combination import Combination
-from kilnflight.detection.wall import Cylinder, CylinderFit, InAir
+from kilnflight.detection.sift import LAYERS, SIGMA_PX
+from kilnflight.detection.wall import Cylinder, InAir, fit_cylinder
 from kilnflight.flight import Plausible, Rules
 from kilnflight.ignition import Ignition
 from kilnflight.kiln import KILN_STEPS, LONG_CHUNK, DetectionRun, KilnRun, Vector
@@ -305,10 +306,9 @@ def block_noise(foreground: npt.NDArray[np.float32]) -> float:
 
     It is measured in a noisy block, as `noise_threshold` explains.
     """
-    finest = DoG()
     fine, coarse = (
-        cv2.GaussianBlur(foreground, (0, 0), np.sqrt(scale**2 - finest.camera_blur**2))
-        for scale in (finest.sigma, finest.sigma * 2 ** (1 / finest.layers))
+        cv2.GaussianBlur(foreground, (0, 0), np.sqrt(scale**2 - DoG().camera_blur ** 2))
+        for scale in (SIGMA_PX, SIGMA_PX * 2 ** (1 / LAYERS))
     )
     rows, cols = foreground.shape
     size = min(BLOCK_PX, rows, cols)
@@ -354,7 +354,7 @@ def fitted_wall(recording: Recording, frames: Iterable[int]) -> Cylinder:
     if not (labels >= 0).any():
         raise InputError(f"{len(points)} points make no cluster.")
     largest = np.bincount(labels[labels >= 0]).argmax()
-    return CylinderFit()(points[labels == largest])
+    return fit_cylinder(points[labels == largest])
 
 
 def _check_times(recording: StoredRecording, notes: list[str]) -> None:

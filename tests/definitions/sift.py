@@ -1,7 +1,9 @@
-"""The definition of `kilnflight.detection.DoG` in plain code: float64, no shortcut."""
+"""Keypoints of SIFT in plain code (thesis, 2.2.3; Lowe 2004): float64, no shortcut."""
 
 import numpy as np
 from scipy.ndimage import correlate1d, maximum_filter
+
+LAYERS, SIGMA, EDGE = 3, 1.6, 10.0
 
 
 def blur(image, sigma):
@@ -16,24 +18,17 @@ def blur(image, sigma):
 
 def fit(cube):
     """Gradient and Hessian of a 3 x 3 x 3 neighbourhood by central differences."""
-    at = lambda *d: cube[tuple(1 + np.array(d))]  # noqa: E731
-    unit = np.eye(3, dtype=int)
-    gradient = np.array([(at(*e) - at(*-e)) / 2 for e in unit])
-    hessian = np.array(
-        [
-            [
-                at(*e) + at(*-e) - 2 * at(0, 0, 0)
-                if (e == f).all()
-                else (at(*(e + f)) - at(*(e - f)) - at(*(f - e)) + at(*(-e - f))) / 4
-                for f in unit
-            ]
-            for e in unit
-        ]
-    )
-    return gradient, hessian
+    at = lambda d: cube[tuple(1 + d)]  # noqa: E731
+    unit, hessian = np.eye(3, dtype=int), np.empty((3, 3))
+    for i, e in enumerate(unit):
+        hessian[i, i] = at(e) + at(-e) - 2 * at(0 * e)
+        for j, f in enumerate(unit[:i]):
+            cross = (at(e + f) - at(e - f) - at(f - e) + at(-e - f)) / 4
+            hessian[i, j] = hessian[j, i] = cross
+    return np.array([(at(e) - at(-e)) / 2 for e in unit]), hessian
 
 
-def localised(stack, sample, threshold, edge):
+def localised(stack, sample, threshold):
     """Follow Eqs 2.25 to 2.28 from a sample; None if the keypoint is dropped."""
     i, y, x = sample
     for step in range(3):
@@ -42,7 +37,7 @@ def localised(stack, sample, threshold, edge):
             return None
         offset = np.linalg.solve(hessian, -gradient)
         move = np.where(np.abs(offset[1:]) > 0.6, np.sign(offset[1:]), 0).astype(int)
-        goal = np.array([y, x]) + move
+        goal = np.add([y, x], move)
         goal = np.where((goal >= 1) & (goal < np.array(stack.shape[1:]) - 1), goal, [y, x])
         if step == 2 or (goal == [y, x]).all():
             break
@@ -50,34 +45,34 @@ def localised(stack, sample, threshold, edge):
     curvature = hessian[1:, 1:]
     strong = stack[i, y, x] + gradient @ offset / 2 >= threshold
     bent = np.linalg.det(curvature) > 0 and (
-        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (edge + 1) ** 2 / edge
+        np.trace(curvature) ** 2 / np.linalg.det(curvature) < (EDGE + 1) ** 2 / EDGE
     )
-    good = strong and bent and np.abs(offset).max() < 1
-    return (i, y, x, *offset) if good else None
+    return (i, y, x, *offset) if strong and bent and np.abs(offset).max() < 1 else None
 
 
-def octave(image, detector):
-    sigmas = detector.sigma * 2.0 ** (np.arange(detector.layers + 3) / detector.layers)
-    gauss = np.stack([blur(image, np.sqrt(s**2 - detector.sigma**2)) for s in sigmas])
+def octave(image, threshold):
+    sigmas = SIGMA * 2.0 ** (np.arange(LAYERS + 3) / LAYERS)
+    gauss = np.stack([blur(image, np.sqrt(s**2 - SIGMA**2)) for s in sigmas])
     stack = gauss[:-1] - gauss[1:]
     around = np.ones((3, 3, 3), dtype=bool)
     around[1, 1, 1] = False
     peak = stack > maximum_filter(stack, footprint=around)
-    peak &= (stack >= detector.threshold / 2) & (stack > 0)
+    peak &= (stack >= threshold / 2) & (stack > 0)
     samples = np.argwhere(peak[1:-1, 1:-1, 1:-1]) + 1
-    found = {localised(stack, sample, detector.threshold, detector.edge) for sample in samples}
+    found = {localised(stack, sample, threshold) for sample in samples}
     found = np.array(sorted(found - {None})).reshape(-1, 6)
-    k = 2 ** (1 / detector.layers)
+    k = 2 ** (1 / LAYERS)
     disc = k * np.sqrt(2 * np.log(k**2) / (k**2 - 1))
-    scale = detector.sigma * k ** (found[:, 0] + found[:, 3])
+    scale = SIGMA * k ** (found[:, 0] + found[:, 3])
     return np.column_stack([found[:, 1:3] + found[:, 4:], disc * scale])
 
 
-def keypoints(foreground, detector):
+def keypoints(foreground, threshold, camera_blur=0.5):
+    """Row, col and radius (n, 3) of the keypoints."""
     image, spacing, found = foreground.astype(np.float64), 1.0, [np.empty((0, 3))]
-    image = blur(image, np.sqrt(detector.sigma**2 - detector.camera_blur**2))
+    image = blur(image, np.sqrt(SIGMA**2 - camera_blur**2))
     while min(image.shape) >= 3:
-        found.append(spacing * octave(image, detector))
-        image = blur(image, np.sqrt(3.0) * detector.sigma)[::2, ::2]
+        found.append(spacing * octave(image, threshold))
+        image = blur(image, np.sqrt(3.0) * SIGMA)[::2, ::2]
         spacing *= 2
     return np.concatenate(found)
