@@ -19,9 +19,15 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from kilnflight.belt.camera import TRACKED, FindCorners, calibrate_camera
-from kilnflight.belt.pictures import Spots, average, measure_spots
-from kilnflight.belt.tracker import BELT_FRAME_S, Appearance, BeltTracker, constant_velocity
+from kilnflight.belt.camera import TRACKED, calibrate_camera, find_corners
+from kilnflight.belt.pictures import MeasureSpots, Spots, average
+from kilnflight.belt.tracker import (
+    BELT_FRAME_S,
+    MISSED,
+    Appearance,
+    BeltTracker,
+    constant_velocity,
+)
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
@@ -66,7 +72,7 @@ def with_ours(table: pd.DataFrame) -> np.ndarray:
 
 def with_scipy(table: pd.DataFrame) -> np.ndarray:
     """Return the same by scipy's assignment of the whole matrix and filterpy objects."""
-    looks, missed = Appearance(), Appearance().missed
+    looks, missed = Appearance(), MISSED
     tracks: list[tuple[int, KalmanFilter, int]] = []
     result, names = np.full(len(table), -1), 0
     for _, rows in table.groupby("frame").indices.items():
@@ -126,7 +132,8 @@ def with_pictures(frames: int = 30) -> Row:
     recording = Pictures(truth, BULKS["spheres"], 0)
     pictures = list(recording.frames(range(frames)))
     background = average(replace(recording, tracks=truth[:1].assign(x=-1e4)).frames([0]))
-    calibration, spots = calibrate_camera(FindCorners()(background)), Spots()
+    calibration, spots = calibrate_camera(find_corners(background)), Spots()
+    measure = MeasureSpots(background, spots, calibration)
 
     def by_scipy() -> pd.DataFrame:
         parts = []
@@ -142,14 +149,14 @@ def with_pictures(frames: int = 30) -> Row:
         inside = TRACKED.contains(every[["x", "y"]].to_numpy())
         return every[inside].reset_index(drop=True)
 
-    ours = measure_spots(pictures, background, spots, calibration)
+    ours = measure.table(pictures)
     order = ["frame", "x", "y"]
     both = [one[order].sort_values(order).to_numpy() for one in (ours, by_scipy())]
     np.testing.assert_allclose(*both)
     what = ("belt pictures to tracks, 100 in view", "frames", frames, "scipy.ndimage, filterpy")
     return compare(
         what,
-        lambda: with_ours(measure_spots(pictures, background, spots, calibration)),
+        lambda: with_ours(measure.table(pictures)),
         lambda: with_scipy(by_scipy()),
         2,
     )

@@ -22,14 +22,13 @@ import pandas as pd
 from IPython.display import Markdown
 from matplotlib.ticker import LogLocator
 
-from kilnflight.belt import recordings
-from kilnflight.belt.evaluation import Evaluation, arrival_deviations
 from kilnflight.belt.models import BELT_VELOCITY_MM_S
+from kilnflight.belt.phase import arrival_deviations
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE
 from kilnflight.project import claims, figures, style
 
-files = recordings.find_dem()
+files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN
 Markdown(belt_2020.INPUT[source])
 
@@ -115,8 +114,8 @@ save("fig-belt20-5-crossing", points, caption=caption, picture=picture)
 # predicted. The calibration with 1 % of the particles is drawn many times.
 
 # %%
-evaluation = Evaluation(draws=belt_2020.DRAWS[scale])
-compared = belt_2020.compare_models(observed, PHASE, arrival_deviations, evaluation, seed)
+draws = belt_2020.DRAWS[scale]
+compared = belt_2020.compare_models(observed, PHASE, arrival_deviations, draws, seed)
 compared.insert(0, "source", source)
 arrival = belt_2020.with_unit(compared.round(6), "ms")
 caption = "Deviation of the predicted from the true arrival time in ms, over 150 mm to 773 mm. "
@@ -153,7 +152,7 @@ save("fig-belt20-9-arrival", table, caption=caption, picture=picture)
 # CVBC is better than IA for spheres; for cuboids and cylinders IA stays the best.
 
 # %%
-by_rate, fewer = {}, Evaluation(draws=min(evaluation.draws, 20))
+by_rate, fewer = {}, min(draws, 20)
 for rate in (1000.0, 500.0, 200.0, 100.0):
     sampled = {}
     for name, table in tracks.items():
@@ -202,7 +201,7 @@ for name in DATA_SETS:
     orders[name] += [("belt20-11", ("CA",), ("IV",))]
     orders[name] += [("belt20-14", (other,), ("CVBC",)) for other in ("CV", "IV", *models[2:])]
 at_start = {name: PHASE.carry(each) for name, each in observed.items()}
-pairs = belt_2020.compare_pairs(at_start, PHASE, arrival_deviations, orders, scale, seed)
+pairs = belt_2020.compare_orders(at_start, PHASE, arrival_deviations, orders, scale, seed)
 caption = "By how much the models in 'higher' deviate more than those in 'lower' (ms), with 95 % "
 caption += "interval over particles (paired bootstrap), from the start of the phase on."
 save("belt-arrival-differences", belt_2020.with_unit(pairs, "ms"), caption=caption)

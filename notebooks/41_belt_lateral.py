@@ -20,13 +20,13 @@ import pandas as pd
 from IPython.display import Markdown
 from matplotlib.patches import Rectangle
 
-from kilnflight.belt import COMBINATIONS, models, recordings
-from kilnflight.belt.evaluation import Evaluation, lateral_deviations, predictions
+from kilnflight.belt import COMBINATIONS, models
+from kilnflight.belt.phase import lateral_deviations, predictions
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import DATA_SETS, PHASE, REPLICATES
 from kilnflight.project import claims, figures, style
 
-files = recordings.find_dem()
+files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN
 Markdown(belt_2020.INPUT[source])
 
@@ -151,8 +151,8 @@ save("fig-belt20-4-decisions", decisions.reset_index(), caption=caption, picture
 # Two combinations with the same lateral model differ only in the time that the particle takes.
 
 # %%
-evaluation = Evaluation(draws=belt_2020.DRAWS[scale])
-compared = belt_2020.compare_models(observed, PHASE, lateral_deviations, evaluation, seed)
+draws = belt_2020.DRAWS[scale]
+compared = belt_2020.compare_models(observed, PHASE, lateral_deviations, draws, seed)
 compared.insert(0, "source", source)
 lateral = belt_2020.with_unit(compared.round(6), "mm")
 caption = "Deviation of the predicted from the true lateral position in mm, over 150 mm to 773 mm. "
@@ -187,7 +187,7 @@ orders = [("belt20-7", (*others, ratio), (straight,)), ("belt20-8", ("CA-CA",), 
 orders += [("belt20-9", (better,), ("CA-CA",)) for better in ("LV-DSC", "CA-CADSC")]
 orders += [("belt20-10", (ratio,), (straight, *others))]
 by_name = dict.fromkeys(DATA_SETS, orders)
-pairs = belt_2020.compare_pairs(observed, PHASE, deviate, by_name, scale, seed)
+pairs = belt_2020.compare_orders(observed, PHASE, deviate, by_name, scale, seed)
 caption = "By how much the models in 'higher' deviate more than those in 'lower' (mm), with 95 % "
 caption += "interval over particles (paired bootstrap)."
 save("belt-lateral-differences", belt_2020.with_unit(pairs, "mm"), caption=caption)

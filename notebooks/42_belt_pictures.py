@@ -17,14 +17,14 @@ import numpy as np
 import pandas as pd
 from IPython.display import Markdown
 
-from kilnflight.belt import recordings, tracker
+from kilnflight.belt import tracker
 from kilnflight.belt.camera import BELT, Area
 from kilnflight.experiments import belt_2016, belt_2020
 from kilnflight.project import figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures, at_rate
 
-files = recordings.find_dem()
+files = belt_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"
 Markdown(belt_2020.INPUT[belt_2020.AUTHORS if files else belt_2020.OWN])
 
@@ -40,7 +40,7 @@ seed = 2020  # of the noise in the pictures, and of the friction model
 
 # %%
 style.use_style()
-count, end_mm = belt_2016.PARTICLES[scale], belt_2016.PHASE.start_mm
+count, end_mm = belt_2016.PARTICLES[scale], belt_2016.PHASE_2016.start_mm
 setting = {"scale": scale, "count": count}
 origin = figures.trace("42_belt_pictures", setting, seed=seed, inputs=files.values())
 coarse = belt_2020.load_tracks(files, seed, count)["spheres"]
@@ -144,7 +144,7 @@ figures.save("fig-belt16-2-likelihoods", curves, **save)
 # %%
 follow = belt_2016.tracker_until(end_mm)
 step = max(follow.steps(spots), key=lambda one: min(5, *one.pairs.distance_squared.shape))
-costs = follow.likelihoods(step.predicted, step.detected, step.pairs)
+costs = follow.likelihoods(step.detected, step.pairs)
 taken, (n, m) = costs.detection(), costs.costs.shape  # tracks and measurements
 whole = np.full((n + m, m + n), np.inf)
 whole[:n, :m], whole[n:, m:] = costs.costs, 0.0

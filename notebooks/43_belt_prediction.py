@@ -15,14 +15,13 @@
 # %% tags=["hide-input"]
 from IPython.display import Markdown
 
-from kilnflight.belt import recordings
 from kilnflight.experiments import belt_2016, belt_2020
 from kilnflight.experiments.belt_2016 import SIM, STRAIGHT, TRACKING
 from kilnflight.project import claims, figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
-files = recordings.find_dem()
+files = belt_2020.find_dem()
 source = "the authors' tracks" if files else "the friction model"
 Markdown(belt_2020.INPUT[belt_2020.AUTHORS if files else belt_2020.OWN])
 

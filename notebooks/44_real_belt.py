@@ -19,21 +19,19 @@ from IPython.display import Markdown
 
 from kilnflight.belt import recordings
 from kilnflight.belt.camera import Area
-from kilnflight.belt.evaluation import (
+from kilnflight.belt.phase import (
     SUMMARY,
-    Evaluation,
+    PredictionPhase,
     arrival_deviations,
     lateral_deviations,
-    observe,
+    observe_followed,
 )
-from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.tracker import Appearance, BeltTracker
-from kilnflight.belt.velocity import estimate_velocity
 from kilnflight.experiments import belt_2020, belt_real
 from kilnflight.project import claims, figures, style
 from kilnflight.tracking.filter import ConstantAcceleration, ConstantVelocity
 
-files = recordings.find_recordings()
+files = belt_real.find_recordings()
 absent = "**The authors' recordings are not here**, nothing is shown; `make data` gets them."
 count = sum(map(len, files.values()))
 Markdown(f"**Input:** {count} recordings of a real sorter by the authors." if files else absent)
@@ -63,7 +61,7 @@ measured = {
 # measurements of consecutive frames.
 
 # %%
-velocities = {key: estimate_velocity(part, key[1]) for key, part in tables.items()}
+velocities = {key: recordings.estimate_velocity(part, key[1]) for key, part in tables.items()}
 pd.DataFrame(velocities.values(), list(velocities))
 
 # %% [markdown]
@@ -94,17 +92,17 @@ for name, kind in product(measured, filters):
 # needs the belt's velocity and is left out. Tracks are left out for the reasons below.
 
 # %%
-phase, evaluation = PredictionPhase(1150.0, 1550.0), Evaluation(draws=draws)
+phase = PredictionPhase(1150.0, 1550.0)
 quantities = {"arrival_frames": (arrival_deviations, 0.001), "lateral_px": (lateral_deviations, 1)}
 parts, omitted, observed = [], {}, {}
 for shared in links:
     name, kind = shared["data_set"], shared["filter"]
-    each = observe(followed[name, kind], measured[name], phase, 1.0)
+    each = observe_followed(followed[name, kind], measured[name], phase, 1.0)
     observed |= {name: each} if kind == "CV filter" else {}
     omitted[name, kind] = {"predicted": len(each.last)} | each.left_out
     left_out = sum(each.left_out.values())
     for quantity, (deviations, unit) in quantities.items():
-        table = belt_2020.compare_models({name: each}, phase, deviations, evaluation, seed)
+        table = belt_2020.compare_models({name: each}, phase, deviations, draws, seed)
         table[SUMMARY[1:8]] *= unit
         parts.append(table.assign(quantity=quantity, left_out=left_out, **shared))
 pd.DataFrame(omitted).T
@@ -115,7 +113,7 @@ pd.DataFrame(omitted).T
 
 # %%
 orders = {name: [("belt20-22", ("CV-CV",), ("Straight",))] for name in observed}
-pairs = belt_2020.compare_pairs(observed, phase, lateral_deviations, orders, scale, seed)
+pairs = belt_2020.compare_orders(observed, phase, lateral_deviations, orders, scale, seed)
 if files:
     gains = pairs.pivot(index="data_set", columns="measure", values=["excess_low", "excess_high"])
     gains.columns = [f"{measure.lower()}_gain_{end[7:]}" for end, measure in gains]

@@ -20,14 +20,13 @@ import pandas as pd
 from IPython.display import Markdown
 
 from kilnflight import belt
-from kilnflight.belt import recordings
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments import belt_2016, belt_2020, belt_valves
 from kilnflight.project import figures, style
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
 
-files = recordings.find_dem()
+files = belt_2020.find_dem()
 source = belt_2020.AUTHORS if files else belt_2020.OWN
 called = "the authors' tracks" if files else "the friction model"
 Markdown(belt_2020.INPUT[source])

@@ -15,6 +15,7 @@ import tifffile
 from kilnflight.__main__ import main
 from kilnflight.sorter.bulk import BULKS
 from kilnflight.sorter.rendering import Pictures
+from kilnflight.tables import BELT_PREDICTED
 
 PROJECT = Path(__file__).resolve().parents[1]
 TEXTS = ("README.md", "CONTRIBUTING.md", "data/README.md")
@@ -80,12 +81,10 @@ def test_the_sorter_of_ones_own_runs_as_written(tmp_path, monkeypatch, capsys):
             exec(block, names)
     gc.unfreeze()
     printed = capsys.readouterr().out
-    assert float(re.search(r"camera moved by ([\d.]+) px", printed)[1]) < 0.3
-    assert "nan" not in printed
-    assert "the belt is" not in printed
-    assert abs(names["sorter"].watch.change()) < 0.02
+    assert "0 commands were late, 0 too late" in printed
     commands = len(re.findall(r"valve \d+: open", printed))
-    assert commands + len(names["sorter"].close()) >= 5
+    rest = names["schedule"].step(30 * 0.005, 1.0, BELT_PREDICTED.empty())
+    assert commands + len(rest) >= 5
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -48,20 +48,6 @@ def check_shape(array: npt.NDArray[np.generic], shape: Sequence[int | None], whe
         raise InputError(f"{where}: shape {array.shape}, expected {expected}.".replace("'", ""))
 
 
-def check_picture(picture: object, where: str, shape: Sequence[int] | None = None) -> None:
-    """Raise an `InputError` unless it is a picture, (rows, cols) uint8, of ``shape`` if given."""
-    if not isinstance(picture, np.ndarray):
-        raise InputError(
-            f"{where}: {type(picture).__name__} is no picture; pass an array of uint8."
-        )
-    fits = picture.ndim == 2 and picture.size > 0 and shape in (None, picture.shape)
-    if not fits or picture.dtype != np.uint8:
-        raise InputError(
-            f"{where}: a picture must be {shape or '(rows, cols)'} uint8, got {picture.shape} "
-            f"{picture.dtype}. Convert or cut it, and take all pictures with one camera."
-        )
-
-
 def check_finite(values: npt.ArrayLike, where: str) -> npt.NDArray[np.float64]:
     """Return ``values`` as float64, or raise an `InputError`."""
     try:

@@ -1,68 +1,57 @@
+"""Last observations, arrivals, and deviations of predictions."""
+
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.cbook import boxplot_stats
+from tests.definitions import belt as plain
 
-from kilnflight.belt import PredictionPhase
+from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase
+from kilnflight.belt.phase import (
+    SUMMARY,
+    arrival_deviations,
+    evaluate,
+    last_states,
+    lateral_deviations,
+    summarise_deviations,
+)
+from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
+from kilnflight.sorter import friction
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
 
 PHASE = PredictionPhase()
-
-
-def observe_in_plain_code(tracks, phase):
-    """What Figs 2 and 5 describe, one particle and one row at a time."""
-    rows, reasons = [], {"gap": 0, "short": 0, "missed": 0}
-    for particle, track in tracks.sort_values("frame").groupby("particle"):
-        points = list(track[["frame", "time_s", "x", "y"]].itertuples(index=False))
-        if points[-1].frame - points[0].frame + 1 != len(points):
-            reasons["gap"] += 1
-            continue
-        begun = next((i for i, p in enumerate(points) if p.x >= phase.start_mm), len(points))
-        beyond = next((i for i, p in enumerate(points) if p.x >= phase.target_mm), None)
-        if begun < 3:
-            reasons["short"] += 1
-        elif beyond is None:
-            reasons["missed"] += 1
-        else:
-            a, b, c = points[begun - 3 : begun]
-            p, q = points[beyond - 1], points[beyond]
-            share = (phase.target_mm - p.x) / (q.x - p.x)
-            parabola = np.polyfit([a.time_s - c.time_s, b.time_s - c.time_s, 0], [a.x, b.x, c.x], 2)
-            crossing = (p.time_s + share * (q.time_s - p.time_s), p.y + share * (q.y - p.y))
-            rows.append((particle, c.time_s, parabola[1], 2 * parabola[0], *crossing))
-    return rows, reasons
 
 
 @st.composite
 def some_tracks(draw):
     """Tracks with gaps, late starts and early ends."""
     parts = [BELT_TRACKS.empty()]
-    for particle in draw(st.lists(st.integers(0, 50), unique=True, max_size=6)):
-        steps = draw(st.lists(st.floats(5.0, 30.0), min_size=1, max_size=40))
-        x = draw(st.floats(380.0, 640.0)) + np.cumsum(steps)
+    for particle in draw(st.lists(st.integers(0, 50), unique=True, max_size=4)):
+        generator = np.random.default_rng(draw(st.integers(0, 99)))
+        x = (
+            draw(st.floats(380.0, 640.0))
+            + generator.uniform(5, 30, generator.integers(1, 30)).cumsum()
+        )
         frame = draw(st.integers(0, 9)) + np.arange(len(x))
-        keep = np.ones(len(x), dtype=bool)
-        keep[draw(st.lists(st.integers(0, len(x) - 1), max_size=1))] = False
+        keep = generator.random(len(x)) > 0.02
         table = pd.DataFrame({"frame": frame, "particle": particle, "time_s": frame / 100})
         parts.append(table.assign(x=x, y=np.sin(x))[keep])
     shuffled = pd.concat(parts).sample(frac=1.0, random_state=1)
     return shuffled.astype({"frame": int, "particle": int})
 
 
+@settings(max_examples=15)
 @given(some_tracks())
-def test_the_fast_version_is_the_definition(tracks):
-    rows, reasons = observe_in_plain_code(tracks, PHASE)
+def test_observations_are_those_of_the_definition(tracks):
+    rows, reasons = plain.observe(tracks, PHASE.start_mm, PHASE.target_mm)
     last, arrival, left_out = PHASE.observe(tracks)
-    assert list(left_out.values()) == list(reasons.values())
+    assert list(left_out.values()) == reasons
     assert last["particle"].tolist() == arrival["particle"].tolist() == [row[0] for row in rows]
-    observed = np.column_stack(
-        [
-            last[["time_s", "velocity_x_mm_s", "acceleration_x_mm_s2"]],
-            arrival[["time_s", "y"]],
-        ]
-    )
+    states = last[["time_s", "velocity_x_mm_s", "acceleration_x_mm_s2"]]
+    observed = np.column_stack([states, arrival[["time_s", "y"]]])
     expected = np.array([row[1:] for row in rows]).reshape(-1, 5)
     np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-4)
 
@@ -73,23 +62,24 @@ def test_constant_acceleration_is_recovered_exactly(constant_acceleration):
     np.testing.assert_allclose(last["acceleration_y_mm_s2"], [-100.0, -100.0, 0.0], atol=1e-6)
 
 
+def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acceleration):
+    observed = PHASE.observe(constant_acceleration)
+    carried = PHASE.carry(observed)
+    np.testing.assert_allclose(carried.last["x"], PHASE.start_mm)
+    before, after = observed.last, carried.last
+    wait = after["time_s"] - before["time_s"]
+    assert wait.between(0, 0.01).all()
+    gained = wait * before["acceleration_x_mm_s2"]
+    np.testing.assert_allclose(after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained)
+    stops = observed._replace(last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3))
+    pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
+
+
 def test_no_observation_of_the_phase_is_used(constant_acceleration):
-    """Changing what happens inside the phase must not change the last observation."""
     other = constant_acceleration.copy()
-    inside = (other["x"] > 640.0) & (other["x"] < 740.0)
-    other.loc[inside, "y"] += 5.0
-    pd.testing.assert_frame_equal(
-        PHASE.observe(constant_acceleration).last, PHASE.observe(other).last
-    )
-
-
-def test_each_reason_to_leave_a_particle_out_is_counted(constant_acceleration):
-    gap = constant_acceleration[~constant_acceleration["frame"].isin([12])]
-    assert PHASE.observe(gap).left_out["gap in the track"] == 3
-    ends = constant_acceleration[constant_acceleration["x"] < 770.0]
-    assert PHASE.observe(ends).left_out["target never reached"] == 3
-    late = constant_acceleration[constant_acceleration["x"] > 610.0]
-    assert PHASE.observe(late).left_out["fewer than three observations before the phase"] == 3
+    other.loc[other["x"].between(640.0, 740.0), "y"] += 5.0
+    lasts = [PHASE.observe(table).last for table in (constant_acceleration, other)]
+    pd.testing.assert_frame_equal(*lasts)
 
 
 def test_no_tracks_give_empty_tables():
@@ -99,38 +89,81 @@ def test_no_tracks_give_empty_tables():
     assert len(last) == len(arrival) == sum(left_out.values()) == 0
 
 
-def test_two_rows_in_one_frame_are_an_error(constant_acceleration):
+def test_unusable_tracks_are_refused_by_name(constant_acceleration):
     twice = pd.concat([constant_acceleration, constant_acceleration.iloc[[5]]])
-    with pytest.raises(InputError, match="particle 3 has two rows in frame 5"):
-        PHASE.observe(twice)
-
-
-def test_uneven_time_is_an_error(constant_acceleration):
-    constant_acceleration.loc[7, "time_s"] += 0.004
-    with pytest.raises(InputError, match=r"particle 3, frame [78]: time_s does not grow evenly"):
-        PHASE.observe(constant_acceleration)
-    constant_acceleration["time_s"] = 1.0
-    with pytest.raises(InputError, match="does not grow evenly"):
-        PHASE.observe(constant_acceleration)
-
-
-def test_half_frames_are_an_error(constant_acceleration):
-    with pytest.raises(InputError, match="column frame holds float64, expected int"):
-        PHASE.observe(constant_acceleration.assign(frame=constant_acceleration["frame"] + 0.5))
-
-
-def test_a_phase_leads_downstream():
-    with pytest.raises(InputError, match="downstream"):
+    late = constant_acceleration["time_s"] + 0.004 * (constant_acceleration.index == 7)
+    for wrong in (
+        twice,
+        constant_acceleration.assign(time_s=late),
+        constant_acceleration.assign(time_s=1.0),
+        constant_acceleration.assign(frame=constant_acceleration["frame"] + 0.5),
+    ):
+        with pytest.raises(InputError, match="tracks: "):
+            PHASE.observe(wrong)
+    with pytest.raises(InputError, match="target_mm"):
         PredictionPhase(start_mm=800.0)
 
 
-def test_the_target_has_an_observation_after_it(authors_data):
-    """The public tracks end between 773 and 788 mm, which is why the target is 773 mm."""
-    from kilnflight.belt.recordings import find_dem, read_dem
+@settings(max_examples=15)
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=40))
+def test_a_summary_is_the_box_plot_of_matplotlib(values):
+    summary, expected = summarise_deviations(np.array(values)), boxplot_stats(values)[0]
+    for name, key in {"median": "med", "q25": "q1", "q75": "q3"}.items():
+        assert summary[name] == pytest.approx(expected[key])
+    assert summary["mae"] == pytest.approx(np.mean(np.abs(values)))
 
-    for name, path in find_dem().items():
-        tracks = read_dem(path)
-        end = tracks.groupby("particle")["x"].max()
-        arrived = end[end > 700.0]
-        assert arrived.min() >= PHASE.target_mm, name
-        assert arrived.max() < 788.0 + 1.0
+
+def test_whiskers_and_particles_without_a_prediction_by_hand():
+    summary = summarise_deviations(np.array([-9.0, -1.0, np.nan, 0.0, 0.0, 1.0, 1.5, 50.0]))
+    assert (summary["whisker_low"], summary["whisker_high"]) == (-1.0, 1.5)
+    assert (summary["n"], summary["unpredicted"], summary["median"]) == (7, 1, 0.0)
+    with pytest.raises(InputError, match="deviation"):
+        summarise_deviations(np.array([np.nan]))
+
+
+@pytest.fixture(scope="module")
+def observed():
+    small = friction.FrictionBelt(particles=120, feed_s=1.0)
+    return PHASE.observe(small(np.random.default_rng(1)))
+
+
+def test_calibration_particles_are_not_evaluated(observed):
+    calibration = np.zeros(len(observed.last), dtype=bool)
+    calibration[[3, 4, 9]] = True
+    for deviations in (arrival_deviations, lateral_deviations):
+        for _, deviation in deviations(observed, PHASE, calibration):
+            assert len(deviation) == len(observed.last) - 3
+    # a particle that accelerates arrives earlier than constant velocity predicts
+    assert np.median(dict(arrival_deviations(observed, PHASE, calibration))["CV"]) > 0
+
+
+def test_every_model_is_evaluated_and_more_draws_keep_the_first(observed):
+    few, more = (evaluate(observed, PHASE, arrival_deviations, n, 1) for n in (2, 3))
+    assert few["model"].unique().tolist() == [model.name for model in ARRIVAL_MODELS]
+    pd.testing.assert_frame_equal(few, more[more["draw"] < 2])
+    assert not few["mae"].equals(evaluate(observed, PHASE, arrival_deviations, 2, 2)["mae"])
+    lateral = evaluate(observed, PHASE, lateral_deviations, 2, 1)
+    assert lateral["model"].unique().tolist() == [name for name, _, _ in COMBINATIONS]
+    assert list(lateral.columns) == ["draw", "model", *SUMMARY]
+
+
+def test_one_percent_of_the_particles_calibrates(observed):
+    sizes = []
+
+    def deviations(_observed, _phase, calibration):
+        sizes.append(calibration.sum())
+        yield "x", np.array([1.0])
+
+    evaluate(observed, PHASE, deviations, 3, 1)
+    assert sizes == [1] * 3
+    few = observed._replace(last=observed.last[:99])
+    with pytest.raises(InputError, match="observed"):
+        evaluate(few, PHASE, deviations, 1, 1)
+
+
+def test_only_valid_tracks_that_entered_the_phase_are_predicted():
+    states = pd.DataFrame([[0] * 11] * 3, columns=BELT_STATES.names)
+    states["particle"] = [0, 1, 2]
+    ends = pd.DataFrame({"particle": [0, 1, 2], "frame": 0, "valid": [1, 0, 1]})
+    ends["reason"] = ["left at the end", "left at the end", "lost"]
+    assert last_states(Followed(states, ends), 0.005)["particle"].tolist() == [0]

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kilnflight.belt.evaluation import SUMMARY, Evaluation, arrival_deviations
+from kilnflight.belt.phase import SUMMARY, arrival_deviations, evaluate
 from kilnflight.experiments import belt_2020
 from kilnflight.experiments.belt_2020 import PHASE
 
@@ -32,11 +32,10 @@ def test_resampled_tracks_keep_a_cubic_and_every_observation():
 
 
 def test_models_are_summed_up_by_the_median_of_the_draws(observed):
-    evaluation = Evaluation(draws=3, share=0.05)
-    table = belt_2020.compare_models(observed, PHASE, arrival_deviations, evaluation, 1)
+    table = belt_2020.compare_models(observed, PHASE, arrival_deviations, 3, 1)
     assert table.columns[:3].tolist() == ["data_set", "model", SUMMARY[0]]
     assert len(table) == 3 * 6
-    draws = evaluation(observed["cuboids"], PHASE, arrival_deviations, 1)
+    draws = evaluate(observed["cuboids"], PHASE, arrival_deviations, 3, 1)
     mae = draws.groupby("model")["mae"].median()
     part = table[table["data_set"] == "cuboids"].set_index("model")
     assert part["mae"].to_dict() == mae.to_dict()
@@ -56,7 +55,7 @@ def test_differences_are_of_the_right_models_and_hold_beyond_chance(observed):
     orders += [("c", ("near",), ("again",))]
     by_name = {"spheres": orders, "cuboids": orders}
     few = {name: observed[name] for name in by_name}
-    pairs = belt_2020.compare_pairs(few, PHASE, shifted, by_name, "quick", 1)
+    pairs = belt_2020.compare_orders(few, PHASE, shifted, by_name, "quick", 1)
     assert len(pairs) == 2 * 3 * 2
     first = pairs.iloc[:2]
     assert first["measure"].tolist() == ["MAE", "IQR"]

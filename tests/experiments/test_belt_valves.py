@@ -39,7 +39,7 @@ def test_a_doubled_particle_has_two_windows_and_a_ghost_none():
         {"particle": [7, 8, 9], "time_s": [0.2, 0.23, 0.1], "y": [50.0, 50.0, 10.0]}
     )
     lots = draw_lots(entering, predicted, 0.5, seed=0)
-    assert len(BAR.events(lots[0])) == 2
+    assert len(BAR.events(lots[0])[0]) == 2
     shares = BAR(*lots)
     assert (shares.hit_share, shares.inadvertent_share) == (0.5, 0.0)
 

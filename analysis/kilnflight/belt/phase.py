@@ -1,24 +1,36 @@
-"""The prediction phase: last observations before it, arrivals at its target.
+"""The prediction phase, and deviations of predictions from what is observed behind it.
 
-2020 paper, Figs 2 and 5: a particle is observed until the prediction phase begins. After that only
-the crossing of the target is used, as the reference value.
+2020 paper, Figs 2 and 5 and section 5; 2016 paper, section IV. A particle is observed until the
+prediction phase begins. After that only its crossing of the target is used, as the reference.
+
+A deviation is prediction minus reference. Positive means that the particle arrived earlier than
+predicted, as in the caption of Fig. 9; section 5.1 states the opposite.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.models import BELT_EDGE_MM
+from kilnflight.arrays import Array, Flags, Index
+from kilnflight.belt.models import (
+    ARRIVAL_MODELS,
+    BELT_EDGE_MM,
+    COMBINATIONS,
+    IV,
+    ArrivalModel,
+    LateralModel,
+)
+from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
-Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.intp]
+SHARE = 0.01  # of the particles, for calibration: "at most 1 %" (sec. 5)
+SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
 
 
 class Observed(NamedTuple):
@@ -31,24 +43,19 @@ class Observed(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictionPhase:
-    """Where observation ends and where a particle is predicted to.
+    """Start and target of a prediction along the belt.
 
-    The paper predicts to the edge of the belt from 150 mm before it.
-    The public tracks end at that edge, so no observation lies beyond it. The last position of every
-    particle is between 773 and 788 mm. Therefore target and start are moved upstream by 15 mm,
-    which keeps the length of the phase.
+    The paper predicts from 150 mm before the edge of the belt to the edge. The public tracks end
+    there, so no observation lies beyond it. The last position of every particle is between 773 and
+    788 mm. Therefore start and target are moved upstream by 15 mm, which keeps the length.
     """
 
     start_mm: float = BELT_EDGE_MM - 165.0  # 150 mm before the target (sec. 5)
     target_mm: float = BELT_EDGE_MM - 15.0  # the largest whole mm that has an observation after it
 
     def __post_init__(self) -> None:
-        """Refuse a phase that does not lead downstream."""
         if not self.start_mm < self.target_mm:
-            raise InputError(
-                f"prediction phase from {self.start_mm} to {self.target_mm} mm: the target "
-                "must lie downstream of the start."
-            )
+            raise InputError(f"PredictionPhase: target_mm {self.target_mm} is not beyond start_mm.")
 
     def observe(self, tracks: pd.DataFrame) -> Observed:
         """Split tracks into last observations and arrivals at the target.
@@ -75,7 +82,7 @@ class PredictionPhase:
         """
         table = BELT_TRACKS.check(tracks).sort_values(["particle", "frame"], kind="stable")
         _check_frames(table)
-        columns = {name: table[name].to_numpy() for name in BELT_TRACKS.names}
+        columns = _arrays(table[BELT_TRACKS.names])
         starts = np.flatnonzero(np.diff(columns["particle"], prepend=np.nan) != 0)
         ends = np.append(starts, len(table))[1:]
         gap = columns["frame"][ends - 1] - columns["frame"][starts] + 1 != ends - starts
@@ -91,11 +98,11 @@ class PredictionPhase:
         return Observed(_last(columns, before[keep]), self._arrival(columns, after[keep]), left_out)
 
     def carry(self, observed: Observed) -> Observed:
-        """Return last states carried on to the start of the phase by their own acceleration.
+        """Extrapolate last states to the start of the phase by their own acceleration.
 
         At 100 Hz the last observation lies up to a step of 14 mm before the phase; at the paper's
-        1000 Hz (section 5) up to 1.4 mm. Only what was observed before the phase is used. A
-        particle that would stop before keeps its state.
+        1000 Hz (section 5) up to 1.4 mm. Only observations before the phase are used. A particle
+        that would stop before keeps its state.
         """
         last = observed.last
         gap = self.start_mm - last["x"]
@@ -109,7 +116,7 @@ class PredictionPhase:
             moved[f"velocity_{axis}_mm_s"] = velocity + wait * change
         return observed._replace(last=last.assign(**moved)[BELT_LAST.names])
 
-    def _arrival(self, columns: dict[str, Array], after: Rows) -> pd.DataFrame:
+    def _arrival(self, columns: dict[str, Array], after: Index) -> pd.DataFrame:
         """Interpolate linearly between the observations around the target (Fig. 5)."""
         names = ("time_s", "x", "y")
         time, x, y = (columns[name][after - 1] for name in names)
@@ -121,37 +128,28 @@ class PredictionPhase:
 
 
 def _check_frames(table: pd.DataFrame) -> None:
-    """Refuse two rows in one frame and frames that are not evenly spaced in time."""
-    steps = table.groupby("particle")[["frame", "time_s"]].diff()
-    repeated = (steps["frame"] <= 0).to_numpy()
-    if repeated.any():
-        row = table.iloc[int(np.argmax(repeated))]
-        raise InputError(
-            f"particle {row['particle']:.0f} has two rows in frame {row['frame']:.0f}; keep one."
-        )
-    step = (steps["time_s"] / steps["frame"]).to_numpy()
-    inside = np.flatnonzero(np.isfinite(step))
-    median = np.median(step[inside]) if len(inside) else 1.0
-    off = np.abs(step[inside] - median)
-    if len(inside) and (step[inside].min() <= 0 or np.ptp(step[inside]) > 1e-3 * median):
-        row = table.iloc[inside[np.argmax(off)]]
-        raise InputError(
-            f"particle {row['particle']:.0f}, frame {row['frame']:.0f}: time_s does not grow "
-            f"evenly with the frame (median step {median:g} s). Resample the track."
-        )
+    """Raise an `InputError` for two rows in one frame or uneven times."""
+    steps = table.groupby("particle")[["frame", "time_s"]].diff().to_numpy()
+    frames, seconds = steps[~np.isnan(steps[:, 0])].T
+    if (frames == 0).any():
+        raise InputError("tracks: a particle has two rows in one frame; keep one.")
+    step = seconds / frames
+    if len(step) and (step.min() <= 0 or np.ptp(step) > 1e-3 * np.median(step)):
+        raise InputError("tracks: time_s does not grow evenly with frame. Resample the tracks.")
 
 
-def _first(flags: npt.NDArray[np.bool_], starts: Rows, ends: Rows) -> Rows:
+def _arrays(table: pd.DataFrame) -> dict[str, Array]:
+    return {name: table[name].to_numpy() for name in table.columns}
+
+
+def _first(flags: Flags, starts: Index, ends: Index) -> Index:
     """Return the first flagged row of each particle, or its end."""
     rows = np.append(np.flatnonzero(flags), len(flags))
     return np.minimum(rows[np.searchsorted(rows, starts)], ends)
 
 
-def _last(columns: dict[str, Array], row: Rows) -> pd.DataFrame:
-    """Return the state at ``row`` from a parabola.
-
-    The parabola goes through it and the two rows before.
-    """
+def _last(columns: dict[str, Array], row: Index) -> pd.DataFrame:
+    """Return the states at rows, by parabolas through each and the two rows before."""
     step = columns["time_s"][row] - columns["time_s"][row - 1]
     state = {"particle": columns["particle"][row], "time_s": columns["time_s"][row]}
     for axis in ("x", "y"):
@@ -160,3 +158,176 @@ def _last(columns: dict[str, Array], row: Rows) -> pd.DataFrame:
         state[f"velocity_{axis}_mm_s"] = (3 * newest - 4 * middle + oldest) / (2 * step)
         state[f"acceleration_{axis}_mm_s2"] = (newest - 2 * middle + oldest) / step**2
     return pd.DataFrame(state)[BELT_LAST.names]
+
+
+def last_states(followed: Followed, frame_s: float) -> pd.DataFrame:
+    """Return the filtered state of each track that enters the prediction phase.
+
+    Parameters
+    ----------
+    followed
+        From `kilnflight.belt.tracker.BeltTracker`, whose area ends where the phase begins.
+    frame_s
+        Time between two frames.
+
+    Returns
+    -------
+    DataFrame
+        `kilnflight.tables.BELT_LAST`, the filtered state in the frame of the last measurement, and
+        ``row`` of that measurement. Tracks that were valid and left at the end of the area: "only
+        tracks that are deemed valid while entering the prediction phase trigger a separation
+        event".
+    """
+    states, ends = followed.states, followed.ends
+    entering = ends.loc[(ends["valid"] == 1) & (ends["reason"] == LEFT), "particle"]
+    measured = states[(states["row"] >= 0) & states["particle"].isin(entering)]
+    last = measured.sort_values(["particle", "frame"]).groupby("particle").tail(1)
+    table = last.assign(time_s=last["frame"] * frame_s)
+    return table[[*BELT_LAST.names, "row"]].reset_index(drop=True)
+
+
+def observe_followed(
+    followed: Followed, measured: pd.DataFrame, phase: PredictionPhase, frame_s: float
+) -> Observed:
+    """Return filtered states before the prediction phase and measured arrivals behind it.
+
+    Parameters
+    ----------
+    followed, measured
+        From `kilnflight.belt.tracker.BeltTracker`, and its measurements; its area covers the
+        target.
+    phase
+        Start and target; `PredictionPhase.observe` leaves tracks out.
+    frame_s
+        Time between two frames.
+    """
+    states = followed.states[followed.states["row"] >= 0]
+    states = states.assign(time_s=states["frame"] * frame_s)
+    places = measured[["x", "y"]].to_numpy()[states["row"].to_numpy()]
+    tracks = states[["frame", "particle", "time_s"]].assign(x=places[:, 0], y=places[:, 1])
+    observed = phase.observe(tracks)
+    filtered = states.set_index(["particle", "time_s"])[BELT_LAST.names[2:]]
+    keys = pd.MultiIndex.from_frame(observed.last[["particle", "time_s"]])
+    return observed._replace(last=filtered.loc[keys].reset_index()[BELT_LAST.names])
+
+
+def summarise_deviations(deviation: Array) -> dict[str, float]:
+    """Return count, quartiles, whiskers and mean absolute value of deviations, (n,).
+
+    Particles without a prediction (NaN) are left out and counted as ``unpredicted``. The whiskers
+    reach to the last value within 1.5 box lengths of the box (section 5.1): 2.7 standard deviations
+    from the median of a normal distribution.
+    """
+    predicted = deviation[np.isfinite(deviation)]
+    if not len(predicted):
+        raise InputError("deviation: no particle has a prediction; nothing can be summarised.")
+    q25, median, q75 = np.quantile(predicted, [0.25, 0.5, 0.75])
+    reach = 1.5 * (q75 - q25)
+    inside = predicted[(predicted >= q25 - reach) & (predicted <= q75 + reach)]
+    box = (len(predicted), median, q25, q75, inside.min(), inside.max(), q75 - q25)
+    values = (*box, np.abs(predicted).mean(), len(deviation) - len(predicted))
+    return dict(zip(SUMMARY, values, strict=True))
+
+
+Deviations = Callable[[Observed, PredictionPhase, Flags], Iterator[tuple[str, Array]]]
+
+
+def evaluate(
+    observed: Observed, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
+) -> pd.DataFrame:
+    """Compare all models on one bulk material, one row per draw and model.
+
+    The paper calibrates with "at most 1 % of all particles available (37 to 44)", drawn once. Here
+    the draw is repeated, which separates its effect from the models'. Each draw is evaluated on
+    the other particles. Draw k depends on the seed and k alone, so more draws keep the first ones.
+
+    Parameters
+    ----------
+    observed, phase
+        From `PredictionPhase.observe`, and the phase itself.
+    deviations
+        `arrival_deviations` (ms) or `lateral_deviations` (mm).
+    draws, seed
+        Number and seed of the draws.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``draw``, ``model`` and those of `SUMMARY`.
+
+    Raises
+    ------
+    InputError
+        If 1 % of the particles is less than one.
+    """
+    particles, rows = len(observed.last), []
+    size = int(SHARE * particles)
+    if size < 1:
+        raise InputError(f"observed: {SHARE:.0%} of {particles} particles is less than one.")
+    for draw, child in enumerate(np.random.SeedSequence(seed).spawn(draws)):
+        calibration = np.zeros(particles, dtype=bool)
+        calibration[np.random.default_rng(child).choice(particles, size, replace=False)] = True
+        for name, deviation in deviations(observed, phase, calibration):
+            rows.append({"draw": draw, "model": name, **summarise_deviations(deviation)})
+    return pd.DataFrame(rows)
+
+
+def arrival_deviations(
+    observed: Observed, phase: PredictionPhase, calibration: Flags
+) -> Iterator[tuple[str, Array]]:
+    """Yield each arrival model's name and its deviations in ms.
+
+    ``calibration`` (n,) marks the particles that calibrate (IV takes all); the deviations are those
+    of the others.
+    """
+    every, calibrating, (last, arrival) = _split(observed, calibration)
+    for model in ARRIVAL_MODELS:
+        fitted = _calibrated(model, every, calibrating, phase.target_mm)
+        yield model.name, 1000.0 * (fitted(last, phase.target_mm) - arrival["time_s"])
+
+
+def lateral_deviations(
+    observed: Observed, phase: PredictionPhase, calibration: Flags
+) -> Iterator[tuple[str, Array]]:
+    """Yield the name and the deviations in mm of each combination of Fig. 10."""
+    reference = observed.arrival["y"].to_numpy()[~calibration]
+    for name, _, y in predictions(observed, phase, calibration):
+        yield name, y - reference
+
+
+def predictions(
+    observed: Observed,
+    phase: PredictionPhase,
+    calibration: Flags,
+    combinations: tuple[tuple[str, ArrivalModel, LateralModel], ...] = COMBINATIONS,
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield each combination's name and the others' predicted time (s) and place y (mm)."""
+    every, calibrating, (last, _) = _split(observed, calibration)
+    times: dict[ArrivalModel, Array] = {}  # several combinations share an arrival model
+    for name, arrival, lateral in combinations:
+        if arrival not in times:
+            fitted = _calibrated(arrival, every, calibrating, phase.target_mm)
+            times[arrival] = fitted(last, phase.target_mm)
+        place = lateral.calibrated(*calibrating)
+        yield name, times[arrival], place(last, times[arrival] - last["time_s"])
+
+
+_Pair = list[dict[str, Array]]  # last observations and arrivals, arrays by column
+
+
+def _split(observed: Observed, calibration: Flags) -> tuple[_Pair, _Pair, _Pair]:
+    """Return all particles, the calibration particles and the others, as arrays."""
+    every = [_arrays(observed.last), _arrays(observed.arrival)]
+    calibrating, others = (
+        [{name: values[which] for name, values in columns.items()} for columns in every]
+        for which in (calibration, ~calibration)
+    )
+    return every, calibrating, others
+
+
+def _calibrated(
+    model: ArrivalModel, every: _Pair, calibrating: _Pair, target_mm: float
+) -> ArrivalModel:
+    # The paper gives IV the median of all particles, "the most favorable conditions".
+    last, arrival = every if isinstance(model, IV) else calibrating
+    return model.calibrated(last, arrival, target_mm)

@@ -5,35 +5,27 @@ Background, connected areas, and where they are on the belt in mm.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.belt.camera import TRACKED, Area, Calibration
-from kilnflight.checks import (
-    InputError,
-    check_at_least,
-    check_inside,
-    check_picture,
-    check_positive,
-)
+from kilnflight.arrays import Array, Picture
+from kilnflight.belt.camera import TRACKED, Area, Calibration, check_picture
+from kilnflight.checks import InputError
 from kilnflight.tables import BELT_SPOTS
 
-Array = npt.NDArray[np.float64]
-Picture = npt.NDArray[np.uint8]
-
 MARGIN_MM = 10.0  # more than the longest particle's half, so that none is cut
-MOST_PARTS = 8  # a larger spot is no few particles that touch: it is left whole; choice
+TOUCHING_FROM = 1.5  # of a single particle's area: half-way between one and two
+MOST_PARTS = 8  # a larger spot is left whole: it is no few particles that touch; choice
 
 
 def average(pictures: Iterable[Picture]) -> Picture:
-    """Return the mean of pictures, "the constant background" (section II.B).
+    """Return the mean of pictures (rows, cols), "the constant background" (section II.B).
 
     A particle that rests in all of them is part of the background and never found. One that rests
     in a share s of the pictures has s times its contrast c in the mean. By the threshold t of
@@ -41,44 +33,22 @@ def average(pictures: Iterable[Picture]) -> Picture:
     which never moves, if s c > t. For wood on a dark belt c is 140 and t is 40 grey values: no
     ghost below s = 0.29, not found above s = 0.71, both in between.
     """
-    total = Average()
-    for picture in pictures:
-        total.add(picture)
-    return total.picture()
-
-
-class Average:
-    """The `average` of pictures that come one by one."""
-
-    def __init__(self) -> None:
-        self.count, self._total = 0, np.zeros((0, 0), dtype=np.uint32)
-
-    def add(self, picture: Picture) -> None:
-        """Take one more picture, of the shape of those before."""
-        shape = self._total.shape if self.count else None
-        check_picture(picture, f"picture {self.count}", shape)
-        if not self.count:
-            self._total = np.zeros(picture.shape, dtype=np.uint32)
-        self._total += picture
-        self.count += 1
-
-    def picture(self) -> Picture:
-        """Return the mean of the pictures so far."""
-        if not self.count:
-            raise InputError("no picture to take the background from; give at least one.")
-        return np.rint(self._total / self.count).astype(np.uint8)
+    total, count = np.zeros((0, 0), dtype=np.uint32), 0
+    for count, picture in enumerate(pictures, 1):
+        check_picture(picture, f"pictures: number {count}", total.shape if count > 1 else None)
+        total = total + picture if count > 1 else picture.astype(np.uint32)
+    if not count:
+        raise InputError("pictures: none to take the background from; give at least one.")
+    return np.rint(total / count).astype(np.uint8)
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Connected areas that differ from the background.
-
-    One area is one particle or several.
+    """Connected areas that differ from the background, as centroids.
 
     Particles that touch are one spot at their common centroid. Spots that are larger than
-    ``touching_from`` times a single particle are marked and kept. With ``split`` such a spot
-    becomes as many as single areas fit into it: its pixels are clustered by place (k-means). The
-    parts keep the mark.
+    1.5 times a single particle are marked and kept. With ``split`` such a spot becomes as many as
+    single areas fit into it: its pixels are clustered by place (k-means). The parts keep the mark.
 
     Notes
     -----
@@ -90,21 +60,11 @@ class Spots:
 
     threshold: float = 40.0  # grey values of 255, above any noise of a camera; not printed
     least_px: float = 12.0  # smaller is noise: a disc of 1.7 mm across; not printed
-    touching_from: float = 1.5  # of a single particle's area: half-way between one and two
     single_px: float = np.inf  # area of one particle, from calibration; inf: mark none
     split: bool = False  # neither paper used it
 
-    def __post_init__(self) -> None:
-        """Refuse settings that find everything or nothing."""
-        check_inside(self.threshold, 0, 255, "Spots: threshold")
-        check_at_least(self.least_px, 1, "Spots: least_px")
-        check_at_least(self.touching_from, 1, "Spots: touching_from")
-        if self.single_px != np.inf:
-            check_positive(self.single_px, "Spots: single_px")
-
     def __call__(self, picture: Picture, background: Picture) -> Array:
         """Return row, col, area in px and whether several touch (1.0 or 0.0), (n, 4)."""
-        check_picture(background, "background")
         check_picture(picture, "picture", background.shape)
         differs = cv2.absdiff(picture, background)
         _, mask = cv2.threshold(differs, self.threshold, 255, cv2.THRESH_BINARY)
@@ -116,7 +76,7 @@ class Spots:
         spot = np.asarray(labels)[pixels[:, 0], pixels[:, 1]] - 1
         area = np.bincount(spot, minlength=count - 1).astype(np.float64)
         places = [np.bincount(spot, along, count - 1) / area for along in pixels.T]
-        several = area > self.touching_from * self.single_px
+        several = area > TOUCHING_FROM * self.single_px
         found, kept = np.column_stack([*places, area, several]), area >= self.least_px
         if not self.split:
             return found[kept]
@@ -136,23 +96,22 @@ class Spots:
         """
         areas = [self(picture, background)[:, 2] for picture in pictures]
         if not sum(map(len, areas)):
-            raise InputError(
-                "Spots: no particle in the pictures to calibrate with; take some of a loaded belt."
-            )
+            raise InputError("pictures: no particle to calibrate with; take some of a loaded belt.")
         return replace(self, single_px=float(np.median(np.concatenate(areas))))
 
 
 def _parts(pixels: Array, number: int) -> Array:
     """Return a spot's pixels (p, 2) as ``number`` spots by k-means, columns as of `Spots`."""
+    from sklearn.cluster import KMeans  # here: it takes a second to load, and only splits need it
+
     away = pixels - pixels.mean(axis=0)
     along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
-    # It starts with equal parts along the spot, so no chance is in it.
+    # Starting from equal parts along the spot makes the result reproducible.
     first = np.searchsorted(np.quantile(along, np.arange(1, number) / number), along)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-    begin, labels = cv2.KMEANS_USE_INITIAL_LABELS, first.astype(np.int32)[:, None]
-    _, part, centres = cv2.kmeans(pixels.astype(np.float32), number, labels, stop, 1, begin)
-    area = np.bincount(np.ravel(part), minlength=number)
-    return np.column_stack([centres, area, np.ones(number)])
+    start = np.array([pixels[first == k].mean(axis=0) for k in range(number)])
+    found = KMeans(number, init=start, n_init=1).fit(pixels)
+    area = np.bincount(found.labels_, minlength=number)
+    return np.column_stack([found.cluster_centers_, area, np.ones(number)])
 
 
 @dataclass(frozen=True)
@@ -173,15 +132,6 @@ class MeasureSpots:
     calibration: Calibration
     area: Area = TRACKED
 
-    def __post_init__(self) -> None:
-        """Refuse a background that shows nothing of the area: the calibration is another's."""
-        check_picture(self.background, "background")
-        if not self._empty.size:
-            raise InputError(
-                f"the background of shape {self.background.shape} shows nothing of the belt by "
-                "this calibration. Take both with the same camera."
-            )
-
     @cached_property
     def _window(self) -> tuple[slice, slice]:
         margin = MARGIN_MM / self.calibration.mm_per_px
@@ -196,38 +146,22 @@ class MeasureSpots:
 
         ``frame`` is for errors: a picture of another shape or type.
         """
-        check_picture(picture, f"frame {frame}", self.background.shape)
+        check_picture(picture, f"picture of frame {frame}", self.background.shape)
         found = self.spots(picture[self._window], self._empty)
         found[:, :2] += self._window[0].start, self._window[1].start
         places = self.calibration.millimetres(found[:, :2])
         return np.column_stack([found, places])[self.area.contains(places)]
 
-    def covered(self, measured: Array) -> float:
-        """Return the share of the area that measured spots (n, 6) cover."""
-        return float(measured[:, 2].sum() * self.calibration.mm_per_px**2 / self.area.square_mm)
+    def table(self, pictures: Iterable[Picture]) -> pd.DataFrame:
+        """Return the spots of consecutive pictures, frames 0, 1, ...
 
-
-def measure_spots(
-    pictures: Iterable[Picture],
-    background: Picture,
-    spots: Spots,
-    calibration: Calibration,
-    area: Area = TRACKED,
-) -> pd.DataFrame:
-    """Return the spots of consecutive pictures, frames 0, 1, ..., by `MeasureSpots`.
-
-    Returns
-    -------
-    DataFrame
-        `kilnflight.tables.BELT_SPOTS`; no rows for an empty belt.
-    """
-    measure = MeasureSpots(background, spots, calibration, area)
-    return spots_table([measure(picture, frame) for frame, picture in enumerate(pictures)])
-
-
-def spots_table(measured: Sequence[Array]) -> pd.DataFrame:
-    """Return `kilnflight.tables.BELT_SPOTS` from what `MeasureSpots` found in frames 0, 1, ..."""
-    frame = np.repeat(np.arange(len(measured)), [len(rows) for rows in measured])
-    rows = np.concatenate([np.empty((0, len(BELT_SPOTS.names) - 1)), *measured])
-    table = pd.DataFrame(np.column_stack([frame, rows]), columns=BELT_SPOTS.names)
-    return table.astype({"frame": np.int64, "touching": np.int64})
+        Returns
+        -------
+        DataFrame
+            `kilnflight.tables.BELT_SPOTS`; no rows for an empty belt.
+        """
+        measured = [self(picture, frame) for frame, picture in enumerate(pictures)]
+        frame = np.repeat(np.arange(len(measured)), [len(rows) for rows in measured])
+        rows = np.concatenate([np.empty((0, len(BELT_SPOTS.names) - 1)), *measured])
+        table = pd.DataFrame(np.column_stack([frame, rows]), columns=BELT_SPOTS.names)
+        return table.astype({"frame": np.int64, "touching": np.int64})

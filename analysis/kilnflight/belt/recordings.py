@@ -1,9 +1,8 @@
-"""The authors' data: DEM tracks, and recordings of their real sorter.
+"""The authors' data: DEM tracks, recordings of their real sorter, and the velocity in these.
 
-The DEM tracks are those of the 2020 paper.
-
-A DEM file is a zip with one CSV without header. Rows are time steps of 10 ms. Columns alternate x
-and y of one particle in metres, ``nan`` while it is not on the belt.
+The DEM tracks are those of the 2020 paper. A DEM file is a zip with one CSV without header. Rows
+are time steps of 10 ms. Columns alternate x and y of one particle in metres, ``nan`` while it is
+not on the belt.
 
 A recording ``NNN.csv`` (or ``.csv.gz``) has a row per frame: its number, the number of measured
 midpoints, and x, y of each in pixels, then NaN. ``NNN_trackHistory_NothingDeleted.csv`` has one
@@ -13,52 +12,40 @@ the size of a pixel is given.
 
 from __future__ import annotations
 
-import os
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Array, Index, Whole
 from kilnflight.checks import InputError
-from kilnflight.project import data, paths
 from kilnflight.tables import BELT_TRACKS
 
-Array = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-
 TIME_STEP_S = 0.01  # of the public DEM files; the paper itself evaluated at 0.001 s
-MATERIALS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
-TRACKED = "_trackHistory_NothingDeleted"
+MATERIAL_FOLDERS = {"spheres": "Kugeln", "wheat": "Weizen", "cylinders": "Zylinder"}
+HISTORY = "_trackHistory_NothingDeleted"
 ENDINGS = (".csv", ".csv.gz")
 
-
-def find_dem() -> dict[str, Path]:
-    """Return all three bulk materials' DEM files, or nothing if none was fetched.
-
-    Raises
-    ------
-    InputError
-        If a file is damaged, or some but not all are there.
-    """
-    files = {name: data.find(file) for name, file in data.BELT_DEM.items()}
-    there = {name: path for name, path in files.items() if path is not None}
-    if there and len(there) < len(files):
-        missing = ", ".join(sorted(set(files) - set(there)))
-        raise InputError(f"the authors' DEM tracks of {missing} are missing; run make data.")
-    return there
+LEAST_PX, MOST_PX = 5.0, 500.0  # per frame; what moves less lies still (dirt); choice
+BESIDE_PX = 8.0  # across the belt, by which a particle may move in a frame; choice
+BIN_PX = 4.0  # of the distances; choice
+AROUND = 0.2  # of the step: what counts to its peak; choice
+LEAST_PAIRS = 20  # in the peak; choice
+RIVAL = 0.5  # a second peak this high makes the step ambiguous; choice
+MAD_TO_SD = 1.4826  # of a normal distribution
 
 
-def read_dem(path: Path | str) -> pd.DataFrame:
+def read_dem(path: Path) -> pd.DataFrame:
     """Return the tracks of one of the authors' zip files, or of its CSV.
 
     Returns
     -------
     DataFrame
         `kilnflight.tables.BELT_TRACKS`, x and y in mm; particles without a single
-        position have no row. ``attrs["particles"]`` is how many the file has columns for.
+        position have no row. ``attrs["particles"]`` is the number of particles in the columns.
 
     Raises
     ------
@@ -66,24 +53,10 @@ def read_dem(path: Path | str) -> pd.DataFrame:
         If the file is no zip with one CSV, the number of columns is odd, a cell is no number or
         infinite, or only one of x and y is given.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; make data fetches the authors' files.")
     cells = _cells(path, header=None)
-    if np.isinf(cells).any():
-        row, column = np.argwhere(np.isinf(cells))[0]
-        raise InputError(
-            f"{path.name}: row {row + 1}, column {column + 1} is infinite. A particle that is not "
-            "on the belt is nan."
-        )
     frame, particle, x, y = _pairs(cells, path)
-    half = np.argwhere(np.isnan(cells[:, 0::2]) != np.isnan(cells[:, 1::2]))
-    if len(half):
-        row, pair = half[0]
-        raise InputError(
-            f"{path.name}: row {row + 1}, columns {2 * pair + 1} and {2 * pair + 2}: "
-            "only one of x and y is given. Complete the pair or leave both empty."
-        )
+    if np.isinf(cells).any() or (np.isnan(cells[:, 0::2]) != np.isnan(cells[:, 1::2])).any():
+        raise InputError(f"{path.name}: x and y must both be finite, or both nan off the belt.")
     columns = (frame, particle, frame * TIME_STEP_S, 1000.0 * x, 1000.0 * y)
     table = pd.DataFrame(dict(zip(BELT_TRACKS.names, columns, strict=True)))
     tracks = table.sort_values(["particle", "frame"], ignore_index=True)
@@ -91,31 +64,15 @@ def read_dem(path: Path | str) -> pd.DataFrame:
     return tracks
 
 
-def find_recordings() -> dict[str, list[Path]]:
-    """Return the files of measured positions by material.
-
-    Where there are none, nothing is returned.
-
-    The folder is ``KILNFLIGHT_RECORDINGS`` if this variable is set, else ``belt_recordings`` beside
-    the authors' other data. There ``make data`` puts them, and they must be the published ones.
-    Files may be packed (``.csv.gz``).
-
-    Raises
-    ------
-    InputError
-        If the folder of the variable has none, or a file beside the authors' other data is not the
-        published one.
-    """
-    named = os.environ.get("KILNFLIGHT_RECORDINGS")
-    folder = Path(named) if named else paths.external() / data.RECORDINGS_FOLDER
-    files = {name: _measured(folder / part) for name, part in MATERIALS.items()}
-    if not named:
-        _check_published(folder)
-    elif not any(files.values()):
-        raise InputError(
-            f"KILNFLIGHT_RECORDINGS is {named}, which has no recording in "
-            f"{', '.join(MATERIALS.values())}. Put them there or unset the variable."
-        )
+def list_recordings(folder: Path) -> dict[str, list[Path]]:
+    """Return the files of measured positions in a folder by material, packed or not."""
+    files = {}
+    for name, part in MATERIAL_FOLDERS.items():
+        every = [
+            path for ending in reversed(ENDINGS) for path in (folder / part).glob(f"*{ending}")
+        ]
+        by_stem = {_stem(path): path for path in every if HISTORY not in path.name}
+        files[name] = [by_stem[stem] for stem in sorted(by_stem)]
     return {name: paths for name, paths in files.items() if paths}
 
 
@@ -135,8 +92,11 @@ def read_recording(path: Path) -> pd.DataFrame:
     """
     cells = _cells(path)
     row, _, across, along = _pairs(cells[:, 2:], path)
-    table = pd.DataFrame({"frame": _frames(cells, path)[row], "x": along, "y": across})
-    beside = [path.with_name(_stem(path) + TRACKED + ending) for ending in ENDINGS]
+    number = cells[:, 0]  # frames may be missing, but never come twice or go back
+    if not ((number >= 0) & (number % 1 == 0) & (np.diff(number, prepend=-1.0) > 0)).all():
+        raise InputError(f"{path.name}: FrameNr must be whole numbers that ascend, a row each.")
+    table = pd.DataFrame({"frame": number.astype(np.int64)[row], "x": along, "y": across})
+    beside = [path.with_name(_stem(path) + HISTORY + ending) for ending in ENDINGS]
     history = next((file for file in beside if file.is_file()), None)
     if history is None:
         return table.assign(author_track=-1)
@@ -150,54 +110,79 @@ def _stem(path: Path) -> str:
     return path.name.removesuffix(".gz").removesuffix(".csv")
 
 
-def _measured(folder: Path) -> list[Path]:
-    """Return the recordings of one material, packed or not, each once."""
-    every = [path for ending in reversed(ENDINGS) for path in folder.glob(f"*{ending}")]
-    by_stem = {_stem(path): path for path in every if TRACKED not in path.name}
-    return [by_stem[stem] for stem in sorted(by_stem)]
-
-
-def _check_published(folder: Path) -> None:
-    """Raise an `InputError` if a file that `data.RECORDINGS` lists is another one."""
-    for name in data.RECORDINGS:
-        plain = folder.parent / name
-        for path in (plain, plain.with_name(f"{plain.name}.gz")):
-            if path.is_file():
-                data.check(path, name)
-
-
 def _cells(path: Path, header: int | None = 0) -> Array:
     """Return the numbers of a CSV file, packed or not."""
     try:
-        table = pd.read_csv(path, header=header)
-        return table.to_numpy(dtype=np.float64)
+        return pd.read_csv(path, header=header).to_numpy(dtype=np.float64)
     except (OSError, ValueError, EOFError, BadZipFile, zlib.error, RuntimeError) as error:
         raise InputError(f"{path.name}: no table of numbers ({error}); fetch it again.") from error
 
 
-def _frames(cells: Array, path: Path) -> Integers:
-    """Return FrameNr of each row.
-
-    Frames may be missing, but never come twice or go back.
-    """
-    numbers = cells[:, 0]
-    whole = np.isfinite(numbers) & (numbers == np.round(numbers)) & (numbers >= 0)
-    wrong = ~whole | (np.diff(numbers, prepend=-1.0) <= 0)
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise InputError(
-            f"{path.name}: FrameNr is {numbers[row]} in row {row + 1}; whole numbers must ascend. "
-            "Sort the rows by frame, one row each, or give the recordings as separate files."
-        )
-    return numbers.astype(np.int64)
-
-
-def _pairs(cells: Array, path: Path) -> tuple[Integers, Integers, Array, Array]:
-    """Return row and column of pairs, and both numbers of every pair that is there."""
+def _pairs(cells: Array, path: Path) -> tuple[Index, Index, Array, Array]:
+    """Return row and column of all pairs of finite numbers, and both numbers of each."""
     if cells.shape[1] % 2:
-        raise InputError(
-            f"{path.name}: {cells.shape[1]} columns of x and y; one is missing. Fetch it again."
-        )
+        raise InputError(f"{path.name}: {cells.shape[1]} columns of x and y; one is missing.")
     pairs = cells.reshape(len(cells), cells.shape[1] // 2, 2)
     row, column = np.nonzero(np.isfinite(pairs).all(axis=2))
     return row, column, *pairs[row, column].T
+
+
+class BeltVelocity(NamedTuple):
+    """The step of particles from frame to frame."""
+
+    px_per_frame: float  # median of the pairs in the peak
+    spread_px: float  # 1.4826 times their median absolute deviation
+    pairs: int  # in the peak
+    share_percent: float  # of all measurements but those of the last frame that have such a pair
+
+
+def estimate_velocity(measured: pd.DataFrame, name: str = "recording") -> BeltVelocity:
+    """Return the step of particles along the belt in px per frame.
+
+    No paper prints the velocity on the real belt, and recordings differ. Measurements in
+    consecutive frames that lie side by side across the belt are mostly the same particle. Their
+    distances along the belt are counted in bins. The highest bin, with its neighbours, is the
+    peak; the step is the median of the distances within a fifth of it. No tracker is needed, so
+    the estimate can be a tracker's input.
+
+    Parameters
+    ----------
+    measured
+        ``frame``, ``x`` along the belt (in which it runs) and ``y`` across it, px.
+    name
+        Of the recording, for errors.
+
+    Raises
+    ------
+    InputError
+        If fewer than 20 pairs make the peak, or a second peak is half as high.
+    """
+    steps, first = _steps(measured)
+    counts, edges = np.histogram(steps, np.arange(LEAST_PX, MOST_PX + BIN_PX, BIN_PX))
+    peaks = np.convolve(counts, np.ones(3), mode="same")
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    highest = int(np.argmax(peaks))
+    reach = max(AROUND * middle[highest], 2 * BIN_PX)
+    near = np.abs(steps - middle[highest]) <= reach
+    apart = np.abs(middle - middle[highest]) > reach + BIN_PX
+    rival = np.where(apart, peaks, 0.0).max()
+    if near.sum() < LEAST_PAIRS or rival >= RIVAL * peaks[highest]:
+        raise InputError(
+            f"{name}: {near.sum()} pairs of measurements move by some {middle[highest]:.0f} px per "
+            f"frame. At least {LEAST_PAIRS} must, and twice as many as by any other velocity."
+        )
+    step = float(np.median(steps[near]))
+    spread = MAD_TO_SD * float(np.median(np.abs(steps[near] - step)))
+    before_last = int((measured["frame"] < measured["frame"].max()).sum())
+    share = 100 * len(np.unique(first[near])) / before_last
+    return BeltVelocity(step, spread, int(near.sum()), share)
+
+
+def _steps(measured: pd.DataFrame) -> tuple[Array, Whole]:
+    """Return the distances along the belt of pairs side by side, and each pair's first row."""
+    places = measured[["frame", "x", "y"]].reset_index(drop=True)
+    after = places.assign(frame=places["frame"] - 1)
+    pairs = places.reset_index().merge(after, on="frame", suffixes=("", "_after"))
+    along, across = pairs["x_after"] - pairs["x"], pairs["y_after"] - pairs["y"]
+    beside = (across.abs() <= BESIDE_PX) & along.between(LEAST_PX, MOST_PX)
+    return along[beside].to_numpy(np.float64), pairs.loc[beside, "index"].to_numpy(np.int64)

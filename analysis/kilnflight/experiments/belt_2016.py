@@ -12,15 +12,14 @@ from typing import NamedTuple, TypeVar
 
 import joblib
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from tqdm import tqdm
 
-from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, FindCorners, calibrate_camera
-from kilnflight.belt.evaluation import last_states, summarise_deviations
+from kilnflight.arrays import Array
+from kilnflight.belt.camera import BELT, TRACKED, Area, Calibration, calibrate_camera, find_corners
 from kilnflight.belt.models import CV, LateralCV
-from kilnflight.belt.phase import PredictionPhase
-from kilnflight.belt.pictures import Average, MeasureSpots, Spots, spots_table
+from kilnflight.belt.phase import PredictionPhase, last_states, summarise_deviations
+from kilnflight.belt.pictures import MeasureSpots, Spots, average
 from kilnflight.belt.tracker import (
     BELT_FRAME_S,
     Appearance,
@@ -34,16 +33,14 @@ from kilnflight.tables import BELT_ARRIVAL, BELT_LAST
 
 # The last 10 cm of the belt (section IV), moved upstream by 15 mm as in `PredictionPhase`: the
 # authors' public tracks end at the edge.
-PHASE = PredictionPhase(TRACKED.end_mm - 15.0, BELT.end_mm - 15.0)
+PHASE_2016 = PredictionPhase(TRACKED.end_mm - 15.0, BELT.end_mm - 15.0)
 PARTICLES = {"quick": 40, "standard": 120, "full": 1500}  # of a material; "over 1000", section IV
 TRUTH_HZ = 1000.0  # "the ground truth data was generated at 1000 Hz", section IV.B
 NOISE_FREE_MM = 0.001  # standard deviation of a measurement without noise: none at all has no S
 SIM, TRACKING, STRAIGHT = "Sim", "Tracking", "Straight"  # approaches of Fig. 6
 BACKGROUND_OF = 200  # pictures, evenly spread
-REPLICATES = 1000  # of the bootstrap over particles
-
-Array = npt.NDArray[np.float64]
-Key = TypeVar("Key")
+_REPLICATES = 1000  # of the bootstrap over particles
+_Key = TypeVar("_Key")
 
 
 class PictureTracks(NamedTuple):
@@ -59,31 +56,27 @@ def tracker_until(end_mm: float) -> BeltTracker:
     return BeltTracker(appearance=Appearance(Area(end_mm=end_mm)))
 
 
-def track_pictures(pictures: Pictures, end_mm: float = PHASE.start_mm) -> PictureTracks:
+def track_pictures(pictures: Pictures, end_mm: float = PHASE_2016.start_mm) -> PictureTracks:
     """Calibrate by the belt's corners, measure spots up to ``end_mm`` and track them (IV.B).
 
     An empty belt gives empty tables.
     """
-    average, samples = Average(), []
     step = max(1, len(pictures) // BACKGROUND_OF)
-    for number, picture in enumerate(pictures.frames(range(0, max(1, len(pictures)), step))):
-        average.add(picture)
-        if number % 10 == 0:
-            samples.append(picture)
-    background = average.picture()
-    calibration = calibrate_camera(FindCorners()(background))
-    spots = Spots()
+    spread = range(0, max(1, len(pictures)), step)
+    background = average(pictures.frames(spread))
+    samples, spots = list(pictures.frames(spread[::10])), Spots()
+    calibration = calibrate_camera(find_corners(background))
     if any(len(spots(picture, background)) for picture in samples):
         spots = spots.calibrated(samples, background)
     measure = MeasureSpots(background, spots, calibration, Area(end_mm=end_mm))
     every = tqdm(pictures.frames(range(len(pictures))), "pictures", len(pictures), disable=None)
-    table = spots_table([measure(picture, frame) for frame, picture in enumerate(every)])
+    table = measure.table(every)
     return PictureTracks(calibration, table, tracker_until(end_mm)(table, len(pictures)))
 
 
 def track_all(
-    pictures: Mapping[Key, Pictures], jobs: int = 1, end_mm: float = PHASE.start_mm
-) -> dict[Key, PictureTracks]:
+    pictures: Mapping[_Key, Pictures], jobs: int = 1, end_mm: float = PHASE_2016.start_mm
+) -> dict[_Key, PictureTracks]:
     """Return `track_pictures` of several recordings, by ``jobs`` processes."""
     run = joblib.Parallel(n_jobs=jobs)
     tracked = run(joblib.delayed(track_pictures)(each, end_mm) for each in pictures.values())
@@ -100,7 +93,7 @@ def noise_free(bodies: pd.DataFrame) -> pd.DataFrame:
         (NaN for Straight, which the paper leaves out). The velocity of Sim is that of the last
         three positions.
     """
-    last, arrival, _ = PHASE.observe(bodies)
+    last, arrival, _ = PHASE_2016.observe(bodies)
     frames = int(bodies["frame"].max()) + 1 if len(bodies) else 0
     tracked = last_states(rate_1000()(bodies, frames), 1 / TRUTH_HZ)
     tracked["particle"] = bodies["particle"].to_numpy()[tracked["row"]]
@@ -125,7 +118,7 @@ def from_images(pictured: PictureTracks, bodies: pd.DataFrame) -> pd.DataFrame:
 
     Straight starts from the last measurement itself, not from the filter.
     """
-    arrival = PHASE.observe(bodies).arrival
+    arrival = PHASE_2016.observe(bodies).arrival
     tracked = followed_particles(pictured, bodies)
     tracked = tracked.assign(particle=tracked["truth"])[tracked["truth"] >= 0]
     raw = tracked.assign(y=pictured.spots["y"].to_numpy()[tracked["row"]])
@@ -170,7 +163,7 @@ def match(states: pd.DataFrame, truth: pd.DataFrame) -> pd.Series:
 
 
 def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.DataFrame:
-    """Return deviations of predictions to the target of `PHASE`.
+    """Return deviations of predictions to the target of `PHASE_2016`.
 
     Parameters
     ----------
@@ -192,7 +185,7 @@ def deviations(approach: str, last: pd.DataFrame, arrival: pd.DataFrame) -> pd.D
     y, time = last["y"].to_numpy(), np.full(len(last), np.nan)
     if approach != STRAIGHT:
         moving = (last["velocity_x_mm_s"] > 0).to_numpy()
-        time[moving] = CV()(last[moving], PHASE.target_mm)
+        time[moving] = CV()(last[moving], PHASE_2016.target_mm)
         y = LateralCV()(last, time - last["time_s"].to_numpy())
     columns = {"approach": approach, "particle": last["particle"].to_numpy()}
     columns["lateral_mm"] = y - truth["y"].to_numpy()
@@ -209,7 +202,7 @@ def rate_1000() -> BeltTracker:
     share = 1 / (TRUTH_HZ * BELT_FRAME_S)
     per_frame = {name: getattr(appearance, name) * share for name in names}
     motion = constant_velocity(1 / TRUTH_HZ, NOISE_FREE_MM, 433.0 * TRUTH_HZ)
-    area = Area(end_mm=PHASE.start_mm)
+    area = Area(end_mm=PHASE_2016.start_mm)
     return BeltTracker(motion, replace(appearance, area=area, **per_frame), frame_s=1 / TRUTH_HZ)
 
 
@@ -228,7 +221,7 @@ def summaries(table: pd.DataFrame, groups: Sequence[str], seed: int) -> pd.DataF
             row = dict(zip(groups, key, strict=True)) | {"quantity": quantity}
             row |= summarise_deviations(part[quantity].to_numpy())
             row["absolute_q95"] = float(np.quantile(np.abs(known), 0.95))
-            drawn = np.random.default_rng(seed).integers(0, len(known), (REPLICATES, len(known)))
+            drawn = np.random.default_rng(seed).integers(0, len(known), (_REPLICATES, len(known)))
             for name, values in _spreads(known[drawn]).items():
                 row[name] = float(_spreads(known)[name])
                 row[f"{name}_low"], row[f"{name}_high"] = percentiles(values)

@@ -1,6 +1,6 @@
 """The models of the 2020 paper on tracks: input, deviations, differences beyond chance.
 
-tracks -> `PHASE.observe` -> `compare_models` -> `compare_pairs` -> `holds`, a claim's answer
+tracks -> `PHASE.observe` -> `compare_models` -> `compare_orders` -> `holds`, a claim's answer
 
 The paper prints no numbers and names no measure. "Worst because of its bias" asks for the mean
 absolute error (MAE), the boxes of Figs 9 and 10 show the interquartile range (IQR). So an order of
@@ -15,15 +15,15 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 
-from kilnflight.belt.evaluation import SUMMARY, Deviations, Evaluation
-from kilnflight.belt.phase import Observed, PredictionPhase
+from kilnflight.arrays import Array
+from kilnflight.belt.phase import SUMMARY, Deviations, Observed, PredictionPhase, evaluate
 from kilnflight.belt.recordings import read_dem
-from kilnflight.project import claims, style
+from kilnflight.checks import InputError
+from kilnflight.project import claims, data, style
 from kilnflight.sorter.friction import MATERIALS
 from kilnflight.tables import BELT_TRACKS
 
@@ -35,14 +35,29 @@ INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not 
 DATA_SETS = tuple(MATERIALS)
 DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
-CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
+_CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
 PHASE = PredictionPhase()
-MEASURES = {"MAE": "mae", "IQR": "iqr"}
+_MEASURES = {"MAE": "mae", "IQR": "iqr"}
 UNITS = re.compile("(median|q25|q75|iqr|mae|whisker|excess)(_|$)")  # columns in ms or mm
 
-Array = npt.NDArray[np.float64]
 Sets = Mapping[str, Observed]  # last observations and arrivals by data set
 Order = tuple[str, tuple[str, ...], tuple[str, ...]]  # claim; models with less deviation; others
+
+
+def find_dem() -> dict[str, Path]:
+    """Return all three bulk materials' DEM files, or nothing if none was fetched.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged, or some but not all are there.
+    """
+    files = {name: data.find(file) for name, file in data.BELT_DEM.items()}
+    there = {name: path for name, path in files.items() if path is not None}
+    if there and len(there) < len(files):
+        missing = ", ".join(sorted(set(files) - set(there)))
+        raise InputError(f"the authors' DEM tracks of {missing} are missing; run make data.")
+    return there
 
 
 def load_tracks(
@@ -53,7 +68,7 @@ def load_tracks(
     Parameters
     ----------
     files
-        The authors' files by data set, from `kilnflight.belt.recordings.find_dem`; empty: the
+        The authors' files by data set, from `find_dem`; empty: the
         friction model (`kilnflight.sorter.friction`) stands in.
     seed
         Of the friction model.
@@ -138,14 +153,16 @@ def velocities_at(steps: pd.DataFrame, column: str, x_mm: Array) -> Array:
 
 
 def compare_models(
-    observed: Sets, phase: PredictionPhase, deviations: Deviations, evaluate: Evaluation, seed: int
+    observed: Sets, phase: PredictionPhase, deviations: Deviations, draws: int, seed: int
 ) -> pd.DataFrame:
     """Return the deviations of all models, one row per data set and model.
 
     Each summary is the median over the calibration draws. Between ``iqr_low`` and ``iqr_high``,
     ``mae_low`` and ``mae_high`` lie 95 % of the draws.
     """
-    parts = {name: evaluate(part, phase, deviations, seed) for name, part in observed.items()}
+    parts = {
+        name: evaluate(part, phase, deviations, draws, seed) for name, part in observed.items()
+    }
     grouped = pd.concat(parts, names=["data_set"]).groupby(["data_set", "model"], sort=False)
     table = grouped[SUMMARY].median().astype({"n": int, "unpredicted": int})
     for end, share in (("low", 0.025), ("high", 0.975)):
@@ -158,7 +175,7 @@ def with_unit(table: pd.DataFrame, unit: str) -> pd.DataFrame:
     return table.rename(columns=lambda name: f"{name}_{unit}" if UNITS.match(name) else name)
 
 
-def compare_pairs(
+def compare_orders(
     observed: Sets,
     phase: PredictionPhase,
     deviations: Deviations,
@@ -179,11 +196,11 @@ def compare_pairs(
         ``id``, ``data_set``, ``measure``, ``lower``, ``higher`` (models); ``excess`` of the least
         of ``higher`` over the greatest of ``lower``, its ends ``excess_low``, ``excess_high``.
     """
-    rows, evaluation = [], Evaluation(draws=min(DRAWS[scale], CALIBRATIONS))
+    rows, draws = [], min(DRAWS[scale], _CALIBRATIONS)
     for data_set, part in observed.items():
-        table = compare_models({data_set: part}, phase, deviations, evaluation, seed)
+        table = compare_models({data_set: part}, phase, deviations, draws, seed)
         samples = bootstrap(part, phase, deviations, REPLICATES[scale], seed)
-        for (claim, *models), (measure, column) in product(orders[data_set], MEASURES.items()):
+        for (claim, *models), (measure, column) in product(orders[data_set], _MEASURES.items()):
             lower, higher = map(list, models)
             both = table.set_index("model")[[column]].T, samples[measure]
             found, sample = (each[higher].min(axis=1) - each[lower].max(axis=1) for each in both)
@@ -199,23 +216,23 @@ def bootstrap(
     """Return MAE and IQR of all models in bootstrap replicates over particles.
 
     Every replicate draws particles with replacement, the same ones for all models, after a
-    calibration with 1 % of them (section 5) that is one of `CALIBRATIONS` draws.
+    calibration with 1 % of them (section 5) that is one of `_CALIBRATIONS` draws.
     """
     generator, count = np.random.default_rng(seed), len(observed.last)
     draws = []
-    for _ in range(min(CALIBRATIONS, replicates)):
+    for _ in range(min(_CALIBRATIONS, replicates)):
         calibration = np.zeros(count, dtype=bool)
         calibration[generator.choice(count, max(1, count // 100), replace=False)] = True
         draws.append(dict(deviations(observed, phase, calibration)))
     samples = []
     for replicate in range(replicates):
         values = np.column_stack(list(draws[replicate % len(draws)].values()))
-        samples.append(measures(values[generator.integers(0, len(values), len(values))]))
-    by_measure = zip(MEASURES, np.stack(samples, axis=1), strict=True)
+        samples.append(_measures(values[generator.integers(0, len(values), len(values))]))
+    by_measure = zip(_MEASURES, np.stack(samples, axis=1), strict=True)
     return {name: pd.DataFrame(values, columns=list(draws[0])) for name, values in by_measure}
 
 
-def measures(values: Array) -> Array:
+def _measures(values: Array) -> Array:
     """Return mean absolute value and interquartile range, (2, models), of (n, models)."""
     # without NaN all columns at once; else numpy takes one after the other
     quantile = np.nanquantile if np.isnan(values).any() else np.quantile
@@ -226,7 +243,7 @@ def measures(values: Array) -> Array:
 def holds(pairs: pd.DataFrame, claim: str, by: Iterable[str] = ("MAE", "IQR")) -> list[bool | None]:
     """Return whether each order of a claim holds by all measures; None: it is open.
 
-    ``pairs`` is from `compare_pairs`; the orders of all data sets follow each other.
+    ``pairs`` is from `compare_orders`; the orders of all data sets follow each other.
     """
     chosen = pairs[(pairs["id"] == claim) & pairs["measure"].isin(by)]
     answers = []

@@ -3,14 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from kilnflight.belt.recordings import list_recordings
 from kilnflight.belt.tracker import Followed
 from kilnflight.checks import InputError
+from kilnflight.project import data, paths
 
 PAUSE = 100  # frames between joined recordings
+
+
+def find_recordings() -> dict[str, list[Path]]:
+    """Return the files of measured positions by material; none where there are none.
+
+    The folder is ``KILNFLIGHT_RECORDINGS``, else ``belt_recordings`` beside the authors' other
+    data. There ``make data`` puts them, and they must be the published ones.
+
+    Raises
+    ------
+    InputError
+        If the folder of the variable has none, or a file beside the authors' other data is not the
+        published one.
+    """
+    folder, published = paths.recordings(), paths.external() / data.RECORDINGS_FOLDER
+    files = list_recordings(folder)
+    if folder != published and not files:
+        raise InputError(f"KILNFLIGHT_RECORDINGS is {folder}, which has no recording.")
+    for name in data.RECORDINGS if folder == published else ():
+        plain = published.parent / name
+        for path in (plain, plain.with_name(f"{plain.name}.gz")):
+            if path.is_file():
+                data.check(path, name)
+    return files
 
 
 def join_recordings(recordings: Iterable[pd.DataFrame]) -> pd.DataFrame:

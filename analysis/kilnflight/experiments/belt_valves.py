@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from kilnflight.arrays import Flags, Integers
 from kilnflight.belt import COMBINATIONS
 from kilnflight.belt.models import (
     CA,
@@ -32,12 +32,11 @@ from kilnflight.belt.phase import PredictionPhase
 from kilnflight.belt.valves import ValveBar
 from kilnflight.experiments.belt_2016 import PictureTracks, followed_particles
 
-Integers = npt.NDArray[np.integer]
 Models = Sequence[tuple[str, ArrivalModel, LateralModel]]
 
 # Fig. 10 of 2020 and two more: what a line-scan camera implies (one velocity for all, straight),
 # and constant velocity without its bias. Fig. 10 shows spreads, but a valve suffers from a bias.
-MODELS = (
+VALVE_MODELS = (
     ("IV-Straight", IV(), Straight()),
     *COMBINATIONS,
     ("CVBC-CV", CVBC(), LateralCV()),
@@ -45,7 +44,7 @@ MODELS = (
 # The belt's filter has a constant velocity, so models of acceleration are left out for pictures.
 OF_VELOCITY = tuple(
     (name, when, where)
-    for name, when, where in MODELS
+    for name, when, where in VALVE_MODELS
     if not isinstance(when, CA | CALV) and not isinstance(where, LateralCA)
 )
 PASS_S = 1000.0  # from one pass of the same recording to the next, longer than any recording
@@ -100,7 +99,7 @@ class Entering(NamedTuple):
 
 def draw_lots(
     entering: Entering, predicted: pd.DataFrame, blown: float, seed: int
-) -> tuple[pd.DataFrame, pd.DataFrame, npt.NDArray[np.bool_]]:
+) -> tuple[pd.DataFrame, pd.DataFrame, Flags]:
     """Let a recording pass several times; each time another lot of particles is blown out.
 
     So each particle is to be blown out once and is one of the others in all other passes. Tracks
@@ -141,7 +140,11 @@ def of_pictures(pictured: PictureTracks, bodies: pd.DataFrame, phase: Prediction
 
 
 def compare_bars(
-    entering: Entering, bars: Sequence[ValveBar], seed: int, blown: float, models: Models = MODELS
+    entering: Entering,
+    bars: Sequence[ValveBar],
+    seed: int,
+    blown: float,
+    models: Models = VALVE_MODELS,
 ) -> pd.DataFrame:
     """Return hits and co-deflections by model and bar.
 

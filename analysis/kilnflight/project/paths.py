@@ -42,6 +42,11 @@ def external() -> Path:
     return Path(os.environ.get("KILNFLIGHT_EXTERNAL") or root() / "data" / "external")
 
 
+def recordings() -> Path:
+    """Return the folder of belt recordings: KILNFLIGHT_RECORDINGS or that of the authors' data."""
+    return Path(os.environ.get("KILNFLIGHT_RECORDINGS") or external() / "belt_recordings")
+
+
 def derived() -> Path:
     """Return the folder of kept tables: KILNFLIGHT_DERIVED or data/derived."""
     return Path(os.environ.get("KILNFLIGHT_DERIVED") or root() / "data" / "derived")

@@ -16,7 +16,8 @@ import pandas as pd
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from kilnflight.belt.camera import BELT, Picture
+from kilnflight.arrays import Picture
+from kilnflight.belt.camera import BELT
 from kilnflight.checks import InputError, check_columns, check_positive
 from kilnflight.sorter.bulk import Bulk
 from kilnflight.tables import BELT_TRACKS
