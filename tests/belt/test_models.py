@@ -90,17 +90,15 @@ def test_unusable_observations_are_refused_by_name(model):
         fitted(ONE.drop(columns="velocity_x_mm_s"), TARGET)
     with pytest.raises(InputError, match="last: x"):
         fitted(ONE.assign(x=np.nan), TARGET)
+    assert np.isnan([*vars(model).values()]).any() == (model.name in ("IV", "CVBC", "IA"))
+    if model.name in ("IV", "CVBC", "IA"):
+        with pytest.raises(InputError, match=rf"{model.name} is not calibrated"):
+            model(ONE, TARGET)
     for wrong in (arrivals(0.6, 0.7), arrivals(0.5), arrivals(0.6).drop(columns="time_s")):
         with pytest.raises(InputError, match="arrival"):
             model.calibrated(ONE, wrong, TARGET)
     with pytest.raises(InputError, match="last"):
         model.calibrated(BELT_LAST.empty(), BELT_ARRIVAL.empty(), TARGET)
-
-
-@pytest.mark.parametrize("model", [ID(), IV(), CVBC(), IA()], ids=lambda model: model.name)
-def test_a_model_that_needs_calibration_says_so(model):
-    with pytest.raises(InputError, match=rf"{model.name} is not calibrated"):
-        model(ONE, TARGET)
 
 
 @pytest.mark.parametrize(
@@ -135,11 +133,9 @@ def test_eq_6_is_the_first_time_that_eq_5_is_fulfilled(particle):
 @pytest.mark.parametrize(
     ("velocity", "acceleration", "time"),
     [
-        (0.0, 200.0, 1.0),  # from rest
         (-100.0, 400.0, 1.0),  # moves back first: the positive root
         (100.0, -200.0, np.nan),  # stops half way: no root
         (0.0, 0.0, np.nan),  # never moves
-        (-100.0, 0.0, np.nan),  # moves away
         (100.0, 1e-12, 1.0),  # no cancellation
         (200.0, -200.0, 1.0),  # comes to rest exactly there
     ],
@@ -163,24 +159,8 @@ def test_calv_is_acceleration_up_to_a_limit(motion):
     expected = limited_time(150.0, *motion, limit=1500.0)
     predicted = CALV()(last_of((623.0, *motion)), TARGET) - 0.5
     np.testing.assert_allclose(predicted, [expected], atol=2e-5)
-
-
-@few
-@given(st.lists(state, min_size=1, max_size=5))
-def test_calv_lies_between_ca_and_the_limit(rows):
-    last = last_of(*rows)
-    free, limited = CA()(last, TARGET), CALV()(last, TARGET)
-    known = np.isfinite(free)
-    np.testing.assert_array_equal(known, np.isfinite(limited))
-    assert (limited[known] >= free[known] - 1e-12).all()
-    np.testing.assert_allclose(CALV(limit_mm_s=1e9)(last, TARGET), free)
     with pytest.raises(InputError, match="limit_mm_s"):
         CALV(limit_mm_s=0.0)
-
-
-def test_next_to_no_acceleration_is_constant_velocity():
-    for model in (CA(), CALV()):
-        np.testing.assert_allclose(model(last_of((623.0, 1000.0, 1e-278)), TARGET), [0.65])
 
 
 def test_calibration_takes_medians():
@@ -238,7 +218,3 @@ def test_ratio_takes_the_median_quotient_of_those_that_move():
         Ratio().calibrated(across((90.0, 0.0, 0.0)), arrivals(0.6))
     with pytest.raises(InputError, match="not calibrated"):
         Ratio()(last, np.full(4, 0.1))
-
-
-def test_without_a_time_there_is_no_place():
-    assert np.isnan(LateralCV()(across((90.0, 10.0, -5.0)), np.array([np.nan]))).all()

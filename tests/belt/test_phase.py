@@ -9,18 +9,20 @@ from matplotlib.cbook import boxplot_stats
 from tests.definitions import belt as plain
 
 from kilnflight.belt import ARRIVAL_MODELS, COMBINATIONS, PredictionPhase
+from kilnflight.belt.camera import Area
 from kilnflight.belt.phase import (
     SUMMARY,
     arrival_deviations,
     evaluate,
     last_states,
     lateral_deviations,
+    observe_followed,
     summarise_deviations,
 )
-from kilnflight.belt.tracker import Followed
+from kilnflight.belt.tracker import LEFT, Appearance, BeltTracker, constant_velocity
 from kilnflight.checks import InputError
 from kilnflight.sorter import friction
-from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_STATES, BELT_TRACKS
+from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
 PHASE = PredictionPhase()
 
@@ -56,12 +58,6 @@ def test_observations_are_those_of_the_definition(tracks):
     np.testing.assert_allclose(observed, expected, rtol=1e-6, atol=1e-4)
 
 
-def test_constant_acceleration_is_recovered_exactly(constant_acceleration):
-    last, _, _ = PHASE.observe(constant_acceleration)
-    np.testing.assert_allclose(last["acceleration_x_mm_s2"], [1500.0, 800.0, 0.0], atol=1e-6)
-    np.testing.assert_allclose(last["acceleration_y_mm_s2"], [-100.0, -100.0, 0.0], atol=1e-6)
-
-
 def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acceleration):
     observed = PHASE.observe(constant_acceleration)
     carried = PHASE.carry(observed)
@@ -73,13 +69,6 @@ def test_states_are_carried_to_the_start_by_their_own_acceleration(constant_acce
     np.testing.assert_allclose(after["velocity_x_mm_s"] - before["velocity_x_mm_s"], gained)
     stops = observed._replace(last=before.assign(velocity_x_mm_s=1.0, acceleration_x_mm_s2=-1e3))
     pd.testing.assert_frame_equal(PHASE.carry(stops).last, stops.last)
-
-
-def test_no_observation_of_the_phase_is_used(constant_acceleration):
-    other = constant_acceleration.copy()
-    other.loc[other["x"].between(640.0, 740.0), "y"] += 5.0
-    lasts = [PHASE.observe(table).last for table in (constant_acceleration, other)]
-    pd.testing.assert_frame_equal(*lasts)
 
 
 def test_no_tracks_give_empty_tables():
@@ -145,25 +134,19 @@ def test_every_model_is_evaluated_and_more_draws_keep_the_first(observed):
     lateral = evaluate(observed, PHASE, lateral_deviations, 2, 1)
     assert lateral["model"].unique().tolist() == [name for name, _, _ in COMBINATIONS]
     assert list(lateral.columns) == ["draw", "model", *SUMMARY]
-
-
-def test_one_percent_of_the_particles_calibrates(observed):
-    sizes = []
-
-    def deviations(_observed, _phase, calibration):
-        sizes.append(calibration.sum())
-        yield "x", np.array([1.0])
-
-    evaluate(observed, PHASE, deviations, 3, 1)
-    assert sizes == [1] * 3
-    few = observed._replace(last=observed.last[:99])
     with pytest.raises(InputError, match="observed"):
-        evaluate(few, PHASE, deviations, 1, 1)
+        evaluate(observed._replace(last=observed.last[:99]), PHASE, arrival_deviations, 1, 1)
 
 
-def test_only_valid_tracks_that_entered_the_phase_are_predicted():
-    states = pd.DataFrame([[0] * 11] * 3, columns=BELT_STATES.names)
-    states["particle"] = [0, 1, 2]
-    ends = pd.DataFrame({"particle": [0, 1, 2], "frame": 0, "valid": [1, 0, 1]})
-    ends["reason"] = ["left at the end", "left at the end", "lost"]
-    assert last_states(Followed(states, ends), 0.005)["particle"].tolist() == [0]
+def test_filtered_states_come_with_measured_arrivals(constant_acceleration):
+    area, names = Area(end_mm=900.0), ["frame", "x", "y"]
+    tracker = BeltTracker(constant_velocity(0.01), Appearance(area, entry_mm=25.0), 0.01)
+    followed = tracker(constant_acceleration[names])
+    observed = observe_followed(followed, constant_acceleration[names], PHASE, 0.01)
+    expected = PHASE.observe(constant_acceleration)
+    for ours, theirs in zip(observed[:2], expected[:2], strict=True):
+        assert len(ours) == 3
+        times = ours["time_s"].sort_values(), theirs["time_s"].sort_values()
+        np.testing.assert_allclose(*times, atol=1e-9)
+    assert followed.ends["valid"].all()
+    assert len(last_states(followed, 0.01)) == (followed.ends["reason"] == LEFT).sum()

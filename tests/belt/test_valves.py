@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.definitions.belt import valve_hits
 
-from kilnflight.belt.valves import ValveBar
+from kilnflight.belt.valves import Separation, ValveBar
 from kilnflight.tables import BELT_PREDICTED
 
 BAR = ValveBar(valves=18, open_s=0.01)  # 10 mm wide, 5 ms to either side
@@ -48,15 +48,6 @@ def test_hits_are_those_of_the_definition(seed, valves, width, open_s):
     np.testing.assert_array_equal(separation.hit, expected)
 
 
-def test_by_hand():
-    chosen = np.array([True, False, False, True])
-    true = np.array([0.1, 0.102, 0.1, 0.3]), np.array([15.0, 16.0, 35.0, 90.0])
-    predicted = np.array([0.1, 9.0, 9.0, 0.32]), np.array([12.0, 16.0, 35.0, 90.0])
-    separation = separate(BAR, chosen, predicted, true)
-    assert separation.hit.tolist() == [True, True, False, False]
-    assert (separation.hit_share, separation.inadvertent_share) == (0.5, 0.5)
-
-
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_perfect_predictions_hit_all_and_longer_times_never_fewer(seed):
@@ -71,6 +62,8 @@ def test_without_particles_or_prediction_nothing_is_hit():
     separation = separate(BAR, none, empty, empty)
     assert len(separation.hit) == 0
     assert np.isnan([separation.hit_share, separation.inadvertent_share]).all()
+    shares = Separation(np.array([True, True, False, False]), np.array([True, False, False, True]))
+    assert (shares.hit_share, shares.inadvertent_share) == (0.5, 0.5)
     chosen, _, true = world(1)
     unknown = np.full(40, np.nan)
     assert not separate(BAR, chosen, (unknown, unknown), true).hit.any()
@@ -85,9 +78,3 @@ def test_commands_come_a_latency_before_the_window_and_near_windows_are_merged()
     np.testing.assert_allclose(np.array(events), expected)
     true = np.array([0.1971, 0.1969, 0.2185, 0.2225])
     assert bar.hits(events, true, np.full(4, 15.0)).tolist() == [True, False, True, False]
-
-
-def test_a_place_beyond_the_wall_opens_the_valve_at_the_wall():
-    valve, *_ = BAR.events(table((np.full(2, 0.1), np.array([-20.0, 200.0]))))
-    assert valve.tolist() == [0, 17]
-    assert BAR.middles_mm[[0, -1]].tolist() == [5.0, 175.0]
