@@ -72,20 +72,6 @@ def test_an_empty_belt_has_no_spots():
         Spots().calibrated([EMPTY], EMPTY)
 
 
-@pytest.mark.parametrize(
-    ("share", "lying", "ghost"), [(0.2, True, False), (0.5, True, True), (0.9, False, True)]
-)
-def test_a_particle_that_rests_for_a_while_is_found_or_leaves_a_ghost(share, lying, ghost):
-    """The contrast is 140, the threshold 40 grey values."""
-    rests = round(20 * share)
-    pictures = [with_discs((30, 40))] * rests + [EMPTY] * (20 - rests)
-    measured = replace(MEASURE, background=average(pictures)).table(pictures)
-    before = list(range(rests)) if lying else []
-    after = list(range(rests, 20)) if ghost else []
-    assert measured["frame"].tolist() == before + after
-    np.testing.assert_allclose(measured[["row", "col"]], [[30, 40]] * len(measured), atol=0.1)
-
-
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_spots_are_those_of_scipy(seed):

@@ -148,21 +148,6 @@ def test_tracks_that_leave_sideways_or_backwards_say_so_and_dirt_is_lost():
     assert last_states(followed, 0.005)["particle"].tolist() == [ends[LEFT]]
 
 
-@pytest.mark.parametrize("tracker", TRACKERS)
-def test_a_ghost_is_one_track_at_rest_and_never_predicted(tracker):
-    """Where a particle lay for long, in the middle of the belt; others pass beside it."""
-    ghost = moving(x=550.0, y=60.0, along=0.0, frames=70, first=20, particle=1)
-    table = pd.concat([moving(y=120.0), ghost, moving(y=90.0, first=15, particle=2)])
-    followed = tracker(table.reset_index(drop=True), 90)
-    assert reasons(followed) == sorted([LEFT, LEFT, RUNNING])
-    ends = followed.ends[followed.ends["valid"] == 1].set_index("particle")["reason"]
-    still = followed.states[followed.states["particle"] == ends.index[ends == RUNNING][0]]
-    assert len(still[still["row"] >= 0]) == 70
-    assert still["velocity_x_mm_s"].iloc[-1] == pytest.approx(0, abs=5)
-    predicted = last_states(followed, 0.005)["particle"].tolist()
-    assert sorted(predicted) == sorted(ends.index[ends == LEFT])
-
-
 def test_an_empty_belt_has_no_tracks():
     followed = BeltTracker()(pd.DataFrame({"frame": [], "x": [], "y": []}))
     assert followed.states.columns.tolist() == BELT_STATES.names
