@@ -114,7 +114,7 @@ save("fig-belt20-5-crossing", points, caption=caption, picture=picture)
 # predicted. The calibration with 1 % of the particles is drawn many times.
 
 # %%
-draws = belt_2020.DRAWS[scale]
+draws = belt_2020.CALIBRATION_DRAWS[scale]
 compared = belt_2020.compare_models(observed, PHASE, arrival_deviations, draws, seed)
 compared.insert(0, "source", source)
 arrival = belt_2020.with_unit(compared.round(6), "ms")

@@ -151,7 +151,7 @@ save("fig-belt20-4-decisions", decisions.reset_index(), caption=caption, picture
 # Two combinations with the same lateral model differ only in the time that the particle takes.
 
 # %%
-draws = belt_2020.DRAWS[scale]
+draws = belt_2020.CALIBRATION_DRAWS[scale]
 compared = belt_2020.compare_models(observed, PHASE, lateral_deviations, draws, seed)
 compared.insert(0, "source", source)
 lateral = belt_2020.with_unit(compared.round(6), "mm")

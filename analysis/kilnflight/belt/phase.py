@@ -29,7 +29,7 @@ from kilnflight.belt.tracker import LEFT, Followed
 from kilnflight.checks import InputError
 from kilnflight.tables import BELT_ARRIVAL, BELT_LAST, BELT_TRACKS
 
-SHARE = 0.01  # of the particles, for calibration: "at most 1 %" (sec. 5)
+CALIBRATION_SHARE = 0.01  # of the particles, for calibration: "at most 1 %" (sec. 5)
 SUMMARY = ["n", "median", "q25", "q75", "whisker_low", "whisker_high", "iqr", "mae", "unpredicted"]
 
 
@@ -261,9 +261,11 @@ def evaluate(
         If 1 % of the particles is less than one.
     """
     particles, rows = len(observed.last), []
-    size = int(SHARE * particles)
+    size = int(CALIBRATION_SHARE * particles)
     if size < 1:
-        raise InputError(f"observed: {SHARE:.0%} of {particles} particles is less than one.")
+        raise InputError(
+            f"observed: {CALIBRATION_SHARE:.0%} of {particles} particles is less than one."
+        )
     for draw, child in enumerate(np.random.SeedSequence(seed).spawn(draws)):
         calibration = np.zeros(particles, dtype=bool)
         calibration[np.random.default_rng(child).choice(particles, size, replace=False)] = True

@@ -33,7 +33,7 @@ INPUT = {
 }  # a page's first line
 INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not here (`make data`)."
 DATA_SETS = tuple(MATERIALS)
-DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
+CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
 _CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
 PHASE = PredictionPhase()
@@ -196,7 +196,7 @@ def compare_orders(
         ``id``, ``data_set``, ``measure``, ``lower``, ``higher`` (models); ``excess`` of the least
         of ``higher`` over the greatest of ``lower``, its ends ``excess_low``, ``excess_high``.
     """
-    rows, draws = [], min(DRAWS[scale], _CALIBRATIONS)
+    rows, draws = [], min(CALIBRATION_DRAWS[scale], _CALIBRATIONS)
     for data_set, part in observed.items():
         table = compare_models({data_set: part}, phase, deviations, draws, seed)
         samples = bootstrap(part, phase, deviations, REPLICATES[scale], seed)
