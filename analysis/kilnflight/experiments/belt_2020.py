@@ -33,7 +33,7 @@ INPUT = {
 }  # a page's first line
 INPUT[OWN] = "**Own simulation**, a friction model: the authors' tracks are not here (`make data`)."
 DATA_SETS = tuple(MATERIALS)
-CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # of calibration particles, by scale
+CALIBRATION_DRAWS = {"quick": 5, "standard": 50, "full": 1000}  # by scale
 REPLICATES = {"quick": 100, "standard": 400, "full": 1000}  # of the bootstrap, by scale
 _CALIBRATIONS = 20  # draws of calibration particles in a bootstrap
 PHASE = PredictionPhase()
