@@ -117,9 +117,9 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 # A flight that is lost on the way is censored there (Kaplan and Meier over the distance).
 
 # %%
-passed = [f"remaining {metre} m (%)" for metre in METRES]
+marks = [f"remaining {metre} m (%)" for metre in METRES]
 outcomes = {name: campaigns.outcome_table(values) for name, values in sources.items()}
-ways = {name: rows.melt(KEYS, passed, "outcome") for name, rows in outcomes.items()}
+ways = {name: rows.melt(KEYS, marks, "outcome") for name, rows in outcomes.items()}
 shares = pd.concat(ways, names=["version"]).reset_index("version").assign(quantity="remaining")
 shares["distance_m"] = shares["outcome"].str.extract(r"(\d)")[0].astype(float)
 shares = shares.sort_values("distance_m", kind="stable")
