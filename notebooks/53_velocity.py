@@ -119,15 +119,13 @@ figures.save("fig-5-21-velocity", pairs, picture=picture, caption=caption, prove
 # %%
 marks = [f"remaining {metre} m (%)" for metre in METRES]
 outcomes = {name: campaigns.outcome_table(values) for name, values in sources.items()}
-ways = {name: rows.melt(KEYS, marks, "outcome") for name, rows in outcomes.items()}
-shares = pd.concat(ways, names=["version"]).reset_index("version").assign(quantity="remaining")
-shares["distance_m"] = shares["outcome"].str.extract(r"(\d)")[0].astype(float)
-shares = shares.sort_values("distance_m", kind="stable")
-bounds = printed[printed["outcome"].str.startswith("remaining")]
-metre = bounds["outcome"].str.extract(r"(\d)")[0].astype(float)
-bounds = bounds.assign(version="published", quantity="remaining", distance_m=metre)
+shares = pd.concat(outcomes, names=["version"]).reset_index("version")
+shares = shares.melt(["version", *KEYS], marks, "outcome")
+bounds = printed[printed["outcome"].str.startswith("remaining")].assign(version="published")
 columns = ["version", "pressure_bar", "quantity", "fraction"]
-table = pd.concat([shares, bounds]).sort_values(columns, kind="stable", ignore_index=True)
+table = pd.concat([shares, bounds]).assign(quantity="remaining")
+table["distance_m"] = table["outcome"].str.extract(r"(\d)")[0].astype(float)
+table = table.sort_values(columns, kind="stable", ignore_index=True)
 ours = table["version"] == "measured"
 found = [
     flights.interval_of(results.measured[fraction, bar], f"remaining {metre:.0f} m (%)", generator)
