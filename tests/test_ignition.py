@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import mannwhitneyu, theilslopes
+from scipy.stats import mannwhitneyu
 
 from kilnflight.checks import InputError
-from kilnflight.ignition import Ignition, best_step, lights_up, line_deviation, rank_sum_p
+from kilnflight.ignition import Ignition, best_step, lights_up, rank_sum_p
 
 few = settings(max_examples=15, deadline=None)
 TIME = np.arange(60) / 330
@@ -121,15 +121,6 @@ def test_ties_are_no_evidence_and_other_ranks_are_scipys(before, after):
     first, second = ranks[: len(one)], ranks[len(one) :]
     peer = mannwhitneyu(first, second, alternative="less", method="exact").pvalue
     assert rank_sum_p(first, second) == pytest.approx(peer, rel=1e-9)
-
-
-def test_the_line_is_that_of_theil_and_sen():
-    generator = np.random.default_rng(3)
-    time = np.cumsum(generator.uniform(0.1, 1.0, 30))
-    values = 3 * time + generator.normal(0, 2, 30)
-    slope, offset = theilslopes(values, time, method="joint")[:2]
-    expected = np.abs(values - slope * time - offset).sum()
-    assert line_deviation(time, values) == pytest.approx(expected)
 
 
 def test_traces_that_turn_lighter_than_the_kiln_light_up():

@@ -69,10 +69,9 @@ def test_a_track_that_ends_short_of_the_wall(polynomials, last_s, ending, end_s)
 
 
 def test_a_particle_that_rests_near_the_limit_has_landed(polynomials):
-    for across, ending in ((1400.0, "landed"), (1390.0, "lost")):  # 100 and 105 mm short
-        resting = polynomials(((0.0,), (across, 0.0), (-8000.0,)), last_s=0.5)
-        resting = replace(resting, coefficients=((0.0,), (0.0,), (-8000.0,)),
-                          exit_point_mm=(0.0, across / 2, 6500.0))  # fmt: skip
+    for across, ending in ((700.0, "landed"), (695.0, "lost")):
+        resting = polynomials(((0.0,), (0.0,), (-8000.0,)), last_s=0.5)
+        resting = replace(resting, exit_point_mm=(0.0, across, 6500.0))
         assert flight_of(detections(resting), resting)["ending"] == ending
 
 

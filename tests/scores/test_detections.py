@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
 from kilnflight.checks import InputError
 from kilnflight.scores import count_in_air, rates, score_detections, score_in_pixels
@@ -75,18 +73,6 @@ def test_no_other_assignment_is_better(first, second, gate):
         apart = np.hypot(*(short - long[list(order)]).T)
         best = min(best, (-int((apart <= gate).sum()), apart[apart <= gate].sum()))
     assert (-len(pairs), distances.sum()) == (best[0], pytest.approx(best[1]))
-
-
-def test_hundreds_are_assigned_as_by_the_whole_matrix():
-    generator = np.random.default_rng(0)
-    first, second = generator.uniform(0, 1000, (300, 2)), generator.uniform(0, 1000, (370, 2))
-    distance = cdist(first, second)
-    cost = np.where(distance <= 45, distance, 1e6)
-    row, col = linear_sum_assignment(cost)
-    expected = np.stack([row, col], axis=1)[cost[row, col] < 1e6]
-    pairs = pair(first, second, 45.0)
-    np.testing.assert_array_equal(pairs[np.argsort(pairs[:, 0])], expected)
-    assert len(pair(np.zeros((3, 2)), np.zeros((2, 2)), 1.0)) == 2
 
 
 def labelled():
