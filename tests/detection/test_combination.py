@@ -101,13 +101,6 @@ def test_any_detector_goes_with_any_clusterer_in_any_order_of_points(detector, c
     assert len(DETECTIONS.check(combined(nothing))) == 0
 
 
-def test_the_largest_cluster_of_the_first_pass_is_the_wall():
-    points = np.random.default_rng(0).uniform(0, 40, (530, 3))
-    points[500:] = points[500:] / 10 + 200.0
-    labels = combine.second_pass(points, DBSCAN(20.0, 4), DBSCAN(20.0, 4))
-    assert labels.tolist() == 500 * [-1] + 30 * [0]
-
-
 def clusters_at(*places):
     blocks = [np.argwhere(np.ones((3, 3))) + place for place in places]
     pixels = np.concatenate([np.empty((0, 2), int), *blocks])

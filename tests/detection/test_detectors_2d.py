@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from kilnflight.checks import InputError
 from kilnflight.detection import DETECTORS_2D
 
 pytestmark = pytest.mark.parametrize("detect", DETECTORS_2D, ids=lambda d: type(d).__name__)
@@ -26,13 +25,3 @@ def test_a_shift_moves_the_particles_and_an_offset_does_nothing(detect):
     np.testing.assert_allclose(there - here, [[16, -16, 0]], atol=0.02)
     whole = blob().round()
     np.testing.assert_allclose(detect(whole + 30_000), detect(whole), atol=1e-3)
-
-
-def test_half_floats_are_read_and_values_that_are_not_finite_refused(detect):
-    half = blob().round().astype("<f2")
-    np.testing.assert_array_equal(detect(half), detect(half.astype(np.float32)))
-    for value in (np.inf, 1e300):
-        half = blob()
-        half[7, 9] = value
-        with pytest.raises(InputError, match=r"foreground .* row 7, col 9"):
-            detect(half)

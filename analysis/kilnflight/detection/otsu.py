@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kilnflight.arrays import Array, Flags, Integers
-from kilnflight.checks import InputError
+from kilnflight.checks import InputError, check_number
 
 _LARGEST = 1e9  # far beyond any grey value, and safe in float32
 _LEVELS = 65_536  # grey levels of 16 bits, L of Eqs 2.11 to 2.20
@@ -80,11 +80,7 @@ def otsu_threshold(values: npt.ArrayLike) -> int:
     if levels.size == 0:
         raise InputError("otsu_threshold: there are no values; pass at least one pixel.")
     low, high = int(levels.min()), int(levels.max())
-    if high - low >= _LEVELS:
-        raise InputError(
-            f"otsu_threshold: values from {low} to {high} span more than {_LEVELS} grey levels; "
-            "scale them to 16 bits."
-        )
+    check_number(high - low, "otsu_threshold: range of the values", below=_LEVELS)
     if low == high:
         return low
     counts = np.bincount(np.subtract(levels, low, dtype=np.intp, casting="unsafe"))

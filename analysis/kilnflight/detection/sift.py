@@ -158,8 +158,7 @@ class DoG:
 
 def _mirrored(image: Single) -> Single:
     """Return the image, mirrored by `_MARGIN` beyond its border."""
-    m = _MARGIN
-    border = cv2.copyMakeBorder(image, m, m, m, m, cv2.BORDER_REFLECT_101)
+    border = cv2.copyMakeBorder(image, _MARGIN, _MARGIN, _MARGIN, _MARGIN, cv2.BORDER_REFLECT_101)
     return np.asarray(border, np.float32)
 
 
@@ -247,9 +246,7 @@ def _search(padded: Any, boxes: Any, kernels: Any, threshold: float) -> Any:
         visit = (1 - first, rows - 1 - first, 1 - start, cols - 1 - start)
         points = _keypoints(_differences(padded, box, kernels), visit, threshold)
         if count + len(points) > len(found):
-            longer = np.empty((2 * (count + len(points)), 7))
-            longer[:count] = found[:count]
-            found = longer
+            found = np.concatenate((found, np.empty((len(found) + len(points), 7))))
         for point in points:
             found[count] = point
             found[count, 1] += first
