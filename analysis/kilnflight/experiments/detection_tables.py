@@ -115,8 +115,8 @@ def cylinder_table(
     first : Cylinder
         Of the first subset.
     table : DataFrame
-        The cylinders beside the true one and Table 5.12. Cells are empty where the largest cluster
-        holds no cylinder: a strip of the floor near the camera is as flat as a plane.
+        The cylinders beside the true one and Table 5.12. Cells are empty where most points of the
+        largest cluster lie on no cylinder.
     """
     fits: dict[str, Cylinder] = {}
     for name, points in walls.items():
