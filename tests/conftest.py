@@ -30,7 +30,9 @@ from kilnflight.twin import scenes
 mpl.use("Agg")
 PROJECT = Path(__file__).resolve().parents[1]
 # No test asserts a time: on a busy machine the first example may wait for the compiler.
-settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "untimed", deadline=None, max_examples=15, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("untimed")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kilnflight.experiments import belt_2016
@@ -48,7 +48,6 @@ def test_a_track_is_matched_with_the_particle_beside_it():
     assert pairs.to_dict() == {0: 8, 1: 7}
 
 
-@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_matching_is_the_least_norm(seed):
     rng = np.random.default_rng(seed)
