@@ -71,7 +71,7 @@ def test_defaults_of_the_steps_are_those_of_table_5_16():
 
 def test_settings_that_are_not_printed_come_from_a_table():
     gnn, jpda = (trackers.chosen(name).keywords for name in ("GNN", "JPDA"))
-    assert (gnn["gate"].distance, gnn["motion"].acceleration_noise) == (3.0, 0.5)
+    assert (gnn["gate"].distance, gnn["motion"].noise) == (3.0, 0.5)
     assert gnn["management"].invisible == 5
     assert jpda["gate"].distance < gnn["gate"].distance  # section 5.2.3
     assert type(jpda["associator"]).__name__ == "JPDA"
