@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import plain_tracklets
 from measure import Row, compare
+from tests.definitions import plain_tracklets
 
 from kilnflight.tracklets import Connection
 

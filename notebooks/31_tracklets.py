@@ -31,6 +31,7 @@ from kilnflight.project import claims, figures, style
 from kilnflight.tracking.tracker import track
 from kilnflight.tracklets.eliminate import mean_speed, regularity
 from kilnflight.tracklets.paths import read_paths
+from kilnflight.tracklets.texture import window_corners
 
 style.use_style()
 origin = figures.trace("31_tracklets", {"scale": scale}, seed=seed)
@@ -145,10 +146,11 @@ kinds = [kind for kind in kinds if (kind_of == kind).any()]
 for axes, kind in zip(panels, kinds, strict=False):
     joint = joints.loc[np.maximum(tall, wide)[kind_of == kind].idxmax()]
     window = next(each for each in windows if each.fraction == joint["fraction"])
-    corners = connection.feature.corners(*joint[columns[4:]].to_numpy(float).reshape(2, 2))
+    corners = window_corners(*joint[columns[4:]].to_numpy(float).reshape(2, 2))
     reach = np.ptp(corners, axis=0).max() / 2 + 60
     box = corners.mean(axis=0) + reach * np.array([[-1], [1]])
-    (top, left), (bottom, right) = np.clip(box, 0, window.differences.shape).astype(int).tolist()
+    shape = window.differences.shape[1:]
+    (top, left), (bottom, right) = np.clip(box, 0, shape).astype(int).tolist()
     light = window.differences(joint["first_frame"], joint["last_frame"], top, left, bottom, right)
     axes.imshow(np.sqrt(light), cmap="gray", extent=(left, right, bottom, top))
     for which, look in (("earlier", "oc-"), ("later", "sr-")):
@@ -173,7 +175,7 @@ figures.save("fig-4-12-windows", joints, picture=picture, caption=caption, prove
 # %%
 generator = np.random.default_rng(seed)
 boxes = post_processing.texture_boxes(pair[-1], 40, generator)
-energies, empties = (pd.DataFrame([tracklets.energies(box) for box in some]) for some in boxes)
+energies, empties = (pd.DataFrame(list(map(post_processing.energies, some))) for some in boxes)
 texture = pd.concat([energies[:5], empties[:1]]).set_axis(list("abcdef")).T
 texture = texture.assign(with_track=energies.median(), without_track=empties.median())
 texture["ratio"] = texture["with_track"] / texture["without_track"]
@@ -195,12 +197,12 @@ figures.save("fig-4-13-windows", texture, picture=picture, caption=caption, prov
 # ## Table 5.16
 
 # %%
-costs, letters = tracklets.Costs(), ["D_eps", "t_eps, connect", "V_eps", "kn_eps, merge", "R_eps"]
+costs, letters = connection.costs, ["D_eps", "t_eps, connect", "V_eps", "kn_eps, merge", "R_eps"]
 letters += ["z_eps", "dV_eps", "eps", "theta_eps", *"abcdefw"]
 used = [elimination.duration, connection.gap, elimination.speed, connection.overlap]
 used += [elimination.regularity, connection.depth, outliers.change, fusion.distance]
 used += [outliers.angle_deg, costs.angle, costs.change, costs.depth, costs.gap, costs.overlap]
-used += [costs.feature, connection.feature.half_width]
+used += [costs.feature, connection.half_width]
 printed = claims.published("table_5.16", as_printed=True)
 table = pd.DataFrame({"letter": letters, "unit": printed["unit"].str.strip()})
 table["printed"] = printed["value"].replace({"$10^{11}$": "1e11"}).astype(float)

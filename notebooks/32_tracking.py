@@ -120,7 +120,7 @@ for (fraction, name), stages in tracked.items():
 # %% tags=["hide-input"]
 picture, grid = style.canvas(5, len(shown), width_mm=130, height_mm=200)
 for window, column in zip(shown, grid.T, strict=True):
-    height, width = window.differences.shape
+    _, height, width = window.differences.shape
     first, last = window.frames.start, window.frames.stop - 1
     light = window.differences(first, last, 0, 0, height, width)
     for axes, (name, each) in zip(column, tables[window.fraction].items(), strict=True):

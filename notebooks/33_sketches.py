@@ -17,7 +17,6 @@ scale = "standard"  # quick, standard or full: nothing here depends on it
 seed = 0  # nothing here is drawn at random
 
 # %%
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,7 +25,7 @@ from matplotlib.patches import Rectangle
 
 from kilnflight import tracklets
 from kilnflight.project import figures, style
-from kilnflight.tracklets.joining import connected_parts, overlap_in_time
+from kilnflight.tracklets import joining
 from kilnflight.tracklets.paths import read_paths, turns, velocities
 
 style.use_style()
@@ -53,7 +52,18 @@ cases = {
     "the last position": ([A, A, A, A, (-36, 10)], [1, 2, 3, 4, 5, 6]),
 }
 
+
 # %%
+class SecondAlone(tracklets.OutlierRemoval):
+    """Eq. 4.20 at the second position alone, not backwards from the last one."""
+
+    def first_outlier(self, frame, place):
+        found, speed = super().first_outlier(frame, place), velocities(frame, place)
+        angle, change = turns(speed[1:2], speed[2:3])
+        sharp = (angle > self.angle_deg) & (change > self.change)
+        return 1 if found != 0 and sharp.any() else found
+
+
 parts = []
 for case, (steps, frames) in cases.items():
     moved = np.array(steps, float) * np.diff(frames)[:, None]
@@ -65,7 +75,7 @@ for case, (steps, frames) in cases.items():
     part["turn_deg"] = [np.nan, *angle, np.nan]
     part["change_px_frame"] = [np.nan, *change, np.nan]
     part["forwards"] = np.isin(np.arange(len(part)), sharp[:1] + 2)
-    for column, rule in (("removed", outliers), ("alone", replace(outliers, from_last=False))):
+    for column, rule in (("removed", outliers), ("alone", SecondAlone())):
         part[column] = rule(part.assign(particle=0))["particle"] < 0
     parts.append(part)
 judged = pd.concat(parts, ignore_index=True)
@@ -143,8 +153,8 @@ for name, frames in pairs.items():
     both = both.assign(row=40.0 + 0.35 * (time - 8.0) ** 2 + 9.0 * particle, col=10.0 * time)
     both = both.assign(particle=particle, z=np.nan)
     paths, first, second = read_paths(both, name), np.array([0]), np.array([1])
-    overlap = overlap_in_time(paths, first, second)
-    _, frame, place = connected_parts(paths, first, second, overlap)
+    overlap = joining.overlap_in_time(paths, first, second)
+    _, frame, place = joining.connected_parts(paths, first, second, overlap)
     inside = pd.MultiIndex.from_arrays([frame, *place[:, :2].T])
     both["connected"] = pd.MultiIndex.from_frame(both[["frame", "row", "col"]]).isin(inside)
     joined = tracklets.tracked(connection(both)).assign(tracklet="Tj", connected=False)
@@ -194,11 +204,12 @@ for identifier, caption in captions.items():
 # pair for the least sum (Fig. 4.14).
 
 # %%
-possible = tracklets.Pairs(*np.array([[0, 0, 1, 1], [2, 3, 2, 3]]), np.array([4.0, 2.0, 9.0, 3.0]))
+earlier, later = np.array([[0, 0, 1, 1], [2, 3, 2, 3]])
+possible = joining.Candidates(earlier, later, np.array([4.0, 2.0, 9.0, 3.0]))
 instance = pd.DataFrame(possible._asdict())
 instance[["earlier", "later"]] += 1
-instance["dual_nearest"] = np.isin(np.arange(4), tracklets.DualNearest()(possible))
-instance["hungarian"] = np.isin(np.arange(4), tracklets.Hungarian()(possible))
+instance["dual_nearest"] = np.isin(np.arange(4), joining.dual_nearest(possible))
+instance["hungarian"] = np.isin(np.arange(4), joining.hungarian(possible))
 caption = "Which of four possible pairs are joined first, in a case like that of Fig. 4.14."
 figures.save("fig-4-14-instance", instance, caption=caption, provenance=origin)
 

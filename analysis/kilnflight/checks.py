@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -94,42 +94,6 @@ def check_whole(values: pd.Series, where: str) -> npt.NDArray[np.int64]:
             f"{where}: {numbers[bad[0]]} in row {values.index[bad[0]]} is no whole number."
         )
     return numbers.astype(np.int64)
-
-
-def order_tracks(
-    table: pd.DataFrame, where: str, clock: str = "frame"
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]:
-    """Return the rows, particles and times of tracks, in order.
-
-    The order is by particle, then by time. Rows of particle -1 are in no track. Times are whole
-    frames, or floats of another ``clock``.
-
-    Raises
-    ------
-    InputError
-        If a column is missing or not made of such numbers, a particle is below -1, or one has
-        two rows at one time.
-    """
-    check_columns(table, ["particle", clock], where)
-    particle = check_whole(table["particle"], f"{where}: column particle")
-    if (particle < -1).any():
-        raise InputError(
-            f"{where}: particle {particle.min()}; tracks are numbered from 0, -1 is in no track."
-        )
-    name = f"{where}: column {clock}"
-    whole = clock == "frame"
-    time = check_whole(table[clock], name) if whole else check_finite(table[clock].to_numpy(), name)
-    rows = np.lexsort((time, particle))
-    rows = rows[particle[rows] >= 0]
-    particle, time = particle[rows], time[rows]
-    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
-    if len(repeated):
-        row = repeated[0]
-        raise InputError(
-            f"{where}: particle {particle[row]} has two rows in {clock} {time[row]}. A particle is "
-            "at one place at a time; keep one of them, or give it another number or -1."
-        )
-    return rows, particle, time
 
 
 def known_numbers(values: pd.Series, where: str) -> npt.NDArray[np.float64]:

@@ -25,9 +25,8 @@ from kilnflight.checks import (
     check_number,
     check_shape,
     known_numbers,
-    order_tracks,
 )
-from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES
+from kilnflight.tables import AXES, HIGHEST_ORDER, TRAJECTORIES, order_tracks
 
 Three = tuple[float, float, float]
 Orders = tuple[int, ...]

@@ -8,11 +8,13 @@ On the belt ``x`` points along the transport direction and ``y`` across it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns
+from kilnflight.arrays import Index, Whole
+from kilnflight.checks import InputError, check_columns, check_finite, check_number, check_whole
 
 
 @dataclass(frozen=True)
@@ -177,6 +179,32 @@ def with_pixels(table: pd.DataFrame) -> pd.DataFrame:
     if not {"x", "y"} <= set(table.columns) or {"row", "col"} & set(table.columns):
         return table
     return table.rename(columns={"x": "col", "y": "row", "z": "plane"})
+
+
+def order_tracks(table: pd.DataFrame, where: str, clock: str = "frame") -> tuple[Index, Whole, Any]:
+    """Return rows, particles and times of tracks, by particle and time.
+
+    Rows of particle -1 are in no track. Times are whole frames, or floats of another ``clock``.
+
+    Raises
+    ------
+    InputError
+        If a column is missing or not made of such numbers, a particle is below -1, or one has
+        two rows at one time.
+    """
+    check_columns(table, ["particle", clock], where)
+    particle = check_whole(table["particle"], f"{where}: column particle")
+    check_number(particle.min(initial=0), f"{where}: column particle", least=-1)
+    check: Any = check_whole if clock == "frame" else check_finite
+    time = check(table[clock], f"{where}: column {clock}")
+    rows = np.lexsort((time, particle))
+    rows = rows[particle[rows] >= 0]
+    particle, time = particle[rows], time[rows]
+    repeated = np.flatnonzero((np.diff(particle) == 0) & (np.diff(time) == 0))
+    if len(repeated):
+        at = f"particle {particle[repeated[0]]} has two rows in {clock} {time[repeated[0]]}"
+        raise InputError(f"{where}: {at}. Keep one of them, or give it another number or -1.")
+    return rows, particle, time
 
 
 AXES = ("x", "y", "z")

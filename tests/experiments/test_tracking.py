@@ -16,10 +16,10 @@ LANCE = Lance(row=160.0, col=20.0, depth_mm=6000.0)  # 100 px from both lanes
 class Flat:
     """Frame differences: one everywhere."""
 
-    shape = (400, 500)
+    shape = (999, 400, 500)
 
-    def __call__(self, first, last, top, left, bottom, right):
-        return np.ones((bottom - top, right - left)) * (last - first + 1)
+    def __getitem__(self, box):
+        return np.ones([side.stop - side.start for side in box])
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,15 @@ from kilnflight.experiments.tracking import Window, cells
 from kilnflight.experiments.tracking_scores import GATE_PX, MEAN, MEASURES, difference, measures_of
 from kilnflight.scores import score_tracks
 from kilnflight.tracking.tracker import track
-from kilnflight.tracklets.joining import Joining
+from kilnflight.tracklets.joining import Joining, hungarian
+from kilnflight.tracklets.texture import EDGE, LEVEL, texture_energy
 
 BOX = (60, 30)  # px, rows and columns of a box for the textures; w = 15 px in Table 5.16
 SPAN = 11  # frames that such a box sums
 HUNGARIAN = "Hungarian - dual nearest"
 Array = npt.NDArray[np.float64]
+MASKS = {"L": LEVEL, "E": EDGE, "S": np.array([-1.0, 0.0, 2.0, 0.0, -1.0])}  # Eq. 4.25
+MASKS |= {"W": np.array([-1.0, 2.0, 0.0, -2.0, 1.0]), "R": np.array([1.0, -4.0, 6.0, -4.0, 1.0])}
 
 
 def compare_steps(
@@ -33,12 +37,15 @@ def compare_steps(
     """
     rows, tracks_by_step = [], {}
     for window in windows:
-        tracks = track(window.detections)
-        stages = {"tracker": tracks, **dict(tracklets.stages(tracks, window.differences))}
+        table = track(window.detections)
+        stages = {"tracker": table}
+        for step in tracklets.STEPS:
+            table = step(table, window.differences)
+            stages[type(step).__name__] = table
         tracks_by_step[window.fraction] = stages
-        for step, table in stages.items():
+        for name, table in stages.items():
             kept = tracklets.tracked(table)
-            row: dict[str, object] = {"fraction": window.fraction, "step": step}
+            row: dict[str, object] = {"fraction": window.fraction, "step": name}
             row |= {"tracks": kept["particle"].nunique(), "positions": len(kept)}
             rows.append(row | measures_of(score_tracks(window.truth, table, GATE_PX)))
     columns = ["fraction", "step", "tracks", "positions", *MEASURES]
@@ -51,7 +58,7 @@ def compare_matchings(windows: Sequence[Window]) -> pd.DataFrame:
     Tracks are GNN's from the lance after all steps. Columns are ``fraction``, ``step``, ``alpha``
     (the difference), and the ends of its 95 % interval.
     """
-    steps, hungarian = tracklets.STEPS, tracklets.Hungarian()
+    steps = tracklets.STEPS
     joining = [replace(step, matching=hungarian) for step in steps if isinstance(step, Joining)]
     ways: dict[str, Any] = {"dual nearest": steps, "Hungarian": (*steps[:2], *joining)}
     tracked = {
@@ -84,11 +91,17 @@ def texture_boxes(
     return with_track, without_track
 
 
+def energies(window: Array) -> dict[str, float]:
+    """Return the 15 texture energies "LL" to "RR" of a sum of frame differences (Fig. 4.13)."""
+    pairs = combinations_with_replacement(MASKS, 2)
+    return {a + b: texture_energy(window, MASKS[a], MASKS[b]) for a, b in pairs}
+
+
 def _empty_place(
     window: Window, frames: tuple[int, int], generator: np.random.Generator
 ) -> tuple[float, float]:
     """Return a place that no true trajectory is near to in these frames."""
-    rows, cols = window.differences.shape
+    rows, cols = window.differences.shape[1:]
     now = window.truth[window.truth["frame"].between(*frames)]
     for _ in range(1000):
         row, col = generator.uniform(BOX, (rows - BOX[0], cols - BOX[1]))
@@ -101,6 +114,6 @@ def _summed(window: Window, frames: tuple[int, int], place: tuple[float, float])
     """Return the sum of differences in the box around a place, moved into the image."""
     top, left = (
         min(max(round(at) - size // 2, 0), edge - size)
-        for at, size, edge in zip(place, BOX, window.differences.shape, strict=True)
+        for at, size, edge in zip(place, BOX, window.differences.shape[1:], strict=True)
     )
     return window.differences(*frames, top, left, top + BOX[0], left + BOX[1])

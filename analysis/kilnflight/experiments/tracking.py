@@ -228,7 +228,7 @@ def joined_tables(tables: Tables, column: str) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class StoredDifferences:
-    """Sums of the differences to the background that were stored with detections.
+    """Differences to the background that were stored with detections, sliced like an array.
 
     Each is kept as the root of its grey values, rounded: of 10,000 that is off by 100 at
     most, less than the noise there.
@@ -237,30 +237,39 @@ class StoredDifferences:
     run: DetectionRun
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames."""
+    def shape(self) -> tuple[int, int, int]:
+        """Frames up to the last one of the run, rows and columns."""
         known = self.run.source.recording().attributes
-        return known.rows, known.columns
+        return self.run.stop, known.rows, known.columns
 
     def __call__(
         self, first_frame: int, last_frame: int, top: int, left: int, bottom: int, right: int
     ) -> npt.NDArray[np.float64]:
         """Return the sum over the frames first to last, both counted, in a box."""
         total = np.zeros((bottom - top, right - left))
+        for frames in self.run.chunks:
+            span = slice(max(first_frame, frames.start), min(last_frame + 1, frames.stop))
+            if span.start < span.stop:
+                total += self[span, top:bottom, left:right].sum(axis=0)
+        return total
+
+    def __getitem__(self, box: tuple[slice, slice, slice]) -> npt.NDArray[np.uint16]:
+        """Return the differences (frames, rows, cols) in a box, 0 in frames without any."""
+        (first_frame, stop), (top, bottom), (left, right) = ((s.start, s.stop) for s in box)
+        found = np.zeros((stop - first_frame, bottom - top, right - left), np.uint16)
         tiles = product(
             range(top // TILE[0], (bottom - 1) // TILE[0] + 1),
             range(left // TILE[1], (right - 1) // TILE[1] + 1),
         )
         for (row, col), frames in product(tiles, self.run.chunks):
-            span, _ = _overlap(frames.start, len(frames), first_frame, last_frame + 1)
+            span, found_span = _overlap(frames.start, len(frames), first_frame, stop)
             if span.start < span.stop:
-                rows, total_rows = _overlap(row * TILE[0], TILE[0], top, bottom)
-                cols, total_cols = _overlap(col * TILE[1], TILE[1], left, right)
+                rows, found_rows = _overlap(row * TILE[0], TILE[0], top, bottom)
+                cols, found_cols = _overlap(col * TILE[1], TILE[1], left, right)
                 tile = _tile(self.run.differences_of(frames), row, col)
                 roots = tile[span, rows, cols].astype(np.uint16)
-                squares = np.sum(roots * roots, axis=0, dtype=np.uint32)
-                total[total_rows, total_cols] += squares
-        return total
+                found[found_span, found_rows, found_cols] = roots * roots
+        return found
 
 
 def _overlap(start: int, size: int, low: int, high: int) -> tuple[slice, slice]:

@@ -46,9 +46,9 @@ from kilnflight.checks import (
     check_new,
     check_target,
     check_whole,
-    order_tracks,
 )
 from kilnflight.project.cache import make_whole
+from kilnflight.tables import order_tracks
 
 NAMES = ("frame", "particle", "row", "col", "plane")
 # The names of other programs for the same columns, and their order there.

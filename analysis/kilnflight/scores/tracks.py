@@ -15,8 +15,8 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from kilnflight.arrays import Array, Index, Whole
-from kilnflight.checks import InputError, check_columns, check_finite, check_number, order_tracks
-from kilnflight.tables import with_pixels
+from kilnflight.checks import InputError, check_columns, check_finite, check_number
+from kilnflight.tables import order_tracks, with_pixels
 
 TIE = 1e-9  # frames; pairs that differ from the dummy by rounding are ties, given to the dummy
 

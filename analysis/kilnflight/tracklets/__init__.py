@@ -14,52 +14,29 @@ step              equation           default                                    
 ================  =================  ============================================  ==========
 
 A track table has whole numbers ``frame`` and ``particle`` (-1: in no track), and ``row`` and
-``col`` in px. It may have ``z``, with ``x`` and ``y``, in mm (NaN where unknown). Other columns
-are carried through. Every row comes back, in its place. The rows of eliminated tracklets, outliers
-and merged duplicates get particle -1; `tracked` leaves them out. Particles are numbered from 0 by
-first frame, then first position. Each step alone, applied to what it returns, changes nothing. The
-whole, applied again, may, as later steps make tracks that are new to the earlier ones. `Cutting`
-is no step of the thesis; `kilnflight.kiln` cuts after the last one, before the regression.
+``col`` (or ``y`` and ``x``) in px. It may have ``z``, with ``x`` and ``y``, in mm (NaN where
+unknown). Other columns are carried through. Every row comes back, in its place. The rows of
+eliminated tracklets, outliers and merged duplicates get particle -1; `tracked` leaves them out.
+Particles are numbered from 0 by first frame, then first position. Each step is idempotent; the
+whole chain is not. `Cutting` is no step of the thesis; `kilnflight.kiln` cuts after the last one,
+before the regression.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
+from typing import Any
 
 import pandas as pd
 
 from kilnflight.tracklets.eliminate import Elimination
-from kilnflight.tracklets.joining import (
-    Connection,
-    Costs,
-    DualNearest,
-    Fusion,
-    Hungarian,
-    Matching,
-    Pairs,
-)
+from kilnflight.tracklets.joining import Connection, Fusion
 from kilnflight.tracklets.outliers import Cutting, OutlierRemoval
-from kilnflight.tracklets.paths import read_paths, tracked, write_paths
-from kilnflight.tracklets.texture import Differences, LevelEdge, energies
+from kilnflight.tracklets.paths import PathStep, read_paths, tracked, write_paths
 
-Step = Callable[[pd.DataFrame, Differences | None], pd.DataFrame]
-
-STEPS: tuple[Step, ...] = (Elimination(), OutlierRemoval(), Connection(), Fusion())
-
-
-def stages(
-    tracks: pd.DataFrame,
-    differences: Differences | None = None,
-    steps: Iterable[Step] = STEPS,
-) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each step's name and the table after it (Figs 4.17 to 4.21)."""
-    for step in steps:
-        tracks = step(tracks, differences)
-        yield type(step).__name__, tracks
+STEPS: tuple[PathStep, ...] = (Elimination(), OutlierRemoval(), Connection(), Fusion())
 
 
 def postprocess(
-    tracks: pd.DataFrame,
-    differences: Differences | None = None,
-    steps: Iterable[Step] = STEPS,
+    tracks: pd.DataFrame, differences: Any = None, steps: Iterable[PathStep] = STEPS
 ) -> pd.DataFrame:
     """Return the table after all steps, with the same rows and columns.
 
@@ -68,7 +45,9 @@ def postprocess(
     tracks
         Track table, see `kilnflight.tracklets`.
     differences
-        Sums of frame differences of the recording; None leaves the last term of Eq. 4.24 out.
+        (frames, rows, cols) absolute differences of frames and background of the recording, or any
+        object with such a shape that is sliced like an array. None leaves the last term of Eq.
+        4.24 out.
     steps
         In the order of chapter 4.2.
 
@@ -78,29 +57,10 @@ def postprocess(
         If the table is not a track table.
     """
     paths = read_paths(tracks, "postprocess: tracks")
-    table = write_paths(tracks, paths, paths.names())
     for step in steps:
-        table = step(table, differences)
-    return table
+        paths = step.apply(paths, differences)
+    return write_paths(tracks, paths)
 
 
-__all__ = [
-    "STEPS",
-    "Connection",
-    "Costs",
-    "Cutting",
-    "Differences",
-    "DualNearest",
-    "Elimination",
-    "Fusion",
-    "Hungarian",
-    "LevelEdge",
-    "Matching",
-    "OutlierRemoval",
-    "Pairs",
-    "Step",
-    "energies",
-    "postprocess",
-    "stages",
-    "tracked",
-]
+__all__ = ["STEPS", "Connection", "Cutting", "Elimination", "Fusion", "OutlierRemoval"]
+__all__ += ["postprocess", "tracked"]

@@ -8,27 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
-from kilnflight.checks import check_between, check_limit
-from kilnflight.tracklets.paths import (
-    LOST,
-    Floats,
-    Integers,
-    means,
-    read_paths,
-    velocities,
-    write_paths,
-)
-from kilnflight.tracklets.texture import Differences
+from kilnflight.arrays import Array, Index, Whole
+from kilnflight.tracklets.paths import Paths, PathStep, means, speeds
 
 
 @dataclass(frozen=True)
-class Elimination:
+class Elimination(PathStep):
     """Keep tracklets that are long, fast and regular enough (Eq. 4.15).
-
-    Called with a track table, it returns the table with particle -1 for the rows of false
-    tracklets.
 
     Notes
     -----
@@ -36,7 +23,7 @@ class Elimination:
     velocities, one fewer than the positions, by the duration less one. (2) The thesis does not say
     how two coordinates become one coefficient. Here row(t) and col(t) each have their polynomial,
     and the coefficient is pooled over both centred coordinates. So each weighs by its variance,
-    and one that does not move weighs nothing. Three positions always give 1. Source: Eqs 4.15 to
+    and one that is constant has weight 0. Three positions always give 1. Source: Eqs 4.15 to
     4.17, thesis.
     """
 
@@ -44,57 +31,37 @@ class Elimination:
     speed: float = 1.0  # px/frame, V_eps, Table 5.16
     regularity: float = 0.9  # R_eps, Table 5.16
 
-    def __post_init__(self) -> None:
-        """Refuse limits out of range."""
-        check_limit(self.duration, "Elimination: duration")
-        check_limit(self.speed, "Elimination: speed")
-        check_between(self.regularity, -1, 1, "Elimination: regularity")
-
-    def __call__(
-        self, tracks: pd.DataFrame, differences: Differences | None = None
-    ) -> pd.DataFrame:
-        """Return the table without false tracklets.
-
-        ``differences`` is not used.
-
-        Raises
-        ------
-        InputError
-            If the table is not a track table (`kilnflight.tracklets.paths.read_paths`).
-        """
-        paths = read_paths(tracks, "Elimination: tracks")
+    def apply(self, paths: Paths, differences: object = None) -> Paths:
+        """Return the tracklets that meet Eq. 4.15."""
         names = paths.names()
         kept = np.diff(paths.starts) > self.duration
         kept &= mean_speed(names, paths.frame, paths.place) > self.speed
         kept &= regularity(names, paths.frame, paths.place) > self.regularity
-        return write_paths(tracks, paths, np.where(kept[names], names, LOST))
+        return paths.grouped(np.where(kept[names], names, -1))
 
 
-def mean_speed(names: Integers, frame: Integers, place: Floats) -> Floats:
-    """Return the mean speed of each path in px/frame (Eq. 4.16).
+def mean_speed(names: Index, frame: Whole, place: Array) -> Array:
+    """Return the mean speed of each path in px/frame, or 0 (Eq. 4.16).
 
-    It is 0 for a single point. Points are sorted by path and frame, paths numbered from 0.
+    Points are sorted by path and frame, paths numbered from 0.
     """
-    within = np.diff(names) == 0
-    speeds = np.hypot(*velocities(frame, place).T)
-    return means(names[1:][within], speeds[within], int(names.max(initial=-1)) + 1)
+    return means(*speeds(names, frame, place), int(names.max(initial=-1)) + 1)
 
 
-def regularity(names: Integers, frame: Integers, place: Floats) -> Floats:
+def regularity(names: Index, frame: Whole, place: Array) -> Array:
     """Return the correlation of each path with quadratic polynomials.
 
-    The polynomials are row(t) and col(t). Of least squares polynomials with a constant term, the
+    The polynomials are row(t) and col(t). For least squares polynomials with a constant term, the
     correlation with the data is the root of explained over total sum of squares. It is pooled over
-    both centred coordinates. Up to three points it is 1, and likewise for a path that stays where
-    it is.
+    both centred coordinates. It is 1 up to three points and for a path without motion.
     """
     count = np.bincount(names)
     first = np.cumsum(count) - count
 
-    def sums(values: Floats) -> Floats:
+    def sums(values: Array) -> Array:
         return np.bincount(names, values).astype(np.float64)[names]
 
-    def centred(values: Floats) -> Floats:
+    def centred(values: Array) -> Array:
         return values - sums(values) / count[names]
 
     long = (count > 3)[names]

@@ -7,90 +7,60 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-import pandas as pd
 
+from kilnflight.arrays import Array, Flags, Index, Integers, Whole
 from kilnflight.association import assign
-from kilnflight.checks import check_at_least, check_kind, check_limit, check_offers
 from kilnflight.tracklets.eliminate import Elimination, mean_speed, regularity
 from kilnflight.tracklets.outliers import OutlierRemoval
-from kilnflight.tracklets.paths import (
-    Floats,
-    Integers,
-    Paths,
-    fastest_steps,
-    joined_speed,
-    largest,
-    means,
-    ranges,
-    read_paths,
-    turns,
-    velocities,
-    write_paths,
-)
-from kilnflight.tracklets.texture import Differences, LevelEdge
+from kilnflight.tracklets.paths import Paths, PathStep, fastest, means, ranges, turns, velocities
+from kilnflight.tracklets.texture import level_edge
 
-Bools = npt.NDArray[np.bool_]
+_OUTLIERS, _FALSE = OutlierRemoval(), Elimination()  # Eqs 4.18 and 4.15, of the connected part
 
 
-class Pairs(NamedTuple):
-    """The possible pairs of a cost matrix, as a list.
+class Candidates(NamedTuple):
+    """Possible pairs of a cost matrix, as a list.
 
     The other pairs cost C, as in Fig. 4.14; few are possible, so the matrix is never made.
     """
 
-    earlier: Integers  # (p,) tracklet
-    later: Integers  # (p,) tracklet
-    cost: Floats  # (p,) finite and at least 0
+    earlier: Index  # (p,) tracklet
+    later: Index  # (p,) tracklet
+    cost: Array  # (p,) finite and at least 0
 
 
-Rows = TypeVar("Rows", bound=tuple[Any, ...])
-Matching = Callable[[Pairs], Integers]  # positions in the list of the pairs to join, ascending
-
-
-@dataclass(frozen=True)
-class DualNearest:
-    """Choose pairs of which each is the other's nearest neighbour (DNN).
+def dual_nearest(pairs: Candidates) -> Index:
+    """Return the positions of pairs that are mutual nearest neighbours (DNN), ascending.
 
     Notes
     -----
-    A tracklet has one nearest neighbour, before or after it, so that each iteration joins
-    it at most once; of equally near ones the first. Where anything can be joined, the
-    cheapest pair is. Source: section 4.2.3, thesis.
+    A tracklet has one nearest neighbour, before or after it, the first one at equal cost. So each
+    iteration joins it at most once. The cheapest of all pairs is always joined. Source: section
+    4.2.3, thesis.
     """
-
-    def __call__(self, pairs: Pairs) -> Integers:
-        """Return the positions of the pairs to join, ascending."""
-        size = len(pairs.cost)
-        tracklet = np.append(pairs.earlier, pairs.later)
-        neighbour = np.append(pairs.later, pairs.earlier)
-        number = np.tile(np.arange(size), 2)
-        order = np.lexsort((number, neighbour, np.tile(pairs.cost, 2), tracklet))
-        first = np.append(True, np.diff(tracklet[order]) != 0)[: 2 * size]
-        chosen = np.bincount(number[order[first]], minlength=size)
-        return np.flatnonzero(chosen == 2)
+    tracklet = np.append(pairs.earlier, pairs.later)
+    neighbour = np.append(pairs.later, pairs.earlier)
+    order = np.lexsort((neighbour, np.tile(pairs.cost, 2), tracklet))
+    first = order[np.unique(tracklet[order], return_index=True)[1]]
+    return np.intersect1d(first, first - len(pairs.cost))  # nearest of both
 
 
-@dataclass(frozen=True)
-class Hungarian:
-    """Choose as many pairs as possible at the least total cost.
+def hungarian(pairs: Candidates) -> Index:
+    """Return the positions of as many pairs as possible at the least total cost, ascending.
 
     Kuhn-Munkres (GNN), the alternative of Fig. 4.14. A tracklet may get one before and one after
     it.
     """
-
-    def __call__(self, pairs: Pairs) -> Integers:
-        """Return the positions of the pairs to join, ascending."""
-        rows, row = np.unique(pairs.earlier, return_inverse=True)
-        columns, column = np.unique(pairs.later, return_inverse=True)
-        cost = np.full((len(rows), len(columns)), np.inf)
-        cost[row, column] = pairs.cost
-        # Dearer than all pairs together, so that no pair is given up for it.
-        alone = 1.0 + pairs.cost.max(initial=0.0) * min(cost.shape)
-        return np.flatnonzero(assign(cost, np.full(len(rows), alone))[row] == column)
+    rows, row = np.unique(pairs.earlier, return_inverse=True)
+    columns, column = np.unique(pairs.later, return_inverse=True)
+    cost = np.full((len(rows), len(columns)), np.inf)
+    cost[row, column] = pairs.cost
+    # More than all pairs together, so that it replaces none.
+    alone = 1.0 + pairs.cost.max(initial=0.0) * min(cost.shape)
+    return np.flatnonzero(assign(cost, np.full(len(rows), alone))[row] == column)
 
 
 @dataclass(frozen=True)
@@ -104,100 +74,68 @@ class Costs:
     overlap: float = 2.0  # 1/frame, e, Table 5.16
     feature: float = 1e11  # grey values, f, Table 5.16
 
-    def __post_init__(self) -> None:
-        """Refuse weights that are negative or not finite."""
-        for name in ("angle", "change", "depth", "gap", "overlap", "feature"):
-            check_at_least(getattr(self, name), 0, f"Costs: {name}")
-
 
 @dataclass(frozen=True)
-class Joining:
-    """Join tracklets, the cheapest pairs first, until none is left (Fig. 4.8).
+class Joining(PathStep):
+    """Join tracklets, the cheapest pairs first, until no pair is left (Fig. 4.8).
 
-    `Connection` and `Fusion` are its two kinds.
-
-    Called with a track table and, for the last term of the cost, the `Differences` of its
-    recording. A merged frame keeps one row, that of the earlier tracklet (of the later
-    where only that has a depth), with the mean row, col, x, y and z. The other row gets
-    particle -1 and keeps its own place.
+    A merged frame keeps one row with the mean row, col, x, y and z. It is the row of the earlier
+    tracklet, or of the later where only that has a depth. The other row gets particle -1 and keeps
+    its own place.
     """
 
     gap: float = 0.0  # frames from the end of the one to the start of the other; 0: overlap
     overlap: float = np.inf  # common frames of a pair that overlaps in time
-    distance: float = np.inf  # px, mean in the common frames; below inf, there must be such
+    distance: float = np.inf  # px, mean in the common frames, which must exist if it is finite
     depth: float = 1500.0  # mm/frame, z_eps, Table 5.16
     jump: float = np.inf  # px/frame by which the joined one may exceed both tracklets
-    outliers: OutlierRemoval = field(default_factory=OutlierRemoval)  # Eq. 4.18
-    false: Elimination = field(default_factory=Elimination)  # Eq. 4.15 without duration
+    half_width: float = 15.0  # px, w of the window of the texture, Table 5.16
     costs: Costs = field(default_factory=Costs)
-    feature: LevelEdge = field(default_factory=LevelEdge)
-    matching: Matching = field(default_factory=DualNearest)
+    matching: Callable[[Candidates], Index] = dual_nearest  # positions of pairs to join
     nested: ClassVar[bool] = False  # whether the later tracklet may end before the earlier one
 
-    def __post_init__(self) -> None:
-        """Refuse negative limits and parts of a wrong kind."""
-        step = type(self).__name__
-        for name in ("gap", "overlap", "distance", "depth", "jump"):
-            check_limit(getattr(self, name), f"{step}: {name}")
-        kinds = {"costs": Costs, "outliers": OutlierRemoval, "false": Elimination}
-        for name, kind in kinds.items():
-            check_kind(getattr(self, name), kind, f"{step}: {name}")
-        for name in ("feature", "matching"):
-            check_offers(getattr(self, name), ("__call__",), f"{step}: {name}")
-
-    def __call__(
-        self, tracks: pd.DataFrame, differences: Differences | None = None
-    ) -> pd.DataFrame:
-        """Return the table with tracklets joined until no pair is left.
+    def apply(self, paths: Paths, differences: Any = None) -> Paths:
+        """Return the tracklets joined until no pair is left.
 
         Only pairs with a tracklet that has just been joined are judged anew.
-
-        Raises
-        ------
-        InputError
-            If the table is not a track table (`kilnflight.tracklets.paths.read_paths`), or
-            ``differences`` returns no finite numbers.
         """
-        paths = read_paths(tracks, "tracks to join")
         changed = np.ones(len(paths.starts) - 1, dtype=np.bool_)
-        known = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+        known = Candidates(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0))
         while True:
             new = self.candidates(paths, changed)
             if differences is not None:
                 new = self._with_feature(paths, new, differences)
             stays = _take(known, ~(changed[known.earlier] | changed[known.later]))
-            known = Pairs(*(np.append(a, b) for a, b in zip(stays, new, strict=True)))
+            known = Candidates(*(np.append(a, b) for a, b in zip(stays, new, strict=True)))
             chosen = _once(_take(known, self.matching(known)))
             if not len(chosen.earlier):
-                return write_paths(tracks, paths, paths.names())
+                return paths.grouped(paths.names())
             paths = _merge(paths, chosen)
             changed = np.zeros_like(changed)
             changed[[chosen.earlier, chosen.later]] = True
 
-    def candidates(self, paths: Paths, changed: Bools) -> Pairs:
+    def candidates(self, paths: Paths, changed: Flags) -> Candidates:
         """Return the possible pairs that hold a changed tracklet.
 
-        Their cost is without the last term. Time alone preselects the pairs.
+        Their cost is without the last term of Eq. 4.24.
         """
-        i, k, gap = self._in_time(paths, changed)
-        overlap = overlap_in_time(paths, i, k)
+        pairs = self._in_time(paths, changed)
+        overlap = overlap_in_time(paths, pairs.earlier, pairs.later)
         # Eq. 4.21
-        apart = (overlap.common >= self.overlap) | (overlap.distance > self.distance)
-        possible = (gap > 0) | ~apart
-        i, k, gap = i[possible], k[possible], gap[possible]
-        overlap = _take(overlap, possible)
-        fastest = fastest_steps(paths)
-        limit = np.maximum(fastest[i], fastest[k]) + self.jump
+        merged = (overlap.common < self.overlap) & (overlap.distance <= self.distance)
+        possible = (pairs.cost > 0) | merged
+        (i, k, gap), overlap = _take(pairs, possible), _take(overlap, possible)
+        alone = fastest(paths.names(), paths.frame, paths.place, len(changed))
+        limit = np.maximum(alone[i], alone[k]) + self.jump
         turned, allowed = self._judge(*connected_parts(paths, i, k, overlap), limit)
         cost = turned + self.costs.overlap * overlap.common + self.costs.gap * np.maximum(gap, 0)
-        pairs, limit = _take(Pairs(i, k, cost), allowed), limit[allowed]
+        pairs, limit = _take(Candidates(i, k, cost), allowed), limit[allowed]
         if np.isinf(self.jump):
             return pairs
-        both = zip(pairs.earlier, pairs.later, strict=True)  # where they overlap, too
-        return _take(pairs, np.array([joined_speed(paths, *n) for n in both]) <= limit)
+        return _take(pairs, _joined_speed(paths, pairs) <= limit)  # where they overlap, too
 
-    def _in_time(self, paths: Paths, changed: Bools) -> tuple[Integers, Integers, Integers]:
-        """Return the pairs near in time, and their gaps in frames."""
+    def _in_time(self, paths: Paths, changed: Flags) -> Candidates:
+        """Return the pairs near in time; their cost is the gap in frames."""
         there = np.flatnonzero(np.diff(paths.starts))
         first, last = paths.frame[paths.starts[there]], paths.frame[paths.starts[there + 1] - 1]
         until = np.searchsorted(first, np.maximum(last + 1, last + self.gap))
@@ -208,26 +146,21 @@ class Joining:
         taken = changed[there[i]] | changed[there[k]]
         if not self.nested:
             taken &= last[k] > last[i]
-        return there[i[taken]], there[k[taken]], (first[k] - last[i])[taken]
+        i, k = i[taken], k[taken]
+        return Candidates(there[i], there[k], (first[k] - last[i]).astype(float))
 
-    def _judge(
-        self, names: Integers, frame: Integers, place: Floats, limit: Floats
-    ) -> tuple[Floats, Bools]:
-        """Return the first terms of Eq. 4.24 and which parts are allowed.
-
-        ``limit`` is the speed of each pair that no step of its part may exceed, px/frame.
-        """
+    def _judge(self, names: Index, frame: Whole, place: Array, limit: Array) -> tuple[Array, Flags]:
+        """Return the first terms of Eq. 4.24, and the allowed parts by ``limit`` in px/frame."""
         steps, count = velocities(frame, place), len(limit)
         angle, change = turns(steps[:-1], steps[1:])
         within = names[2:] == names[:-2]
         part = names[2:][within]
         turned = (self.costs.angle * angle + self.costs.change * change)[within]
-        sharp = (angle > self.outliers.angle_deg) & (change > self.outliers.change)
+        sharp = (angle > _OUTLIERS.angle_deg) & (change > _OUTLIERS.change)
         allowed = np.bincount(part, sharp[within], minlength=count) == 0
-        inside = np.diff(names) == 0
-        allowed &= largest(names[1:][inside], np.hypot(*steps[inside].T), count) <= limit
-        allowed &= mean_speed(names, frame, place) > self.false.speed
-        allowed &= regularity(names, frame, place) > self.false.regularity
+        allowed &= fastest(names, frame, place, count) <= limit
+        allowed &= mean_speed(names, frame, place) > _FALSE.speed
+        allowed &= regularity(names, frame, place) > _FALSE.regularity
         deep = ~np.isnan(place[:, 2])
         within = np.diff(names[deep]) == 0
         deeper = names[deep][1:][within]
@@ -237,19 +170,15 @@ class Joining:
         too_deep = np.bincount(deeper, ~(rate < self.depth), minlength=count)
         return cost, allowed & (too_deep == 0) & (self.depth > 0)
 
-    def _with_feature(self, paths: Paths, pairs: Pairs, differences: Differences) -> Pairs:
+    def _with_feature(self, paths: Paths, pairs: Candidates, differences: Any) -> Candidates:
         """Return the pairs with the last term of Eq. 4.24 in their cost."""
-        cost = pairs.cost.copy()
         first, last = paths.starts[:-1], paths.starts[1:] - 1
-        for number, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
-            energy = self.feature(
-                tuple(paths.place[last[i], :2]),
-                tuple(paths.place[first[k], :2]),
-                (int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())),
-                differences,
-            )
-            cost[number] += self.costs.feature / max(energy, 1.0)
-        return pairs._replace(cost=cost)
+        energy = np.zeros(len(pairs.cost))
+        for n, (i, k) in enumerate(zip(pairs.earlier, pairs.later, strict=True)):
+            start, end = paths.place[last[i], :2], paths.place[first[k], :2]
+            period = int(paths.frame[first[i]]), int(paths.frame[last[[i, k]]].max())
+            energy[n] = level_edge(start, end, period, differences, self.half_width)
+        return pairs._replace(cost=pairs.cost + self.costs.feature / np.maximum(energy, 1.0))
 
 
 @dataclass(frozen=True)
@@ -267,7 +196,7 @@ class Connection(Joining):
     Eq. 4.24 are means over the connected part, 0 without a value. Weight d is for the gap and e
     for the overlap, as printed (the sentence after it and Table 5.16 agree). (5) Without
     ``differences`` the last term is left out; f belongs to the energies of the thesis, of order
-    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`DualNearest`). (7) The
+    1e8 (Fig. 4.13). (6) A tracklet is joined once per iteration (`dual_nearest`). (7) The
     text says of Eq. 4.18 that it "avoids connecting two trajectories far apart". As printed it
     spares a jump straight ahead, however far, and to and fro between two that overlap. So no
     step of the joined tracklet may be faster than the fastest one of both by more than ``jump``,
@@ -307,12 +236,12 @@ class Overlap(NamedTuple):
     """Overlap in time of the tracklets of each pair."""
 
     common: Integers  # number of common frames
-    distance: Floats  # mean distance in the common frames, px; infinite without any
+    distance: Array  # mean distance in the common frames, px; infinite without any
     until: Integers  # position of the end of the earlier one's part
     since: Integers  # position of the start of the later one's part
 
 
-def overlap_in_time(paths: Paths, i: Integers, k: Integers) -> Overlap:
+def overlap_in_time(paths: Paths, i: Index, k: Index) -> Overlap:
     """Return the overlap in time of pairs of tracklets (p,)."""
     low = int(paths.frame.min(initial=0))
     width = int(paths.frame.max(initial=0)) - low + 2
@@ -320,7 +249,7 @@ def overlap_in_time(paths: Paths, i: Integers, k: Integers) -> Overlap:
     first, last = paths.frame[paths.starts[k]] - low, paths.frame[paths.starts[i + 1] - 1] - low
     before = np.searchsorted(key, i * width + first)
     after = np.searchsorted(key, k * width + last, side="right")
-    pair, point = ranges(before, np.maximum(paths.starts[i + 1], before))
+    pair, point = ranges(before, paths.starts[i + 1])
     same = k[pair] * width + paths.frame[point] - low  # the key of this frame in the later one
     place = np.minimum(np.searchsorted(key, same), len(key) - 1)
     both = key[place] == same
@@ -335,8 +264,8 @@ def overlap_in_time(paths: Paths, i: Integers, k: Integers) -> Overlap:
 
 
 def connected_parts(
-    paths: Paths, i: Integers, k: Integers, overlap: Overlap
-) -> tuple[Integers, Integers, Floats]:
+    paths: Paths, i: Index, k: Index, overlap: Overlap
+) -> tuple[Index, Whole, Array]:
     """Return the connected parts of pairs of tracklets (Fig. 4.10).
 
     Number of the pair, frame and place of each point, three points of either tracklet. A single
@@ -355,7 +284,7 @@ def connected_parts(
     return names.T[there.T], frame.T[there.T], place.swapaxes(0, 1)[there.T]
 
 
-def _once(pairs: Pairs) -> Pairs:
+def _once(pairs: Candidates) -> Candidates:
     """Return the pairs to join now, the cheapest first.
 
     Where a matching names a tracklet twice, the cheaper pair is joined first and the
@@ -370,37 +299,52 @@ def _once(pairs: Pairs) -> Pairs:
     return _take(pairs, np.array(chosen, dtype=np.int64))
 
 
-def _merge(paths: Paths, chosen: Pairs) -> Paths:
-    """Return the paths with the pairs joined.
-
-    A pair keeps the lower of its two numbers. In a common frame the place is the mean of both. The
-    row is that of the earlier one, unless only the later one has a depth.
-    """
+def _merge(paths: Paths, chosen: Candidates) -> Paths:
+    """Return the paths with the pairs joined, each under the lower of its two numbers."""
     number = np.arange(len(paths.starts) - 1)
-    later = np.zeros(len(number), dtype=np.bool_)
-    later[chosen.later] = True
-    low, high = np.minimum(chosen.earlier, chosen.later), np.maximum(chosen.earlier, chosen.later)
-    number[high] = low
-    names = number[paths.names()]
-    order = np.lexsort((later[paths.names()], paths.frame, names))
-    names, rows, frame = names[order], paths.rows[order], paths.frame[order]
-    place = paths.place[order]
+    later = np.isin(number, chosen.later)
+    number[np.maximum(*chosen[:2])] = np.minimum(*chosen[:2])
+    of, points = paths.names(), np.arange(len(paths.rows))
+    names, rows, frame, place = _united(paths, number[of], points, later[of])
+    return Paths(rows, frame, place, np.searchsorted(names, np.arange(len(number) + 1)))
+
+
+def _joined_speed(paths: Paths, pairs: Candidates) -> Array:
+    """Return the largest speed (p,) in the image of two tracklets joined, px/frame."""
+    one, points = ranges(paths.starts[pairs.earlier], paths.starts[pairs.earlier + 1])
+    other, more = ranges(paths.starts[pairs.later], paths.starts[pairs.later + 1])
+    names, points = np.append(one, other), np.append(points, more)
+    later = np.arange(len(names)) >= len(one)
+    names, _, frame, place = _united(paths, names, points, later)
+    return fastest(names, frame, place, len(pairs.cost))
+
+
+def _united(
+    paths: Paths, names: Index, points: Integers, later: Flags
+) -> tuple[Index, Index, Whole, Array]:
+    """Return names, rows, frames and places of points, one in each frame of a name.
+
+    In a common frame the place is the mean of both. The row is that of the earlier one, unless only
+    the later one has a depth.
+    """
+    order = np.lexsort((later, paths.frame[points], names))
+    names, points = names[order], points[order]
+    rows, frame, place = paths.rows[points], paths.frame[points], paths.place[points]
     twice = np.flatnonzero((np.diff(names) == 0) & (np.diff(frame) == 0))
     blind = np.isnan(place[twice, 2]) & ~np.isnan(place[twice + 1, 2])
     rows[twice] = np.where(blind, rows[twice + 1], rows[twice])
     place[twice] = _mean(place[twice], place[twice + 1])
     kept = np.ones(len(rows), dtype=np.bool_)
     kept[twice + 1] = False
-    starts = np.searchsorted(names[kept], np.arange(len(number) + 1))
-    return Paths(rows[kept], frame[kept], place[kept], starts)
+    return names[kept], rows[kept], frame[kept], place[kept]
 
 
-def _take(table: Rows, chosen: Bools | Integers) -> Rows:
+def _take(table: Any, chosen: Flags | Integers) -> Any:
     """Return the chosen entries of every array of `Pairs` or `Overlap`."""
     return type(table)(*(values[chosen] for values in table))
 
 
-def _mean(first: Floats, second: Floats) -> Floats:
+def _mean(first: Array, second: Array) -> Array:
     """Return the mean of places, or the only known place."""
     mean = (first + second) / 2
     return np.where(np.isnan(first), second, np.where(np.isnan(second), first, mean))

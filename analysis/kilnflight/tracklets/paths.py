@@ -1,131 +1,136 @@
-"""Track tables as arrays, and back.
-
-Tracklets come one after the other, each by ascending frame. A row whose ``particle`` is -1 belongs
-to no track. It stays in the table, so that no step loses a detection; `tracked` leaves such rows
-out.
-"""
+"""Track tables as arrays, and back."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from kilnflight.checks import InputError, check_columns, check_whole, known_numbers, order_tracks
-
-Integers = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
-
-LOST = -1
-FARTHEST = 1e100  # of a position; squares of distances stay finite
-PIXELS = ("row", "col")
-DEPTHS = ("z", "x", "y")  # mm; z first, so that it is always column 2 of `Paths.place`
+from kilnflight.arrays import Array, Index, Integers, Whole
+from kilnflight.checks import check_columns, check_finite, check_whole, known_numbers
+from kilnflight.tables import order_tracks
 
 
 class Paths(NamedTuple):
-    """Tracklets in the order of their first frames and positions.
+    """Tracklets one after the other, by first frame and position, each by ascending frame."""
 
-    Attributes
-    ----------
-    rows
-        (n,) positions in the table of the rows that belong to a track.
-    frame
-        (n,) ascending within a tracklet.
-    place
-        (n, 3 or more) row, col in px and z in mm, NaN where unknown, then x and y where
-        the table has them.
-    starts
-        (m + 1,) first point of each tracklet.
-    """
+    rows: Index  # (n,) positions in the table of the rows that belong to a track
+    frame: Whole  # (n,)
+    place: Array  # (n, 3 or more) row, col in px, z in mm or NaN, then x and y if given
+    starts: Index  # (m + 1,) first point of each tracklet
 
-    rows: Integers
-    frame: Integers
-    place: Floats
-    starts: Integers
-
-    def names(self) -> Integers:
-        """Return the number of each point's tracklet."""
+    def names(self) -> Index:
+        """Return the number (n,) of each point's tracklet."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+    def grouped(self, names: Integers) -> Paths:
+        """Return the tracklets of other names (n,); points of names below 0 are left out.
+
+        Points of one name ascend in frame.
+        """
+        kept = np.flatnonzero(names >= 0)
+        _, first, name = np.unique(names[kept], return_index=True, return_inverse=True)
+        at = kept[first]
+        rank = np.lexsort((self.place[at, 1], self.place[at, 0], self.frame[at]))
+        number = np.argsort(rank)[name]
+        order = np.argsort(number, kind="stable")
+        starts = np.searchsorted(number[order], np.arange(len(first) + 1))
+        points = kept[order]
+        return Paths(self.rows[points], self.frame[points], self.place[points], starts)
+
+
+class PathStep:
+    """A step of post-processing, from `Paths` to `Paths`."""
+
+    def __call__(self, tracks: pd.DataFrame, differences: Any = None) -> pd.DataFrame:
+        """Return the table after this step, with the same rows and columns.
+
+        Parameters
+        ----------
+        tracks
+            Track table, see `kilnflight.tracklets`.
+        differences
+            See `kilnflight.tracklets.postprocess`.
+
+        Raises
+        ------
+        InputError
+            If the table is not a track table.
+        """
+        paths = read_paths(tracks, f"{type(self).__name__}: tracks")
+        return write_paths(tracks, self.apply(paths, differences))
+
+    def apply(self, paths: Paths, differences: Any = None) -> Paths:
+        """Return the tracklets after this step."""
+        raise NotImplementedError
 
 
 def read_paths(tracks: pd.DataFrame, where: str) -> Paths:
-    """Return the tracklets of a table, whatever the order of its rows.
+    """Return the tracklets of a table with rows in any order.
 
     Raises
     ------
     InputError
-        If a column is missing or holds what it must not, or if a tracklet has two rows in
-        one frame.
+        If a column is missing or holds other values, or if a tracklet has two rows in a frame.
     """
     rows, particle, frame = order_tracks(tracks, where)
-    place = _known_places(tracks, where)[rows]
-    _, first, name = np.unique(particle, return_index=True, return_inverse=True)
-    rank = np.lexsort((particle[first], place[first, 1], place[first, 0], frame[first]))
-    number = np.argsort(rank)[name]
-    points = np.argsort(number, kind="stable")
-    starts = np.searchsorted(number[points], np.arange(len(first) + 1))
-    return Paths(rows[points], frame[points], place[points], starts)
-
-
-def _known_places(tracks: pd.DataFrame, where: str) -> Floats:
-    """Return the checked places of every row."""
-    check_columns(tracks, PIXELS, where)
     names = _places(tracks)
     check_columns(tracks, names, where)
     place = np.full((len(tracks), max(3, len(names))), np.nan)
-    for column, name in enumerate(names):
-        place[:, column] = known_numbers(tracks[name], f"{where}: column {name}")
-        unknown = np.isnan(place[:, column]) & (column >= len(PIXELS))
-        bad = np.flatnonzero(~(unknown | (np.abs(place[:, column]) <= FARTHEST)))
-        if len(bad):
-            raise InputError(
-                f"{where}: column {name} is {place[bad[0], column]} in row "
-                f"{tracks.index[bad[0]]}. Leave rows without a position out; only a depth may "
-                "be missing (NaN)."
-            )
-    return place
+    for k, name in enumerate(names):
+        place[:, k] = known_numbers(tracks[name], f"{where}: column {name}")
+        known = place[:, k] if k < 2 else place[~np.isnan(place[:, k]), k]
+        check_finite(known, f"{where}: column {name}")
+    return Paths(rows, frame, place[rows], rows[:0]).grouped(particle)
 
 
 def _places(tracks: pd.DataFrame) -> list[str]:
-    """Return the columns that hold places; x and y without a z are none."""
-    depths = DEPTHS if "z" in tracks.columns else ()
-    return [*PIXELS, *(name for name in depths if name in tracks.columns)]
+    """Return the columns of places: row, col (or y, x) in px, then z, x, y in mm with a z."""
+    names = set(tracks.columns)
+    if {"row", "col"}.isdisjoint(names) and {"x", "y"} <= names:
+        return ["y", "x"]
+    return ["row", "col", *(name for name in ("z", "x", "y") if {name, "z"} <= names)]
 
 
-def write_paths(tracks: pd.DataFrame, paths: Paths, names: Integers) -> pd.DataFrame:
-    """Return the table with new particles and places.
-
-    Rows keep their order. Rows that ``paths`` does not name, and those with a name below 0, get
-    particle -1. Particles are numbered from 0 by first frame, then first position.
-    """
-    changed = {}
-    for number, name in enumerate(_places(tracks)):
+def write_paths(tracks: pd.DataFrame, paths: Paths) -> pd.DataFrame:
+    """Return the table with the particles and places of paths, and -1 for all other rows."""
+    particle = np.full(len(tracks), -1, dtype=np.int64)
+    particle[paths.rows] = paths.names()
+    table = tracks.assign(particle=particle)
+    for k, name in enumerate(_places(tracks)):
         values = tracks[name].to_numpy(np.float64, na_value=np.nan).copy()
-        values[paths.rows] = paths.place[:, number]
-        changed[name] = values
-    particle = np.full(len(tracks), LOST, dtype=np.int64)
-    particle[paths.rows] = np.maximum(names, LOST)
-    table = tracks.assign(**changed, particle=particle)
-    ordered = read_paths(table, "tracks")
-    particle[ordered.rows] = ordered.names()
-    return table.assign(particle=particle)
+        values[paths.rows] = paths.place[:, k]
+        table[name] = values
+    return table
 
 
-def velocities(frame: Integers, place: Floats) -> Floats:
-    """Return velocities (n - 1, 2) between consecutive points (Eq. 4.17).
+def velocities(frame: Whole, place: Array) -> Array:
+    """Return velocities (n - 1, 2) between consecutive points in px/frame (Eq. 4.17).
 
-    In px/frame. Between two paths the value means nothing, and frames may be the same.
+    Between two paths the value has no meaning, and frames may be equal.
     """
     step = np.diff(frame)
     return np.diff(place[:, :2], axis=0) / np.where(step == 0, 1, step)[:, None]
 
 
-def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
-    """Return angle and difference of velocities (n, 2) (Eq. 4.19).
+def speeds(names: Index, frame: Whole, place: Array) -> tuple[Index, Array]:
+    """Return the path and the speed of each step within a path, px/frame."""
+    within = np.diff(names) == 0
+    return names[1:][within], np.hypot(*velocities(frame, place)[within].T)
 
-    In degrees and px/frame. A velocity of zero has no direction: the angle is then 0.
+
+def fastest(names: Index, frame: Whole, place: Array, count: int) -> Array:
+    """Return the largest speed of each of ``count`` paths in px/frame, or 0."""
+    found = np.zeros(count)
+    np.maximum.at(found, *speeds(names, frame, place))
+    return found
+
+
+def turns(before: Array, after: Array) -> tuple[Array, Array]:
+    """Return angle (degrees) and difference (px/frame) of velocities (n, 2) (Eq. 4.19).
+
+    The angle is 0 where a velocity is zero.
     """
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     along = (before * after).sum(axis=1)
@@ -136,40 +141,13 @@ def turns(before: Floats, after: Floats) -> tuple[Floats, Floats]:
     return angle, change
 
 
-def means(part: Integers, values: Floats, count: int) -> Floats:
+def means(part: Integers, values: Array, count: int) -> Array:
     """Return the mean of the values in each of ``count`` parts, or 0."""
     number = np.maximum(np.bincount(part, minlength=count), 1)
     return np.asarray(np.bincount(part, values, minlength=count) / number)
 
 
-def largest(part: Integers, values: Floats, count: int) -> Floats:
-    """Return the largest value of each of ``count`` parts, 0 without any."""
-    found = np.zeros(count)
-    np.maximum.at(found, part, values)
-    return found
-
-
-def fastest_steps(paths: Paths) -> Floats:
-    """Return the largest speed of each tracklet between two points, px/frame; 0 of one point."""
-    names = paths.names()
-    inside = np.diff(names) == 0
-    speed = np.hypot(*velocities(paths.frame, paths.place)[inside].T)
-    return largest(names[1:][inside], speed, len(paths.starts) - 1)
-
-
-def joined_speed(paths: Paths, i: int, k: int) -> float:
-    """Return the largest speed in the image of two tracklets joined, px/frame.
-
-    In a common frame the place is the mean of both.
-    """
-    parts = [slice(*paths.starts[n : n + 2]) for n in (i, k)]
-    frame, place = (np.concatenate([values[part] for part in parts]) for values in paths[1:3])
-    frame, at, count = np.unique(frame, return_inverse=True, return_counts=True)
-    row, col = (np.bincount(at, values) / count for values in place[:, :2].T)
-    return float(np.max(np.hypot(np.diff(row), np.diff(col)) / np.diff(frame), initial=0.0))
-
-
-def ranges(begin: Integers, end: Integers) -> tuple[Integers, Integers]:
+def ranges(begin: Integers, end: Integers) -> tuple[Index, Integers]:
     """Return all numbers of several ranges, after the range of each."""
     size = np.maximum(end - begin, 0)
     owner = np.repeat(np.arange(len(size)), size)

@@ -1,4 +1,4 @@
-"""Chapter 4.2.1 to 4.2.4 in plain code: the definition the package is held against.
+"""Sections 4.2.1 to 4.2.4 of the thesis in plain code, and hand-made tracklets.
 
 A tracklet is a dict from frame to (row, col, z), z NaN where unknown. Every iteration
 judges every pair anew.
@@ -73,7 +73,7 @@ def eliminate(tracklets: list[dict]) -> list[dict]:
     return [t for t, p in parts if len(t) > 2 and speed(p) > 1 and correlation(p) > 0.9]
 
 
-def without_outliers(tracklet: dict, from_last: bool = True) -> dict:
+def without_outliers(tracklet: dict) -> dict:
     """Return a tracklet after section 4.2.2."""
     left = sorted(tracklet.items())
     while True:
@@ -82,8 +82,9 @@ def without_outliers(tracklet: dict, from_last: bool = True) -> dict:
         if count >= 5 and is_outlier(v[0], tuple(np.mean(v[1:4], axis=0))):
             del left[0]
             continue
-        backwards = range(count - 3, 0, -1) if from_last else [1]
-        met = [i for i in backwards if i + 1 < len(v) and is_outlier(v[i], v[i + 1])]  # Eq. 4.20
+        met = [
+            i for i in range(count - 3, 0, -1) if i + 1 < len(v) and is_outlier(v[i], v[i + 1])
+        ]  # Eq. 4.20
         if met and met[0] == 1:
             del left[1]
             continue
@@ -190,3 +191,34 @@ def postprocess(tracks: pd.DataFrame) -> list[dict]:
     connected = join(cleaned)
     connected.sort(key=lambda t: (min(t), t[min(t)][:2]))
     return join(connected, fusion=True)
+
+
+def make_table(*tracklets) -> pd.DataFrame:
+    """Return the table of tracklets given as (frames, rows, cols) or (..., depths)."""
+    parts = []
+    for particle, (frame, row, col, *depth) in enumerate(tracklets):
+        part = {"particle": particle, "row": row, "col": col, "z": depth[0] if depth else math.nan}
+        part = pd.DataFrame({"frame": frame} | part)
+        parts.append(part.astype({"row": float, "col": float, "z": float}))
+    table = pd.concat(parts, ignore_index=True)
+    return table.assign(gray=np.arange(len(table), dtype=float))
+
+
+def make_flights(seed: int, flights: int, frames: int = 80) -> pd.DataFrame:
+    """Return noisy flights cut into tracklets, with gaps, overlaps, duplicates and clutter."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for _ in range(flights):
+        t = np.arange(rng.integers(8, 50))
+        place = rng.uniform(0, 150, (1, 2)) + rng.uniform(-9, 9, (1, 2)) * t[:, None]
+        depth = rng.uniform(3e3, 4e3) + rng.normal(0, 300, len(t))
+        start = rng.integers(0, frames)
+        for first in range(0, len(t), 12):
+            kept = np.arange(first, min(first + rng.integers(8, 18), len(t)))
+            kept = kept[rng.random(len(kept)) < 0.85]
+            wild = rng.normal(0, 40, (len(kept), 2)) * (rng.random((len(kept), 1)) < 0.04)
+            row, col = (place[kept] + rng.normal(0, 1.5, (len(kept), 2)) + wild).T
+            z = np.where(rng.random(len(kept)) < 0.3, np.nan, depth[kept])
+            if len(kept):
+                parts.append((start + kept, row, col, z))
+    return make_table(*parts)
